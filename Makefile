@@ -1,0 +1,42 @@
+# What a new user runs: `make demo`, then `make test`. Everything lives in .venv.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: help demo test test-fast lint bench clean
+
+help:
+	@echo "make demo       reproduce the paper: figures, results and a page in out/reproduce"
+	@echo "make test       every test, ruff, the type check and the layer check"
+	@echo "make test-fast  the tests that finish within a minute"
+	@echo "make bench      accuracy and speed of the time stepping and of one filter step, as tables and pictures"
+	@echo "make clean      remove .venv, out and caches"
+
+$(STAMP): pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "distal needs Python 3.11 or newer; try make PYTHON=python3.12")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	@touch $@
+
+demo: $(STAMP)
+	$(BIN)/distal reproduce --out out/reproduce
+
+test: lint
+	$(BIN)/python -m pytest -n 2
+
+test-fast: $(STAMP)
+	$(BIN)/python -m pytest -n 2 -m "not slow"
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(STAMP)
+	$(BIN)/python -m benchmarks.stepping
+	$(BIN)/python -m benchmarks.speed
+
+clean:
+	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache

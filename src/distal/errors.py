@@ -1,0 +1,50 @@
+"""Errors and warnings: each says what came, what is allowed, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class DistalError(ValueError):
+    """Base of every error that a user can cause and mend; the command line prints it as one line."""
+
+
+class UnitError(DistalError):
+    """A number with a unit could not be understood, or has the wrong dimension."""
+
+
+class RigError(DistalError):
+    """A rig description is wrong or asks for what is not supported."""
+
+
+class ScenarioError(DistalError):
+    """A scenario is wrong or does not fit its rig."""
+
+
+class LogError(DistalError):
+    """A log cannot be read, or its content cannot be used."""
+
+
+class EstimationError(DistalError):
+    """An estimator cannot run on this rig or this sample."""
+
+
+class OutputError(DistalError):
+    """A file could not be written; whatever stood there before is unchanged."""
+
+
+class DistalWarning(UserWarning):
+    """Something is suspicious but was done as asked."""
+
+
+class KernelWarning(DistalWarning):
+    """Compiled kernels are not in use, and why."""
+
+
+def did_you_mean(given: str, known: Iterable[str]) -> str:
+    """Return a hint that names the nearest known word and lists all of them, e.g. ``; did you mean 'mass'? (known: …)``."""
+    names = sorted(known)
+    near = get_close_matches(given, names, n=1, cutoff=0.5)
+    hint = f"; did you mean '{near[0]}'?" if near else ";"
+    return f"{hint} (known: {', '.join(names)})" if names else hint

@@ -1,0 +1,110 @@
+"""Units at the edges: text such as ``"4.239e-4 kg m^2"`` becomes a float in SI, and nothing else does."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import lru_cache
+from typing import Any
+
+from distal.errors import UnitError
+
+_NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+_QUANTITY = re.compile(rf"^\s*({_NUMBER})\s*(.*?)\s*$")
+_DECIMAL_COMMA = re.compile(r"\d,\d")
+_ANGLE_WORDS = re.compile(r"(?<![a-zA-Z])(rad|radian|radians|mrad|urad|deg|degree|degrees|°|turn|turns|rev|revolution)(?![a-zA-Z])")
+
+
+@lru_cache(maxsize=1)
+def _registry() -> Any:
+    import pint
+
+    registry = pint.UnitRegistry(cache_folder=None)
+    # roboticists write Nm; pint alone knows only N m
+    registry.define("newton_metre = newton * metre = Nm")
+    return registry
+
+
+@lru_cache(maxsize=4096)
+def unit_factor(unit: str, si: str) -> float:
+    """Return the factor that turns a number in `unit` into SI: value_SI = factor · value.
+
+    Args:
+        unit: what the user wrote, e.g. ``"mm"``.
+        si: the SI unit of the wanted dimension, e.g. ``"m"``; ``""`` for a plain number.
+
+    Raises:
+        UnitError: the unit is unknown, has an offset, or its dimension is not that of `si`.
+    """
+    import pint
+
+    wanted = f"a unit like '{si}'" if si else "a plain number without a unit"
+    text = unit.replace("·", " * ").replace("⋅", " * ").replace("°", "deg").strip()
+    if _is_angle(text) and "rad" not in si:
+        raise UnitError(f"unit '{unit}' is an angle; {wanted} is allowed here")
+    if si == "rad" and not _is_angle(text):
+        raise UnitError(f"unit '{unit}' is no angle; write 'rad' or 'deg'")
+    registry = _registry()
+    try:
+        # a temperature-like or logarithmic unit has no single factor; zero must map to zero
+        quantity = registry.Quantity(1.0, text)
+        target = registry.Unit(si or "dimensionless")
+        factor, zero = quantity.to(target).magnitude, registry.Quantity(0.0, text).to(target).magnitude
+    except pint.DimensionalityError:
+        raise UnitError(f"unit '{unit}' has the wrong dimension; {wanted} is allowed here") from None
+    except Exception as error:  # pint, its parser and Python's tokenizer raise many kinds
+        raise UnitError(f"unit '{unit}' is not known ({type(error).__name__}); {wanted} is allowed here") from None
+    if zero != 0.0 or not math.isfinite(factor) or factor <= 0.0:
+        raise UnitError(f"unit '{unit}' is not proportional to '{si}'; {wanted} is allowed here")
+    return float(factor)
+
+
+def _is_angle(text: str) -> bool:
+    return _ANGLE_WORDS.search(text) is not None
+
+
+def to_si(value: object, si: str) -> float:
+    """Return `value` as a float in SI: a bare number is SI already, text is a number and a unit.
+
+    Args:
+        value: a number, or text such as ``"9.53 mm"``.
+        si: the SI unit of the wanted dimension; ``""`` for a plain number.
+
+    Raises:
+        UnitError: it is neither, is not finite, has a decimal comma or ±, or has the wrong unit.
+    """
+    example = f"a number in SI ({si}) or text like '0.1 {si}'" if si else "a plain number"
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise UnitError(f"{_shown(value)} is not a quantity; {example} is allowed")
+    if isinstance(value, (int, float)):
+        return _finite(float(value), value)
+    if "±" in value or "+/-" in value or "+-" in value:
+        raise UnitError(f"'{value}' has a ±; give a standard deviation instead: {{ value = …, std = … }}")
+    if _DECIMAL_COMMA.search(value):
+        raise UnitError(f"'{value}' has a decimal comma; write a decimal point")
+    match = _QUANTITY.match(value)
+    if match is None:
+        raise UnitError(f"'{value}' does not start with a number; {example} is allowed")
+    number, unit = float(match[1]), match[2]
+    if not unit:
+        if si:
+            raise UnitError(f"'{value}' has no unit; {example} is allowed")
+        return _finite(number, value)
+    if unit in ("%", "percent"):
+        if si:
+            raise UnitError(f"'{value}' is a percentage; {example} is allowed")
+        return _finite(number / 100.0, value)
+    if unit[0].isdigit() or unit[0] in "+-.":
+        raise UnitError(f"'{value}' is more than one number; {example} is allowed")
+    return _finite(number * unit_factor(unit, si), value)
+
+
+def _finite(number: float, value: object) -> float:
+    if not math.isfinite(number):
+        raise UnitError(f"{_shown(value)} is not finite; give a finite number")
+    return number
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "…"
