@@ -1,0 +1,45 @@
+"""The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
+
+from distal.rig.drives import Capstan, CapstanFriction, Slider, SliderFriction, effort_unit, inertia_of, position_unit
+from distal.rig.files import build_rig, explain, load_rig, parse_toml, read_text, rig_text, shipped_rigs
+from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spring
+from distal.rig.overrides import parse_assignment, set_value
+from distal.rig.quantities import Description, In, Parameter
+from distal.rig.rig import LogFormat, Rig, Stepping
+from distal.rig.sensors import Sensor, SensorBase
+from distal.rig.tendons import Pinned, Pulley, Tendon
+
+__all__ = [
+    "Capstan",
+    "CapstanFriction",
+    "Description",
+    "ExternalTorque",
+    "Gravity",
+    "In",
+    "Joint",
+    "JointFriction",
+    "LogFormat",
+    "Parameter",
+    "Pinned",
+    "Pulley",
+    "Rig",
+    "Sensor",
+    "SensorBase",
+    "Slider",
+    "SliderFriction",
+    "Spring",
+    "Stepping",
+    "Tendon",
+    "build_rig",
+    "effort_unit",
+    "explain",
+    "inertia_of",
+    "load_rig",
+    "parse_assignment",
+    "parse_toml",
+    "position_unit",
+    "read_text",
+    "rig_text",
+    "set_value",
+    "shipped_rigs",
+]

@@ -1,0 +1,90 @@
+"""Drives: what pulls the tendons at the proximal end, a slider or a motor's capstan."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from distal.rig.quantities import Description, In, Name, Parameter
+
+
+class SliderFriction(Description):
+    """Coulomb friction of a slider, limit = constant + load · Σ T (equation 13, reconstructed)."""
+
+    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(Parameter(value=0.0), description="part that is always there")
+    load: Annotated[Parameter, In("", "nonnegative")] = Field(Parameter(value=0.0), description="part per newton of tension, μ_x")
+
+
+class CapstanFriction(Description):
+    """Coulomb friction of a motor and its capstan, limit = constant + load · radius · Σ T."""
+
+    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(Parameter(value=0.0), description="part that is always there")
+    load: Annotated[Parameter, In("", "nonnegative")] = Field(
+        Parameter(value=0.0), description="part per newton of tension at the capstan's radius"
+    )
+
+
+class Slider(Description):
+    """A slider: displacement x [m], away from the joint positive, pulled by a force U [N]."""
+
+    kind: Literal["slider"]
+    name: Name
+    mass: Annotated[Parameter, In("kg", "positive")] = Field(description="moving mass of the slider")
+    damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(Parameter(value=0.0), description="viscous damping b_x")
+    friction: SliderFriction = Field(SliderFriction(), description="Coulomb friction")
+    stops: Annotated[tuple[float, float], In("m")] | None = Field(None, description="range of the slider [x_L, x_H]")
+    stop_stiffness: Annotated[Parameter, In("N/m", "positive")] = Field(
+        Parameter(value=1e5), description="stiffness of the stops k_s"
+    )
+    stop_damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(
+        Parameter(value=3.0), description="viscous damping in the stops b_s"
+    )
+    nominal_force: Annotated[Parameter, In("N")] = Field(
+        Parameter(value=0.0), description="the usual pull, taken where no force is measured"
+    )
+
+
+class Capstan(Description):
+    """A motor that winds tendons on a capstan: angle φ [rad] and torque [N m].
+
+    A tendon on side +1 is wound by positive φ, a tendon on side −1 is paid out: displacement = side · radius · φ.
+    """
+
+    kind: Literal["capstan"]
+    name: Name
+    inertia: Annotated[Parameter, In("kg m^2", "positive")] = Field(
+        description="moment of inertia of rotor and capstan, seen at the capstan"
+    )
+    radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the capstan R")
+    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(Parameter(value=0.0), description="viscous damping")
+    friction: CapstanFriction = Field(CapstanFriction(), description="Coulomb friction")
+    stops: Annotated[tuple[float, float], In("rad")] | None = Field(None, description="range of the capstan's angle")
+    stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(
+        Parameter(value=100.0), description="stiffness of the stops"
+    )
+    stop_damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
+        Parameter(value=0.1), description="viscous damping in the stops"
+    )
+    nominal_force: Annotated[Parameter, In("N m")] = Field(
+        Parameter(value=0.0), description="the usual torque, taken where no torque is measured"
+    )
+
+
+Drive = Annotated[Slider | Capstan, Field(discriminator="kind")]
+
+
+def position_unit(drive: Slider | Capstan) -> str:
+    """Return the SI unit of the drive's displacement."""
+    return "m" if drive.kind == "slider" else "rad"
+
+
+def effort_unit(drive: Slider | Capstan) -> str:
+    """Return the SI unit of what pulls the drive: force or torque."""
+    return "N" if drive.kind == "slider" else "N m"
+
+
+def inertia_of(drive: Slider | Capstan) -> Parameter:
+    """Return the drive's mass or moment of inertia."""
+    parameter: Parameter = drive.mass if drive.kind == "slider" else drive.inertia
+    return parameter

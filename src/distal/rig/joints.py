@@ -1,0 +1,90 @@
+"""Joints: inertia, friction, return spring, gravity and stops."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from distal.rig.quantities import Description, In, Name, Parameter
+
+
+class JointFriction(Description):
+    """Coulomb friction at the joint's axle, limit = μ r_a N_ref (N/N_ref)^e with N = T0 + Σ T.
+
+    With exponent e = 1 this is equation (12) of the 2008 paper, reconstructed from its Table 1:
+    μ_θ r_a (T0 + T1 + T2). A larger exponent lets friction grow faster than the load beyond N_ref.
+    """
+
+    coefficient: Annotated[Parameter, In("", "nonnegative")] = Field(description="friction coefficient μ")
+    radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the axle r_a")
+    preload: Annotated[Parameter, In("N", "nonnegative")] = Field(
+        Parameter(value=0.0), description="load on the axle before any tension, T0"
+    )
+    exponent: Annotated[Parameter, In("", "positive")] = Field(
+        Parameter(value=1.0), description="growth of friction with load, e (1 = proportional)"
+    )
+    reference: Annotated[float, In("N", "positive")] | None = Field(
+        None, description="load N_ref at which the exponent changes nothing; default: N at nominal forces"
+    )
+
+    @model_validator(mode="after")
+    def _smooth(self) -> Self:
+        if self.exponent.value < 1.0:
+            raise ValueError(
+                f"exponent must be at least 1, {self.exponent.value:g} came "
+                "(below 1 friction has no finite slope at zero load)"
+            )
+        return self
+
+
+class Spring(Description):
+    """Return spring at the joint: torque = −stiffness · (θ − rest_angle)."""
+
+    stiffness: Annotated[Parameter, In("N m/rad", "nonnegative")] = Field(description="torsional stiffness")
+    rest_angle: Annotated[Parameter, In("rad")] = Field(
+        Parameter(value=0.0), description="angle at which the spring is relaxed"
+    )
+
+
+class Gravity(Description):
+    """Weight of an off-axis mass: torque = −mass · g · distance · sin(θ − hanging_angle)."""
+
+    mass: Annotated[Parameter, In("kg", "nonnegative")] = Field(description="mass of the link")
+    distance: Annotated[Parameter, In("m", "nonnegative")] = Field(
+        description="distance of the centre of mass from the axis"
+    )
+    hanging_angle: Annotated[Parameter, In("rad")] = Field(
+        Parameter(value=0.0), description="joint angle at which the centre of mass hangs straight below the axis"
+    )
+
+
+class ExternalTorque(Description):
+    """A torque on the joint that nobody measures (a hand, a grasped object): zero mean, exponentially correlated."""
+
+    std: Annotated[float, In("N m", "nonnegative")] = Field(0.0, description="standard deviation; 0 = cannot occur")
+    correlation_time: Annotated[float, In("s", "positive")] = Field(0.5, description="correlation time")
+
+
+class Joint(Description):
+    """A joint: one angle θ [rad], counter-clockwise positive."""
+
+    name: Name
+    inertia: Annotated[Parameter, In("kg m^2", "positive")] = Field(description="moment of inertia of the link, J")
+    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
+        Parameter(value=0.0), description="viscous damping b_θ"
+    )
+    initial: Annotated[Parameter, In("rad")] = Field(
+        Parameter(value=0.0), description="angle at the log's first sample"
+    )
+    friction: JointFriction | None = Field(None, description="Coulomb friction at the axle")
+    spring: Spring | None = Field(None, description="return spring")
+    gravity: Gravity | None = Field(None, description="weight of an off-axis mass")
+    stops: Annotated[tuple[float, float], In("rad")] | None = Field(None, description="range of the joint [low, high]")
+    stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(
+        Parameter(value=100.0), description="stiffness of the joint's stops"
+    )
+    stop_damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
+        Parameter(value=0.1), description="viscous damping in the joint's stops"
+    )
+    external_torque: ExternalTorque = Field(ExternalTorque(), description="a torque nobody measures")

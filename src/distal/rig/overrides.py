@@ -1,0 +1,102 @@
+"""``--set path=value``: replace one value of a raw description, by its path."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import MutableMapping
+from typing import Any
+
+from distal.errors import DistalError, did_you_mean
+
+_LOOSE_QUANTITY = re.compile(r"^[-+]?[0-9.][0-9.eE+-]*\s*[A-Za-z%°µμ][^\"'\[\]{}=]*$")
+
+
+def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
+    """Split ``path=value`` and read the value as TOML; a quantity that lost its quotes to a shell is text.
+
+    Args:
+        text: e.g. ``drives.0.stops=["-5 mm","15 mm"]``.
+        error: the kind of error to raise.
+
+    Raises:
+        DistalError: there is no ``=``, or the value is not TOML.
+    """
+    path, equals, value = text.partition("=")
+    path, value = path.strip(), value.strip()
+    if not equals or not path or not value:
+        raise error(f"--set '{text}': write path=value, e.g. --set joints.0.friction.coefficient=0.4")
+    try:
+        return path, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        if _LOOSE_QUANTITY.match(value):
+            return path, value
+        raise error(
+            f"--set '{text}': '{value}' is not TOML; write a number, \"text with a unit\", [a list] or {{ a = table }}"
+        ) from None
+
+
+def set_value(raw: Any, path: str, value: object, error: type[DistalError]) -> None:
+    """Replace the value at `path` in `raw`, in place.
+
+    A bare value that replaces ``{ value, std }`` keeps the std. Items of a list are named by index or by their name.
+
+    Args:
+        raw: nested tables and lists, as read from TOML.
+        path: keys and indices joined by dots.
+        value: what to put there.
+        error: the kind of error to raise.
+
+    Raises:
+        DistalError: an item of the path does not exist.
+    """
+    keys = path.split(".")
+    parent, where = raw, ""
+    for key in keys[:-1]:
+        parent = _descend(parent, key, where, path, error)
+        where = f"{where}.{key}" if where else key
+    last = keys[-1]
+    if isinstance(parent, (list, tuple)):
+        index = _index(parent, last, where, path, error)
+        if isinstance(parent, tuple):
+            raise error(f"--set '{path}': set the whole of '{where}' instead")
+        parent[index] = _merged(parent[index], value)
+    elif isinstance(parent, MutableMapping):
+        parent[last] = _merged(parent.get(last), value)
+    else:
+        raise error(f"--set '{path}': '{where}' is a plain value and has no '{last}'")
+
+
+def _merged(old: object, new: object) -> object:
+    if isinstance(old, MutableMapping) and set(old) <= {"value", "std"} and "value" in old:
+        if isinstance(new, MutableMapping):
+            return {**old, **new}
+        old["value"] = new
+        return old
+    return new
+
+
+def _descend(parent: Any, key: str, where: str, path: str, error: type[DistalError]) -> Any:
+    if isinstance(parent, (list, tuple)):
+        return parent[_index(parent, key, where, path, error)]
+    if isinstance(parent, MutableMapping):
+        if parent.get(key) is None:
+            parent[key] = {}
+        elif isinstance(parent[key], tuple) and parent[key] and isinstance(parent[key][0], MutableMapping):
+            parent[key] = list(parent[key])
+        elif isinstance(parent[key], (int, float, str)):
+            # `coefficient = 0.5` then `--set …coefficient.std=0.1`: the bare number becomes a table
+            parent[key] = {"value": parent[key]}
+        return parent[key]
+    raise error(f"--set '{path}': '{where}' is a plain value and has no '{key}'")
+
+
+def _index(items: Any, key: str, where: str, path: str, error: type[DistalError]) -> int:
+    if key.isdigit():
+        if int(key) >= len(items):
+            raise error(f"--set '{path}': '{where}' has {len(items)} items, so index 0 to {len(items) - 1}; {key} came")
+        return int(key)
+    names = [str(item.get("name")) for item in items if isinstance(item, MutableMapping)]
+    if key in names:
+        return names.index(key)
+    raise error(f"--set '{path}': '{where}' has no '{key}'{did_you_mean(key, names)}")

@@ -1,0 +1,186 @@
+"""The description of a whole rig: joints, drives, tendons, sensors, and the format of its logs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Self
+
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from distal.errors import RigError, did_you_mean
+from distal.rig.drives import Capstan, Drive, Slider, effort_unit, position_unit
+from distal.rig.joints import Joint
+from distal.rig.quantities import Description, In
+from distal.rig.sensors import Sensor
+from distal.rig.tendons import Tendon
+from distal.units import unit_factor
+
+
+class TimeColumn(Description):
+    """Where a log holds time."""
+
+    column: str = Field("t", min_length=1, description="column of the log")
+    unit: str = Field("s", min_length=1, description="unit in the log")
+
+
+class LogFormat(Description):
+    """How the rig's logs are written; sensors name their own columns."""
+
+    time: TimeColumn = Field(TimeColumn(), description="column and unit of time")
+
+
+class Stepping(Description):
+    """Time step of the model."""
+
+    largest_step: Annotated[float, In("s", "positive")] | None = Field(
+        None, description="largest sub-step of the full model; default: from the stiffest mode"
+    )
+
+
+class Rig(Description):
+    """A tendon-driven rig: what there is, how well it is known, what is measured.
+
+    Raises:
+        RigError: from `distal.rig.load_rig` and `Rig.with_values`, where a description is wrong.
+    """
+
+    name: str = Field(min_length=1, description="title for plots and reports")
+    log: LogFormat = Field(LogFormat(), description="format of the logs")
+    joints: tuple[Joint, ...] = Field(min_length=1, description="the joints; one is supported")
+    drives: tuple[Drive, ...] = Field(min_length=1, description="sliders and capstans")
+    tendons: tuple[Tendon, ...] = Field(min_length=1, description="the tendons")
+    sensors: tuple[Sensor, ...] = Field((), description="the sensors")
+    stepping: Stepping = Field(Stepping(), description="time step of the model")
+
+    @field_validator("joints", mode="after")
+    @classmethod
+    def _one_joint(cls, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
+        if len(joints) > 1:
+            raise ValueError(f"{len(joints)} joints came; serial chains of joints are not supported yet, one joint is")
+        return joints
+
+    @field_validator("tendons", mode="after")
+    @classmethod
+    def _tendons_fit(cls, tendons: tuple[Tendon, ...], info: ValidationInfo) -> tuple[Tendon, ...]:
+        for i, tendon in enumerate(tendons):
+            for role in ("joint", "drive"):
+                parts = info.data.get(f"{role}s")
+                if parts is None:
+                    return tendons
+                names = [part.name for part in parts]
+                given = getattr(tendon, role)
+                if given not in names:
+                    raise ValueError(f"{i}.{role}: no {role} is called '{given}'{did_you_mean(given, names)}")
+        return tendons
+
+    @field_validator("sensors", mode="before")
+    @classmethod
+    def _sensor_units(cls, raw: object, info: ValidationInfo) -> object:
+        """Find what each sensor measures, so that its errors are read in the right unit."""
+        if any(kind not in info.data for kind in _MEASURED):
+            return ()  # what the sensors measure is refused already; their own check would only repeat it
+        if not isinstance(raw, Sequence) or isinstance(raw, str):
+            return raw
+        return [_with_unit(sensor, i, info.data) for i, sensor in enumerate(raw)]
+
+    @field_validator("sensors", mode="after")
+    @classmethod
+    def _log_units(cls, sensors: tuple[Any, ...]) -> tuple[Any, ...]:
+        for i, sensor in enumerate(sensors):
+            try:
+                unit_factor(sensor.unit or sensor.si, sensor.si)
+            except ValueError as error:
+                raise ValueError(f"{i}.unit: {error}") from None
+        return sensors
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        unit_factor(self.log.time.unit, "s")
+        for kind in ("joints", "drives", "tendons", "sensors"):
+            _distinct([part.name for part in getattr(self, kind)], f"{kind}: the name")
+        for drive in self.drives:
+            if not any(tendon.drive == drive.name for tendon in self.tendons):
+                raise ValueError(f"drives: '{drive.name}' pulls no tendon; remove it or name it in a tendon's 'drive'")
+        columns = [sensor.log_column for sensor in self.sensors]
+        _distinct([*columns, self.log.time.column], "sensors: the log column")
+        for i, joint in enumerate(self.joints):
+            friction = joint.friction
+            if friction is not None and not _is_one(friction.exponent) and self.reference_load(i) <= 0.0:
+                raise ValueError(
+                    f"joints.{i}.friction: an exponent other than 1 needs a 'reference' load "
+                    "(or a preload, a pretension or a nominal_force to take it from)"
+                )
+        return self
+
+    def reference_load(self, joint: int) -> float:
+        """Return N_ref [N]: the given reference, else preload + nominal pulls + pretensions of the joint's tendons."""
+        friction = self.joints[joint].friction
+        if friction is not None and friction.reference is not None:
+            return float(friction.reference)
+        load = friction.preload.value if friction is not None else 0.0
+        tendons = [t for t in self.tendons if t.joint == self.joints[joint].name]
+        pulls = {t.drive for t in tendons}
+        load += sum(t.pretension.value for t in tendons)
+        return load + sum(abs(d.nominal_force.value) for d in self.drives if d.name in pulls and d.kind == "slider")
+
+    def sensors_of(self, measures: str) -> tuple[Any, ...]:
+        """Return the sensors that measure `measures` (position, force, tension or angle), in their order."""
+        return tuple(sensor for sensor in self.sensors if sensor.measures == measures)
+
+    def with_values(self, values: Mapping[str, object]) -> Rig:
+        """Return a copy with some values replaced, named by path as with ``--set`` on the command line.
+
+        Args:
+            values: path → value, e.g. ``{"joints.0.friction.coefficient": 0.4, "drives.left.stops": ["-5 mm", "15 mm"]}``.
+                A bare number (or text) replaces a parameter's value and keeps its std.
+
+        Raises:
+            RigError: a path does not exist, or the new description is wrong.
+        """
+        from distal.rig.files import build_rig
+        from distal.rig.overrides import set_value
+
+        raw = self.model_dump()
+        for path, value in values.items():
+            set_value(raw, path, value, RigError)
+        return build_rig(raw, self.name)
+
+
+_MEASURED: dict[str, tuple[str, ...]] = {
+    "drives": ("position", "force"),
+    "tendons": ("tension",),
+    "joints": ("angle",),
+}
+
+
+def _with_unit(raw: object, index: int, parts: Mapping[str, Any]) -> object:
+    """Return the raw sensor with the SI unit of what it measures, or as it came if pydantic will refuse it anyway."""
+    if not isinstance(raw, Mapping):
+        raise ValueError(f"{index}: a sensor is a table, {raw!r} came")
+    measures, of = raw.get("measures"), raw.get("of")
+    kind = next((kind for kind, measurands in _MEASURED.items() if measures in measurands), None)
+    if kind is None:
+        return {**raw, "si": "m"}
+    names = [part.name for part in parts[kind]]
+    if of not in names:
+        if of is None:
+            return {**raw, "si": "m"}
+        raise ValueError(f"{index}.of: no {kind[:-1]} is called '{of}'{did_you_mean(str(of), names)}")
+    part = parts[kind][names.index(of)]
+    return {**raw, "si": _measured_unit(measures, part)}
+
+
+def _measured_unit(measures: object, part: Any) -> str:
+    if isinstance(part, (Slider, Capstan)):
+        return position_unit(part) if measures == "position" else effort_unit(part)
+    return {"tension": "N", "angle": "rad"}[str(measures)]
+
+
+def _distinct(names: Sequence[str], what: str) -> None:
+    for name in names:
+        if list(names).count(name) > 1:
+            raise ValueError(f"{what} '{name}' stands more than once; names must differ")
+
+
+def _is_one(parameter: Any) -> bool:
+    return bool(parameter.value == 1.0 and parameter.std == 0.0)

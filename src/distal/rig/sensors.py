@@ -1,0 +1,80 @@
+"""Sensors: what is measured, with which errors, and where a log holds it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from distal.rig.quantities import Description, In, Name, Parameter
+
+Measurand = Literal["position", "force", "tension", "angle"]
+
+
+class SensorBase(Description):
+    """What every sensor has; the unit of its errors follows from what it measures (`si`, filled in by `Rig`)."""
+
+    name: Name
+    measures: Measurand = Field(description="position or force of a drive, tension of a tendon, angle of a joint")
+    of: str = Field(description="name of the drive, tendon or joint")
+    column: str | None = Field(None, min_length=1, description="column of the log; default: the sensor's name")
+    unit: str | None = Field(None, min_length=1, description="unit in the log; default: SI")
+    sign: Literal[1, -1] = Field(1, description="-1 where the log counts the other way")
+    rate: Annotated[float, In("Hz", "positive")] = Field(100.0, description="samples per second")
+    delay: Annotated[float, In("s", "nonnegative")] = Field(0.0, description="age of a value when it is stamped")
+
+    @property
+    def log_column(self) -> str:
+        """The column of the log that holds this sensor."""
+        return self.column or self.name
+
+
+class LengthSensor(SensorBase):
+    """A sensor of a displacement [m]."""
+
+    si: Literal["m"]
+    noise: Annotated[float, In("m", "nonnegative")] = Field(0.0, description="standard deviation, random error")
+    linearity: Annotated[float, In("m", "nonnegative")] = Field(
+        0.0, description="largest systematic deviation over the travel, a smooth curve"
+    )
+    resolution: Annotated[float, In("m", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
+    bias: Annotated[Parameter, In("m")] = Field(Parameter(value=0.0), description="constant offset")
+
+
+class AngleSensor(SensorBase):
+    """A sensor of an angle [rad]."""
+
+    si: Literal["rad"]
+    noise: Annotated[float, In("rad", "nonnegative")] = Field(0.0, description="standard deviation, random error")
+    linearity: Annotated[float, In("rad", "nonnegative")] = Field(
+        0.0, description="largest systematic deviation over the travel, a smooth curve"
+    )
+    resolution: Annotated[float, In("rad", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
+    bias: Annotated[Parameter, In("rad")] = Field(Parameter(value=0.0), description="constant offset")
+
+
+class ForceSensor(SensorBase):
+    """A sensor of a force or tension [N]."""
+
+    si: Literal["N"]
+    noise: Annotated[float, In("N", "nonnegative")] = Field(0.0, description="standard deviation, random error")
+    linearity: Annotated[float, In("N", "nonnegative")] = Field(
+        0.0, description="largest systematic deviation over the range, a smooth curve"
+    )
+    resolution: Annotated[float, In("N", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
+    bias: Annotated[Parameter, In("N")] = Field(Parameter(value=0.0), description="constant offset")
+
+
+class TorqueSensor(SensorBase):
+    """A sensor of a torque [N m]."""
+
+    si: Literal["N m"]
+    noise: Annotated[float, In("N m", "nonnegative")] = Field(0.0, description="standard deviation, random error")
+    linearity: Annotated[float, In("N m", "nonnegative")] = Field(
+        0.0, description="largest systematic deviation over the range, a smooth curve"
+    )
+    resolution: Annotated[float, In("N m", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
+    bias: Annotated[Parameter, In("N m")] = Field(Parameter(value=0.0), description="constant offset")
+
+
+Sensor = Annotated[LengthSensor | AngleSensor | ForceSensor | TorqueSensor, Field(discriminator="si")]
