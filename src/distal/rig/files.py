@@ -126,7 +126,7 @@ def _finding(finding: Any, root: type[BaseModel]) -> str:
         return f"{path}: '{str(context['discriminator']).strip(chr(39))}' is missing"
     if kind in ("tuple_type", "list_type"):
         return f"{path}: must be a list, {given!r} came"
-    if kind in ("dict_type", "model_attributes_type"):
+    if kind in ("dict_type", "model_type", "model_attributes_type"):
         return f"{path}: must be a table, {given!r} came"
     if kind == "too_short":
         return f"{path}: at least one is needed"

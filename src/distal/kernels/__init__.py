@@ -1,0 +1,7 @@
+"""Kernels: the model's functions made fast, as C built once or in CasADi's interpreter."""
+
+from distal.kernels.cache import cache_folder
+from distal.kernels.compiler import Compiler, c_source, find_compiler
+from distal.kernels.kernel import Kernel
+
+__all__ = ["Compiler", "Kernel", "c_source", "cache_folder", "find_compiler"]

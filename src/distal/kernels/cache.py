@@ -1,0 +1,85 @@
+"""Where compiled kernels are kept: by content, compiler and CPU, safe for several processes at once."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import sys
+import tempfile
+from pathlib import Path
+
+
+def cache_folder() -> Path:
+    """Return the folder for compiled kernels: $DISTAL_CACHE, else the user's cache folder."""
+    given = os.environ.get("DISTAL_CACHE")
+    if given:
+        return Path(given)
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "distal"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "distal"
+
+
+def cpu() -> str:
+    """Return what identifies this CPU to a compiler that builds for it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        known = [line for line in lines if line.startswith(("model name", "flags", "Features"))]
+        return platform.machine() + "".join(sorted(set(known)))
+    except OSError:
+        return platform.machine() + platform.processor()
+
+
+def digest(*parts: str | bytes) -> str:
+    """Return a hexadecimal digest of the parts."""
+    sha = hashlib.sha256()
+    for part in parts:
+        data = part.encode() if isinstance(part, str) else part
+        sha.update(len(data).to_bytes(8, "little") + data)
+    return sha.hexdigest()
+
+
+class Cache:
+    """A folder of shared libraries; each has a note with its digest, so that a damaged one is never loaded.
+
+    Args:
+        folder: where they are kept; it is made when needed.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def find(self, key: str) -> Path | None:
+        """Return the library kept under `key`, or None if there is none or it is damaged."""
+        try:
+            note = json.loads((self.folder / f"{key}.json").read_text(encoding="utf-8"))
+            library = self.folder / str(note["library"])
+            return library if digest(library.read_bytes()) == note["digest"] else None
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def work_folder(self) -> tempfile.TemporaryDirectory[str]:
+        """Return a temporary folder inside the cache, so that what is built there can be moved in at once.
+
+        Raises:
+            OSError: the cache cannot be written.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        return tempfile.TemporaryDirectory(dir=self.folder, prefix="build-")
+
+    def keep(self, key: str, built: Path) -> Path:
+        """Move a library that was built in a `work_folder` into the cache and return where it is now.
+
+        Library and note are each put in place by a rename, the note last: a reader sees all of it or none.
+
+        Raises:
+            OSError: the cache cannot be written.
+        """
+        fingerprint = digest(built.read_bytes())
+        library = self.folder / f"{key}-{fingerprint[:16]}.so"
+        os.replace(built, library)
+        note = built.parent / "note.json"
+        note.write_text(json.dumps({"library": library.name, "digest": fingerprint}), encoding="utf-8")
+        os.replace(note, self.folder / f"{key}.json")
+        return library

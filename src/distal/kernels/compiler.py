@@ -1,0 +1,129 @@
+"""C from CasADi, built once by the compiler that is there."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import casadi as ca
+
+from distal.kernels.cache import Cache, cache_folder, cpu, digest
+
+# no fast-math and no fused multiply-add: the same numbers as the interpreter
+FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
+
+_SCAN = """
+/* {name} over n samples: carry and outputs of every sample are kept, the carry of sample k is the input of k + 1 */
+long long {name}_scan(long long n, const double* carry, const double* x, const double* p, double* carries, double* y) {{
+  const double* arg[{sz_arg}];
+  double* res[{sz_res}];
+  casadi_int iw[{sz_iw}];
+  double w[{sz_w}];
+  long long k;
+  for (k = 0; k < n; ++k) {{
+    arg[0] = carry; arg[1] = x + k * {n_x}; arg[2] = p;
+    res[0] = carries + k * {n_carry}; res[1] = y + k * {n_y};
+    if ({name}(arg, res, iw, w, 0)) return k;
+    carry = carries + k * {n_carry};
+  }}
+  return n;
+}}
+"""
+
+
+class CompileError(Exception):
+    """A kernel could not be compiled; the message says why in one line."""
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler: its command and what it says of itself."""
+
+    command: tuple[str, ...]
+    version: str
+
+
+@lru_cache(maxsize=1)
+def find_compiler() -> Compiler | str:
+    """Return the C compiler ($CC, else cc, gcc, clang), or one line that says why there is none."""
+    if os.environ.get("DISTAL_COMPILE", "1") == "0":
+        return "switched off by DISTAL_COMPILE=0"
+    given = os.environ.get("CC")
+    names = [shlex.split(given)] if given else [["cc"], ["gcc"], ["clang"]]
+    for command in names:
+        if command and shutil.which(command[0]):
+            try:
+                said = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=20, check=True)
+            except (OSError, subprocess.SubprocessError) as problem:
+                return f"the C compiler '{command[0]}' does not run ({type(problem).__name__})"
+            return Compiler(tuple(command), said.stdout.splitlines()[0] if said.stdout else command[0])
+    tried = ", ".join(command[0] if command else "$CC" for command in names)
+    return f"no C compiler was found (tried {tried}); install gcc or clang, or set CC"
+
+
+def c_source(function: ca.Function) -> str:
+    """Return the C of a kernel (carry, x, p) → (carry, y) with its loop over a whole log.
+
+    Args:
+        function: the CasADi function.
+    """
+    generator = ca.CodeGenerator(f"{function.name()}.c", {"with_header": False, "main": False})
+    generator.add(function)
+    loop = _SCAN.format(
+        name=function.name(),
+        sz_arg=function.sz_arg(),
+        sz_res=function.sz_res(),
+        sz_iw=function.sz_iw() + 1,
+        sz_w=function.sz_w() + 1,
+        n_x=function.numel_in(1),
+        n_carry=function.numel_out(0),
+        n_y=function.numel_out(1),
+    )
+    text: str = generator.dump()
+    # the loop belongs inside the generated extern "C" block's file, after the function that it calls
+    return text + loop
+
+
+def compiled_library(function: ca.Function) -> Path:
+    """Return the shared library of a kernel, from the cache or built now.
+
+    Args:
+        function: the CasADi function.
+
+    Raises:
+        CompileError: no compiler, it failed, or the cache cannot be written.
+    """
+    compiler = find_compiler()
+    if isinstance(compiler, str):
+        raise CompileError(compiler)
+    source = c_source(function)
+    key = digest(source, compiler.version, " ".join(compiler.command), " ".join(FLAGS), cpu(), ca.__version__)
+    cache = Cache(cache_folder())
+    found = cache.find(key)
+    if found is not None:
+        return found
+    try:
+        with cache.work_folder() as folder:
+            return cache.keep(key, _build(compiler, source, Path(folder)))
+    except OSError as problem:
+        reason = problem.strerror or str(problem)
+        raise CompileError(f"the cache {cache.folder} cannot be written ({reason}); set DISTAL_CACHE") from None
+
+
+def _build(compiler: Compiler, source: str, folder: Path) -> Path:
+    code, library = folder / "kernel.c", folder / "kernel.so"
+    code.write_text(source, encoding="utf-8")
+    command = [*compiler.command, *FLAGS, str(code), "-o", str(library), "-lm"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    except (OSError, subprocess.SubprocessError) as problem:
+        raise CompileError(f"the C compiler did not run ({type(problem).__name__})") from None
+    if done.returncode != 0 or not library.exists():
+        said = (done.stderr or done.stdout).strip().splitlines()
+        raise CompileError(f"the C compiler failed: {said[0] if said else f'exit code {done.returncode}'}")
+    return library

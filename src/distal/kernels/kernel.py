@@ -1,0 +1,115 @@
+"""A kernel: one function of a carry and a sample, compiled where that is possible, interpreted otherwise."""
+
+from __future__ import annotations
+
+import ctypes
+import warnings
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import KernelWarning
+from distal.kernels.compiler import CompileError, compiled_library, find_compiler
+
+Floats = NDArray[np.float64]
+Backend = Literal["compiled", "interpreted"]
+_said: set[str] = set()
+
+
+class Kernel:
+    """A function (carry, x, p) → (carry⁺, y), for one sample (`step`) or a whole log (`scan`), the same numbers.
+
+    Args:
+        function: the CasADi function; its inputs and outputs are dense columns.
+        compiled: compile it if possible; False keeps the interpreter.
+    """
+
+    def __init__(self, function: ca.Function, compiled: bool = True) -> None:
+        self._interpreted = function
+        self.n_carry, self.n_x, self.n_p = (int(function.numel_in(i)) for i in range(3))
+        self.n_y = int(function.numel_out(1))
+        self.backend: Backend = "interpreted"
+        self.reason = "asked for"
+        self._scan: Any = None
+        call = function
+        if compiled:
+            try:
+                call = self._load()
+            except CompileError as problem:
+                self.reason = str(problem)
+                _warn(self.reason)
+        self._carry, self._x = np.zeros(self.n_carry), np.zeros(self.n_x)
+        self._p, self._y = np.zeros(self.n_p), np.zeros(self.n_y)
+        self._next = np.zeros(self.n_carry)
+        self._buffer, self._trigger = call.buffer()
+        for i, array in enumerate((self._carry, self._x, self._p)):
+            self._buffer.set_arg(i, memoryview(array))
+        for i, array in enumerate((self._next, self._y)):
+            self._buffer.set_res(i, memoryview(array))
+        self._call = call
+
+    def _load(self) -> ca.Function:
+        name = self._interpreted.name()
+        library = compiled_library(self._interpreted)
+        try:
+            external = ca.external(name, str(library))
+            scan = getattr(ctypes.CDLL(str(library)), f"{name}_scan")
+        except (OSError, RuntimeError, AttributeError) as problem:
+            raise CompileError(f"the compiled kernel {library} cannot be loaded ({type(problem).__name__})") from None
+        scan.restype = ctypes.c_longlong
+        scan.argtypes = [ctypes.c_longlong] + 5 * [ctypes.c_void_p]
+        self._scan = scan
+        compiler = find_compiler()
+        self.backend, self.reason = "compiled", compiler if isinstance(compiler, str) else compiler.version
+        return external
+
+    def step(self, carry: Floats, x: Floats, p: Floats) -> tuple[Floats, Floats]:
+        """Return (carry⁺, y) for one sample.
+
+        Args:
+            carry: (n_carry,).
+            x: the sample, (n_x,).
+            p: the parameters, (n_p,).
+        """
+        self._carry[:] = carry
+        self._x[:] = x
+        self._p[:] = p
+        self._trigger()
+        return self._next.copy(), self._y.copy()
+
+    def scan(self, carry: Floats, xs: Floats, p: Floats) -> tuple[Floats, Floats]:
+        """Return the carries after every sample, (n, n_carry), and the outputs, (n, n_y), in one call.
+
+        Args:
+            carry: before the first sample, (n_carry,).
+            xs: the samples, (n, n_x).
+            p: the parameters, (n_p,).
+        """
+        xs = np.ascontiguousarray(xs, dtype=np.float64).reshape(-1, self.n_x)
+        carries, ys = np.empty((len(xs), self.n_carry)), np.empty((len(xs), self.n_y))
+        if self._scan is not None:
+            start = np.ascontiguousarray(carry, dtype=np.float64).reshape(self.n_carry)
+            held = np.ascontiguousarray(p, dtype=np.float64).reshape(self.n_p)
+            addresses = (a.ctypes.data for a in (start, xs, held, carries, ys))
+            done = self._scan(len(xs), *addresses)
+            if done != len(xs):
+                raise RuntimeError(f"kernel {self._interpreted.name()} failed at sample {done}")
+            return carries, ys
+        self._carry[:] = carry
+        self._p[:] = p
+        for k, x in enumerate(xs):
+            self._x[:] = x
+            self._trigger()
+            carries[k], ys[k] = self._next, self._y
+            self._carry[:] = self._next
+        return carries, ys
+
+
+def _warn(reason: str) -> None:
+    """Say once per reason and process that kernels are interpreted; a wish of the user needs no warning."""
+    if reason in _said or "DISTAL_COMPILE=0" in reason:
+        return
+    _said.add(reason)
+    warnings.warn(f"kernels are interpreted, about 15 times slower: {reason}", KernelWarning, stacklevel=4)

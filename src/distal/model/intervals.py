@@ -1,0 +1,68 @@
+"""One interval between samples: a loop of calls of the sub-step, never unrolled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+
+from distal.model.mechanism import Mechanism
+from distal.model.stepping import Kick, kick_and_drift, last_kick, responses
+
+
+def interval_step(
+    mechanism: Mechanism,
+    count: int,
+    rebounds: bool = True,
+    bodies: Sequence[int] | None = None,
+    with_servo: bool = False,
+) -> ca.Function:
+    """Return the function (q, v, effort, added_inertia, servo, dt, p) → (q⁺, v⁺) over one interval.
+
+    Kick–drift–kick leapfrog: half kick, drift, then (full kick, drift) `count` − 1 times, half kick. Bodies that are
+    not free drift with the velocity they have: with `bodies` = the joints, the drives' displacements are inputs.
+    Everything that acts is constant over the interval: `effort` is force or torque, `added_inertia` rides on the bodies
+    (hung weights), `servo` is (stiffness, target, damping) of a spring and damper to a target, taken implicitly (a hand,
+    a position loop), all per body.
+
+    Args:
+        mechanism: the rig's equations.
+        count: number of sub-steps.
+        rebounds: whether bodies bounce off stops (simulation) or are pressed against them (filters).
+        bodies: which bodies move freely; default all.
+        with_servo: whether a spring and damper to a target may act on the bodies.
+    """
+    n, p = mechanism.n_bodies, mechanism.parameters.symbols
+    q, v, effort = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("effort", n)
+    response = ca.SX.sym("response", n, 4)
+    length, drift = ca.SX.sym("length"), ca.SX.sym("drift")
+    servo = ca.SX.sym("servo", n, 3)
+    implicit = None
+    if with_servo:
+        stiffness, target, damping = servo[:, 0], servo[:, 1], servo[:, 2]
+        implicit = ca.horzcat(stiffness * (target - q), stiffness * drift + damping)
+    kick = Kick(q, v, effort, response, length, drift, implicit)
+    arguments = [q, v, effort, response, length, drift, servo, p]
+    moving = ca.Function("substep", arguments, ca.cse(list(kick_and_drift(mechanism, kick, rebounds, bodies))))
+    closing = ca.Function("last_kick", arguments, ca.cse([last_kick(mechanism, kick, bodies)]))
+    added = ca.SX.sym("added_inertia", n)
+    prepared = ca.Function("responses", [length, drift, added, p], [responses(mechanism, length, drift, added)])
+
+    q, v, effort, added = (ca.MX.sym(name, n) for name in ("q", "v", "effort", "added_inertia"))
+    servo, dt, p = ca.MX.sym("servo", n, 3), ca.MX.sym("dt"), ca.MX.sym("p", p.numel())
+    h = dt / count
+    half, full = prepared(h / 2, h, added, p), prepared(h, h, added, p)
+    q_next, v_next = q, v
+    for i in range(count):
+        first = i == 0
+        q_next, v_next = moving(
+            q_next, v_next, effort, half if first else full, h / 2 if first else h, h, servo, p
+        )
+    v_next = closing(q_next, v_next, effort, half, h / 2, h, servo, p)
+    return ca.Function(
+        "interval",
+        [q, v, effort, added, servo, dt, p],
+        [q_next, v_next],
+        ["q", "v", "effort", "added_inertia", "servo", "dt", "p"],
+        ["q_next", "v_next"],
+    )

@@ -1,0 +1,90 @@
+"""The parameters of a rig as one vector, so that a changed value never rebuilds the model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from distal.rig import Parameter, Rig
+
+# not part of the equations of motion: the start, and what stands in for a missing force sensor
+_NOT_DYNAMIC = frozenset({"initial", "nominal_force"})
+
+
+class Parameters:
+    """The numbers in the equations of motion: names (paths as in ``--set``), values, standard deviations, symbols.
+
+    A parameter that is zero with ``std = 0``, and an exponent of exactly one, are constants of the expressions:
+    what a rig does not have costs nothing.
+
+    Args:
+        rig: the description.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self._constants: dict[str, float] = {}
+        names: list[str] = []
+        values: list[float] = []
+        stds: list[float] = []
+        for name, parameter in _walk(rig):
+            if parameter.absent or (name.endswith(".exponent") and (parameter.value, parameter.std) == (1.0, 0.0)):
+                self._constants[name] = parameter.value
+            else:
+                names.append(name)
+                values.append(parameter.value)
+                stds.append(parameter.std)
+        self.names = tuple(names)
+        self.values: NDArray[np.float64] = np.array(values)
+        self.stds: NDArray[np.float64] = np.array(stds)
+        self.symbols: Any = ca.SX.sym("p", len(names))
+        self._index = {name: i for i, name in enumerate(names)}
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __getitem__(self, name: str) -> Any:
+        """Return the symbol (or the constant) of a parameter.
+
+        Raises:
+            KeyError: the rig has no such parameter.
+        """
+        if name in self._constants:
+            return ca.SX(self._constants[name])
+        return self.symbols[self._index[name]]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._index or name in self._constants
+
+    def has(self, name: str) -> bool:
+        """Return whether the parameter exists and is not a constant zero."""
+        return name in self._index or self._constants.get(name, 0.0) != 0.0
+
+
+def _walk(rig: Rig) -> Iterator[tuple[str, Parameter]]:
+    for kind in ("joints", "drives", "tendons"):
+        for i, part in enumerate(getattr(rig, kind)):
+            yield from _walk_part(part, f"{kind}.{i}")
+    for i, joint in enumerate(rig.joints):
+        if joint.friction is not None:
+            yield f"joints.{i}.friction.reference", Parameter(value=rig.reference_load(i))
+
+
+def _walk_part(part: BaseModel, path: str) -> Iterator[tuple[str, Parameter]]:
+    stops = getattr(part, "stops", None)
+    for name in type(part).model_fields:
+        value = getattr(part, name)
+        if name in _NOT_DYNAMIC or (name.startswith("stop_") and stops is None):
+            continue
+        if name == "stops" and stops is not None:
+            # tiny offsets keep a stop at exactly zero from being read as an absent parameter
+            yield f"{path}.stops.low", Parameter(value=stops[0] or -1e-300)
+            yield f"{path}.stops.high", Parameter(value=stops[1] or 1e-300)
+        elif isinstance(value, Parameter):
+            yield f"{path}.{name}", value
+        elif isinstance(value, BaseModel):
+            yield from _walk_part(value, f"{path}.{name}")

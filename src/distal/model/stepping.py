@@ -1,0 +1,180 @@
+"""The time step: kick–drift–kick leapfrog with exact damping, exact friction, and stops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from distal.errors import RigError
+from distal.model.friction import free_response, soft
+from distal.model.mechanism import Mechanism
+from distal.model.stops import Stop, kick_at_stops, restitution, velocity_in_stops
+
+RESPONSE = ("a", "b", "rebound", "implicitness")
+"""Columns of the response matrix of `responses`."""
+
+RESOLUTION = 0.6
+"""Largest product of sub-step and stiffest frequency; see docs/numerics.md for the table behind it."""
+
+MOST_SUBSTEPS = 1000
+
+
+def responses(mechanism: Mechanism, length: Any, drift: Any, added_inertia: Any = None) -> Any:
+    """Return what depends on the step only, (n_bodies, 4): a, b (see `free_response`), rebound, implicitness.
+
+    Args:
+        mechanism: the rig's equations.
+        length: of the kick [s].
+        drift: length of the drift that follows [s].
+        added_inertia: what rides on the bodies beside their own inertia (hung weights), (n_bodies,), or none.
+    """
+    inertias, dampings = mechanism.inertias(), mechanism.dampings()
+    rows = []
+    for i, body in enumerate(mechanism.bodies):
+        inertia = inertias[i] if added_inertia is None else inertias[i] + added_inertia[i]
+        a, b = free_response(dampings[i], inertia, length)
+        rebound, implicitness = ca.SX(0), ca.SX(0)
+        if body.has_stops:
+            k_s, b_s, _, _ = _stop_parameters(mechanism, i)
+            resolved = k_s * drift * drift / inertia <= 1
+            rebound = ca.if_else(resolved, 0, restitution(k_s, b_s, inertia))
+            implicitness = ca.if_else(resolved, 0.5, 1)
+        rows.append(ca.horzcat(a, b, rebound, implicitness))
+    return ca.vertcat(*rows)
+
+
+def _stop_parameters(mechanism: Mechanism, body: int) -> tuple[Any, ...]:
+    p, path = mechanism.parameters, mechanism.bodies[body].path
+    return p[f"{path}.stop_stiffness"], p[f"{path}.stop_damping"], p[f"{path}.stops.low"], p[f"{path}.stops.high"]
+
+
+@dataclass(frozen=True)
+class Kick:
+    """The symbols of one kick, all SX.
+
+    Args:
+        q: coordinates, (n_bodies,) [rad, m].
+        v: velocities, (n_bodies,).
+        effort: applied force or torque on each body, (n_bodies,).
+        response: see `responses`, (n_bodies, 4).
+        length: of the kick [s].
+        drift: length of the drift that follows (or, in the last kick, went before) [s].
+        implicit: (force F, damping D) per body, (n_bodies, 2): F − D v⁺ is taken implicitly; or none.
+    """
+
+    q: Any
+    v: Any
+    effort: Any
+    response: Any
+    length: Any
+    drift: Any
+    implicit: Any = None
+
+
+def _impulses(mechanism: Mechanism, kick: Kick) -> tuple[Any, Any, Any]:
+    """Return (z, friction impulse, implicit damping) of all bodies: z = a v + b F, before friction and stops.
+
+    A body's own share of tendon damping is linearly implicit, so that stiff damping needs no small step.
+    """
+    tensions = mechanism.tensions(kick.q, kick.v)
+    own = mechanism.tendon_damping(kick.q, tensions)
+    tendon = -ca.mtimes(mechanism.length_jacobian(kick.q).T, tensions)
+    force = tendon + mechanism.passive_forces(kick.q) + kick.effort + own * kick.v
+    damping = own
+    if kick.implicit is not None:
+        force, damping = force + kick.implicit[:, 0], damping + kick.implicit[:, 1]
+    a, b = kick.response[:, 0], kick.response[:, 1]
+    return a * kick.v + b * force, b * mechanism.friction_limits(tensions), damping
+
+
+def _stop(mechanism: Mechanism, body: int, response: Any, rebounds: bool) -> Stop:
+    k_s, b_s, low, high = _stop_parameters(mechanism, body)
+    return Stop(low, high, k_s, b_s, response[body, 2] if rebounds else 0.0, response[body, 3])
+
+
+def kick_and_drift(
+    mechanism: Mechanism, kick: Kick, rebounds: bool = True, bodies: Sequence[int] | None = None
+) -> tuple[Any, Any]:
+    """Return (q⁺, v⁺) after one kick and the drift that follows: v⁺ = soft(a v + b F, b · limit), q⁺ = q + h v⁺.
+
+    Args:
+        mechanism: the rig's equations.
+        kick: its symbols.
+        rebounds: whether bodies bounce off stops whose contact the step does not resolve; a filter that linearises
+            takes them as pressed instead, since the slope of a bounce says nothing.
+        bodies: which bodies move freely; default all. The others drift with the velocity they have.
+    """
+    z, limits, damping = _impulses(mechanism, kick)
+    free = range(mechanism.n_bodies) if bodies is None else bodies
+    q, v = [], []
+    for i in range(mechanism.n_bodies):
+        velocity, position = kick.v[i], kick.q[i] + kick.drift * kick.v[i]
+        if i in free and mechanism.bodies[i].has_stops:
+            stop, b = _stop(mechanism, i, kick.response, rebounds), kick.response[i, 1]
+            velocity, position = kick_at_stops(
+                stop, z[i], limits[i], b, damping[i], kick.q[i], kick.v[i], kick.length, kick.drift
+            )
+        elif i in free:
+            velocity = soft(z[i], limits[i]) / (1 + kick.response[i, 1] * damping[i])
+            position = kick.q[i] + kick.drift * velocity
+        q.append(position)
+        v.append(velocity)
+    return ca.vertcat(*q), ca.vertcat(*v)
+
+
+def last_kick(mechanism: Mechanism, kick: Kick, bodies: Sequence[int] | None = None) -> Any:
+    """Return v⁺ after the half kick that ends an interval; its `drift` is the one that went before.
+
+    Args:
+        mechanism: the rig's equations.
+        kick: its symbols.
+        bodies: which bodies move freely; default all.
+    """
+    z, limits, damping = _impulses(mechanism, kick)
+    velocities = [kick.v[i] for i in range(mechanism.n_bodies)]
+    for i in range(mechanism.n_bodies) if bodies is None else bodies:
+        b = kick.response[i, 1]
+        if mechanism.bodies[i].has_stops:
+            stop = _stop(mechanism, i, kick.response, False)
+            velocities[i] = velocity_in_stops(stop, z[i], limits[i], b, damping[i], kick.q[i], kick.drift)
+        else:
+            velocities[i] = soft(z[i], limits[i]) / (1 + b * damping[i])
+    return ca.vertcat(*velocities)
+
+
+def stiffest_frequency(mechanism: Mechanism) -> float:
+    """Return the largest natural frequency [rad/s] of the rig with all tendons taut, at zero, from M⁻¹K."""
+    p = mechanism.parameters
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    stiffness = ca.vertcat(*(p[f"tendons.{i}.stiffness"] for i in range(mechanism.n_tendons)))
+    jacobian = mechanism.length_jacobian(q)
+    spring = ca.mtimes([jacobian.T, ca.diag(stiffness), jacobian])
+    for i, joint in enumerate(mechanism.rig.joints):
+        if joint.spring is not None:
+            spring[i, i] += p[f"joints.{i}.spring.stiffness"]
+    system = ca.Function("system", [q, p.symbols], [spring, mechanism.inertias()])
+    matrix, inertias = (np.array(part.full()) for part in system(np.zeros(mechanism.n_bodies), p.values))
+    scale = 1.0 / np.sqrt(inertias.ravel())
+    return float(np.sqrt(np.linalg.eigvalsh(scale[:, None] * matrix * scale).max()))
+
+
+def substeps(mechanism: Mechanism, interval: float) -> int:
+    """Return how many sub-steps an interval [s] needs: the rig's `largest_step`, or RESOLUTION/ω of its stiffest mode.
+
+    Raises:
+        RigError: more than `MOST_SUBSTEPS` would be needed.
+    """
+    largest = mechanism.rig.stepping.largest_step or RESOLUTION / stiffest_frequency(mechanism)
+    count = max(1, ceil(interval / largest * (1 - 1e-9)))
+    if count > MOST_SUBSTEPS:
+        raise RigError(
+            f"{mechanism.rig.name}: an interval of {interval:g} s needs {count} sub-steps of {largest:.3g} s "
+            f"(at most {MOST_SUBSTEPS} are allowed); a tendon is too stiff for its lightest body: "
+            "check the units of stiffness and mass, or set stepping.largest_step"
+        )
+    return count

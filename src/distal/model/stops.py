@@ -1,0 +1,149 @@
+"""End stops: springs and dampers that only push. Contact is implicit when pressed and a rebound when hit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from distal.model.friction import soft
+
+
+def stop_force(position: Any, velocity: Any, low: Any, high: Any, stiffness: Any, damping: Any) -> Any:
+    """Return F_stop: max(k_s (x − x_H) + b_s ẋ, 0) above x_H, min(k_s (x − x_L) + b_s ẋ, 0) below x_L, else 0.
+
+    Equation (14), reconstructed. Mend: a stop only pushes, hence max and min (as written it pulls on release).
+
+    Args:
+        position: x.
+        velocity: ẋ.
+        low: x_L.
+        high: x_H.
+        stiffness: k_s.
+        damping: b_s.
+    """
+    above = ca.fmax(stiffness * (position - high) + damping * velocity, 0)
+    below = ca.fmin(stiffness * (position - low) + damping * velocity, 0)
+    return ca.if_else(position > high, above, 0) + ca.if_else(position < low, below, 0)
+
+
+def restitution(stiffness: Any, damping: Any, inertia: Any) -> Any:
+    """Return the coefficient of restitution of a body that hits a stop which only pushes.
+
+    e = exp(−(β/ω)(π − arctan(2βω/(ω² − β²)))) with β = b_s/2m, ω² = k_s/m − β²; contact ends where the force, not
+    the penetration, is zero (Schwager & Pöschel, Granular Matter 9, 2007). Zero where the contact is overdamped.
+
+    Args:
+        stiffness: k_s.
+        damping: b_s.
+        inertia: m.
+    """
+    beta = damping / (2 * inertia)
+    square = stiffness / inertia - beta * beta
+    oscillates = square > 0
+    omega = ca.sqrt(ca.if_else(oscillates, square, 1))
+    phase = ca.pi - ca.atan2(2 * beta * omega, omega * omega - beta * beta)
+    return ca.if_else(oscillates, ca.exp(-beta / omega * phase), 0)
+
+
+@dataclass(frozen=True)
+class Stop:
+    """The stops of one body, with what depends on the step only.
+
+    A contact that the step resolves (k_s h²/m ≤ 1) is a spring taken at the middle of the drift (implicitness ½, no
+    numerical damping) and needs no rebound. One that it does not resolve is a rigid rebound with the coefficient of
+    restitution when hit, and fully implicit when pressed.
+
+    Args:
+        low: x_L.
+        high: x_H.
+        stiffness: k_s.
+        damping: b_s.
+        rebound: coefficient of restitution e, 0 for none.
+        implicitness: share α of the coming drift at which the spring is taken.
+    """
+
+    low: Any
+    high: Any
+    stiffness: Any
+    damping: Any
+    rebound: Any
+    implicitness: Any
+
+    def pressed(self, z: Any, limit: Any, b: Any, implicit: Any, position: Any, stop: Any, drift: Any) -> Any:
+        """Return the velocity of a body that presses against `stop`: exact with friction, implicit in the spring.
+
+        (1 + b (D + α k_s h + b_s)) v + l ∂|v| ∋ z − b k_s (x − x_stop). v is monotone in z, so a stop that is found by
+        looking at the velocity without it can only push.
+        """
+        held = 1 + b * (implicit + self.implicitness * self.stiffness * drift + self.damping)
+        return soft(z - b * self.stiffness * (position - stop), limit) / held
+
+
+def kick_at_stops(
+    stop: Stop, z: Any, limit: Any, b: Any, implicit: Any, position: Any, before: Any, length: Any, drift: Any
+) -> tuple[Any, Any]:
+    """Return (v⁺, x⁺) of a body with stops after a kick of length `length` and a drift h.
+
+    Without contact v⁺ = soft(z, l)/(1 + b D), x⁺ = x + h v⁺. If that drifts into a stop, the body is pressed against it
+    (`Stop.pressed`), or, where it flies in and the rebound leads it away again, it meets the stop at the time at which
+    its parabola reaches it, leaves with −e times its speed there, and flies on for the rest of the drift.
+
+    Args:
+        stop: the body's stops.
+        z: velocity after the other forces, before friction.
+        limit: friction impulse b · μN.
+        b: response of the velocity to a constant force over the kick.
+        implicit: damping coefficient D that is taken implicitly.
+        position: at the start of the drift.
+        before: velocity before the kick.
+        length: of the kick [s].
+        drift: length of the drift h [s].
+    """
+    free = soft(z, limit) / (1 + b * implicit)
+    end = position + drift * free
+    at_high = ca.logic_and(end > stop.high, stop.stiffness * (end - stop.high) + stop.damping * free > 0)
+    at_low = ca.logic_and(end < stop.low, stop.stiffness * (end - stop.low) + stop.damping * free < 0)
+    contact = ca.logic_or(at_high, at_low)
+    place = ca.if_else(at_high, stop.high, stop.low)
+    velocity = ca.if_else(contact, stop.pressed(z, limit, b, implicit, position, place, drift), free)
+    final = position + drift * velocity
+    if isinstance(stop.rebound, (int, float)):
+        return velocity, final
+    # motion towards the stop, s > 0: gap = u τ + ½ A τ², u the speed at the start of the drift
+    towards = ca.if_else(at_high, 1, -1)
+    acceleration = towards * (free - before) / ca.if_else(length > 0, length, 1)
+    start = towards * free - acceleration * drift / 2
+    gap = towards * (place - position)
+    speed = ca.sqrt(ca.fmax(start * start + 2 * acceleration * gap, 0))
+    closing = start + speed
+    time = ca.fmin(2 * gap / ca.if_else(closing > 0, closing, 1), drift)
+    left = drift - time
+    # it bounces if the flight after the hit outlasts the drift; else it will come to rest within it: pressed
+    flies = ca.logic_and(gap > 0, 2 * stop.rebound * speed > acceleration * left)
+    bounces = ca.logic_and(ca.logic_and(contact, flies), stop.rebound > 0)
+    away = -stop.rebound * speed
+    bounced = place + towards * (away * left + acceleration * left * left / 2)
+    after = towards * (away + acceleration * (left - drift / 2))
+    return ca.if_else(bounces, after, velocity), ca.if_else(bounces, bounced, final)
+
+
+def velocity_in_stops(stop: Stop, z: Any, limit: Any, b: Any, implicit: Any, position: Any, drift: Any) -> Any:
+    """Return v⁺ of a kick that no drift follows: the last half kick of an interval.
+
+    Args:
+        stop: the body's stops.
+        z: velocity after the other forces, before friction.
+        limit: friction impulse b · μN.
+        b: response of the velocity to a constant force over the kick.
+        implicit: damping coefficient D that is taken implicitly.
+        position: where the body is.
+        drift: step that the stop's spring is taken over, h [s].
+    """
+    free = soft(z, limit) / (1 + b * implicit)
+    inside = ca.if_else(position > stop.high, stop.high, stop.low)
+    pressed = stop.pressed(z, limit, b, implicit, position, inside, drift)
+    pushes = ca.if_else(position > stop.high, pressed < free, pressed > free)
+    contact = ca.logic_and(ca.logic_or(position > stop.high, position < stop.low), pushes)
+    return ca.if_else(contact, pressed, free)
