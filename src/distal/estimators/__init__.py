@@ -1,0 +1,34 @@
+"""Estimators behind one contract: belief and sample in, belief and innovation out."""
+
+from distal.estimators.channels import Channels, channels_of
+from distal.estimators.contract import Belief, Estimator, Innovation, KernelEstimator
+from distal.estimators.estimate import estimate, first_values, samples_of
+from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise, state_units
+from distal.estimators.kinematic import KinematicEstimator
+from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
+from distal.estimators.result import BAND, Estimate
+from distal.estimators.traces import plot_estimates
+
+__all__ = [
+    "BAND",
+    "DEFAULT",
+    "ESTIMATORS",
+    "Belief",
+    "Channels",
+    "Estimate",
+    "Estimator",
+    "FullStateFilter",
+    "Innovation",
+    "KernelEstimator",
+    "KinematicEstimator",
+    "Noise",
+    "channels_of",
+    "estimate",
+    "first_values",
+    "make_estimator",
+    "paper_noise",
+    "plot_estimates",
+    "rig_noise",
+    "samples_of",
+    "state_units",
+]

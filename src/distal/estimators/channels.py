@@ -1,0 +1,76 @@
+"""Which sensors an estimator reads, and in which role."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import EstimationError
+from distal.rig import Rig, Sensor
+from distal.sensors import variance
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Channels:
+    """The sensors of a rig by role; the joint's angle sensor is a reference and has none.
+
+    Args:
+        positions: of drives.
+        forces: of drives (force or torque).
+        tensions: of tendons.
+    """
+
+    positions: tuple[Sensor, ...]
+    forces: tuple[Sensor, ...]
+    tensions: tuple[Sensor, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names in the order in which estimators read them: positions, tensions, forces."""
+        return tuple(sensor.name for sensor in (*self.positions, *self.tensions, *self.forces))
+
+    @property
+    def interval(self) -> float:
+        """Interval of the fastest sensor [s]."""
+        return 1.0 / max(sensor.rate for sensor in (*self.positions, *self.tensions, *self.forces))
+
+
+def channels_of(rig: Rig, name: str) -> Channels:
+    """Return the sensors that estimators read.
+
+    Args:
+        rig: the description.
+        name: of the estimator, for messages.
+
+    Raises:
+        EstimationError: no drive's position is measured, two sensors measure the same, or a sensor has zero noise.
+    """
+    channels = Channels(rig.sensors_of("position"), rig.sensors_of("force"), rig.sensors_of("tension"))
+    if not channels.positions:
+        raise EstimationError(
+            f"{name}: the rig '{rig.name}' has no sensor that measures the position of a drive; add one to [[sensors]]"
+        )
+    for sensors in (channels.positions, channels.forces, channels.tensions):
+        seen: dict[str, str] = {}
+        for sensor in sensors:
+            if sensor.of in seen:
+                raise EstimationError(
+                    f"{name}: sensors '{seen[sensor.of]}' and '{sensor.name}' both measure the {sensor.measures} "
+                    f"of '{sensor.of}'; one is allowed"
+                )
+            seen[sensor.of] = sensor.name
+            if variance(sensor) == 0.0:
+                raise EstimationError(
+                    f"{name}: sensor '{sensor.name}' has zero noise (and resolution); an estimator needs its standard "
+                    f"deviation, e.g. --set sensors.{sensor.name}.noise=…"
+                )
+    return channels
+
+
+def sensor_for(sensors: tuple[Sensor, ...], part: str) -> Sensor | None:
+    """Return the sensor of the drive or tendon called `part`, or None."""
+    return next((sensor for sensor in sensors if sensor.of == part), None)

@@ -1,0 +1,236 @@
+"""The contract of all estimators: belief and sample in, belief and innovation out, no hidden state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import EstimationError
+from distal.kernels import Kernel
+from distal.logs import frozen
+from distal.rig import Rig
+
+Floats = NDArray[np.float64]
+
+MOST_BRIDGES = 100_000
+
+SPLIT = 1.25
+"""An interval longer than this times the nominal one is bridged by several predictions."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What an estimator believes at a time; immutable.
+
+    Args:
+        time: of the last sample [s].
+        carry: mean (n,), covariance (n, n) row by row, and what the estimator remembers of its inputs.
+        size: number of states n.
+        samples: how many samples it has taken in; the first one may have the belief's own stamp.
+    """
+
+    time: float
+    carry: Floats
+    size: int
+    samples: int = 0
+
+    @property
+    def mean(self) -> Floats:
+        """State estimate, (n,), a view."""
+        return self.carry[: self.size]
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of the estimate's error, (n, n), a view."""
+        n = self.size
+        return self.carry[n : n + n * n].reshape(n, n)
+
+
+@dataclass(frozen=True)
+class Innovation:
+    """What a sample told beyond the prediction.
+
+    Args:
+        values: measured minus predicted, one per measured channel, NaN where missing; each after the ones before it
+            have been taken into account, so that they are independent.
+        variances: their predicted variances.
+        log_likelihood: ln p(sample | past).
+    """
+
+    values: Floats
+    variances: Floats
+    log_likelihood: float
+
+    @property
+    def nis(self) -> float:
+        """Normalised innovation squared, Σ ν²/S; χ² distributed with one degree per value that is there."""
+        return float(np.nansum(self.values**2 / self.variances))
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """An estimator of joint angles from proximal sensors; one driver runs any of them offline."""
+
+    name: str
+    rig: Rig
+    channels: tuple[str, ...]
+    measured: tuple[str, ...]
+    state_names: tuple[str, ...]
+
+    def initial(self, time: float, sample: Floats) -> Belief:
+        """Return the belief before the first sample."""
+        ...
+
+    def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
+        """Return the belief after a sample, and its innovation."""
+        ...
+
+    def scan(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return means, covariances, innovations and their variances of a whole log, the same numbers as `step`."""
+        ...
+
+
+class KernelEstimator:
+    """What estimators share that are a kernel (carry, x, p) → (carry⁺, y).
+
+    x = (dt, values of the channels, mask of the channels); y = (innovations, variances) of the measured channels.
+    A missing value (NaN) becomes a zero in the mask. An interval longer than `SPLIT` · `interval` is bridged by several
+    equal predictions, so that sub-steps stay short.
+
+    Args:
+        name: of the estimator.
+        rig: the description.
+        kernel: the function.
+        p: its parameters.
+        channels: names of the sensors it reads.
+        measured: those of them that have an innovation.
+        state_names: names of the states; the joint angle ``theta`` is the first.
+        interval: nominal time between samples [s].
+    """
+
+    def __init__(
+        self,
+        name: str,
+        rig: Rig,
+        kernel: Kernel,
+        p: Floats,
+        channels: tuple[str, ...],
+        measured: tuple[str, ...],
+        state_names: tuple[str, ...],
+        interval: float,
+    ) -> None:
+        self.name, self.rig, self.kernel = name, rig, kernel
+        self.channels, self.measured, self.state_names = channels, measured, state_names
+        self._p, self._interval = frozen(p), interval
+
+    def initial(self, time: float, sample: Floats) -> Belief:
+        """Return the belief before the first sample."""
+        mean, covariance, memory = self._prior(self._checked(sample))
+        carry = np.concatenate([mean, covariance.ravel(), memory])
+        return Belief(float(time), frozen(carry), len(mean))
+
+    def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return mean, covariance and remembered inputs before the first sample, which fills what has no prior."""
+        raise EstimationError(f"{self.name} has no prior")
+
+    def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
+        """Return the belief after a sample, and its innovation.
+
+        Args:
+            belief: before; from `initial` (at the same time as the first sample) or the last `step`.
+            time: of the sample [s].
+            sample: values of `channels`, SI, NaN where missing, (n_channels,).
+
+        Raises:
+            EstimationError: the stamp is not after the belief's, or the sample has the wrong shape or is infinite.
+        """
+        sample = self._checked(sample)
+        _check_time(self.name, belief.time, time, belief.samples == 0)
+        rows, _ = self._rows(np.array([time - belief.time]), sample[None, :])
+        carry = belief.carry
+        for row in rows:
+            carry, y = self.kernel.step(carry, row, self._p)
+        carry.flags.writeable = False
+        values, variances = self._innovations(y[None, :], sample[None, :])
+        return Belief(float(time), carry, belief.size, belief.samples + 1), innovation(values[0], variances[0])
+
+    def scan(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return means (k, n), covariances (k, n, n), innovations (k, m) and their variances (k, m) of a whole log.
+
+        Args:
+            belief: before the first sample.
+            times: stamps [s], rising, (k,).
+            samples: values of `channels`, (k, n_channels).
+
+        Raises:
+            EstimationError: stamps do not rise, or a value is infinite.
+        """
+        times, samples = np.asarray(times, dtype=np.float64), np.asarray(samples, dtype=np.float64)
+        if samples.shape != (len(times), len(self.channels)):
+            raise EstimationError(
+                f"{self.name}: samples must have shape ({len(times)}, {len(self.channels)}) for {self.channels}, "
+                f"{samples.shape} came"
+            )
+        if np.any(np.isinf(samples)):
+            raise EstimationError(f"{self.name}: a sample is infinite; NaN stands for a missing value")
+        steps = np.diff(times, prepend=belief.time)
+        for i in np.flatnonzero(~(steps > 0)):
+            _check_time(self.name, times[i] - steps[i], times[i], bool(i == 0 and belief.samples == 0))
+        rows, last = self._rows(steps, samples)
+        carries, ys = self.kernel.scan(belief.carry, rows, self._p)
+        carries, n = carries[last], belief.size
+        values, variances = self._innovations(ys[last], samples)
+        return carries[:, :n].copy(), carries[:, n : n + n * n].reshape(-1, n, n).copy(), values, variances
+
+    def _checked(self, sample: Floats) -> Floats:
+        sample = np.asarray(sample, dtype=np.float64)
+        if sample.shape != (len(self.channels),):
+            raise EstimationError(
+                f"{self.name}: a sample must have shape ({len(self.channels)},) for {self.channels}, "
+                f"{sample.shape} came"
+            )
+        if np.any(np.isinf(sample)):
+            raise EstimationError(f"{self.name}: the sample {sample} is infinite; NaN stands for a missing value")
+        return sample
+
+    def _rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
+        """Return the kernel's rows (dt, values, mask), bridges included, and the index of each sample's own row."""
+        parts = np.maximum(1, np.ceil(steps / (SPLIT * self._interval) - 1e-9)).astype(np.int64)
+        longest = int(parts.max(initial=1))
+        if longest > MOST_BRIDGES:
+            raise EstimationError(
+                f"{self.name}: a gap of {steps.max():g} s is too long to bridge "
+                f"(at most {MOST_BRIDGES * SPLIT * self._interval:g} s); split the log there"
+            )
+        last = np.cumsum(parts) - 1
+        width = len(self.channels)
+        rows = np.zeros((int(parts.sum()), 1 + 2 * width))
+        rows[:, 0] = np.repeat(steps / parts, parts)
+        there = np.isfinite(samples)
+        rows[last, 1 : 1 + width] = np.where(there, samples, 0.0)
+        rows[last, 1 + width :] = there
+        return rows, last
+
+    def _innovations(self, ys: Floats, samples: Floats) -> tuple[Floats, Floats]:
+        """Split the kernel's outputs into innovations, NaN where the value was missing, and their variances."""
+        m = len(self.measured)
+        columns = [self.channels.index(name) for name in self.measured]
+        return np.where(np.isnan(samples[:, columns]), np.nan, ys[:, :m]), ys[:, m : 2 * m].copy()
+
+
+def innovation(values: Floats, variances: Floats) -> Innovation:
+    """Return the innovation with its log-likelihood, −½ Σ (ν²/S + ln 2πS) over the values that are there."""
+    there = np.isfinite(values)
+    terms = values[there] ** 2 / variances[there] + np.log(2 * np.pi * variances[there])
+    return Innovation(values, variances, float(-0.5 * terms.sum()))
+
+
+def _check_time(name: str, before: float, now: float, first: bool) -> None:
+    if not np.isfinite(now):
+        raise EstimationError(f"{name}: the stamp {now} is not a finite time")
+    if now < before or (now == before and not first):
+        what = "repeats" if now == before else "is late"
+        raise EstimationError(f"{name}: the stamp {now:g} s {what} (the belief is at {before:g} s); stamps must rise")

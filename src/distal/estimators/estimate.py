@@ -1,0 +1,102 @@
+"""The one driver: an estimator, run over a whole log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import EstimationError
+from distal.estimators.contract import Belief, KernelEstimator
+from distal.estimators.registry import DEFAULT, make_estimator
+from distal.estimators.result import Estimate
+from distal.logs import Log, frozen
+from distal.rig import Rig
+
+Floats = NDArray[np.float64]
+
+
+def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Floats:
+    """Return the values of some channels of a log, (k, n_channels).
+
+    Args:
+        log: the log.
+        channels: names of sensors.
+        name: of the estimator, for messages.
+
+    Raises:
+        EstimationError: a channel is not in the log, has no value at all, or the log has fewer than two samples.
+    """
+    if len(log) < 2:
+        raise EstimationError(f"{log.source}: {len(log)} sample came; an estimate over time needs at least two")
+    columns = []
+    for channel in channels:
+        if channel not in log.channels:
+            known = ", ".join(log.channels) or "none"
+            raise EstimationError(f"{log.source}: {name} needs the sensor '{channel}', which is not in the log (it has {known})")
+        if not np.any(np.isfinite(log.channels[channel])):
+            raise EstimationError(f"{log.source}: sensor '{channel}' has no value at all; remove it from the rig, or mend the log")
+        columns.append(log.channels[channel])
+    return np.column_stack(columns)
+
+
+def first_values(samples: Floats) -> Floats:
+    """Return the first value of each channel that is not missing, (n_channels,)."""
+    there = np.isfinite(samples)
+    values: Floats = samples[there.argmax(axis=0), np.arange(samples.shape[1])]
+    return values
+
+
+def estimate(
+    log: Log, rig: Rig, estimator: str | KernelEstimator = DEFAULT, passes: int = 1, compiled: bool = True
+) -> Estimate:
+    """Estimate the joint angle over a log.
+
+    Offline and online are the same calls: this is `Estimator.initial` with the first value of each channel, then
+    `Estimator.step` for every sample, in one loop.
+
+    Args:
+        log: sensors over time.
+        rig: the description.
+        estimator: a name (see `ESTIMATORS`) or a ready one.
+        passes: how often to filter; each pass starts with the last covariance of the one before, as in the 2008 paper.
+        compiled: compile kernels where possible.
+
+    Raises:
+        EstimationError: the log lacks a sensor, or the estimator cannot run on this rig.
+    """
+    runner = make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
+    if passes < 1:
+        raise EstimationError(f"passes must be at least 1, {passes} came")
+    samples = samples_of(log, runner.channels, runner.name)
+    belief = runner.initial(log.time[0], first_values(samples))
+    for number in range(passes):
+        means, covariances, innovations, variances = runner.scan(belief, log.time, samples)
+        if not np.all(np.isfinite(means)) or not np.all(np.isfinite(covariances)):
+            row = int(np.flatnonzero(~np.isfinite(means).all(axis=1) | ~np.isfinite(covariances).all(axis=(1, 2)))[0])
+            raise EstimationError(
+                f"{log.source}: {runner.name} left all bounds at {log.time[row]:g} s; check the units of the log and "
+                "the rig's stiffness and masses, or shorten stepping.largest_step"
+            )
+        if number < passes - 1:
+            belief = with_covariance(belief, covariances[-1])
+    return Estimate(
+        runner.name,
+        rig.name,
+        log.time,
+        runner.state_names,
+        frozen(means),
+        frozen(covariances),
+        runner.measured,
+        frozen(innovations),
+        frozen(variances),
+        log.truth.get("theta"),
+    )
+
+
+def with_covariance(belief: Belief, covariance: Floats) -> Belief:
+    """Return the belief with another covariance, (n, n)."""
+    carry = np.array(belief.carry)
+    carry[belief.size : belief.size + belief.size**2] = covariance.ravel()
+    return Belief(belief.time, frozen(carry), belief.size, belief.samples)

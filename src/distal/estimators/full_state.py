@@ -1,0 +1,245 @@
+"""Extended Kalman filters on the full state: forces are inputs, displacements are measured (the paper's way)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators.channels import Channels, channels_of, sensor_for
+from distal.estimators.contract import KernelEstimator
+from distal.estimators.kalman import predict_covariance, update
+from distal.kernels import Kernel
+from distal.model import Mechanism, substeps, tangent_step
+from distal.rig import Rig, effort_unit, position_unit
+from distal.sensors import systematic_variance, variance
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Variances of a full-state filter, SI.
+
+    Args:
+        inputs: of the pull on each drive, (n_drives,).
+        process: added to each state per second, (2 n_bodies,).
+        measurements: of positions, then tensions, (m,).
+        initial: covariance before the first sample, diagonal, (2 n_bodies,).
+    """
+
+    inputs: Floats
+    process: Floats
+    measurements: Floats
+    initial: Floats
+
+
+def full_state_function(mechanism: Mechanism, channels: Channels, count: int) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y) of an extended Kalman filter with state (q, v).
+
+    carry = (mean, covariance, last pulls); p = (parameters, nominal pulls, input, process and measurement variances).
+    The pull over an interval is the mean of its measured values at both ends; a missing one holds the last.
+
+    Args:
+        mechanism: the rig's equations.
+        channels: the sensors it reads.
+        count: sub-steps per interval.
+    """
+    nb, nd, nj = mechanism.n_bodies, mechanism.n_drives, mechanism.n_joints
+    n, n_p = 2 * nb, len(mechanism.parameters)
+    measured = [*channels.positions, *channels.tensions]
+    m, width = len(measured), len(channels.names)
+    carry, x = ca.MX.sym("carry", n + n * n + nd), ca.MX.sym("x", 1 + 2 * width)
+    p = ca.MX.sym("p", n_p + nd + nd + n + m)
+    model, _, q_u, q_x, r = ca.vertsplit(p, [int(i) for i in np.cumsum([0, n_p, nd, nd, n, m])])
+    mean, covariance, held = carry[:n], ca.reshape(carry[n : n + n * n], n, n), carry[n + n * n :]
+    dt, values, mask = x[0], x[1 : 1 + width], x[1 + width :]
+
+    pulls = []
+    for i, drive in enumerate(mechanism.rig.drives):
+        sensor = sensor_for(channels.forces, drive.name)
+        if sensor is None:
+            pulls.append(held[i])
+        else:
+            k = channels.names.index(sensor.name)
+            pulls.append(mask[k] * values[k] + (1 - mask[k]) * held[i])
+    pull = ca.vertcat(*pulls)
+    effort = ca.vertcat(ca.MX.zeros(nj), (held + pull) / 2)
+    q_next, v_next, slopes = tangent_step(mechanism, count)(mean[:nb], mean[nb:], effort, dt, model)
+    update_function = _update_function(mechanism, channels, measured)
+    carried = update_function(q_next, v_next, slopes, covariance, dt, values[:m], mask[:m], model, q_u, q_x, r)
+    following = ca.vertcat(carried[0], ca.reshape(carried[1], n * n, 1), pull)
+    y = ca.vertcat(carried[2], carried[3])
+    return ca.Function("full_state", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+
+
+def _update_function(mechanism: Mechanism, channels: Channels, measured: list[Any]) -> ca.Function:
+    """Return prediction of the covariance and update as one scalar function."""
+    nb, nd, nj = mechanism.n_bodies, mechanism.n_drives, mechanism.n_joints
+    n, m, p = 2 * nb, len(measured), mechanism.parameters.symbols
+    q, v, slopes = ca.SX.sym("q", nb), ca.SX.sym("v", nb), ca.SX.sym("slopes", n, 3 * nb)
+    covariance = ca.SX.sym("P", n, n)
+    dt, values, mask = ca.SX.sym("dt"), ca.SX.sym("z", m), ca.SX.sym("mask", m)
+    q_u, q_x, r = ca.SX.sym("q_u", nd), ca.SX.sym("q_x", n), ca.SX.sym("r", m)
+    state = ca.vertcat(q, v)
+    predicted = predict_covariance(covariance, slopes[:, :n], slopes[:, n + nj :], q_u, q_x * dt)
+    expected = expected_measurements(mechanism, measured, q, v)
+    result = update(state, predicted, values - expected, ca.jacobian(expected, state), r, mask)
+    return ca.Function(
+        "update", [q, v, slopes, covariance, dt, values, mask, p, q_u, q_x, r], ca.cse([ca.densify(e) for e in result])
+    )
+
+
+def expected_measurements(mechanism: Mechanism, measured: list[Any], q: Any, v: Any) -> Any:
+    """Return h(x), what position and tension sensors should read: s − ṡ · delay + bias, and T + bias.
+
+    Args:
+        mechanism: the rig's equations.
+        measured: the sensors.
+        q: coordinates, (n_bodies,).
+        v: velocities, (n_bodies,).
+    """
+    rig, expected = mechanism.rig, []
+    drives = [drive.name for drive in rig.drives]
+    tendons = [tendon.name for tendon in rig.tendons]
+    for sensor in measured:
+        if sensor.measures == "position":
+            body = mechanism.n_joints + drives.index(sensor.of)
+            expected.append(q[body] - sensor.delay * v[body] + sensor.bias.value)
+        else:
+            expected.append(mechanism.tensions(q, v)[tendons.index(sensor.of)] + sensor.bias.value)
+    return ca.vertcat(*expected)
+
+
+class FullStateFilter(KernelEstimator):
+    """An extended Kalman filter whose state is the whole mechanism's (q, v); see `full_state_function`.
+
+    Args:
+        name: of the estimator.
+        rig: the description.
+        noise: its variances.
+        compiled: compile its kernel where possible.
+
+    Raises:
+        EstimationError: the sensors do not suffice.
+        RigError: the rig is too stiff for its interval.
+    """
+
+    def __init__(self, name: str, rig: Rig, noise: Noise, compiled: bool = True) -> None:
+        self._mechanism, self._channels, self._noise = Mechanism(rig), channels_of(rig, name), noise
+        count = substeps(self._mechanism, self._channels.interval)
+        function = full_state_function(self._mechanism, self._channels, count)
+        self._nominal = np.array([drive.nominal_force.value for drive in rig.drives])
+        p = np.concatenate(
+            [self._mechanism.parameters.values, self._nominal, noise.inputs, noise.process, noise.measurements]
+        )
+        measured = tuple(s.name for s in (*self._channels.positions, *self._channels.tensions))
+        super().__init__(
+            name,
+            rig,
+            Kernel(function, compiled),
+            p,
+            self._channels.names,
+            measured,
+            state_names(rig),
+            self._channels.interval,
+        )
+
+    def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
+        rig, channels = self.rig, self._channels
+        mean = np.zeros(2 * self._mechanism.n_bodies)
+        mean[0] = rig.joints[0].initial.value
+        pulls = self._nominal.copy()
+        for i, drive in enumerate(rig.drives):
+            sensor = sensor_for(channels.forces, drive.name)
+            value = np.nan if sensor is None else sample[channels.names.index(sensor.name)] - sensor.bias.value
+            pulls[i] = value if np.isfinite(value) else pulls[i]
+        for i, drive in enumerate(rig.drives):
+            sensor = sensor_for(channels.positions, drive.name)
+            value = np.nan if sensor is None else sample[channels.names.index(sensor.name)] - sensor.bias.value
+            mean[self._mechanism.n_joints + i] = value if np.isfinite(value) else 0.0
+        return mean, np.diag(self._noise.initial), pulls
+
+
+def state_names(rig: Rig) -> tuple[str, ...]:
+    """Return the names of (q, v): theta, positions, theta_dot, velocities."""
+    drives = [drive.name for drive in rig.drives]
+    return ("theta", *(f"position_{d}" for d in drives), "theta_dot", *(f"velocity_{d}" for d in drives))
+
+
+def state_units(rig: Rig) -> dict[str, str]:
+    """Return the SI units of the states that `state_names` and other estimators name."""
+    units = {"theta": "rad", "theta_dot": "rad/s"}
+    for drive in rig.drives:
+        units[f"position_{drive.name}"] = position_unit(drive)
+        units[f"velocity_{drive.name}"] = f"{position_unit(drive)}/s"
+        units[f"force_{drive.name}"] = effort_unit(drive)
+    for tendon in rig.tendons:
+        units[f"theta_{tendon.name}"] = "rad"
+    return units
+
+
+def rig_noise(rig: Rig, name: str = "ekf") -> Noise:
+    """Return the variances of `ekf`: everything from the rig's sensors.
+
+    Measured forces are inputs with their noise; a nominal one has its std. Positions have their random error and
+    their linearity, taken as if it were random from sample to sample.
+
+    Args:
+        rig: the description.
+        name: of the estimator, for messages.
+    """
+    channels, mechanism = channels_of(rig, name), Mechanism(rig)
+    inputs = []
+    for drive in rig.drives:
+        sensor = sensor_for(channels.forces, drive.name)
+        inputs.append(drive.nominal_force.std**2 if sensor is None else variance(sensor))
+    measured = (*channels.positions, *channels.tensions)
+    measurements = np.array([variance(s) + systematic_variance(s) for s in measured])
+    initial = _initial_variances(rig, channels, mechanism)
+    return Noise(np.array(inputs), np.zeros(2 * mechanism.n_bodies), measurements, initial)
+
+
+def _initial_variances(rig: Rig, channels: Channels, mechanism: Mechanism) -> Floats:
+    """Return the variances of (q, v) before the first sample: the joint's from the rig, a drive's from its sensor."""
+    angles = [joint.initial.std for joint in rig.joints]
+    places = []
+    for drive in rig.drives:
+        sensor = sensor_for(channels.positions, drive.name)
+        if sensor is not None:
+            places.append(np.sqrt(variance(sensor) + systematic_variance(sensor)))
+        elif drive.stops is not None:
+            places.append((drive.stops[1] - drive.stops[0]) / np.sqrt(12.0))
+        else:
+            places.append(UNKNOWN_PLACE[drive.kind])
+    turns = [True] * mechanism.n_joints + [drive.kind == "capstan" for drive in rig.drives]
+    speeds = [START_SPEED[turning] for turning in turns]
+    return np.array([*angles, *places, *speeds]) ** 2
+
+
+UNKNOWN_PLACE = {"slider": 0.01, "capstan": 1.0}
+"""Standard deviation of a drive's place where nothing measures it and no stop bounds it [m, rad]."""
+
+START_SPEED = {True: 0.5, False: 0.005}
+"""Standard deviation of a velocity at the first sample: of an angle [rad/s], of a slider [m/s]."""
+
+
+def paper_noise(rig: Rig, q: float = 1e-3, r: float = 1e-9, p0: float = 1.0, name: str = "ekf-2008") -> Noise:
+    """Return the variances of `ekf-2008`: Q = q·I per sample, R = r·I, P0 = p0·I, all in SI.
+
+    The paper prints 0.001 for Q and R without units. R = 0.001 m² would be a sensor that errs by 32 mm, three times its
+    travel, so R is read in mm², 1e-9 m²; docs/reproduction.md compares the readings.
+
+    Args:
+        rig: the description.
+        q: variance added to each state per sample.
+        r: variance of each measurement.
+        p0: variance of each state before the first sample.
+        name: of the estimator, for messages.
+    """
+    channels, mechanism = channels_of(rig, name), Mechanism(rig)
+    n, m = 2 * mechanism.n_bodies, len(channels.positions) + len(channels.tensions)
+    return Noise(np.zeros(mechanism.n_drives), np.full(n, q / channels.interval), np.full(m, r), np.full(n, p0))

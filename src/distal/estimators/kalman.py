@@ -1,0 +1,62 @@
+"""Kalman filter algebra in CasADi: symmetric prediction and sequential scalar updates in Joseph form."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+
+def symmetric(entries: Any) -> Any:
+    """Return the symmetric matrix with the lower triangle of `entries`: symmetry is exact, not approximate."""
+    return ca.tril2symm(ca.tril(entries))
+
+
+def predict_covariance(covariance: Any, transition: Any, input_map: Any, input_variances: Any, process: Any) -> Any:
+    """Return P⁻ = Φ P Φᵀ + G diag(q_u) Gᵀ + diag(q).
+
+    Args:
+        covariance: P, (n, n).
+        transition: Φ = ∂x⁺/∂x, (n, n).
+        input_map: G = ∂x⁺/∂u, (n, k).
+        input_variances: q_u, (k,).
+        process: q, (n,).
+    """
+    mapped = input_map * ca.repmat(input_variances.T, input_map.size1(), 1)
+    return symmetric(
+        ca.mtimes(ca.mtimes(transition, covariance), transition.T) + ca.mtimes(mapped, input_map.T) + ca.diag(process)
+    )
+
+
+def update(
+    mean: Any, covariance: Any, residuals: Any, jacobian: Any, variances: Any, mask: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Return mean, covariance, innovations and their variances after a sample, one scalar at a time.
+
+    For each value: ν = z − h(x⁻) − H (x − x⁻), S = H P Hᵀ + R, K = P Hᵀ/S, x ← x + K ν,
+    P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ (Joseph). With the linearisation kept at x⁻ this equals the update with all
+    values at once (their errors are independent). A value whose mask is 0 changes nothing.
+
+    Args:
+        mean: x⁻, (n,).
+        covariance: P⁻, (n, n).
+        residuals: z − h(x⁻), (m,).
+        jacobian: H, (m, n).
+        variances: R, (m,).
+        mask: 1 where the value is there, else 0, (m,).
+    """
+    n = mean.numel()
+    prior, innovations, spreads = mean, [], []
+    for i in range(residuals.numel()):
+        row = jacobian[i, :]
+        across = ca.mtimes(covariance, row.T)
+        spread = ca.mtimes(row, across) + variances[i]
+        value = residuals[i] - ca.mtimes(row, mean - prior)
+        gain = mask[i] * across / spread
+        keep = ca.SX.eye(n) - ca.mtimes(gain, row)
+        mean = mean + gain * value
+        joseph = ca.mtimes(ca.mtimes(keep, covariance), keep.T) + variances[i] * ca.mtimes(gain, gain.T)
+        covariance = symmetric(joseph)
+        innovations.append(value)
+        spreads.append(spread)
+    return mean, covariance, ca.vertcat(*innovations), ca.vertcat(*spreads)

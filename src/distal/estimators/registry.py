@@ -1,0 +1,37 @@
+"""The estimators by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from distal.errors import EstimationError, did_you_mean
+from distal.estimators.contract import KernelEstimator
+from distal.estimators.full_state import FullStateFilter, paper_noise, rig_noise
+from distal.estimators.kinematic import KinematicEstimator
+from distal.rig import Rig
+
+ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
+    "inextensible": lambda rig, compiled: KinematicEstimator("inextensible", rig, elastic=False, compiled=compiled),
+    "elastic": lambda rig, compiled: KinematicEstimator("elastic", rig, elastic=True, compiled=compiled),
+    "ekf-2008": lambda rig, compiled: FullStateFilter("ekf-2008", rig, paper_noise(rig), compiled),
+    "ekf": lambda rig, compiled: FullStateFilter("ekf", rig, rig_noise(rig), compiled),
+}
+"""Name → maker (rig, compiled)."""
+
+DEFAULT = "ekf"
+
+
+def make_estimator(name: str, rig: Rig, compiled: bool = True) -> KernelEstimator:
+    """Return a new estimator for a rig.
+
+    Args:
+        name: one of `ESTIMATORS`.
+        rig: the description.
+        compiled: compile its kernel where possible.
+
+    Raises:
+        EstimationError: the name is unknown, or the rig's sensors do not suffice.
+    """
+    if name not in ESTIMATORS:
+        raise EstimationError(f"unknown estimator '{name}'{did_you_mean(name, ESTIMATORS)}")
+    return ESTIMATORS[name](rig, compiled)

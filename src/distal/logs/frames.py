@@ -1,0 +1,27 @@
+"""Columns as pandas frames, where pandas is installed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import DistalError
+
+if TYPE_CHECKING:
+    import pandas
+
+
+def pandas_frame(columns: Mapping[str, NDArray[np.float64]]) -> pandas.DataFrame:
+    """Return the columns as a pandas frame.
+
+    Raises:
+        DistalError: pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError:
+        raise DistalError("pandas is not installed; `pip install 'distal[pandas]'`, or use .to_polars()") from None
+    return pandas.DataFrame({name: np.array(values) for name, values in columns.items()})

@@ -1,0 +1,124 @@
+"""A log: time and the sensors' values in SI, a missing value is NaN."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import LogError
+
+if TYPE_CHECKING:
+    import pandas
+    import polars
+
+Floats = NDArray[np.float64]
+
+
+def frozen(values: object) -> Floats:
+    """Return the values as a read-only float64 array; a copy if they were writable."""
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True)
+class Log:
+    """Sensor values over time, in SI, with the truth where it is known.
+
+    Args:
+        time: stamps [s], rising, (n,).
+        channels: sensor name → values, (n,) each; NaN = missing.
+        truth: name → values, (n,) each: joint angles [rad] and, from a simulation, whatever else it knows.
+        source: what to call it in messages.
+
+    Raises:
+        LogError: lengths differ, a stamp is not finite, repeats or goes back.
+    """
+
+    time: Floats
+    channels: Mapping[str, Floats]
+    truth: Mapping[str, Floats] = field(default_factory=dict)
+    source: str = "log"
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and check the stamps."""
+        object.__setattr__(self, "time", frozen(self.time))
+        for name in ("channels", "truth"):
+            columns = {key: frozen(values) for key, values in getattr(self, name).items()}
+            object.__setattr__(self, name, MappingProxyType(columns))
+        if self.time.ndim != 1:
+            raise LogError(f"{self.source}: time must be one column, shape {self.time.shape} came")
+        check_stamps(self.time, self.source)
+        for key, values in {**self.channels, **self.truth}.items():
+            if values.shape != self.time.shape:
+                raise LogError(f"{self.source}: '{key}' has shape {values.shape}, time has {self.time.shape}")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def rate(self) -> float:
+        """Samples per second, from the median interval; NaN for fewer than two samples."""
+        return float(1.0 / np.median(np.diff(self.time))) if len(self) > 1 else float("nan")
+
+    def gaps(self, factor: float = 1.5) -> list[tuple[float, float]]:
+        """Return (start, end) [s] of the intervals longer than `factor` times the median one."""
+        steps = np.diff(self.time)
+        if len(steps) == 0:
+            return []
+        long = np.flatnonzero(steps > factor * np.median(steps))
+        return [(float(self.time[i]), float(self.time[i + 1])) for i in long]
+
+    def select(self, rows: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Log:
+        """Return the log of some rows.
+
+        Args:
+            rows: a slice, indices or a mask, in rising order.
+        """
+        channels = {name: values[rows] for name, values in self.channels.items()}
+        truth = {name: values[rows] for name, values in self.truth.items()}
+        return Log(self.time[rows], channels, truth, self.source)
+
+    def to_polars(self) -> polars.DataFrame:
+        """Return time, channels and truth (prefixed ``true_``) as a polars frame, SI."""
+        import polars
+
+        truth = {f"true_{name}": values for name, values in self.truth.items()}
+        return polars.DataFrame({"t": self.time, **self.channels, **truth})
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the same as `to_polars` as a pandas frame."""
+        from distal.logs.frames import pandas_frame
+
+        return pandas_frame({"t": self.time, **self.channels, **{f"true_{k}": v for k, v in self.truth.items()}})
+
+
+def check_stamps(time: Floats, source: str, first_row: int | None = None) -> None:
+    """Raise where a stamp is not finite, repeats or goes back, naming row, stamp and the one before.
+
+    Args:
+        time: stamps [s], (n,).
+        source: what to call the log.
+        first_row: row number of the first stamp in its file; None counts samples from 0.
+
+    Raises:
+        LogError: see above.
+    """
+    place = "sample" if first_row is None else "row"
+    offset = first_row or 0
+    bad = np.flatnonzero(~np.isfinite(time))
+    if len(bad):
+        raise LogError(f"{source}: {place} {bad[0] + offset}: time is {time[bad[0]]}; a finite number is needed")
+    back = np.flatnonzero(np.diff(time) <= 0)
+    if len(back):
+        i = int(back[0]) + 1
+        what = "repeats" if time[i] == time[i - 1] else "goes back"
+        raise LogError(
+            f"{source}: {place} {i + offset}: time {what} ({time[i]:g} s after {time[i - 1]:g} s); "
+            "stamps must rise, sort the rows and drop repeated ones"
+        )

@@ -1,0 +1,27 @@
+"""Simulation: a rig, a scenario and a seed become a log with truth."""
+
+from distal.simulation.scenario import (
+    DriveInput,
+    Hand,
+    JointInput,
+    Scenario,
+    build_scenario,
+    load_scenario,
+    scenario_rig,
+    shipped_scenarios,
+)
+from distal.simulation.signals import Signal
+from distal.simulation.simulate import simulate
+
+__all__ = [
+    "DriveInput",
+    "Hand",
+    "JointInput",
+    "Scenario",
+    "Signal",
+    "build_scenario",
+    "load_scenario",
+    "scenario_rig",
+    "shipped_scenarios",
+    "simulate",
+]

@@ -1,0 +1,150 @@
+"""Scenarios: what is done to a rig, read from TOML."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from distal.errors import RigError, ScenarioError, did_you_mean
+from distal.rig import Description, In, Rig, explain, load_rig, parse_assignment, parse_toml, read_text, set_value
+from distal.simulation.signals import Signal, SignalIn
+
+
+class SliderServo(Description):
+    """A position loop on a slider: F = stiffness · (position − x) − damping · ẋ + force."""
+
+    position: Annotated[Signal, SignalIn("m", "linear")] = Field(description="where the slider should be")
+    stiffness: Annotated[float, In("N/m", "positive")] = Field(5e3, description="gain of the loop")
+    damping: Annotated[float, In("kg/s", "nonnegative")] = Field(5.0, description="gain on the velocity")
+
+
+class CapstanServo(Description):
+    """A position loop on a motor: torque = stiffness · (angle − φ) − damping · φ̇."""
+
+    angle: Annotated[Signal, SignalIn("rad", "linear")] = Field(description="where the capstan should be")
+    stiffness: Annotated[float, In("N m/rad", "positive")] = Field(5.0, description="gain of the loop")
+    damping: Annotated[float, In("N m s/rad", "nonnegative")] = Field(0.05, description="gain on the velocity")
+
+
+class DriveInput(Description):
+    """What pulls a drive; parts that are given add up."""
+
+    weight: Annotated[Signal, SignalIn("N", nonnegative=True)] | None = Field(
+        None, description="a hung weight W: it has inertia, U = W − (W/g) ẍ"
+    )
+    force: Annotated[Signal, SignalIn("N")] | None = Field(None, description="a massless force on a slider")
+    torque: Annotated[Signal, SignalIn("N m")] | None = Field(None, description="a torque on a capstan")
+    servo: SliderServo | CapstanServo | None = Field(None, description="a position loop")
+
+
+class Hand(Description):
+    """A hand that turns the joint: torque = stiffness · (angle − θ) − damping · θ̇."""
+
+    angle: Annotated[Signal, SignalIn("rad", "linear")] = Field(description="where the hand wants the joint")
+    stiffness: Annotated[float, In("N m/rad", "positive")] = Field(3.0, description="how firmly it holds")
+    damping: Annotated[float, In("N m s/rad", "nonnegative")] = Field(0.0, description="and damps")
+
+
+class JointInput(Description):
+    """What acts on a joint that nobody measures."""
+
+    hand: Hand | None = Field(None, description="a hand that turns the joint")
+    torque: Annotated[Signal, SignalIn("N m")] | None = Field(None, description="an external torque")
+
+
+class Scenario(Description):
+    """What is done to a rig, for how long, and how the plant differs from the rig that filters know."""
+
+    rig: str = Field(min_length=1, description="a shipped rig's name, or a path (relative to the scenario file)")
+    name: str = Field("", description="title for plots")
+    duration: Annotated[float, In("s", "positive")] = Field(description="how long")
+    set: dict[str, Any] = Field(default_factory=dict, description="values of the rig, known to filters too")
+    plant: dict[str, Any] = Field(default_factory=dict, description="values of the rig that only the plant has")
+    initial: dict[str, Any] = Field(default_factory=dict, description="angles of joints at the start")
+    drives: dict[str, DriveInput] = Field(default_factory=dict, description="what pulls each drive")
+    joints: dict[str, JointInput] = Field(default_factory=dict, description="what acts on each joint")
+
+    @model_validator(mode="after")
+    def _not_endless(self) -> Self:
+        if self.duration > 36_000.0:
+            raise ValueError(f"duration: at most 10 hours are simulated, {self.duration:g} s came")
+        return self
+
+    def plant_rig(self, rig: Rig) -> Rig:
+        """Return the rig as the plant really is.
+
+        Raises:
+            ScenarioError: a value of the plant does not exist or is wrong.
+        """
+        try:
+            return rig.with_values(self.plant) if self.plant else rig
+        except RigError as problem:
+            raise ScenarioError(f"plant: {problem}") from None
+
+
+def shipped_scenarios() -> tuple[str, ...]:
+    """Return the names of the scenarios that come with distal."""
+    files = resources.files("distal.simulation").joinpath("library").iterdir()
+    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+
+
+def load_scenario(name: str | Path, assignments: Sequence[str] = ()) -> Scenario:
+    """Load a scenario by name or from a TOML file.
+
+    Args:
+        name: a shipped scenario's name (see `shipped_scenarios`) or a path.
+        assignments: ``path=value`` each; the value is TOML.
+
+    Raises:
+        ScenarioError: it is unknown, cannot be read, or its description is wrong.
+    """
+    shipped = shipped_scenarios()
+    path = Path(name)
+    if str(name) in shipped:
+        text = resources.files("distal.simulation").joinpath("library", f"{name}.toml").read_text(encoding="utf-8")
+    elif path.suffix != ".toml" and not path.exists():
+        raise ScenarioError(
+            f"unknown scenario '{name}'{did_you_mean(str(name), shipped)}; or give the path of a .toml file"
+        )
+    else:
+        text = read_text(path, ScenarioError)
+    raw = parse_toml(text, str(name), ScenarioError)
+    for assignment in assignments:
+        where, value = parse_assignment(assignment, ScenarioError)
+        set_value(raw, where, value, ScenarioError)
+    scenario = build_scenario(raw, str(name))
+    beside = path.parent / scenario.rig
+    if scenario.rig.endswith(".toml") and not Path(scenario.rig).is_absolute() and str(name) not in shipped:
+        return scenario.model_copy(update={"rig": str(beside)})
+    return scenario
+
+
+def build_scenario(raw: Mapping[str, Any], source: str = "scenario") -> Scenario:
+    """Check a raw scenario; `source` names it in messages.
+
+    Raises:
+        ScenarioError: something is wrong; one line that says where, what came and what is allowed.
+    """
+    try:
+        return Scenario.model_validate(raw)
+    except ValidationError as problem:
+        raise ScenarioError(explain(problem, source, Scenario)) from None
+
+
+def scenario_rig(scenario: Scenario, assignments: Sequence[str] = ()) -> Rig:
+    """Return the rig that a scenario names, with the scenario's ``[set]`` values: what filters know.
+
+    Args:
+        scenario: the scenario.
+        assignments: ``path=value`` each, as with `load_rig`; they win over ``[set]``.
+
+    Raises:
+        RigError: the rig is unknown or wrong.
+    """
+    rig = load_rig(scenario.rig)
+    values = {**scenario.set, **dict(parse_assignment(text, RigError) for text in assignments)}
+    return rig.with_values(values) if values else rig

@@ -1,0 +1,94 @@
+"""`simulate`: a rig, a scenario and a seed become a log with truth."""
+
+from __future__ import annotations
+
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import ScenarioError
+from distal.logs import Log
+from distal.model import Mechanism, substeps
+from distal.rig import Rig, Sensor
+from distal.sensors import measure
+from distal.simulation.inputs import body_inputs, initial_angles
+from distal.simulation.plant import equilibrium, run_plant
+from distal.simulation.scenario import Scenario
+
+Floats = NDArray[np.float64]
+
+LONGEST_INTERVAL = 1e-3
+"""Longest interval over which a scenario's signals are constant [s]."""
+
+
+def simulate(rig: Rig, scenario: Scenario, seed: int = 0) -> Log:
+    """Simulate a scenario on a rig and return what its sensors read, with the truth beside it.
+
+    The plant is `rig` with the scenario's ``[plant]`` values. It starts at rest, its drives in equilibrium. All sensors
+    of the rig are sampled at their own rates; where one has no value at a stamp of another, it is NaN.
+
+    Args:
+        rig: as filters know it.
+        scenario: what is done to it.
+        seed: of the sensors' errors; the same seed gives the same log.
+
+    Returns:
+        log: channels by sensor name; truth holds ``theta`` [rad] and, by drive or tendon name, ``position_…``,
+            ``force_…`` and ``tension_…``.
+
+    Raises:
+        ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
+        RigError: the plant's values are wrong.
+    """
+    plant = Mechanism(scenario.plant_rig(rig))
+    fastest = max((sensor.rate for sensor in plant.rig.sensors), default=100.0)
+    dt = 1.0 / fastest / ceil(1.0 / fastest / LONGEST_INTERVAL - 1e-9)
+    steps = ceil(scenario.duration / dt - 1e-9)
+    grid = dt * np.arange(steps + 1)
+    inputs = body_inputs(scenario, plant, grid[:-1])
+    start = equilibrium(plant, initial_angles(scenario, plant), inputs)
+    motion = run_plant(plant, inputs, start, dt, max(2, 2 * substeps(plant, dt)))
+
+    stamps = _stamps(plant.rig, scenario.duration)
+    if len(stamps) == 0:
+        raise ScenarioError(f"duration: {scenario.duration:g} s is shorter than one sample")
+    rngs = np.random.default_rng(seed).spawn(len(plant.rig.sensors))
+    channels = {}
+    for sensor, rng in zip(plant.rig.sensors, rngs):
+        true, travel = _true_values(plant, sensor, motion)
+        own = np.arange(0.0, scenario.duration - 1e-9, 1.0 / sensor.rate)
+        read = measure(sensor, np.interp(own - sensor.delay, grid, true), travel, rng)
+        values = np.full(len(stamps), np.nan)
+        values[np.searchsorted(stamps, np.round(own, 9))] = read
+        channels[sensor.name] = values
+    truth = {"theta": np.interp(stamps, grid, motion["q"][:, 0])}
+    for i, drive in enumerate(plant.rig.drives):
+        truth[f"position_{drive.name}"] = np.interp(stamps, grid, motion["q"][:, plant.n_joints + i])
+        truth[f"force_{drive.name}"] = np.interp(stamps, grid, motion["pulls"][:, i])
+    for i, tendon in enumerate(plant.rig.tendons):
+        truth[f"tension_{tendon.name}"] = np.interp(stamps, grid, motion["tensions"][:, i])
+    return Log(stamps, channels, truth, source=scenario.name or "simulation")
+
+
+def _stamps(rig: Rig, duration: float) -> Floats:
+    rates = {sensor.rate for sensor in rig.sensors} or {100.0}
+    each = [np.round(np.arange(0.0, duration - 1e-9, 1.0 / rate), 9) for rate in rates]
+    return np.unique(np.concatenate(each))
+
+
+def _true_values(plant: Mechanism, sensor: Sensor, motion: dict[str, Floats]) -> tuple[Floats, tuple[float, float]]:
+    """Return what there is to measure over the grid, and the travel of the sensor's linearity."""
+    rig = plant.rig
+    if sensor.measures == "angle":
+        values = motion["q"][:, [joint.name for joint in rig.joints].index(sensor.of)]
+        stops = rig.joints[0].stops
+    elif sensor.measures == "tension":
+        values, stops = motion["tensions"][:, [tendon.name for tendon in rig.tendons].index(sensor.of)], None
+    else:
+        index = [drive.name for drive in rig.drives].index(sensor.of)
+        stops = rig.drives[index].stops if sensor.measures == "position" else None
+        values = motion["q"][:, plant.n_joints + index] if sensor.measures == "position" else motion["pulls"][:, index]
+    # without stops the travel is what the motion uses
+    travel = stops if stops is not None else (float(values.min()), float(values.max()))
+    return values, travel
