@@ -1,0 +1,40 @@
+"""Where a tendon-driven joint is, without a sensor in the joint."""
+
+from distal.errors import DistalError, DistalWarning
+from distal.estimators import (
+    ESTIMATORS,
+    Belief,
+    Estimate,
+    Estimator,
+    Innovation,
+    estimate,
+    make_estimator,
+    plot_estimates,
+)
+from distal.logs import Log, read_log, write_log
+from distal.rig import Rig, load_rig, shipped_rigs
+from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate
+
+__all__ = [
+    "ESTIMATORS",
+    "Belief",
+    "DistalError",
+    "DistalWarning",
+    "Estimate",
+    "Estimator",
+    "Innovation",
+    "Log",
+    "Rig",
+    "Scenario",
+    "estimate",
+    "load_rig",
+    "load_scenario",
+    "make_estimator",
+    "plot_estimates",
+    "read_log",
+    "scenario_rig",
+    "shipped_rigs",
+    "shipped_scenarios",
+    "simulate",
+    "write_log",
+]

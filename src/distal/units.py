@@ -12,7 +12,9 @@ from distal.errors import UnitError
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _QUANTITY = re.compile(rf"^\s*({_NUMBER})\s*(.*?)\s*$")
 _DECIMAL_COMMA = re.compile(r"\d,\d")
-_ANGLE_WORDS = re.compile(r"(?<![a-zA-Z])(rad|radian|radians|mrad|urad|deg|degree|degrees|°|turn|turns|rev|revolution)(?![a-zA-Z])")
+_ANGLE_WORDS = re.compile(
+    r"(?<![a-zA-Z])(rad|radian|radians|mrad|urad|deg|degree|degrees|°|turn|turns|rev|revolution)(?![a-zA-Z])"
+)
 
 
 @lru_cache(maxsize=1)

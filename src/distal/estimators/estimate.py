@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,8 @@ from distal.errors import EstimationError
 from distal.estimators.contract import Belief, KernelEstimator
 from distal.estimators.registry import DEFAULT, make_estimator
 from distal.estimators.result import Estimate
-from distal.logs import Log, frozen
-from distal.rig import Rig
+from distal.logs import Log, frozen, read_log
+from distal.rig import Rig, load_rig
 
 Floats = NDArray[np.float64]
 
@@ -34,9 +35,13 @@ def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Fl
     for channel in channels:
         if channel not in log.channels:
             known = ", ".join(log.channels) or "none"
-            raise EstimationError(f"{log.source}: {name} needs the sensor '{channel}', which is not in the log (it has {known})")
+            raise EstimationError(
+                f"{log.source}: {name} needs the sensor '{channel}', which is not in the log (it has {known})"
+            )
         if not np.any(np.isfinite(log.channels[channel])):
-            raise EstimationError(f"{log.source}: sensor '{channel}' has no value at all; remove it from the rig, or mend the log")
+            raise EstimationError(
+                f"{log.source}: sensor '{channel}' has no value at all; remove it from the rig, or mend the log"
+            )
         columns.append(log.channels[channel])
     return np.column_stack(columns)
 
@@ -49,7 +54,12 @@ def first_values(samples: Floats) -> Floats:
 
 
 def estimate(
-    log: Log, rig: Rig, estimator: str | KernelEstimator = DEFAULT, passes: int = 1, compiled: bool = True
+    log: Log | str | Path,
+    rig: Rig | str | Path,
+    estimator: str | KernelEstimator = DEFAULT,
+    passes: int = 1,
+    truth: str | Path | None = None,
+    compiled: bool = True,
 ) -> Estimate:
     """Estimate the joint angle over a log.
 
@@ -57,15 +67,20 @@ def estimate(
     `Estimator.step` for every sample, in one loop.
 
     Args:
-        log: sensors over time.
-        rig: the description.
+        log: sensors over time, or the path of a CSV or Parquet file (see `read_log`).
+        rig: the description, or a shipped rig's name, or a path.
         estimator: a name (see `ESTIMATORS`) or a ready one.
         passes: how often to filter; each pass starts with the last covariance of the one before, as in the 2008 paper.
+        truth: where `log` is a path: the true angle's column or file.
         compiled: compile kernels where possible.
 
     Raises:
         EstimationError: the log lacks a sensor, or the estimator cannot run on this rig.
+        LogError: the file cannot be read.
+        RigError: the rig is unknown or wrong.
     """
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    log = log if isinstance(log, Log) else read_log(log, rig, truth)
     runner = make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
     if passes < 1:
         raise EstimationError(f"passes must be at least 1, {passes} came")

@@ -19,7 +19,9 @@ CUT_OFF = 5.0
 """Cut-off of the low-pass on measured forces in `elastic` [Hz]."""
 
 
-def kinematic_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool) -> ca.Function:
+def kinematic_function(
+    mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool
+) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of a kinematic estimator.
 
     Each tendon gives the angle at which its length, ℓ − l = e_0 + (F − F_0)/k, fits the drive's displacement; ``theta``
@@ -35,7 +37,11 @@ def kinematic_function(mechanism: Mechanism, channels: Channels, tendons: tuple[
     k, nd, n_p = len(tendons), mechanism.n_drives, len(mechanism.parameters)
     n, width = 1 + k, len(channels.names)
     places = [drive.name for drive in mechanism.rig.drives]
-    carry, x, p = ca.SX.sym("carry", n + n * n + k + 3 * nd), ca.SX.sym("x", 1 + 2 * width), mechanism.parameters.symbols
+    carry, x, p = (
+        ca.SX.sym("carry", n + n * n + k + 3 * nd),
+        ca.SX.sym("x", 1 + 2 * width),
+        mechanism.parameters.symbols,
+    )
     mean, rest = carry[:n], carry[n + n * n :]
     lengths, drives, pulls, first = ca.vertsplit(rest, [int(i) for i in np.cumsum([0, k, nd, nd, nd])])
     dt, values, mask = x[0], x[1 : 1 + width], x[1 + width :]
@@ -106,9 +112,7 @@ class KinematicEstimator(KernelEstimator):
         )
         names = ("theta", *(f"theta_{rig.tendons[i].name}" for i in self._tendons))
         channels = self._channels
-        super().__init__(
-            name, rig, Kernel(function, compiled), p.values, channels.names, (), names, channels.interval
-        )
+        super().__init__(name, rig, Kernel(function, compiled), p.values, channels.names, (), names, channels.interval)
 
     def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
         rig, channels, m = self.rig, self._channels, self._mechanism

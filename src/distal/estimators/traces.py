@@ -18,7 +18,14 @@ if TYPE_CHECKING:
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart; each curve has its own dash as well
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-DASHES: tuple[object, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)), (0, (8, 2)), (0, (3, 1, 1, 1, 1, 1)))
+DASHES: tuple[object, ...] = (
+    "-",
+    (0, (5, 1.5)),
+    (0, (1.5, 1)),
+    (0, (5, 1, 1, 1)),
+    (0, (8, 2)),
+    (0, (3, 1, 1, 1, 1, 1)),
+)
 STYLE = {
     "font.size": 9,
     "axes.grid": True,
@@ -33,7 +40,9 @@ STYLE = {
 
 
 @contextmanager
-def figure(rows: int = 1, columns: int = 1, size: tuple[float, float] = (6.5, 3.6), **options: object) -> Iterator[tuple[Figure, list[Axes]]]:
+def figure(
+    rows: int = 1, columns: int = 1, size: tuple[float, float] = (6.5, 3.6), **options: object
+) -> Iterator[tuple[Figure, list[Axes]]]:
     """Make a figure in distal's style without touching the user's backend or settings.
 
     Args:

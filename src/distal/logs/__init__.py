@@ -1,7 +1,21 @@
 """Logs: time series of sensors, read, checked and written."""
 
+from distal.logs.files import read_log, read_truth, write_columns, write_log
 from distal.logs.frames import pandas_frame
 from distal.logs.log import Log, check_stamps, frozen
 from distal.logs.output import write_whole
+from distal.logs.tables import Table, read_table
 
-__all__ = ["Log", "check_stamps", "frozen", "pandas_frame", "write_whole"]
+__all__ = [
+    "Log",
+    "Table",
+    "check_stamps",
+    "frozen",
+    "pandas_frame",
+    "read_log",
+    "read_table",
+    "read_truth",
+    "write_columns",
+    "write_log",
+    "write_whole",
+]

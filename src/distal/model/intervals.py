@@ -55,9 +55,7 @@ def interval_step(
     q_next, v_next = q, v
     for i in range(count):
         first = i == 0
-        q_next, v_next = moving(
-            q_next, v_next, effort, half if first else full, h / 2 if first else h, h, servo, p
-        )
+        q_next, v_next = moving(q_next, v_next, effort, half if first else full, h / 2 if first else h, h, servo, p)
     v_next = closing(q_next, v_next, effort, half, h / 2, h, servo, p)
     return ca.Function(
         "interval",

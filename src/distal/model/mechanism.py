@@ -67,7 +67,9 @@ class Mechanism:
         """Return ℓ_i(q) − l_i of all tendons, (n_tendons,) [m]."""
         return ca.vertcat(
             *(
-                elongation(*self._insertion(i)[:1], q[self.joint_of[i]], self.displacement(i, q), *self._insertion(i)[1:])
+                elongation(
+                    *self._insertion(i)[:1], q[self.joint_of[i]], self.displacement(i, q), *self._insertion(i)[1:]
+                )
                 for i in range(self.n_tendons)
             )
         )
@@ -157,7 +159,10 @@ class Mechanism:
     def inertias(self) -> Any:
         """Return mass or moment of inertia of all bodies, (n_bodies,)."""
         return ca.vertcat(
-            *(self.parameters[f"{b.path}.mass" if f"{b.path}.mass" in self.parameters else f"{b.path}.inertia"] for b in self.bodies)
+            *(
+                self.parameters[f"{b.path}.mass" if f"{b.path}.mass" in self.parameters else f"{b.path}.inertia"]
+                for b in self.bodies
+            )
         )
 
     def dampings(self) -> Any:

@@ -1,7 +1,17 @@
 """The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
 
 from distal.rig.drives import Capstan, CapstanFriction, Slider, SliderFriction, effort_unit, inertia_of, position_unit
-from distal.rig.files import build_rig, explain, load_rig, parse_toml, read_text, rig_text, shipped_rigs
+from distal.rig.files import (
+    build_rig,
+    edited_text,
+    explain,
+    load_rig,
+    parse_toml,
+    read_text,
+    rig_text,
+    shipped_rigs,
+    template_text,
+)
 from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spring
 from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.quantities import Description, In, Parameter
@@ -31,6 +41,7 @@ __all__ = [
     "Stepping",
     "Tendon",
     "build_rig",
+    "edited_text",
     "effort_unit",
     "explain",
     "inertia_of",
@@ -42,4 +53,5 @@ __all__ = [
     "rig_text",
     "set_value",
     "shipped_rigs",
+    "template_text",
 ]

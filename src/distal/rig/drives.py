@@ -12,14 +12,20 @@ from distal.rig.quantities import Description, In, Name, Parameter
 class SliderFriction(Description):
     """Coulomb friction of a slider, limit = constant + load · Σ T (equation 13, reconstructed)."""
 
-    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(Parameter(value=0.0), description="part that is always there")
-    load: Annotated[Parameter, In("", "nonnegative")] = Field(Parameter(value=0.0), description="part per newton of tension, μ_x")
+    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(
+        Parameter(value=0.0), description="part that is always there"
+    )
+    load: Annotated[Parameter, In("", "nonnegative")] = Field(
+        Parameter(value=0.0), description="part per newton of tension, μ_x"
+    )
 
 
 class CapstanFriction(Description):
     """Coulomb friction of a motor and its capstan, limit = constant + load · radius · Σ T."""
 
-    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(Parameter(value=0.0), description="part that is always there")
+    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(
+        Parameter(value=0.0), description="part that is always there"
+    )
     load: Annotated[Parameter, In("", "nonnegative")] = Field(
         Parameter(value=0.0), description="part per newton of tension at the capstan's radius"
     )
@@ -31,7 +37,9 @@ class Slider(Description):
     kind: Literal["slider"]
     name: Name
     mass: Annotated[Parameter, In("kg", "positive")] = Field(description="moving mass of the slider")
-    damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(Parameter(value=0.0), description="viscous damping b_x")
+    damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(
+        Parameter(value=0.0), description="viscous damping b_x"
+    )
     friction: SliderFriction = Field(SliderFriction(), description="Coulomb friction")
     stops: Annotated[tuple[float, float], In("m")] | None = Field(None, description="range of the slider [x_L, x_H]")
     stop_stiffness: Annotated[Parameter, In("N/m", "positive")] = Field(
@@ -57,7 +65,9 @@ class Capstan(Description):
         description="moment of inertia of rotor and capstan, seen at the capstan"
     )
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the capstan R")
-    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(Parameter(value=0.0), description="viscous damping")
+    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
+        Parameter(value=0.0), description="viscous damping"
+    )
     friction: CapstanFriction = Field(CapstanFriction(), description="Coulomb friction")
     stops: Annotated[tuple[float, float], In("rad")] | None = Field(None, description="range of the capstan's angle")
     stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(

@@ -77,6 +77,34 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
     return build_rig(raw, source)
 
 
+def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
+    """Return the text of a rig file with some values replaced; its comments stay.
+
+    Args:
+        name: a shipped rig's name or a path.
+        assignments: ``path=value`` each.
+
+    Raises:
+        RigError: as `load_rig`.
+    """
+    text, _ = rig_text(name)
+    load_rig(name, assignments)
+    if not assignments:
+        return text
+    import tomlkit
+
+    document = tomlkit.parse(text)
+    for assignment in assignments:
+        path, value = parse_assignment(assignment, RigError)
+        set_value(document, path, value, RigError)
+    return tomlkit.dumps(document)
+
+
+def template_text() -> str:
+    """Return a commented template of a rig file."""
+    return resources.files("distal.rig").joinpath("template.toml").read_text(encoding="utf-8")
+
+
 def build_rig(raw: Mapping[str, Any], source: str) -> Rig:
     """Check a raw description and return the rig; `source` names it in messages.
 

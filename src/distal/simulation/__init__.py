@@ -8,6 +8,7 @@ from distal.simulation.scenario import (
     build_scenario,
     load_scenario,
     scenario_rig,
+    scenario_text,
     shipped_scenarios,
 )
 from distal.simulation.signals import Signal
@@ -22,6 +23,7 @@ __all__ = [
     "build_scenario",
     "load_scenario",
     "scenario_rig",
+    "scenario_text",
     "shipped_scenarios",
     "simulate",
 ]

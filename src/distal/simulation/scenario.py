@@ -92,6 +92,26 @@ def shipped_scenarios() -> tuple[str, ...]:
     return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
 
 
+def scenario_text(name: str | Path) -> tuple[str, Path | None]:
+    """Return the text of a scenario file, and the folder it stands in (None for a shipped one).
+
+    Args:
+        name: a shipped scenario's name, or a path.
+
+    Raises:
+        ScenarioError: neither a shipped scenario nor a readable file.
+    """
+    shipped, path = shipped_scenarios(), Path(name)
+    if str(name) in shipped:
+        file = resources.files("distal.simulation").joinpath("library", f"{name}.toml")
+        return file.read_text(encoding="utf-8"), None
+    if path.suffix != ".toml" and not path.exists():
+        raise ScenarioError(
+            f"unknown scenario '{name}'{did_you_mean(str(name), shipped)}; or give the path of a .toml file"
+        )
+    return read_text(path, ScenarioError), path.parent
+
+
 def load_scenario(name: str | Path, assignments: Sequence[str] = ()) -> Scenario:
     """Load a scenario by name or from a TOML file.
 
@@ -102,24 +122,14 @@ def load_scenario(name: str | Path, assignments: Sequence[str] = ()) -> Scenario
     Raises:
         ScenarioError: it is unknown, cannot be read, or its description is wrong.
     """
-    shipped = shipped_scenarios()
-    path = Path(name)
-    if str(name) in shipped:
-        text = resources.files("distal.simulation").joinpath("library", f"{name}.toml").read_text(encoding="utf-8")
-    elif path.suffix != ".toml" and not path.exists():
-        raise ScenarioError(
-            f"unknown scenario '{name}'{did_you_mean(str(name), shipped)}; or give the path of a .toml file"
-        )
-    else:
-        text = read_text(path, ScenarioError)
+    text, beside = scenario_text(name)
     raw = parse_toml(text, str(name), ScenarioError)
     for assignment in assignments:
         where, value = parse_assignment(assignment, ScenarioError)
         set_value(raw, where, value, ScenarioError)
     scenario = build_scenario(raw, str(name))
-    beside = path.parent / scenario.rig
-    if scenario.rig.endswith(".toml") and not Path(scenario.rig).is_absolute() and str(name) not in shipped:
-        return scenario.model_copy(update={"rig": str(beside)})
+    if beside is not None and scenario.rig.endswith(".toml"):
+        return scenario.model_copy(update={"rig": str(beside / scenario.rig)})
     return scenario
 
 

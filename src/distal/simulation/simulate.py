@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import ceil
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +11,11 @@ from numpy.typing import NDArray
 from distal.errors import ScenarioError
 from distal.logs import Log
 from distal.model import Mechanism, substeps
-from distal.rig import Rig, Sensor
+from distal.rig import Rig, Sensor, load_rig
 from distal.sensors import measure
 from distal.simulation.inputs import body_inputs, initial_angles
 from distal.simulation.plant import equilibrium, run_plant
-from distal.simulation.scenario import Scenario
+from distal.simulation.scenario import Scenario, load_scenario
 
 Floats = NDArray[np.float64]
 
@@ -22,15 +23,15 @@ LONGEST_INTERVAL = 1e-3
 """Longest interval over which a scenario's signals are constant [s]."""
 
 
-def simulate(rig: Rig, scenario: Scenario, seed: int = 0) -> Log:
+def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0) -> Log:
     """Simulate a scenario on a rig and return what its sensors read, with the truth beside it.
 
     The plant is `rig` with the scenario's ``[plant]`` values. It starts at rest, its drives in equilibrium. All sensors
     of the rig are sampled at their own rates; where one has no value at a stamp of another, it is NaN.
 
     Args:
-        rig: as filters know it.
-        scenario: what is done to it.
+        rig: as filters know it; or a shipped rig's name, or a path.
+        scenario: what is done to it; or a shipped scenario's name, or a path.
         seed: of the sensors' errors; the same seed gives the same log.
 
     Returns:
@@ -41,6 +42,8 @@ def simulate(rig: Rig, scenario: Scenario, seed: int = 0) -> Log:
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
         RigError: the plant's values are wrong.
     """
+    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
     plant = Mechanism(scenario.plant_rig(rig))
     fastest = max((sensor.rate for sensor in plant.rig.sensors), default=100.0)
     dt = 1.0 / fastest / ceil(1.0 / fastest / LONGEST_INTERVAL - 1e-9)

@@ -1,0 +1,31 @@
+"""`distal doctor`: what is in use and why."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+
+from distal.cli.console import say
+
+_PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "polars", "matplotlib", "pandas")
+
+
+def doctor_command() -> None:
+    """Say which versions and which kernels are in use, and why."""
+    from distal.kernels import cache_folder, find_compiler, probe
+
+    say(f"distal {version('distal')}, Python {platform.python_version()}, {platform.system()} {platform.machine()}")
+    found = []
+    for name in _PACKAGES:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            found.append(f"{name} not installed")
+    say(f"packages: {', '.join(found)}")
+    compiler = find_compiler()
+    say(f"C compiler: {compiler if isinstance(compiler, str) else f'{compiler.version} ({compiler.command[0]})'}")
+    say(f"kernel cache: {cache_folder()}")
+    backend, reason, difference = probe()
+    say(f"kernels: {backend} ({reason})")
+    if backend == "compiled":
+        say(f"compiled against interpreted: largest difference {difference:.1e}")

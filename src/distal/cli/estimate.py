@@ -1,0 +1,97 @@
+"""`distal estimate`: the joint angle over a log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+
+from distal.cli.console import say, table
+from distal.cli.options import PlotOption, RigOption, SetOption
+
+if TYPE_CHECKING:
+    from distal.estimators import Estimate
+    from distal.logs import Log
+    from distal.rig import Rig
+
+
+def estimate_command(
+    log: Annotated[Path, typer.Argument(help="CSV or Parquet, with the columns that the rig's sensors name.")],
+    rig: RigOption,
+    out: Annotated[Path | None, typer.Option("--out", help="Where to write the estimate (CSV or Parquet).")] = None,
+    estimator: Annotated[
+        list[str] | None, typer.Option("--estimator", "-e", help="Which one; repeatable, the first is written.")
+    ] = None,
+    truth: Annotated[
+        str | None, typer.Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta [rad].")
+    ] = None,
+    plot: PlotOption = None,
+    passes: Annotated[int, typer.Option("--passes", min=1, help="Filter again with the final covariance.")] = 1,
+    set_: SetOption = None,
+) -> None:
+    """Estimate the joint angle over a log; where the truth is known, compare all estimators with it."""
+    from distal.estimators import DEFAULT, ESTIMATORS, estimate
+    from distal.logs import read_log, write_columns
+    from distal.rig import load_rig
+
+    description = load_rig(rig, set_ or ())
+    data = read_log(log, description, truth)
+    _describe(data, description)
+    names = list(dict.fromkeys(estimator or ([DEFAULT, *ESTIMATORS] if "theta" in data.truth else [DEFAULT])))
+    results = [estimate(data, description, name, passes) for name in names]
+    if out is not None:
+        write_columns(results[0].columns(), out)
+    if plot is not None:
+        results[0].plot(plot) if estimator is None else _plot(results, plot)
+    if "theta" in data.truth:
+        _compare(results)
+    final = results[0]
+    half = np.rad2deg(1.96 * float(np.median(final.theta_std)))
+    say(
+        f"{final.estimator}: angle from {np.rad2deg(final.theta.min()):.2f}° to {np.rad2deg(final.theta.max()):.2f}°, "
+        f"95 % band ±{half:.2f}° (median)"
+    )
+    for path in (out, plot):
+        if path is not None:
+            say(f"wrote {path}")
+
+
+def _plot(results: list[Estimate], path: Path) -> None:
+    from distal.estimators import plot_estimates
+
+    plot_estimates(results, path)
+
+
+def _describe(log: Log, rig: Rig) -> None:
+    """Print what was read: samples, time, rate, missing values, gaps."""
+    say(
+        f"read {log.source}: {len(log)} samples, {log.time[0]:g} to {log.time[-1]:g} s, {log.rate:.4g} Hz; rig: {rig.name}"
+    )
+    for sensor in rig.sensors:
+        if sensor.name in log.channels:
+            missing = int(np.isnan(log.channels[sensor.name]).sum())
+            column = f"  {sensor.name}: {sensor.measures} of {sensor.of}, column '{sensor.log_column}' in {sensor.unit or sensor.si}"
+            say(column + (f", {missing} missing" if missing else ""))
+    gaps = log.gaps()
+    if gaps:
+        longest = max(gaps, key=lambda gap: gap[1] - gap[0])
+        say(
+            f"  {len(gaps)} gap{'s' if len(gaps) > 1 else ''}, the longest {longest[1] - longest[0]:.3g} s "
+            f"at {longest[0]:g} s"
+        )
+
+
+def _compare(results: list[Estimate]) -> None:
+    rows = [
+        (
+            result.estimator,
+            f"{np.rad2deg(result.rms_error()):.3f}",
+            f"{np.rad2deg(result.max_error()):.3f}",
+            f"{100 * result.inside_band():.0f} %",
+            f"±{np.rad2deg(1.96 * float(np.median(result.theta_std))):.3f}",
+        )
+        for result in results
+    ]
+    table("error against truth", ["estimator", "RMS [°]", "maximum [°]", "inside 95 % band", "median band [°]"], rows)

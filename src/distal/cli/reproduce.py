@@ -1,0 +1,5 @@
+"""`distal reproduce`."""
+
+
+def reproduce_command() -> None:
+    """Later."""

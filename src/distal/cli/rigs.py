@@ -1,0 +1,75 @@
+"""`distal rigs`, `distal rig check`, `distal rig show`, `distal rig new`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from distal.cli.console import say, table
+from distal.cli.options import SetOption
+from distal.errors import OutputError
+
+app = typer.Typer(help="Look at rig files and make new ones.", no_args_is_help=True)
+
+
+def list_command() -> None:
+    """List the shipped rigs."""
+    from distal.rig import load_rig, shipped_rigs
+
+    rows = []
+    for name in shipped_rigs():
+        rig = load_rig(name)
+        drives = ", ".join(dict.fromkeys(drive.kind for drive in rig.drives))
+        rows.append((name, rig.name, f"{len(rig.tendons)}", drives, ", ".join(sensor.name for sensor in rig.sensors)))
+    table("rigs", ["rig", "title", "tendons", "drives", "sensors"], rows, text=5)
+
+
+@app.command("check")
+def check_command(
+    rig: Annotated[str, typer.Argument(help="A TOML file, or a shipped rig's name.")], set_: SetOption = None
+) -> None:
+    """Check a rig file and say what it holds."""
+    from distal.model import Mechanism, stiffest_frequency, substeps
+    from distal.rig import load_rig
+
+    description = load_rig(rig, set_ or ())
+    mechanism = Mechanism(description)
+    rate = max((sensor.rate for sensor in description.sensors), default=100.0)
+    count = substeps(mechanism, 1.0 / rate)
+    uncertain = [name for name, std in zip(mechanism.parameters.names, mechanism.parameters.stds) if std > 0.0]
+    say(f"{rig}: ok, '{description.name}'")
+    say(
+        f"  {len(description.joints)} joint, {len(description.drives)} drives, {len(description.tendons)} tendons, "
+        f"{len(description.sensors)} sensors"
+    )
+    say(f"  stiffest mode {stiffest_frequency(mechanism):.4g} rad/s: {count} sub-steps per sample at {rate:g} Hz")
+    say(f"  uncertain: {', '.join(uncertain) if uncertain else 'nothing (no parameter has a std)'}")
+
+
+@app.command("show")
+def show_command(
+    name: Annotated[str, typer.Argument(help="A shipped rig's name, or a TOML file.")], set_: SetOption = None
+) -> None:
+    """Print a rig's file, with the values of --set put in, to copy and change."""
+    from distal.rig import edited_text
+
+    print(edited_text(name, set_ or ()), end="")
+
+
+@app.command("new")
+def new_command(
+    out: Annotated[Path | None, typer.Argument(help="Where to write it; default: print it.")] = None,
+) -> None:
+    """Write a commented template of a rig file."""
+    from distal.logs import write_whole
+    from distal.rig import template_text
+
+    if out is None:
+        print(template_text(), end="")
+        return
+    if out.exists():
+        raise OutputError(f"{out}: exists already; give another name or remove it")
+    write_whole(out, template_text())
+    say(f"wrote {out}; edit it, then `distal rig check {out}`")

@@ -1,0 +1,54 @@
+"""`distal simulate`, `distal scenarios`, `distal scenario show`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from distal.cli.console import say, table
+from distal.cli.options import SeedOption, SetOption
+
+app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
+
+
+def simulate_command(
+    scenario: Annotated[str, typer.Argument(help="A shipped scenario's name (see `distal scenarios`) or a TOML file.")],
+    out: Annotated[Path, typer.Option("--out", help="Where to write the log (CSV or Parquet).")],
+    seed: SeedOption = 0,
+    set_: SetOption = None,
+) -> None:
+    """Simulate a scenario and write what the sensors read, with the truth beside it."""
+    from distal.logs import write_log
+    from distal.simulation import load_scenario, scenario_rig, simulate
+
+    description = load_scenario(scenario)
+    rig = scenario_rig(description, set_ or ())
+    log = simulate(rig, description, seed)
+    write_log(log, rig, out)
+    theta = np.rad2deg(log.truth["theta"])
+    say(
+        f"{rig.name}: {len(log)} samples, {description.duration:g} s, angle from {theta.min():.2f}° to {theta.max():.2f}°"
+    )
+    say(f"wrote {out} (estimate from it with the same --set: distal estimate {out} --rig {description.rig})")
+
+
+def list_command() -> None:
+    """List the shipped scenarios."""
+    from distal.simulation import load_scenario, shipped_scenarios
+
+    rows = []
+    for name in shipped_scenarios():
+        scenario = load_scenario(name)
+        rows.append((name, scenario.name, scenario.rig, f"{scenario.duration:g}"))
+    table("scenarios", ["scenario", "title", "rig", "duration [s]"], rows, text=3)
+
+
+@app.command("show")
+def show_command(name: Annotated[str, typer.Argument(help="A shipped scenario's name or a TOML file.")]) -> None:
+    """Print a scenario's file, to copy and change."""
+    from distal.simulation import scenario_text
+
+    print(scenario_text(name)[0], end="")

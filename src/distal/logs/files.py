@@ -1,0 +1,172 @@
+"""Logs from files by the rig's description, and back."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import DistalWarning, LogError
+from distal.logs.log import Log, check_stamps
+from distal.logs.output import write_whole
+from distal.logs.tables import Table, column_names, read_table
+from distal.rig import Rig, Sensor
+from distal.units import unit_factor
+
+Floats = NDArray[np.float64]
+
+
+SIMULATED_TRUTH = "true_theta"
+"""Column in which `write_log` keeps the true joint angle [rad] of a simulation."""
+
+
+def read_log(path: str | Path, rig: Rig, truth: str | Path | None = None) -> Log:
+    """Read a log by the columns and units that a rig's sensors name.
+
+    Sensors that measure a joint's angle are references: read where the log has them, and used as truth if no other is
+    given (a simulated log's own ``true_theta`` comes first). All other sensors must be there.
+
+    Args:
+        path: CSV or Parquet.
+        rig: the description.
+        truth: the true joint angle: a column of the log, or a second file with ``t`` and ``theta`` (rad).
+
+    Raises:
+        LogError: see `read_table`; stamps that repeat or go back; a truth that does not overlap the log.
+    """
+    references = {sensor.log_column: sensor for sensor in rig.sensors if sensor.measures == "angle"}
+    needed = [sensor for sensor in rig.sensors if sensor.measures != "angle"]
+    column = str(truth) if truth is not None and _is_column(path, str(truth)) else None
+    optional = [*references, SIMULATED_TRUTH, *([column] if column else [])]
+    table = read_table(path, [rig.log.time.column, *(sensor.log_column for sensor in needed)], optional)
+    time = table.columns[rig.log.time.column] * unit_factor(rig.log.time.unit, "s")
+    check_stamps(time, table.source, table.first_row)
+    if len(time) < 2:
+        raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
+    channels = {sensor.name: _in_si(sensor, table) for sensor in needed}
+    known = {}
+    if column is not None:
+        sensor = references.get(column)
+        known["theta"] = table.columns[column] if sensor is None else _in_si(sensor, table)
+    elif truth is not None:
+        known["theta"] = read_truth(truth, time)
+    elif SIMULATED_TRUTH in table.columns:
+        known["theta"] = table.columns[SIMULATED_TRUTH]
+    else:
+        for sensor in references.values():
+            if sensor.log_column in table.columns:
+                known["theta"] = _in_si(sensor, table)
+    log = Log(time, channels, known, table.source)
+    _warn_of_units(log, rig)
+    return log
+
+
+def _is_column(path: str | Path, name: str) -> bool:
+    """Return whether the truth `name` is a column of the log at `path`, and no file."""
+    if Path(name).exists() or Path(name).suffix.lower() in (".csv", ".parquet", ".pq", ".txt"):
+        return False
+    names = column_names(path)
+    if name not in names:
+        raise LogError(f"{path}: truth '{name}' is neither a file nor a column (the log has {', '.join(names)})")
+    return True
+
+
+def read_truth(path: str | Path, time: Floats) -> Floats:
+    """Return the true angle [rad] at `time`, by straight lines between the stamps of a file with ``t`` and ``theta``.
+
+    Args:
+        path: CSV or Parquet, SI.
+        time: stamps of the log [s], (n,).
+
+    Raises:
+        LogError: it cannot be read, or does not overlap the log.
+    """
+    table = read_table(path, ["t", "theta"])
+    stamps, theta = table.columns["t"], table.columns["theta"]
+    check_stamps(stamps, table.source, table.first_row)
+    there = np.isfinite(theta)
+    if not there.any() or stamps[there][-1] < time[0] or stamps[there][0] > time[-1]:
+        raise LogError(
+            f"{table.source}: does not overlap the log in time ({stamps[0]:g} to {stamps[-1]:g} s; "
+            f"the log has {time[0]:g} to {time[-1]:g} s)"
+        )
+    return np.interp(time, stamps[there], theta[there], left=np.nan, right=np.nan)
+
+
+def _in_si(sensor: Sensor, table: Table) -> Floats:
+    factor = unit_factor(sensor.unit or sensor.si, sensor.si)
+    values: Floats = sensor.sign * factor * table.columns[sensor.log_column]
+    return values
+
+
+def _warn_of_units(log: Log, rig: Rig) -> None:
+    """Warn where a displacement or angle is so large or small that its unit is probably wrong."""
+    drives = {drive.name: drive for drive in rig.drives}
+    for sensor in rig.sensors_of("position"):
+        values = log.channels[sensor.name]
+        if not np.isfinite(values).any():
+            continue
+        span = float(np.nanmax(values) - np.nanmin(values))
+        radii = [t.insertion.radius.value for t in rig.tendons if t.drive == sensor.of]
+        lever = drives[sensor.of].radius.value if drives[sensor.of].kind == "capstan" else 1.0
+        # a joint turns by a few radians at most, and a tendon stretches by less than that
+        travel = span * lever / max(radii)
+        reading = f"{log.source}: '{sensor.log_column}' spans {span:.3g} {sensor.si} when read in '{sensor.unit or sensor.si}'"
+        if travel > 50.0:
+            hint = "mm" if sensor.si == "m" else "deg"
+            warnings.warn(
+                f"{reading}, far more than the joint can turn; is the log in {hint}? "
+                f"(--set 'sensors.{sensor.name}.unit=\"{hint}\"')",
+                DistalWarning,
+                stacklevel=3,
+            )
+    for sensor in rig.sensors_of("angle"):
+        theta = log.truth.get("theta")
+        if theta is not None and np.isfinite(theta).any() and float(np.nanmax(np.abs(theta))) > 20.0:
+            warnings.warn(
+                f"{log.source}: the reference angle reaches {float(np.nanmax(np.abs(theta))):.3g} rad; is it in degrees? "
+                f"(--set 'sensors.{sensor.name}.unit=\"deg\"')",
+                DistalWarning,
+                stacklevel=3,
+            )
+
+
+def write_log(log: Log, rig: Rig, path: str | Path) -> None:
+    """Write a log as `read_log` reads it: the rig's columns and units, then the truth as ``true_…`` in SI.
+
+    Args:
+        log: the log.
+        rig: the description.
+        path: CSV, or Parquet by its ending.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    columns = {rig.log.time.column: log.time / unit_factor(rig.log.time.unit, "s")}
+    for sensor in rig.sensors:
+        if sensor.name in log.channels:
+            factor = unit_factor(sensor.unit or sensor.si, sensor.si)
+            columns[sensor.log_column] = sensor.sign * log.channels[sensor.name] / factor
+    columns.update({f"true_{name}": values for name, values in log.truth.items()})
+    write_columns(columns, path)
+
+
+def write_columns(columns: Mapping[str, Floats], path: str | Path) -> None:
+    """Write columns as CSV, or as Parquet by the ending of the path; NaN is an empty cell in CSV.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    import polars
+
+    frame = polars.DataFrame({name: np.array(values) for name, values in columns.items()})
+    buffer = io.BytesIO()
+    if Path(path).suffix.lower() in (".parquet", ".pq"):
+        frame.write_parquet(buffer)
+    else:
+        frame.fill_nan(None).write_csv(buffer)
+    write_whole(path, buffer.getvalue())

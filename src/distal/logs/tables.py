@@ -1,0 +1,173 @@
+"""Tables from files: CSV or Parquet, every refusal names file, row, column, what came and what is allowed."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import LogError, did_you_mean
+
+if TYPE_CHECKING:
+    import polars
+
+Floats = NDArray[np.float64]
+
+MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
+"""Texts of a cell that mean a missing value, in any case."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file, all read as numbers.
+
+    Args:
+        source: the file's name.
+        columns: name → values, NaN where missing.
+        first_row: row number of the first value in the file, as an editor counts.
+    """
+
+    source: str
+    columns: dict[str, Floats]
+    first_row: int
+
+
+def read_table(path: str | Path, wanted: Sequence[str] | None = None, optional: Iterable[str] = ()) -> Table:
+    """Read columns of a CSV or Parquet file as numbers.
+
+    Args:
+        path: the file; ``.parquet`` is Parquet, anything else CSV with a header, separated by comma, semicolon or tab.
+        wanted: columns that must be there; None reads all.
+        optional: columns that are read where they are there.
+
+    Raises:
+        LogError: it cannot be read, a column is missing or doubled, a cell is not a number, a row is short or long, or
+            there is no row.
+    """
+    path = Path(path)
+    frame, first_row = _frame(path)
+    names = list(frame.columns) if wanted is None else [*wanted, *(c for c in optional if c in frame.columns)]
+    for name in names:
+        if name not in frame.columns:
+            raise LogError(f"{path}: column '{name}' is missing{did_you_mean(name, frame.columns)}")
+    if frame.height == 0:
+        raise LogError(f"{path}: has a header but no rows")
+    return Table(str(path), {name: _numbers(frame, name, path, first_row) for name in dict.fromkeys(names)}, first_row)
+
+
+def column_names(path: str | Path) -> tuple[str, ...]:
+    """Return the names of a file's columns.
+
+    Raises:
+        LogError: it cannot be read.
+    """
+    return tuple(_frame(Path(path))[0].columns)
+
+
+def _frame(path: Path) -> tuple[polars.DataFrame, int]:
+    """Return a file's cells and the row number of the first."""
+    if path.is_dir():
+        raise LogError(f"{path}: is a folder; a CSV or Parquet file is expected")
+    return (_parquet(path), 1) if path.suffix.lower() in (".parquet", ".pq") else (_csv(path), 2)
+
+
+def _parquet(path: Path) -> polars.DataFrame:
+    import polars
+
+    try:
+        return polars.read_parquet(path)
+    except OSError as problem:
+        raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
+    except polars.exceptions.PolarsError as problem:
+        raise LogError(f"{path}: is not a Parquet file ({str(problem).splitlines()[0]})") from None
+
+
+def _csv(path: Path) -> polars.DataFrame:
+    """Return a CSV's cells as text."""
+    import polars
+
+    try:
+        data = path.read_bytes()
+    except OSError as problem:
+        raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
+    if not data.strip():
+        raise LogError(f"{path}: is empty")
+    if b"\0" in data[:4096]:
+        raise LogError(f"{path}: is not text; a CSV file is expected (Parquet needs the ending .parquet)")
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    header = data.lstrip(b"\r\n").split(b"\n", 1)[0]
+    separator = max((",", ";", "\t"), key=lambda mark: header.count(mark.encode()))
+    _check_widths(path, data, separator)
+    try:
+        frame = polars.read_csv(
+            data, separator=separator, infer_schema=False, null_values=None
+        )
+    except polars.exceptions.PolarsError as problem:
+        raise LogError(f"{path}: cannot be read as CSV ({str(problem).splitlines()[0]})") from None
+    return frame.rename(lambda name: name.strip())
+
+
+def _check_widths(path: Path, data: bytes, separator: str) -> None:
+    """Raise where the header repeats a name, or a row is shorter or longer than it."""
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as problem:
+        row = data[: problem.start].count(b"\n") + 1
+        raise LogError(f"{path}: row {row}: is not UTF-8 text") from None
+    if '"' in text:
+        rows = list(csv.reader(text.splitlines(), delimiter=separator))
+        header, widths = rows[0], np.array([len(row) for row in rows])
+    else:
+        lines = text.splitlines()
+        header = lines[0].split(separator)
+        widths = np.array([line.count(separator) + 1 if line.strip() else 0 for line in lines])
+    names = [name.strip() for name in header]
+    for name in names:
+        if names.count(name) > 1:
+            raise LogError(f"{path}: the header has column '{name}' more than once; names must differ")
+    blank = np.flatnonzero(widths == 0)
+    last = len(widths) - 1
+    while len(blank) and blank[-1] == last:
+        blank, last = blank[:-1], last - 1
+    if len(blank):
+        raise LogError(f"{path}: row {blank[0] + 1}: is blank; remove it")
+    wrong = np.flatnonzero(widths[: last + 1] != len(names))
+    if len(wrong):
+        kind = "short" if widths[wrong[0]] < len(names) else "long"
+        raise LogError(
+            f"{path}: row {wrong[0] + 1}: is too {kind} ({widths[wrong[0]]} cells; the header has {len(names)})"
+        )
+
+
+def _numbers(frame: polars.DataFrame, name: str, path: Path, first_row: int) -> Floats:
+    import polars
+
+    column = frame[name]
+    if column.dtype != polars.String:
+        try:
+            return column.cast(polars.Float64).fill_null(float("nan")).to_numpy()
+        except polars.exceptions.PolarsError:
+            raise LogError(f"{path}: column '{name}' holds {column.dtype}; numbers are expected") from None
+    text = column.str.strip_chars()
+    missing = text.str.to_lowercase().is_in(list(MISSING))
+    numbers = text.cast(polars.Float64, strict=False)
+    bad = np.flatnonzero((numbers.is_null() & ~missing).to_numpy())
+    if len(bad):
+        _refuse(path, int(bad[0]) + first_row, name, str(column[int(bad[0])]))
+    values = numbers.fill_null(float("nan")).to_numpy()
+    infinite = np.flatnonzero(np.isinf(values))
+    if len(infinite):
+        _refuse(path, int(infinite[0]) + first_row, name, str(column[int(infinite[0])]))
+    return values
+
+
+def _refuse(path: Path, row: int, column: str, came: str) -> None:
+    hint = "; write a decimal point, not a comma" if "," in came else ""
+    raise LogError(
+        f"{path}: row {row}, column '{column}': '{came}' is not a finite number{hint} (an empty cell is a missing value)"
+    )
