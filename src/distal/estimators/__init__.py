@@ -7,10 +7,12 @@ from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, ri
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
 from distal.estimators.result import BAND, Estimate
-from distal.estimators.traces import plot_estimates
+from distal.estimators.traces import COLOURS, DASHES, draw_estimate, figure, plot_estimates, save_figure
 
 __all__ = [
     "BAND",
+    "COLOURS",
+    "DASHES",
     "DEFAULT",
     "ESTIMATORS",
     "Belief",
@@ -23,12 +25,15 @@ __all__ = [
     "KinematicEstimator",
     "Noise",
     "channels_of",
+    "draw_estimate",
     "estimate",
+    "figure",
     "first_values",
     "make_estimator",
     "paper_noise",
     "plot_estimates",
     "rig_noise",
     "samples_of",
+    "save_figure",
     "state_units",
 ]

@@ -60,7 +60,7 @@ def figure(
         yield made, list(np.ravel(axes))
 
 
-def save(made: Figure, path: str | Path) -> None:
+def save_figure(made: Figure, path: str | Path) -> None:
     """Write a figure whole or not at all, in the format of its suffix.
 
     Raises:
@@ -114,6 +114,7 @@ def plot_estimates(
             top.plot(estimates[0].time, np.rad2deg(truth), color="black", linewidth=1.6, label="truth")
         for i, result in enumerate(estimates):
             draw_estimate(top, result, i, bands)
+        _limit_angles(top, estimates)
         top.set_ylabel("joint angle θ [°]")
         top.set_title(title or estimates[0].rig, fontsize=9, loc="left")
         top.legend(loc="best", fontsize=8, ncols=2)
@@ -129,7 +130,7 @@ def plot_estimates(
             axes[1].set_ylabel("error [°]")
         axes[-1].set_xlabel("time [s]")
     if path is not None:
-        save(made, path)
+        save_figure(made, path)
     return made
 
 
@@ -148,16 +149,18 @@ def draw_estimate(axes: Axes, result: Estimate, index: int, band: bool = True, l
     name = label or result.estimator
     axes.plot(result.time, theta, color=colour, linestyle=dash, linewidth=1.2, label=name)
     if band:
-        # a band wider than the plot says "unknown" better at its edge than by squeezing the curves
-        low, high = axes.get_ylim()
-        axes.fill_between(
-            result.time, theta - half, theta + half, color=colour, alpha=0.18, linewidth=0, label=f"{name}, 95 % band"
-        )
-        span = max(float(np.ptp(theta)), 1.0)
-        axes.set_ylim(
-            max(axes.get_ylim()[0], min(low, float(theta.min()) - 0.4 * span)),
-            min(axes.get_ylim()[1], max(high, float(theta.max()) + 0.4 * span)),
-        )
+        shade = {"color": colour, "alpha": 0.18, "linewidth": 0}
+        axes.fill_between(result.time, theta - half, theta + half, label=f"{name}, 95 % band", **shade)
+
+
+def _limit_angles(axes: Axes, estimates: Sequence[Estimate]) -> None:
+    """Keep the curves readable where a band is much wider than they are: it then runs out of the picture."""
+    curves = [np.rad2deg(result.theta) for result in estimates]
+    curves += [np.rad2deg(result.truth) for result in estimates[:1] if result.truth is not None]
+    lowest, highest = (float(f([f(curve) for curve in curves])) for f in (np.nanmin, np.nanmax))
+    low, high = axes.get_ylim()
+    room = 0.3 * max(highest - lowest, 1.0)
+    axes.set_ylim(max(low, lowest - room), min(high, highest + room))
 
 
 def _limit_errors(axes: Axes, estimates: Sequence[Estimate]) -> None:

@@ -104,9 +104,7 @@ def _csv(path: Path) -> polars.DataFrame:
     separator = max((",", ";", "\t"), key=lambda mark: header.count(mark.encode()))
     _check_widths(path, data, separator)
     try:
-        frame = polars.read_csv(
-            data, separator=separator, infer_schema=False, null_values=None
-        )
+        frame = polars.read_csv(data, separator=separator, infer_schema=False, null_values=None)
     except polars.exceptions.PolarsError as problem:
         raise LogError(f"{path}: cannot be read as CSV ({str(problem).splitlines()[0]})") from None
     return frame.rename(lambda name: name.strip())

@@ -1,0 +1,6 @@
+"""Reports: figures and pages that a person would want to read."""
+
+from distal.reports.reproduction import reproduce, results
+from distal.reports.reproduction_figures import FIGURES
+
+__all__ = ["FIGURES", "reproduce", "results"]

@@ -1,0 +1,75 @@
+"""One self-contained page: text, tables and figures, nothing fetched from anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+_STYLE = """
+:root { color-scheme: light; --ink: #1b1f24; --soft: #57606a; --line: #d8dee4; --yes: #00634a; --no: #a63c00; }
+body { font: 16px/1.55 Georgia, 'Times New Roman', serif; color: var(--ink); max-width: 60rem; margin: 2.5rem auto;
+  padding: 0 1.2rem; background: #fff; }
+h1, h2 { font-family: system-ui, sans-serif; line-height: 1.25; } h1 { font-size: 1.7rem; margin-bottom: .3rem; }
+h2 { font-size: 1.2rem; margin-top: 2.4rem; } .lead { color: var(--soft); font-size: 1.05rem; }
+figure { margin: 1.4rem 0; } figure svg { width: 100%; height: auto; } figcaption { color: var(--soft); font-size: .92rem; }
+table { border-collapse: collapse; width: 100%; font: .86rem/1.4 system-ui, sans-serif; margin: 1rem 0; }
+th { text-align: left; border-bottom: 2px solid var(--ink); padding: .35rem .5rem; }
+td { border-bottom: 1px solid var(--line); padding: .35rem .5rem; vertical-align: top; }
+td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.yes { color: var(--yes); } .no { color: var(--no); } .verdict { font-weight: 600; white-space: nowrap; }
+.why { color: var(--soft); } code { font-size: .9em; } .scroll { overflow-x: auto; }
+@media print { body { margin: 0; max-width: none; } h2 { break-after: avoid; } figure, tr { break-inside: avoid; } }
+"""
+
+
+def page(title: str, lead: str, parts: Sequence[str]) -> str:
+    """Return a whole page.
+
+    Args:
+        title: plain text.
+        lead: one paragraph of plain text below it.
+        parts: HTML, in order.
+    """
+    return (
+        "<!doctype html>\n<html lang='en'>\n<head>\n<meta charset='utf-8'>\n"
+        "<meta name='viewport' content='width=device-width, initial-scale=1'>\n"
+        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        f"<h1>{escape(title)}</h1>\n<p class='lead'>{escape(lead)}</p>\n" + "\n".join(parts) + "\n</body>\n</html>\n"
+    )
+
+
+def heading(text: str) -> str:
+    """Return a section's heading."""
+    return f"<h2>{escape(text)}</h2>"
+
+
+def paragraph(text: str) -> str:
+    """Return a paragraph of plain text."""
+    return f"<p>{escape(text)}</p>"
+
+
+def picture(svg: str, caption: str) -> str:
+    """Return a figure with its caption.
+
+    Args:
+        svg: an SVG file's text.
+        caption: plain text.
+    """
+    drawing = svg[svg.index("<svg") :]
+    return f"<figure>{drawing}<figcaption>{escape(caption)}</figcaption></figure>"
+
+
+def html_table(columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
+    """Return a table; cells are HTML.
+
+    Args:
+        columns: headings, plain text.
+        rows: cells, HTML.
+        numbers: indices of the columns that hold numbers.
+    """
+    mark = [" class='n'" if i in numbers else "" for i in range(len(columns))]
+    head = "".join(f"<th{mark[i]}>{escape(name)}</th>" for i, name in enumerate(columns))
+    body = "".join(
+        "<tr>" + "".join(f"<td{mark[i]}>{cell}</td>" for i, cell in enumerate(row)) + "</tr>\n" for row in rows
+    )
+    return f"<div class='scroll'><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>"

@@ -1,0 +1,184 @@
+"""Virtual work, slack, friction limits and stops, against the paper's equations typed out."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from distal import Rig, load_rig
+from distal.model import Mechanism, angle_at, elongation, free_response, restitution, soft, stop_force
+from tests.helpers import NaiveRig, finite_difference
+
+ANGLE = st.floats(-1.2, 1.2)
+PLACE = st.floats(-5e-3, 15e-3)
+
+
+def evaluate(mechanism: Mechanism) -> ca.Function:
+    q, v = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("v", mechanism.n_bodies)
+    tensions = mechanism.tensions(q, v)
+    force = -ca.mtimes(mechanism.length_jacobian(q).T, tensions)
+    outputs = [tensions, force, mechanism.friction_limits(tensions), mechanism.elongations(q), mechanism.passive_forces(q)]
+    return ca.Function("forces", [q, v, mechanism.parameters.symbols], outputs)
+
+
+@pytest.fixture(scope="module")
+def paper(paper_rig: Rig) -> tuple[Mechanism, ca.Function]:
+    mechanism = Mechanism(paper_rig)
+    return mechanism, evaluate(mechanism)
+
+
+@given(ANGLE, PLACE, PLACE)
+def test_forces_are_the_papers(paper: tuple[Mechanism, ca.Function], theta: float, x1: float, x2: float) -> None:
+    """One length function gives (8) to (11), and T cos φ of (2) and (3), with the mends."""
+    mechanism, function = paper
+    naive = NaiveRig()
+    tensions, force, limits, *_ = function([theta, x1, x2], [0, 0, 0], mechanism.parameters.values)
+    np.testing.assert_allclose(tensions.full().ravel(), naive.tensions(theta, x1, x2), rtol=1e-9, atol=1e-10)
+    np.testing.assert_allclose(force.full().ravel(), naive.tendon_forces(theta, x1, x2), rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(limits.full().ravel(), naive.limits(theta, x1, x2), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["paper-2008", "pulley-antagonist", "capstan-joint"])
+def test_virtual_work(name: str) -> None:
+    """Force is minus the slope of the stored energy Σ ½ T²/k: nothing is gained round a closed path."""
+    mechanism = Mechanism(load_rig(name))
+    function, p = evaluate(mechanism), mechanism.parameters.values
+    stiffness = np.array([tendon.stiffness.value for tendon in mechanism.rig.tendons])
+    still = np.zeros(mechanism.n_bodies)
+
+    def energy(q: np.ndarray) -> np.ndarray:
+        tensions = function(q, still, p)[0].full().ravel()
+        return np.array([np.sum(tensions**2 / (2 * stiffness))])
+
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        q = np.concatenate([[rng.uniform(-0.6, 0.6)], rng.uniform(0.0, 8e-3, mechanism.n_drives)])
+        expected = -finite_difference(energy, q, 1e-7).ravel()
+        np.testing.assert_allclose(function(q, still, p)[1].full().ravel(), expected, rtol=1e-5, atol=1e-6)
+
+
+def test_the_equations_as_printed_are_not_conservative() -> None:
+    """The mend of (11): as printed, "−" in τ2, the torque is not the slope of the energy."""
+    naive, q = NaiveRig(), (0.4, 3e-3, 3e-3)
+    _, _, _, phi2 = naive.geometry(*q)
+    _, t2 = naive.tensions(*q)
+    printed = t2 * naive.r * (np.cos(q[0]) * np.cos(phi2) - np.sin(q[0]) * np.sin(phi2))
+    mended = t2 * naive.r * (np.cos(q[0]) * np.cos(phi2) + np.sin(q[0]) * np.sin(phi2))
+    slope = finite_difference(lambda x: np.array([naive.geometry(x[0], q[1], q[2])[1]]), np.array([q[0]]))[0, 0]
+    assert mended == pytest.approx(t2 * slope, rel=1e-6)
+    assert abs(printed - t2 * slope) > 1e-3 * abs(t2 * slope)
+
+
+def test_slack_carries_exactly_zero(paper: tuple[Mechanism, ca.Function]) -> None:
+    mechanism, function = paper
+    tensions, force, *_ = function([0.3, 1e-3, -4e-3], [0.1, -0.2, 0.3], mechanism.parameters.values)
+    assert tensions.full().ravel()[0] == 0.0
+    assert tensions.full().ravel()[1] == 0.0
+    assert np.all(force.full() == 0.0)
+
+
+def test_damping_never_makes_a_tendon_push() -> None:
+    mechanism = Mechanism(load_rig("pulley-antagonist"))
+    function, p = evaluate(mechanism), mechanism.parameters.values
+    taut = function([0, 2e-3, 2e-3], [0, 0.5, -0.5], p)[0].full().ravel()
+    assert taut[0] == pytest.approx(806 * 2e-3 + 0.2 * 0.5)
+    assert taut[1] == pytest.approx(806 * 2e-3 - 0.2 * 0.5)
+    assert function([0, 2e-3, 1e-4], [0, 0, -5.0], p)[0].full().ravel()[1] == 0.0
+    # stretching fast but slack: nothing
+    assert function([0, -1e-3, 2e-3], [0, 50.0, 0], p)[0].full().ravel()[0] == 0.0
+
+
+def test_capstan_winds_one_tendon_and_pays_out_the_other() -> None:
+    """δ1 = Rs − rθ + p, δ2 = −Rs + rθ + p with pre-tension k p."""
+    mechanism = Mechanism(load_rig("capstan-joint"))
+    function, p = evaluate(mechanism), mechanism.parameters.values
+    k, radius, r = 2.3e4, 5e-3, 8e-3
+    theta, s = 0.1, 0.2
+    tensions = function([theta, s], [0, 0], p)[0].full().ravel()
+    np.testing.assert_allclose(tensions, [20 + k * (radius * s - r * theta), 20 - k * (radius * s - r * theta)])
+
+
+@given(ANGLE, PLACE, st.sampled_from([1, -1]), st.sampled_from(["pinned", "pulley"]))
+def test_angle_at_is_the_inverse_of_elongation(theta: float, x: float, side: int, kind: str) -> None:
+    r, length = 9.53e-3, 0.375
+    stretched = float(ca.evalf(elongation(kind, ca.DM(theta), ca.DM(x), side, r, length)))
+    assert float(ca.evalf(ca.SX(angle_at(kind, stretched, ca.DM(x), side, r, length)))) == pytest.approx(theta, abs=1e-9)
+
+
+def test_an_impossible_length_gives_the_nearest_angle() -> None:
+    far = float(ca.evalf(ca.SX(angle_at("pinned", 0.0, ca.DM(0.05), 1, 9.53e-3, 0.375))))
+    assert np.isfinite(far)
+    assert np.rad2deg(far) == pytest.approx(90.0, abs=3.0)
+
+
+@given(st.floats(-5, 5), st.floats(0, 5))
+def test_soft_solves_the_inclusion(z: float, limit: float) -> None:
+    """v = soft(z, l) is the one v with z − v in l · sgn(v), sgn(0) = [−1, 1]."""
+    v = float(soft(ca.DM(z), ca.DM(limit)))
+    if v == 0.0:
+        assert abs(z) <= limit
+    else:
+        assert z - v == pytest.approx(limit * np.sign(v), abs=1e-12)
+
+
+def test_free_response_is_exact_and_smooth_at_zero_damping() -> None:
+    c = ca.SX.sym("c")
+    a, b = free_response(c, ca.SX(2.0), ca.SX(0.1))
+    function = ca.Function("response", [c], [a, b, ca.jacobian(ca.vertcat(a, b), c)])
+    for damping in (0.0, 1e-9, 1e-4, 2e-4, 0.3, 40.0, 1e6):
+        got_a, got_b, slope = (float(part[0]) if part.shape == (1, 1) else part.full() for part in function(damping))
+        x = damping * 0.1 / 2.0
+        assert got_a == pytest.approx(np.exp(-x), rel=1e-14)
+        expected = 0.05 if damping == 0 else -np.expm1(-x) / damping
+        assert got_b == pytest.approx(expected, rel=1e-12)
+        assert np.all(np.isfinite(slope))
+
+
+def test_stops_only_push() -> None:
+    def force(x: float, v: float) -> float:
+        return float(stop_force(ca.DM(x), ca.DM(v), -2.0, 3.0, 100.0, 5.0))
+
+    assert force(0.0, 50.0) == 0.0
+    assert force(3.1, 0.0) == pytest.approx(10.0)
+    assert force(3.1, -50.0) == 0.0  # as written in the paper it would pull
+    assert force(-2.1, 0.0) == pytest.approx(-10.0)
+    assert force(-2.1, 50.0) == 0.0
+
+
+def test_restitution_is_that_of_the_contact() -> None:
+    """Against the contact's own equation of motion, m ẍ = −max(k x + c ẋ, 0), integrated."""
+    from scipy.integrate import solve_ivp
+
+    m, k, c = 1e-3, 1e5, 3.0
+    event = lambda t, y: k * y[0] + c * y[1] if t > 1e-5 else 1.0  # noqa: E731
+    event.terminal = True  # type: ignore[attr-defined]
+    done = solve_ivp(lambda t, y: [y[1], -(k * y[0] + c * y[1]) / m], (0, 1e-2), [0.0, 1.0], events=event, rtol=1e-10, atol=1e-14)
+    assert float(restitution(ca.DM(k), ca.DM(c), ca.DM(m))) == pytest.approx(-done.y[1, -1], rel=1e-6)
+    assert float(restitution(ca.DM(k), ca.DM(100.0), ca.DM(m))) == 0.0
+
+
+def test_spring_gravity_and_steeper_friction() -> None:
+    values = {
+        "joints.0.spring": {"stiffness": 0.05, "rest_angle": "10 deg"},
+        "joints.0.gravity": {"mass": "84 g", "distance": "5 mm", "hanging_angle": "-30 deg"},
+        "joints.0.friction.exponent": 1.5,
+        "joints.0.friction.reference": "12.9 N",
+    }
+    mechanism = Mechanism(load_rig("paper-2008").with_values(values))
+    theta = 0.3
+    tensions, _, limits, _, passive = evaluate(mechanism)([theta, 6e-3, 6e-3], [0, 0, 0], mechanism.parameters.values)
+    expected = -0.05 * (theta - np.deg2rad(10)) - 0.084 * 9.80665 * 5e-3 * np.sin(theta + np.deg2rad(30))
+    assert passive.full().ravel() == pytest.approx([expected, 0.0, 0.0])
+    load = 4.9 + tensions.full().sum()
+    assert limits.full().ravel()[0] == pytest.approx(0.5 * 3.18e-3 * 12.9 * (load / 12.9) ** 1.5)
+
+
+def test_absent_features_cost_nothing(paper_rig: Rig) -> None:
+    """A parameter that is zero for certain is a constant, not an input."""
+    names = Mechanism(paper_rig).parameters.names
+    assert "tendons.0.damping" not in names
+    assert "joints.0.friction.exponent" not in names
+    assert "tendons.0.damping" in Mechanism(paper_rig.with_values({"tendons.0.damping": 0.1})).parameters.names

@@ -1,0 +1,275 @@
+"""The time step: against a naive twin, SciPy's solvers, and what physics demands."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from distal import Rig, load_rig
+from distal.errors import RigError
+from distal.model import Mechanism, interval_step, stiffest_frequency, substeps, tangent_step
+from tests.helpers import NaiveRig, finite_difference, rms_degrees, without_stops
+
+DT = 0.01
+
+
+class Stepper:
+    """The model's interval as a plain function of (q, v, effort)."""
+
+    def __init__(self, rig: Rig, count: int | None = None, dt: float = DT, **options: object) -> None:
+        self.mechanism = Mechanism(rig)
+        self.count = count or substeps(self.mechanism, dt)
+        self.dt = dt
+        self._function = interval_step(self.mechanism, self.count, **options)  # type: ignore[arg-type]
+
+    def __call__(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        n = self.mechanism.n_bodies
+        out = self._function(q, v, effort, np.zeros(n), np.zeros((n, 3)), self.dt, self.mechanism.parameters.values)
+        return out[0].full().ravel(), out[1].full().ravel()
+
+    def run(self, efforts: np.ndarray, q: np.ndarray, v: np.ndarray | None = None) -> np.ndarray:
+        v = np.zeros_like(q) if v is None else v
+        rows = []
+        for effort in efforts:
+            q, v = self(q, v, effort)
+            rows.append(np.concatenate([q, v]))
+        return np.array(rows)
+
+
+def load_steps(n: int = 300) -> np.ndarray:
+    """Three seconds of pulls with steps, (n, 3)."""
+    pulls = np.full((n, 3), 2.0)
+    pulls[:, 0] = 0.0
+    pulls[30:, 1] = 6.0
+    pulls[110:, 1], pulls[110:, 2] = 2.0, 5.0
+    pulls[190:, 1], pulls[190:, 2] = 4.0, 4.0
+    pulls[230:, 1], pulls[230:, 2] = 7.0, 2.5
+    return pulls
+
+
+START = np.array([0.0, 2 / 806, 2 / 806])
+
+
+def test_equals_the_naive_twin(paper_rig: Rig) -> None:
+    """The same algorithm typed out in NumPy, over 1.5 s with stick, slip and ringing sliders."""
+    stepper, naive = Stepper(without_stops(paper_rig), 15), NaiveRig()
+    q, v = START, np.zeros(3)
+    naive_q, naive_v = START, np.zeros(3)
+    for effort in load_steps()[:150]:
+        q, v = stepper(q, v, effort)
+        naive_q, naive_v = naive.interval(naive_q, naive_v, effort, DT, 15)
+    np.testing.assert_allclose(q, naive_q, rtol=1e-9, atol=1e-13)
+    np.testing.assert_allclose(v, naive_v, rtol=1e-7, atol=1e-11)
+
+
+@pytest.mark.parametrize("method", ["RK23", "Radau"])
+def test_agrees_with_scipy_on_a_smoothed_twin(paper_rig: Rig, method: str) -> None:
+    """RK23 as in the paper, and Radau, on sgn smoothed to tanh: 0.1° while the link turns by 20°.
+
+    The bound is what the smoothing itself costs: at ε = 1e-3 the two differ by less than at 1e-2, see the last line.
+    """
+    naive, stepper = NaiveRig(), Stepper(without_stops(paper_rig), 60)
+    effort, duration = np.array([0.0, 6.0, 2.0]), 0.12
+    steps = round(duration / DT)
+    exact = stepper.run(np.tile(effort, (steps, 1)), START)
+
+    def error(epsilon: float) -> float:
+        width = np.array([epsilon, epsilon * naive.r, epsilon * naive.r])
+        times = DT * np.arange(1, steps + 1)
+        done = solve_ivp(
+            lambda t, y: naive.derivative(y, effort, width),
+            (0, duration),
+            np.concatenate([START, np.zeros(3)]),
+            method=method,
+            t_eval=times,
+            rtol=1e-5,
+            atol=1e-8,
+        )
+        return rms_degrees(done.y[0] - exact[:, 0])
+
+    assert np.rad2deg(exact[-1, 0]) > 10.0
+    fine = error(1e-2)
+    assert fine < 0.1
+    assert fine < error(1.0)
+
+
+def test_a_stuck_link_does_not_creep(paper_rig: Rig) -> None:
+    """60 s at 90 % of break-away: 0.000°."""
+    stepper = Stepper(without_stops(paper_rig))
+    q = START.copy()
+    limit = NaiveRig().limits(*START)[0]
+    efforts = np.tile([0.9 * limit, 2.0, 2.0], (6000, 1))
+    efforts[:, 1:] = -NaiveRig().tendon_forces(*START)[1:]
+    assert np.all(stepper.run(efforts, q)[:, 0] == 0.0)
+
+
+def test_it_breaks_away_at_the_limit(paper_rig: Rig) -> None:
+    stepper, limit = Stepper(without_stops(paper_rig)), NaiveRig().limits(*START)[0]
+    pulls = -NaiveRig().tendon_forces(*START)[1:]
+    assert stepper.run(np.tile([0.999 * limit, *pulls], (20, 1)), START)[-1, 0] == 0.0
+    assert stepper.run(np.tile([1.001 * limit, *pulls], (20, 1)), START)[-1, 0] > 0.0
+
+
+def test_mirror_symmetry(paper_rig: Rig) -> None:
+    """Left and right exchanged turn the link the other way, to the last digits."""
+    rig = paper_rig.with_values({"drives.0.stops": [-2.5e-3, 7.5e-3]})
+    stepper = Stepper(rig)
+    pulls = load_steps()
+    one = stepper.run(pulls, np.array([0.1, 2e-3, 3e-3]))
+    other = stepper.run(pulls[:, [0, 2, 1]], np.array([-0.1, 3e-3, 2e-3]))
+    np.testing.assert_allclose(one[:, 0], -other[:, 0], atol=1e-9)
+    np.testing.assert_allclose(one[:, 1], other[:, 2], atol=1e-11)
+
+
+def conservative(rig: Rig) -> Rig:
+    values: dict[str, object] = {"joints.0.friction": None, "joints.0.damping": 0.0}
+    for i in range(2):
+        values |= {f"drives.{i}.damping": 0.0, f"drives.{i}.friction.load": {"value": 0.0, "std": 0.0}}
+        values[f"tendons.{i}.damping"] = 0.0
+    return rig.with_values(values)
+
+
+@pytest.mark.parametrize("name", ["paper-2008", "pulley-antagonist"])
+def test_no_secular_energy_growth(name: str) -> None:
+    """Without friction and damping, constant pulls: the energy of the last tenth of 60 s is that of the first."""
+    rig = load_rig(name)
+    rig = conservative(without_stops(rig) if name == "paper-2008" else rig)
+    stepper = Stepper(rig)
+    pull = 4.0
+    motion = stepper.run(np.tile([0.0, pull, pull], (6000, 1)), np.array([0.1, 5e-3, 5.5e-3]))
+    q, v = motion[:, :3], motion[:, 3:]
+    mechanism = stepper.mechanism
+    symbols = ca.SX.sym("q", 3)
+    tensions = mechanism.tensions(symbols, ca.SX.zeros(3))
+    energy = ca.Function("energy", [symbols, mechanism.parameters.symbols], [ca.sumsqr(tensions) / (2 * 806)])
+    stored = np.array([float(energy(row, mechanism.parameters.values)) for row in q])
+    inertias = np.array([4.239e-4, 1e-3, 1e-3])
+    total = stored + 0.5 * (v**2 * inertias).sum(axis=1) - pull * (q[:, 1] + q[:, 2])
+    moving = 0.5 * (v**2 * inertias).sum(axis=1).mean()
+    assert abs(total[-600:].mean() - total[:600].mean()) < 0.01 * moving
+    assert np.ptp(total) < 0.5 * moving
+
+
+def test_friction_and_damping_only_take_energy(paper_rig: Rig) -> None:
+    stepper = Stepper(without_stops(paper_rig))
+    motion = stepper.run(np.tile([0.0, 3.0, 3.0], (200, 1)), np.array([0.3, 6e-3, 1e-3]))
+    assert np.all(np.abs(motion[-1, 3:]) < 1e-9)
+
+
+def test_a_stop_holds_and_lets_go(paper_rig: Rig) -> None:
+    """Pressed by 4 N beyond what the tendon takes, the slider sits 40 µm inside the stop and leaves it when released."""
+    rig = paper_rig.with_values({"drives.0.friction.load": {"value": 0.0, "std": 0.0}, "drives.0.stops": [-2.5e-3, 3e-3]})
+    stepper = Stepper(rig)
+    tension = 806 * 3e-3
+    pressed = stepper.run(np.tile([0.0, tension + 4.0, 2.0], (60, 1)), START)
+    # the tendon stretches by the stop's own deflection: 4 N over (k_s + k)
+    assert pressed[-1, 1] - 3e-3 == pytest.approx(4.0 / (1e5 + 806), rel=0.05)
+    assert abs(pressed[-1, 4]) < 1e-6
+    released = stepper.run(np.tile([0.0, 2.0, 2.0], (100, 1)), pressed[-1, :3], pressed[-1, 3:])
+    assert released[-1, 1] == pytest.approx(2.0 / 806, abs=2e-4)
+
+
+def test_stops_that_are_reached_in_the_right_order_of_accuracy(paper_rig: Rig) -> None:
+    """Through the stops with load steps, the default step is within 0.12° RMS of one 40 times finer; free, 0.02°."""
+    for stops, bound in (([-2.5e-3, 7.5e-3], 0.12), ([-0.1, 0.1], 0.02)):
+        rig = paper_rig.with_values({"drives.0.stops": stops, "drives.1.stops": stops})
+        default = Stepper(rig).run(load_steps(), START)
+        fine_stepper = Stepper(rig, 120, DT / 5)
+        fine = fine_stepper.run(np.repeat(load_steps(), 5, axis=0), START)[4::5]
+        assert rms_degrees(default[:, 0] - fine[:, 0]) < bound
+
+
+def test_order_of_the_step_between_the_kinks(paper_rig: Rig) -> None:
+    """Slipping, taut, away from stops the step is of second order: half the step, a quarter of the error."""
+    rig = without_stops(paper_rig)
+    start, effort = np.array([0.0, 5e-3, 2.5e-3]), np.array([0.0, 4.0, 2.0])
+    moving = np.array([3.0, 0.02, -0.02])
+    ends = {}
+    for count in (16, 32, 64, 1024):
+        stepper = Stepper(rig, count, 0.004)
+        q, _ = stepper(start, moving, effort)
+        ends[count] = q
+    errors = [np.abs(ends[count] - ends[1024])[0] for count in (16, 32, 64)]
+    orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    assert np.all(orders > 1.7)
+    assert np.all(orders < 2.4)
+
+
+def test_joint_stops_hold_the_link(paper_rig: Rig) -> None:
+    rig = without_stops(paper_rig).with_values({"joints.0.stops": ["-10 deg", "10 deg"]})
+    motion = Stepper(rig).run(load_steps(), START)
+    assert np.rad2deg(np.abs(motion[:, 0]).max()) < 10.1
+    assert np.rad2deg(motion[100, 0]) == pytest.approx(10.0, abs=0.1)
+
+
+def test_displacements_as_inputs_give_the_same_link(paper_rig: Rig) -> None:
+    """With the sliders' motion prescribed, the same expressions turn the link as the full model does."""
+    rig = without_stops(paper_rig)
+    full = Stepper(rig, 2, 1e-3)
+    driven = Stepper(rig, 2, 1e-3, bodies=[0])
+    pulls = np.repeat(load_steps()[:150], 10, axis=0)
+    motion = full.run(pulls, START)
+    places = np.vstack([START[1:], motion[:, 1:3]])
+    speeds = np.diff(places, axis=0) / 1e-3
+    q, v = START.copy(), np.zeros(3)
+    link = []
+    for k in range(len(pulls)):
+        q[1:], v[1:] = places[k], speeds[k]
+        q, v = driven(q, v, np.zeros(3))
+        link.append(q[0])
+        np.testing.assert_allclose(q[1:], places[k + 1], atol=1e-12)
+    assert np.rad2deg(np.ptp(motion[:, 0])) > 30.0
+    # the straight lines between samples hide some ringing of the sliders, hence not to the last digit
+    assert rms_degrees(np.array(link) - motion[:, 0]) < 0.05
+
+
+@pytest.mark.parametrize("name", ["paper-2008", "pulley-antagonist", "capstan-joint"])
+def test_tangents_are_the_derivatives(name: str) -> None:
+    """S = ∂(q⁺, v⁺)/∂(q, v, effort) against finite differences, slipping and pressed against a stop."""
+    rig = load_rig(name)
+    mechanism = Mechanism(rig)
+    n = mechanism.n_bodies
+    function = tangent_step(mechanism, substeps(mechanism, DT))
+    p = mechanism.parameters.values
+    cases = [(np.array([0.1, *np.full(n - 1, 5e-3)]), np.array([2.0, *np.full(n - 1, 0.02)]))]
+    if name == "paper-2008":
+        cases.append((np.array([0.1, 7.52e-3, 3e-3]), np.array([1.5, 0.0, 0.02])))
+    for q, v in cases:
+        effort = np.array([0.02, *np.full(n - 1, 5.0 if n > 2 else 0.1)])
+
+        def end(x: np.ndarray, n: int = n) -> np.ndarray:
+            out = function(x[:n], x[n : 2 * n], x[2 * n :], DT, p)
+            return np.concatenate([out[0].full().ravel(), out[1].full().ravel()])
+
+        at = np.concatenate([q, v, effort])
+        slopes = function(q, v, effort, DT, p)[2].full()
+        steps = np.concatenate([np.full(n, 1e-9), np.full(n, 1e-7), np.full(n, 1e-6)])
+        expected = finite_difference(end, at, steps)
+        np.testing.assert_allclose(slopes, expected, rtol=2e-4, atol=2e-5 * np.abs(expected).max(axis=1, keepdims=True))
+
+
+def test_tangents_of_a_stuck_link_are_those_of_rest(paper_rig: Rig) -> None:
+    mechanism = Mechanism(without_stops(paper_rig))
+    slopes = tangent_step(mechanism, 15)(START, np.zeros(3), [0, 2, 2], DT, mechanism.parameters.values)[2].full()
+    assert slopes[0, 0] == 1.0  # the angle stays what it was
+    assert np.all(slopes[3] == 0.0)  # and its speed is zero whatever happens nearby
+
+
+def test_the_interval_and_its_tangent_step_agree(paper_rig: Rig) -> None:
+    rig = without_stops(paper_rig)
+    stepper = Stepper(rig, 15)
+    tangent = tangent_step(stepper.mechanism, 15)
+    q, v, effort = np.array([0.2, 4e-3, 3e-3]), np.array([1.0, 0.1, -0.1]), np.array([0.0, 5.0, 2.0])
+    out = tangent(q, v, effort, DT, stepper.mechanism.parameters.values)
+    np.testing.assert_allclose(out[0].full().ravel(), stepper(q, v, effort)[0], rtol=1e-13)
+
+
+def test_substeps_follow_the_stiffest_mode(paper_rig: Rig) -> None:
+    mechanism = Mechanism(paper_rig)
+    assert stiffest_frequency(mechanism) == pytest.approx(898, abs=1)
+    assert substeps(mechanism, 0.01) == 15
+    assert substeps(Mechanism(paper_rig.with_values({"stepping.largest_step": "1 ms"})), 0.01) == 10
+    with pytest.raises(RigError, match="too stiff for its lightest body"):
+        substeps(Mechanism(paper_rig.with_values({"tendons.0.stiffness": 1e9})), 0.01)

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from distal.errors import UnitError
+from distal.units import to_si, unit_factor
+
+
+@pytest.mark.parametrize(
+    ("text", "si", "value"),
+    [
+        ("4.239e-4 kg m^2", "kg m^2", 4.239e-4),
+        ("4.239e-4 kg m²", "kg m^2", 4.239e-4),
+        ("9.53 mm", "m", 9.53e-3),
+        ("2mm", "m", 2e-3),
+        ("3 deg", "rad", math.radians(3)),
+        ("3°", "rad", math.radians(3)),
+        ("0.1 Nm", "N m", 0.1),
+        ("1 mNm", "N m", 1e-3),
+        ("2 N·m", "N m", 2.0),
+        ("8e-3 N m s", "N m s/rad", 8e-3),
+        ("1 N/mm", "N/m", 1e3),
+        ("5 µm", "m", 5e-6),
+        ("10 %", "", 0.1),
+        ("-0.5", "", -0.5),
+        (0.25, "m", 0.25),
+        (3, "N", 3.0),
+    ],
+)
+def test_quantities_become_si(text: object, si: str, value: float) -> None:
+    assert to_si(text, si) == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "si", "said"),
+    [
+        ("1,5 N", "N", "decimal comma"),
+        ("1 ± 0.1 N", "N", "std"),
+        ("1 +/- 0.1 N", "N", "std"),
+        ("5 N", "m", "wrong dimension"),
+        ("5", "m", "no unit"),
+        ("5 deg", "", "is an angle"),
+        ("5 mm", "rad", "is no angle"),
+        ("5 foo", "m", "not known"),
+        ("5 degC", "K", "not proportional"),
+        ("mm", "m", "does not start with a number"),
+        ("1 2 m", "m", "more than one number"),
+        ("5 %", "m", "percentage"),
+        (True, "m", "not a quantity"),
+        (None, "m", "not a quantity"),
+        (float("nan"), "m", "not finite"),
+        ("1e999 m", "m", "not finite"),
+    ],
+)
+def test_what_is_not_a_quantity_is_refused(text: object, si: str, said: str) -> None:
+    with pytest.raises(UnitError, match=said):
+        to_si(text, si)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False, width=32))
+def test_a_unit_scales_and_does_nothing_else(number: float) -> None:
+    assert to_si(f"{number!r} mm", "m") == pytest.approx(number * unit_factor("mm", "m"), rel=1e-15, abs=0)
+    assert to_si(number, "m") == number
+
+
+@given(st.text(max_size=30))
+def test_any_text_is_a_quantity_or_a_unit_error(text: str) -> None:
+    try:
+        assert math.isfinite(to_si(text, "m"))
+    except UnitError:
+        pass
