@@ -71,7 +71,7 @@ def test_agrees_with_scipy_on_a_smoothed_twin(paper_rig: Rig, method: str) -> No
     The bound is what the smoothing itself costs: at ε = 1e-3 the two differ by less than at 1e-2, see the last line.
     """
     naive, stepper = NaiveRig(), Stepper(without_stops(paper_rig), 60)
-    effort, duration = np.array([0.0, 6.0, 2.0]), 0.12
+    effort, duration = np.array([0.0, 6.0, 2.0]), 0.18
     steps = round(duration / DT)
     exact = stepper.run(np.tile(effort, (steps, 1)), START)
 
@@ -183,7 +183,8 @@ def test_stops_that_are_reached_in_the_right_order_of_accuracy(paper_rig: Rig) -
 
 def test_order_of_the_step_between_the_kinks(paper_rig: Rig) -> None:
     """Slipping, taut, away from stops the step is of second order: half the step, a quarter of the error."""
-    rig = without_stops(paper_rig)
+    frictionless = {f"drives.{i}.friction.load": {"value": 0.0, "std": 0.0} for i in range(2)}  # sliders turn back
+    rig = without_stops(paper_rig).with_values(frictionless)
     start, effort = np.array([0.0, 5e-3, 2.5e-3]), np.array([0.0, 4.0, 2.0])
     moving = np.array([3.0, 0.02, -0.02])
     ends = {}
@@ -200,7 +201,8 @@ def test_order_of_the_step_between_the_kinks(paper_rig: Rig) -> None:
 def test_joint_stops_hold_the_link(paper_rig: Rig) -> None:
     rig = without_stops(paper_rig).with_values({"joints.0.stops": ["-10 deg", "10 deg"]})
     motion = Stepper(rig).run(load_steps(), START)
-    assert np.rad2deg(np.abs(motion[:, 0]).max()) < 10.1
+    # it flies in at up to 3 rad/s and the stop's own mode is 486 rad/s: 0.35° of penetration at the most
+    assert np.rad2deg(np.abs(motion[:, 0]).max()) < 10.35
     assert np.rad2deg(motion[100, 0]) == pytest.approx(10.0, abs=0.1)
 
 
@@ -247,7 +249,8 @@ def test_tangents_are_the_derivatives(name: str) -> None:
         slopes = function(q, v, effort, DT, p)[2].full()
         steps = np.concatenate([np.full(n, 1e-9), np.full(n, 1e-7), np.full(n, 1e-6)])
         expected = finite_difference(end, at, steps)
-        np.testing.assert_allclose(slopes, expected, rtol=2e-4, atol=2e-5 * np.abs(expected).max(axis=1, keepdims=True))
+        scale = np.abs(expected).max(axis=1, keepdims=True)
+        np.testing.assert_allclose(slopes / scale, expected / scale, rtol=2e-4, atol=2e-5)
 
 
 def test_tangents_of_a_stuck_link_are_those_of_rest(paper_rig: Rig) -> None:

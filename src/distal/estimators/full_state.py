@@ -130,7 +130,7 @@ class FullStateFilter(KernelEstimator):
 
     def __init__(self, name: str, rig: Rig, noise: Noise, compiled: bool = True) -> None:
         self._mechanism, self._channels, self._noise = Mechanism(rig), channels_of(rig, name), noise
-        count = substeps(self._mechanism, self._channels.interval)
+        self._count = count = substeps(self._mechanism, self._channels.interval)
         function = full_state_function(self._mechanism, self._channels, count)
         self._nominal = np.array([drive.nominal_force.value for drive in rig.drives])
         p = np.concatenate(

@@ -102,6 +102,8 @@ def _csv(path: Path) -> polars.DataFrame:
     data = data.removeprefix(b"\xef\xbb\xbf")
     header = data.lstrip(b"\r\n").split(b"\n", 1)[0]
     separator = max((",", ";", "\t"), key=lambda mark: header.count(mark.encode()))
+    # blank lines at the end are no rows; with tabs, one may be an empty last cell
+    data = data.rstrip(b"\r\n " if separator == "\t" else None)
     _check_widths(path, data, separator)
     try:
         frame = polars.read_csv(data, separator=separator, infer_schema=False, null_values=None)

@@ -38,8 +38,8 @@ def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyI
         ScenarioError: the scenario names a joint or drive that the rig does not have, or pulls one in a way it cannot be.
     """
     rig = mechanism.rig
-    _known(scenario.joints, [joint.name for joint in rig.joints], "joints")
-    _known(scenario.drives, [drive.name for drive in rig.drives], "drives")
+    _known(scenario.joints, [joint.name for joint in rig.joints], "joints", "joint")
+    _known(scenario.drives, [drive.name for drive in rig.drives], "drives", "drive")
     n, bodies = len(time), mechanism.n_bodies
     inputs = BodyInputs(np.zeros((n, bodies)), np.zeros((n, bodies)), np.zeros((n, bodies, 3)))
     for i, joint in enumerate(rig.joints):
@@ -88,10 +88,10 @@ def _check(given: DriveInput, kind: str, where: str) -> None:
             raise ScenarioError(f"{where}.{name}: a {kind} cannot be pulled so; {allowed} are allowed")
 
 
-def _known(given: Iterable[str], names: list[str], kind: str) -> None:
+def _known(given: Iterable[str], names: list[str], where: str, kind: str) -> None:
     for name in given:
         if name not in names:
-            raise ScenarioError(f"{kind}: the rig has no {kind[:-1]} '{name}'{did_you_mean(name, names)}")
+            raise ScenarioError(f"{where}: the rig has no {kind} '{name}'{did_you_mean(name, names)}")
 
 
 def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
@@ -101,7 +101,7 @@ def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
         ScenarioError: an unknown joint, or no angle.
     """
     names = [joint.name for joint in mechanism.rig.joints]
-    _known(scenario.initial, names, "initial")
+    _known(scenario.initial, names, "initial", "joint")
     angles = np.array([joint.initial.value for joint in mechanism.rig.joints])
     for name, raw in scenario.initial.items():
         try:

@@ -1,0 +1,178 @@
+"""The extended Kalman filter against the textbook, FilterPy, and the paper's test."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from distal import Log, estimate, load_scenario, scenario_rig, simulate
+from distal.errors import EstimationError
+from distal.estimators import FullStateFilter, make_estimator, paper_noise, rig_noise
+from distal.estimators.kalman import predict_covariance, update
+from tests.estimators.linear import linear_log, linear_model, linear_rig
+from tests.helpers import rms_degrees
+
+DT = 0.01
+
+
+def textbook(log: Log, gaps: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """A Kalman filter as in the textbooks, all measurements at once: x̂, P per sample."""
+    rig = linear_rig()
+    noise = rig_noise(rig)
+    count = FullStateFilter("ekf", rig, noise, compiled=False)._count
+    steady = linear_model(DT, count)
+    x = np.array([0.0, log.channels["x1"][0], log.channels["x2"][0], 0.0, 0.0, 0.0])
+    covariance = np.diag(noise.initial)
+    measure, r = np.eye(6)[1:3], np.diag(noise.measurements)
+    held = np.array([log.channels["u1"][0], log.channels["u2"][0]])
+    means, covariances = [], []
+    for k in range(len(log)):
+        u = np.array([log.channels["u1"][k], log.channels["u2"][k]])
+        if k:
+            x = steady.transition @ x + steady.input_map @ ((held + u) / 2) + steady.constant
+            covariance = (
+                steady.transition @ covariance @ steady.transition.T
+                + steady.input_map @ np.diag(noise.inputs) @ steady.input_map.T
+            )
+        held = u
+        z = np.array([log.channels["x1"][k], log.channels["x2"][k]])
+        innovation_covariance = measure @ covariance @ measure.T + r
+        gain = covariance @ measure.T @ np.linalg.inv(innovation_covariance)
+        x = x + gain @ (z - measure @ x)
+        covariance = (np.eye(6) - gain @ measure) @ covariance
+        means.append(x)
+        covariances.append(covariance)
+    return np.array(means), np.array(covariances)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_equals_the_textbook_on_a_linear_rig(compiled: bool) -> None:
+    """To 1e-10, relative to each state's range and spread."""
+    log = linear_log()
+    result = estimate(log, linear_rig(), "ekf", compiled=compiled)
+    means, covariances = textbook(log)
+    scale = np.abs(means).max(axis=0)
+    np.testing.assert_allclose(result.means / scale, means / scale, atol=1e-10)
+    spread = np.sqrt(covariances[:, range(6), range(6)].max(axis=0))
+    ratio = np.outer(spread, spread)
+    np.testing.assert_allclose(result.covariances / ratio, covariances / ratio, atol=1e-10)
+
+
+def test_equals_filterpy_on_the_same_discrete_model() -> None:
+    from filterpy.kalman import KalmanFilter
+
+    log, rig = linear_log(1), linear_rig()
+    noise = rig_noise(rig)
+    steady = linear_model(DT, FullStateFilter("ekf", rig, noise, compiled=False)._count)
+    peer = KalmanFilter(dim_x=7, dim_z=2, dim_u=2)
+    # the constant pre-tension is a seventh state that is always one
+    peer.x = np.array([[0.0, log.channels["x1"][0], log.channels["x2"][0], 0, 0, 0, 1.0]]).T
+    peer.F = np.block([[steady.transition, steady.constant[:, None]], [np.zeros((1, 6)), np.ones((1, 1))]])
+    peer.B = np.vstack([steady.input_map, np.zeros((1, 2))])
+    peer.H = np.eye(7)[1:3]
+    peer.P = np.diag([*noise.initial, 0.0])
+    peer.Q = peer.B @ np.diag(noise.inputs) @ peer.B.T
+    peer.R = np.diag(noise.measurements)
+    result = estimate(log, rig, "ekf")
+    scale = np.abs(result.means).max(axis=0)
+    held = np.array([log.channels["u1"][0], log.channels["u2"][0]])
+    for k in range(len(log)):
+        u = np.array([log.channels["u1"][k], log.channels["u2"][k]])
+        if k:
+            peer.predict(u=((held + u) / 2)[:, None])
+        held = u
+        peer.update(np.array([[log.channels["x1"][k]], [log.channels["x2"][k]]]))
+        np.testing.assert_allclose(peer.x[:6, 0] / scale, result.means[k] / scale, atol=1e-10)
+
+
+def test_sequential_joseph_equals_the_update_with_all_values_at_once() -> None:
+    rng = np.random.default_rng(0)
+    n, m = 5, 3
+    root = rng.normal(size=(n, n))
+    covariance, jacobian, r = root @ root.T, rng.normal(size=(m, n)), rng.uniform(0.1, 1, m)
+    mean, residual = rng.normal(size=n), rng.normal(size=m)
+    symbols = [ca.SX.sym("x", n), ca.SX.sym("P", n, n), ca.SX.sym("e", m), ca.SX.sym("H", m, n), ca.SX.sym("r", m)]
+    mask = ca.SX.sym("mask", m)
+    function = ca.Function("update", [*symbols, mask], list(update(*symbols, mask)))
+    x, p, innovations, variances = (part.full() for part in function(mean, covariance, residual, jacobian, r, np.ones(m)))
+    together = jacobian @ covariance @ jacobian.T + np.diag(r)
+    gain = covariance @ jacobian.T @ np.linalg.inv(together)
+    np.testing.assert_allclose(x.ravel(), mean + gain @ residual, rtol=1e-12)
+    np.testing.assert_allclose(p, covariance - gain @ together @ gain.T, rtol=1e-10, atol=1e-12)
+    # the scalar innovations are the whitened ones: same NIS, same determinant
+    assert np.sum(innovations**2 / variances) == pytest.approx(residual @ np.linalg.solve(together, residual))
+    assert np.prod(variances) == pytest.approx(np.linalg.det(together))
+    # a masked value changes nothing
+    part = [entry.full() for entry in function(mean, covariance, residual, jacobian, r, [1, 0, 1])]
+    kept = [0, 2]
+    together = jacobian[kept] @ covariance @ jacobian[kept].T + np.diag(r[kept])
+    gain = covariance @ jacobian[kept].T @ np.linalg.inv(together)
+    np.testing.assert_allclose(part[0].ravel(), mean + gain @ residual[kept], rtol=1e-12)
+
+
+def test_covariance_prediction() -> None:
+    rng = np.random.default_rng(1)
+    a, b, root = rng.normal(size=(4, 4)), rng.normal(size=(4, 2)), rng.normal(size=(4, 4))
+    q_u, q_x = np.array([0.5, 2.0]), np.array([1.0, 0, 0, 3])
+    got = ca.evalf(predict_covariance(ca.DM(root @ root.T), ca.DM(a), ca.DM(b), ca.DM(q_u), ca.DM(q_x))).full()
+    np.testing.assert_allclose(got, a @ root @ root.T @ a.T + b @ np.diag(q_u) @ b.T + np.diag(q_x), rtol=1e-12)
+    np.testing.assert_array_equal(got, got.T)
+
+
+@pytest.mark.parametrize(("name", "bound"), [("ekf-2008", 0.8), ("ekf", 0.45)])
+def test_series_2_on_a_plant_equal_to_the_rig(name: str, bound: float) -> None:
+    """RMS over ten seeds of sensor errors; the bounds are the project's goals."""
+    scenario = load_scenario("series-2")
+    rig = scenario_rig(scenario)
+    estimator = make_estimator(name, rig)
+    errors = []
+    for seed in range(10):
+        errors.append(estimate(simulate(rig, scenario, seed), rig, estimator).errors())
+    assert rms_degrees(np.concatenate(errors)) < bound
+    assert max(rms_degrees(error) for error in errors) < 2 * bound
+
+
+def test_second_pass_starts_with_the_last_covariance() -> None:
+    scenario = load_scenario("series-2")
+    rig = scenario_rig(scenario)
+    log = simulate(rig, scenario)
+    one, two = estimate(log, rig, "ekf-2008"), estimate(log, rig, "ekf-2008", passes=2)
+    estimator = FullStateFilter("ekf-2008", rig, paper_noise(rig))
+    first = np.array([log.channels[name][0] for name in estimator.channels])
+    belief = estimator.initial(0.0, first)
+    carry = np.array(belief.carry)
+    carry[6:42] = one.covariances[-1].ravel()
+    from dataclasses import replace
+
+    again, _ = estimator.step(replace(belief, carry=carry), 0.0, first)
+    np.testing.assert_allclose(two.means[0], again.mean)
+    np.testing.assert_allclose(two.covariances[0], again.covariance)
+    with pytest.raises(EstimationError, match="passes must be at least 1"):
+        estimate(log, rig, "ekf-2008", passes=0)
+
+
+def test_a_tension_sensor_is_a_measurement(paper_rig: object) -> None:
+    scenario = load_scenario("series-2")
+    rig = scenario_rig(scenario)
+    dumped = rig.model_dump()
+    for i, name in enumerate(("left", "right")):
+        dumped["sensors"][2 * i + 1].update(name=f"t{i}", measures="tension", of=name, column=f"t{i}", noise=0.05)
+    from distal.rig import build_rig
+
+    other = build_rig(dumped, "with tension sensors")
+    loaded = scenario.model_copy(update={"rig": "unused"})
+    log = simulate(other, loaded)
+    # no force sensors: nominal forces with their std, 2 N and 1 N, while the pull is up to 9 N
+    result = estimate(log, other, "ekf")
+    assert result.measured == ("x1", "x2", "t0", "t1")
+    assert np.all(np.isfinite(result.means))
+
+
+def test_a_delayed_position_sensor_is_modelled() -> None:
+    """With the delay in the rig the error is less than with the delay ignored."""
+    scenario = load_scenario("series-2")
+    rig = scenario_rig(scenario)
+    late = rig.with_values({"sensors.x1.delay": "20 ms", "sensors.x2.delay": "20 ms"})
+    log = simulate(late, scenario)
+    assert estimate(log, late, "ekf").rms_error() < estimate(log, rig, "ekf").rms_error()

@@ -1,0 +1,172 @@
+"""Logs from files: what is read, and what is refused by file, row and column."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from distal import Log, Rig, read_log, write_log
+from distal.errors import DistalWarning, LogError
+from distal.logs import read_truth
+
+GOOD = "t,x1,x2,u1,u2\n0.00,1e-3,2e-3,2.0,2.1\n0.01,1.1e-3,2.1e-3,2.0,2.1\n0.02,1.2e-3,2.2e-3,2.0,2.1\n"
+
+
+def file(folder: Path, text: str | bytes, name: str = "log.csv") -> Path:
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def test_reads_csv_and_parquet_alike(tmp_path: Path, pulley_rig: Rig) -> None:
+    log = read_log(file(tmp_path, GOOD), pulley_rig)
+    np.testing.assert_allclose(log.time, [0, 0.01, 0.02])
+    np.testing.assert_allclose(log.channels["x2"], [2e-3, 2.1e-3, 2.2e-3])
+    assert log.rate == pytest.approx(100)
+    pl.read_csv(tmp_path / "log.csv").write_parquet(tmp_path / "log.parquet")
+    other = read_log(tmp_path / "log.parquet", pulley_rig)
+    for name in log.channels:
+        np.testing.assert_array_equal(log.channels[name], other.channels[name])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        GOOD.replace(",", ";"),
+        GOOD.replace(",", "\t"),
+        GOOD.replace("\n", "\r\n"),
+        "\ufeff" + GOOD,
+        GOOD + "\n\n",
+        GOOD.replace("t,x1", " t , x1 "),
+        GOOD.replace("t,x1", '"t","x1"'),
+    ],
+)
+def test_reads_other_habits(tmp_path: Path, pulley_rig: Rig, text: str) -> None:
+    np.testing.assert_allclose(read_log(file(tmp_path, text), pulley_rig).channels["x1"], [1e-3, 1.1e-3, 1.2e-3])
+
+
+def test_units_signs_and_columns(tmp_path: Path, pulley_rig: Rig) -> None:
+    rig = pulley_rig.with_values(
+        {"sensors.x1.unit": "mm", "sensors.x1.sign": -1, "sensors.x1.column": "pot", "log.time": {"column": "ms", "unit": "ms"}}
+    )
+    text = "ms,pot,x2,u1,u2\n0,-1,2e-3,2,2\n10,-1.1,2e-3,2,2\n"
+    log = read_log(file(tmp_path, text), rig)
+    np.testing.assert_allclose(log.time, [0, 0.01])
+    np.testing.assert_allclose(log.channels["x1"], [1e-3, 1.1e-3])
+
+
+@pytest.mark.parametrize("empty", ["", "nan", "NaN", "NA", "null", "-"])
+def test_empty_cells_are_missing(tmp_path: Path, pulley_rig: Rig, empty: str) -> None:
+    log = read_log(file(tmp_path, GOOD.replace("2.1e-3", empty)), pulley_rig)
+    assert np.isnan(log.channels["x2"][1])
+    assert np.isfinite(log.channels["x2"][[0, 2]]).all()
+
+
+BAD = [
+    (GOOD.replace("x2", "x3"), r"log\.csv: column 'x2' is missing; did you mean"),
+    (GOOD.replace("2.1e-3", "two"), r"log\.csv: row 3, column 'x2': 'two' is not a finite number"),
+    (GOOD.replace("2.1e-3", "inf"), r"row 3, column 'x2': 'inf' is not a finite number"),
+    (GOOD.replace(",", ";").replace("2.1e-3", "0,0021"), r"row 3, column 'x2': '0,0021'.*decimal point, not a comma"),
+    (GOOD.replace(",2.0,2.1\n0.02", "\n0.02"), r"row 3: is too short \(3 cells; the header has 5\)"),
+    (GOOD.replace("0.02,", "0.02,9,"), r"row 4: is too long \(6 cells; the header has 5\)"),
+    (GOOD.replace("0.02,", "0.005,"), r"row 4: time goes back \(0\.005 s after 0\.01 s\)"),
+    (GOOD.replace("0.02,", "0.01,"), r"row 4: time repeats"),
+    (GOOD.replace("0.02,", ","), r"row 4: time is nan"),
+    ("t,x1,x2,u1,u2\n0,1e-3,2e-3,2,2\n", r"has one row"),
+    ("t,x1,x2,u1,u2\n", r"no rows"),
+    ("", r"is empty"),
+    ("\n\n", r"is empty"),
+    (GOOD.replace("x2", "x1"), r"column 'x1' more than once"),
+    (b"PK\x03\x04\x00\x00", r"is not text"),
+    (GOOD.encode() + b"0.03,\xff\xfe,1,1,1\n", r"row 5: is not UTF-8"),
+    (GOOD.replace("0.01,", "\n0.01,"), r"row 3: is blank"),
+]
+
+
+@pytest.mark.parametrize(("text", "said"), BAD)
+def test_bad_logs_are_refused(tmp_path: Path, pulley_rig: Rig, text: str | bytes, said: str) -> None:
+    with pytest.raises(LogError, match=said) as caught:
+        read_log(file(tmp_path, text), pulley_rig)
+    assert "\n" not in str(caught.value)
+    assert str(tmp_path / "log.csv") in str(caught.value)
+
+
+def test_unreadable_files(tmp_path: Path, pulley_rig: Rig) -> None:
+    with pytest.raises(LogError, match="cannot be read"):
+        read_log(tmp_path / "missing.csv", pulley_rig)
+    with pytest.raises(LogError, match="is a folder"):
+        read_log(tmp_path, pulley_rig)
+    with pytest.raises(LogError, match="not a Parquet file"):
+        read_log(file(tmp_path, GOOD, "log.parquet"), pulley_rig)
+    pl.DataFrame({"t": [0.0, 1.0], "x1": ["a", "b"], "x2": [0.0, 0], "u1": [0.0, 0], "u2": [0.0, 0]}).write_parquet(
+        tmp_path / "text.parquet"
+    )
+    with pytest.raises(LogError, match=r"row 1, column 'x1': 'a' is not a finite number"):
+        read_log(tmp_path / "text.parquet", pulley_rig)
+
+
+def test_millimetres_read_as_metres_warn(tmp_path: Path, pulley_rig: Rig) -> None:
+    text = "t,x1,x2,u1,u2\n0,0,2e-3,2,2\n0.01,5,2.1e-3,2,2\n"
+    with pytest.warns(DistalWarning, match=r"'x1' spans 5 m when read in 'm'.*is the log in mm\?"):
+        read_log(file(tmp_path, text), pulley_rig)
+
+
+def test_truth_from_a_column_a_file_and_a_reference(tmp_path: Path, paper_rig: Rig, pulley_rig: Rig) -> None:
+    lines = GOOD.splitlines()
+    text = "\n".join([lines[0] + ",angle", *(f"{line},0.{i}" for i, line in enumerate(lines[1:]))])
+    path = file(tmp_path, text)
+    np.testing.assert_allclose(read_log(path, pulley_rig, truth="angle").truth["theta"], [0.0, 0.1, 0.2])
+    assert "theta" not in read_log(path, pulley_rig).truth
+    other = file(tmp_path, "t,theta\n0,0\n0.02,0.4\n", "truth.csv")
+    np.testing.assert_allclose(read_log(path, pulley_rig, truth=other).truth["theta"], [0, 0.2, 0.4])
+    # the paper rig's encoder counts degrees
+    encoder = file(tmp_path, text.replace("angle", "encoder"), "encoder.csv")
+    np.testing.assert_allclose(read_log(encoder, paper_rig).truth["theta"], np.deg2rad([0.0, 0.1, 0.2]))
+    with pytest.raises(LogError, match=r"'angel' is neither a file nor a column \(the log has t, x1"):
+        read_log(path, pulley_rig, truth="angel")
+    with pytest.raises(LogError, match="does not overlap"):
+        read_log(path, pulley_rig, truth=file(tmp_path, "t,theta\n10,0\n11,0\n", "late.csv"))
+    assert np.isnan(read_truth(file(tmp_path, "t,theta\n0.01,0\n1,1\n", "part.csv"), np.array([0.0, 0.5]))[0])
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.floats(-1e3, 1e3, allow_subnormal=False) | st.just(float("nan")), min_size=2, max_size=20),
+    st.sampled_from([".csv", ".parquet"]),
+)
+def test_what_is_written_is_read_back(tmp_path: Path, pulley_rig: Rig, values: list[float], ending: str) -> None:
+    time = 0.01 * np.arange(len(values))
+    column = np.array(values) * 1e-5
+    log = Log(time, {"x1": column, "x2": column[::-1], "u1": column * 1e3, "u2": column * 0}, {"theta": column * 0})
+    path = tmp_path / f"written{ending}"
+    write_log(log, pulley_rig, path)
+    back = read_log(path, pulley_rig)
+    np.testing.assert_array_equal(back.time, log.time)
+    for name in log.channels:
+        np.testing.assert_array_equal(back.channels[name], log.channels[name])
+    np.testing.assert_array_equal(back.truth["theta"], log.truth["theta"])
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.binary(max_size=300))
+def test_any_bytes_are_a_log_or_a_log_error(tmp_path: Path, pulley_rig: Rig, content: bytes) -> None:
+    try:
+        read_log(file(tmp_path, content), pulley_rig)
+    except LogError as problem:
+        assert re.search("log.csv", str(problem))
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.text(alphabet="0123456789.,;-e\nnatx \"'", max_size=120))
+def test_any_numbers_below_a_good_header_are_read_or_refused(tmp_path: Path, pulley_rig: Rig, tail: str) -> None:
+    try:
+        log = read_log(file(tmp_path, GOOD + tail), pulley_rig)
+    except LogError:
+        return
+    assert np.all(np.diff(log.time) > 0)
