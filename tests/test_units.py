@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import math
 
 import pytest
@@ -69,7 +70,5 @@ def test_a_unit_scales_and_does_nothing_else(number: float) -> None:
 
 @given(st.text(max_size=30))
 def test_any_text_is_a_quantity_or_a_unit_error(text: str) -> None:
-    try:
+    with contextlib.suppress(UnitError):
         assert math.isfinite(to_si(text, "m"))
-    except UnitError:
-        pass

@@ -43,7 +43,12 @@ class KernelWarning(DistalWarning):
 
 
 def did_you_mean(given: str, known: Iterable[str]) -> str:
-    """Return a hint that names the nearest known word and lists all, e.g. ``; did you mean 'mass'? (known: …)``."""
+    """Return a hint that names the nearest known word and lists all, e.g. ``; did you mean 'mass'? (known: …)``.
+
+    Args:
+        given: the word that came.
+        known: the words that are allowed.
+    """
     names = sorted(known)
     near = get_close_matches(given, names, n=1, cutoff=0.5)
     hint = f"; did you mean '{near[0]}'?" if near else ""

@@ -21,7 +21,7 @@ _ANGLE_WORDS = re.compile(
 def _registry() -> Any:
     import pint
 
-    registry = pint.UnitRegistry(cache_folder=None)
+    registry: Any = pint.UnitRegistry(cache_folder=None)
     # roboticists write Nm; pint alone knows only N m
     registry.define("newton_metre = newton * metre = Nm")
     return registry

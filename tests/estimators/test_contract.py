@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from distal import ESTIMATORS, Estimator, Log, Rig, estimate, load_rig, load_scenario, make_estimator, scenario_rig, simulate
+from distal import (
+    ESTIMATORS,
+    Estimator,
+    Log,
+    Rig,
+    estimate,
+    load_rig,
+    load_scenario,
+    make_estimator,
+    scenario_rig,
+    simulate,
+)
 from distal.errors import EstimationError
 from distal.estimators import samples_of
 from distal.simulation import build_scenario
@@ -24,7 +35,11 @@ def rig() -> Rig:
 def log(rig: Rig) -> Log:
     """The link turns by 80° while one pull rises slowly: no swinging weight, whose force few samples cannot follow."""
     rising = {"points": [["0 s", "2 N"], ["0.5 s", "2 N"], ["2.5 s", "6 N"]], "interpolation": "linear"}
-    scenario = {"rig": "paper-2008", "duration": "3.2 s", "drives": {"left": {"force": rising}, "right": {"force": 2.0}}}
+    scenario = {
+        "rig": "paper-2008",
+        "duration": "3.2 s",
+        "drives": {"left": {"force": rising}, "right": {"force": 2.0}},
+    }
     return simulate(rig, build_scenario(scenario), 7)
 
 
@@ -172,7 +187,9 @@ def test_zero_noise_is_refused(name: str, rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("which", ["paper-2008", "paper-2008-soft", "paper-2008-observed", "pulley-antagonist", "capstan-joint"])
+@pytest.mark.parametrize(
+    "which", ["paper-2008", "paper-2008-soft", "paper-2008-observed", "pulley-antagonist", "capstan-joint"]
+)
 def test_runs_on_every_shipped_rig(name: str, which: str) -> None:
     made = make_estimator(name, load_rig(which), compiled=False)
     n = len(made.channels)

@@ -95,7 +95,9 @@ def test_sequential_joseph_equals_the_update_with_all_values_at_once() -> None:
     symbols = [ca.SX.sym("x", n), ca.SX.sym("P", n, n), ca.SX.sym("e", m), ca.SX.sym("H", m, n), ca.SX.sym("r", m)]
     mask = ca.SX.sym("mask", m)
     function = ca.Function("update", [*symbols, mask], list(update(*symbols, mask)))
-    x, p, innovations, variances = (part.full() for part in function(mean, covariance, residual, jacobian, r, np.ones(m)))
+    x, p, innovations, variances = (
+        part.full() for part in function(mean, covariance, residual, jacobian, r, np.ones(m))
+    )
     together = jacobian @ covariance @ jacobian.T + np.diag(r)
     gain = covariance @ jacobian.T @ np.linalg.inv(together)
     np.testing.assert_allclose(x.ravel(), mean + gain @ residual, rtol=1e-12)

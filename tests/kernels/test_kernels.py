@@ -97,7 +97,9 @@ def test_a_damaged_library_is_never_loaded(fresh: Path, damage: str) -> None:
     assert Cache(fresh).find(note.stem) is None
     again = Kernel(small_function())
     assert again.backend == "compiled"
-    np.testing.assert_array_equal(again.step(START, INPUTS[0], P)[0], Kernel(small_function(), False).step(START, INPUTS[0], P)[0])
+    np.testing.assert_array_equal(
+        again.step(START, INPUTS[0], P)[0], Kernel(small_function(), False).step(START, INPUTS[0], P)[0]
+    )
 
 
 def falls_back(match: str) -> Kernel:
@@ -154,7 +156,8 @@ def test_several_processes_at_once(fresh: Path) -> None:
     )
     environment = {**os.environ, "DISTAL_CACHE": str(fresh)}
     running = [
-        subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True) for _ in range(4)
+        subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True)
+        for _ in range(4)
     ]
     said = {process.communicate()[0] for process in running}
     assert all(process.returncode == 0 for process in running)

@@ -20,7 +20,13 @@ def evaluate(mechanism: Mechanism) -> ca.Function:
     q, v = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("v", mechanism.n_bodies)
     tensions = mechanism.tensions(q, v)
     force = -ca.mtimes(mechanism.length_jacobian(q).T, tensions)
-    outputs = [tensions, force, mechanism.friction_limits(tensions), mechanism.elongations(q), mechanism.passive_forces(q)]
+    outputs = [
+        tensions,
+        force,
+        mechanism.friction_limits(tensions),
+        mechanism.elongations(q),
+        mechanism.passive_forces(q),
+    ]
     return ca.Function("forces", [q, v, mechanism.parameters.symbols], outputs)
 
 
@@ -105,7 +111,9 @@ def test_capstan_winds_one_tendon_and_pays_out_the_other() -> None:
 def test_angle_at_is_the_inverse_of_elongation(theta: float, x: float, side: int, kind: str) -> None:
     r, length = 9.53e-3, 0.375
     stretched = float(ca.evalf(elongation(kind, ca.DM(theta), ca.DM(x), side, r, length)))
-    assert float(ca.evalf(ca.SX(angle_at(kind, stretched, ca.DM(x), side, r, length)))) == pytest.approx(theta, abs=1e-9)
+    assert float(ca.evalf(ca.SX(angle_at(kind, stretched, ca.DM(x), side, r, length)))) == pytest.approx(
+        theta, abs=1e-9
+    )
 
 
 def test_an_impossible_length_gives_the_nearest_angle() -> None:
@@ -155,7 +163,9 @@ def test_restitution_is_that_of_the_contact() -> None:
     m, k, c = 1e-3, 1e5, 3.0
     event = lambda t, y: k * y[0] + c * y[1] if t > 1e-5 else 1.0  # noqa: E731
     event.terminal = True  # type: ignore[attr-defined]
-    done = solve_ivp(lambda t, y: [y[1], -(k * y[0] + c * y[1]) / m], (0, 1e-2), [0.0, 1.0], events=event, rtol=1e-10, atol=1e-14)
+    done = solve_ivp(
+        lambda t, y: [y[1], -(k * y[0] + c * y[1]) / m], (0, 1e-2), [0.0, 1.0], events=event, rtol=1e-10, atol=1e-14
+    )
     assert float(restitution(ca.DM(k), ca.DM(c), ca.DM(m))) == pytest.approx(-done.y[1, -1], rel=1e-6)
     assert float(restitution(ca.DM(k), ca.DM(100.0), ca.DM(m))) == 0.0
 

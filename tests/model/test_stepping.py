@@ -160,7 +160,9 @@ def test_friction_and_damping_only_take_energy(paper_rig: Rig) -> None:
 
 def test_a_stop_holds_and_lets_go(paper_rig: Rig) -> None:
     """Pressed by 4 N beyond what the tendon takes, the slider sits 40 µm inside the stop and leaves it when released."""
-    rig = paper_rig.with_values({"drives.0.friction.load": {"value": 0.0, "std": 0.0}, "drives.0.stops": [-2.5e-3, 3e-3]})
+    rig = paper_rig.with_values(
+        {"drives.0.friction.load": {"value": 0.0, "std": 0.0}, "drives.0.stops": [-2.5e-3, 3e-3]}
+    )
     stepper = Stepper(rig)
     tension = 806 * 3e-3
     pressed = stepper.run(np.tile([0.0, tension + 4.0, 2.0], (60, 1)), START)

@@ -10,7 +10,6 @@ import pytest
 from distal import Rig, load_rig, load_scenario, scenario_rig, shipped_scenarios, simulate
 from distal.errors import ScenarioError
 from distal.simulation import build_scenario
-from tests.helpers import NaiveRig
 
 EXAMPLE = """
 rig = "paper-2008"
@@ -158,8 +157,14 @@ def test_zero_noise_is_allowed(paper_rig: Rig) -> None:
 
 
 REFUSED = [
-    ('rig = "paper-2008"\nduration = "8 s"\n[drives.lft]\nweight = 2.0', "the rig has no drive 'lft'; did you mean 'left'"),
-    ('rig = "paper-2008"\nduration = "8 s"\n[drives.left]\ntorque = 2.0', "drives.left.torque: a slider cannot be pulled so"),
+    (
+        'rig = "paper-2008"\nduration = "8 s"\n[drives.lft]\nweight = 2.0',
+        "the rig has no drive 'lft'; did you mean 'left'",
+    ),
+    (
+        'rig = "paper-2008"\nduration = "8 s"\n[drives.left]\ntorque = 2.0',
+        "drives.left.torque: a slider cannot be pulled so",
+    ),
     ('rig = "paper-2008"\nduration = "8 s"\n[drives.left]\nweight = "-2 N"', "must not be negative"),
     ('rig = "paper-2008"\nduration = "8 s"\n[drives.left]\nweight = [["1 s", "2 N"], ["0 s", "3 N"]]', "must rise"),
     ('rig = "paper-2008"\nduration = "8 s"\n[drives.left]\nwieght = 2', "unknown key 'wieght'; did you mean 'weight'"),

@@ -70,7 +70,12 @@ def free_simulation(rig: Rig) -> FullStateFilter:
 
 
 def hung_weights(log: Log, scenario: Scenario) -> Log:
-    """Return the log with the hung weights in place of the load cells' readings."""
+    """Return the log with the hung weights in place of the load cells' readings.
+
+    Args:
+        log: of the scenario.
+        scenario: what hangs on each drive.
+    """
     channels = dict(log.channels)
     for sensor, drive in (("u1", "left"), ("u2", "right")):
         weight = scenario.drives[drive].weight

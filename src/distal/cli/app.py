@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import Any
 
 import typer
 
@@ -12,7 +13,7 @@ from distal.cli.console import show_warnings
 from distal.errors import DistalError
 
 # typer raises the errors of the click that it uses, its own or the package; BadParameter leads to both
-_ClickError = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+_ClickError: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
 
 app = typer.Typer(
     name="distal",
@@ -58,9 +59,9 @@ def main() -> None:
         code = 2
     except _ClickError as problem:
         if type(problem).__name__ == "NoArgsIsHelpError":
-            problem.show()  # type: ignore[attr-defined]
+            problem.show()
         else:
-            print(f"error: {' '.join(problem.format_message().split())}", file=sys.stderr)  # type: ignore[attr-defined]
+            print(f"error: {' '.join(problem.format_message().split())}", file=sys.stderr)
         code = 2
     except (typer.Abort, KeyboardInterrupt):
         print("stopped", file=sys.stderr)

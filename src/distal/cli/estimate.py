@@ -67,12 +67,14 @@ def _plot(results: list[Estimate], path: Path) -> None:
 def _describe(log: Log, rig: Rig) -> None:
     """Print what was read: samples, time, rate, missing values, gaps."""
     say(
-        f"read {log.source}: {len(log)} samples, {log.time[0]:g} to {log.time[-1]:g} s, {log.rate:.4g} Hz; rig: {rig.name}"
+        f"read {log.source}: {len(log)} samples, {log.time[0]:g} to {log.time[-1]:g} s, {log.rate:.4g} Hz; "
+        f"rig: {rig.name}"
     )
     for sensor in rig.sensors:
         if sensor.name in log.channels:
             missing = int(np.isnan(log.channels[sensor.name]).sum())
-            column = f"  {sensor.name}: {sensor.measures} of {sensor.of}, column '{sensor.log_column}' in {sensor.unit or sensor.si}"
+            unit = sensor.unit or sensor.si
+            column = f"  {sensor.name}: {sensor.measures} of {sensor.of}, column '{sensor.log_column}' in {unit}"
             say(column + (f", {missing} missing" if missing else ""))
     gaps = log.gaps()
     if gaps:

@@ -72,5 +72,10 @@ def channels_of(rig: Rig, name: str) -> Channels:
 
 
 def sensor_for(sensors: tuple[Sensor, ...], part: str) -> Sensor | None:
-    """Return the sensor of the drive or tendon called `part`, or None."""
+    """Return the sensor of the drive or tendon called `part`, or None.
+
+    Args:
+        sensors: to look through.
+        part: name of a drive or tendon.
+    """
     return next((sensor for sensor in sensors if sensor.of == part), None)

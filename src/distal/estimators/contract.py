@@ -81,15 +81,32 @@ class Estimator(Protocol):
     state_names: tuple[str, ...]
 
     def initial(self, time: float, sample: Floats) -> Belief:
-        """Return the belief before the first sample."""
+        """Return the belief before the first sample.
+
+        Args:
+            time: of the first sample [s].
+            sample: values of `channels`, SI, NaN where missing, (n_channels,).
+        """
         ...
 
     def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
-        """Return the belief after a sample, and its innovation."""
+        """Return the belief after a sample, and its innovation.
+
+        Args:
+            belief: before.
+            time: of the sample [s], after the belief's.
+            sample: values of `channels`, SI, NaN where missing, (n_channels,).
+        """
         ...
 
     def scan(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return means, covariances, innovations and their variances of a whole log, the same numbers as `step`."""
+        """Return means, covariances, innovations and their variances of a whole log, the same numbers as `step`.
+
+        Args:
+            belief: before the first sample.
+            times: stamps [s], rising, (k,).
+            samples: values of `channels`, (k, n_channels).
+        """
         ...
 
 
@@ -127,7 +144,12 @@ class KernelEstimator:
         self._p, self._interval = frozen(p), interval
 
     def initial(self, time: float, sample: Floats) -> Belief:
-        """Return the belief before the first sample."""
+        """Return the belief before the first sample.
+
+        Args:
+            time: of the first sample [s].
+            sample: values of `channels`, SI, NaN where missing, (n_channels,).
+        """
         mean, covariance, memory = self._prior(self._checked(sample))
         carry = np.concatenate([mean, covariance.ravel(), memory])
         return Belief(float(time), frozen(carry), len(mean))
@@ -222,7 +244,12 @@ class KernelEstimator:
 
 
 def innovation(values: Floats, variances: Floats) -> Innovation:
-    """Return the innovation with its log-likelihood, −½ Σ (ν²/S + ln 2πS) over the values that are there."""
+    """Return the innovation with its log-likelihood, −½ Σ (ν²/S + ln 2πS) over the values that are there.
+
+    Args:
+        values: measured minus predicted, NaN where missing, (m,).
+        variances: their predicted variances, (m,).
+    """
     there = np.isfinite(values)
     terms = values[there] ** 2 / variances[there] + np.log(2 * np.pi * variances[there])
     return Innovation(values, variances, float(-0.5 * terms.sum()))

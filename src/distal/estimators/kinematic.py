@@ -34,7 +34,7 @@ def kinematic_function(
         tendons: those whose drive has a position sensor.
         elastic: remove the stretch.
     """
-    k, nd, n_p = len(tendons), mechanism.n_drives, len(mechanism.parameters)
+    k, nd = len(tendons), mechanism.n_drives
     n, width = 1 + k, len(channels.names)
     places = [drive.name for drive in mechanism.rig.drives]
     carry, x, p = (

@@ -56,12 +56,16 @@ def figure(
 
     with matplotlib.rc_context(STYLE):
         made = Figure(figsize=size)
-        axes = made.subplots(rows, columns, squeeze=False, **options)  # type: ignore[arg-type]
+        axes = made.subplots(rows, columns, squeeze=False, **options)
         yield made, list(np.ravel(axes))
 
 
 def save_figure(made: Figure, path: str | Path) -> None:
     """Write a figure whole or not at all, in the format of its suffix.
+
+    Args:
+        made: the figure.
+        path: where.
 
     Raises:
         OutputError: the format is unknown or the file cannot be written.

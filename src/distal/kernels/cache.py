@@ -73,6 +73,10 @@ class Cache:
 
         Library and note are each put in place by a rename, the note last: a reader sees all of it or none.
 
+        Args:
+            key: what to keep it under.
+            built: the library.
+
         Raises:
             OSError: the cache cannot be written.
         """

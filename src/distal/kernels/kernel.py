@@ -44,10 +44,11 @@ class Kernel:
         self._p, self._y = np.zeros(self.n_p), np.zeros(self.n_y)
         self._next = np.zeros(self.n_carry)
         self._buffer, self._trigger = call.buffer()
+        view: Any = memoryview
         for i, array in enumerate((self._carry, self._x, self._p)):
-            self._buffer.set_arg(i, memoryview(array))
+            self._buffer.set_arg(i, view(array))
         for i, array in enumerate((self._next, self._y)):
-            self._buffer.set_res(i, memoryview(array))
+            self._buffer.set_res(i, view(array))
         self._call = call
 
     def _load(self) -> ca.Function:

@@ -14,7 +14,7 @@ from distal.errors import DistalWarning, LogError
 from distal.logs.log import Log, check_stamps
 from distal.logs.output import write_whole
 from distal.logs.tables import Table, column_names, read_table
-from distal.rig import Rig, Sensor
+from distal.rig import Capstan, Rig, Sensor
 from distal.units import unit_factor
 
 Floats = NDArray[np.float64]
@@ -112,10 +112,12 @@ def _warn_of_units(log: Log, rig: Rig) -> None:
             continue
         span = float(np.nanmax(values) - np.nanmin(values))
         radii = [t.insertion.radius.value for t in rig.tendons if t.drive == sensor.of]
-        lever = drives[sensor.of].radius.value if drives[sensor.of].kind == "capstan" else 1.0
+        drive = drives[sensor.of]
+        lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
         # a joint turns by a few radians at most, and a tendon stretches by less than that
         travel = span * lever / max(radii)
-        reading = f"{log.source}: '{sensor.log_column}' spans {span:.3g} {sensor.si} when read in '{sensor.unit or sensor.si}'"
+        unit = sensor.unit or sensor.si
+        reading = f"{log.source}: '{sensor.log_column}' spans {span:.3g} {sensor.si} when read in '{unit}'"
         if travel > 50.0:
             hint = "mm" if sensor.si == "m" else "deg"
             warnings.warn(

@@ -95,12 +95,12 @@ def _csv(path: Path) -> polars.DataFrame:
         data = path.read_bytes()
     except OSError as problem:
         raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
+    data = data.removeprefix(b"\xef\xbb\xbf").lstrip(b"\r\n")
     if not data.strip():
         raise LogError(f"{path}: is empty")
     if b"\0" in data[:4096]:
         raise LogError(f"{path}: is not text; a CSV file is expected (Parquet needs the ending .parquet)")
-    data = data.removeprefix(b"\xef\xbb\xbf")
-    header = data.lstrip(b"\r\n").split(b"\n", 1)[0]
+    header = data.split(b"\n", 1)[0]
     separator = max((",", ";", "\t"), key=lambda mark: header.count(mark.encode()))
     # blank lines at the end are no rows; with tabs, one may be an empty last cell
     data = data.rstrip(b"\r\n " if separator == "\t" else None)

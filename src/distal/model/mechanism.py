@@ -27,7 +27,7 @@ class Body:
 
 
 class Mechanism:
-    """The general form of a tendon-driven rig: coordinates q = (joint angles, drive displacements).
+    """The general form of a tendon-driven rig: coordinates q = (joint angles, drive displacements) and their rates v.
 
         stretch  δ_i = ℓ_i(q) − ℓ_i⁰,   tension  T_i = max(k_i δ_i + c_i δ̇_i, 0) for δ_i > 0, else 0
         joints:  J θ̈ + b θ̇ + friction(θ̇, T) = −(∂ℓ/∂θ)ᵀ T + spring + gravity + τ_ext
@@ -56,7 +56,12 @@ class Mechanism:
         self.drive_of = tuple(drives[tendon.drive] for tendon in rig.tendons)
 
     def displacement(self, tendon: int, q: Any) -> Any:
-        """Return the displacement [m] of a tendon's proximal end: the slider's, or side · R φ of a capstan."""
+        """Return the displacement [m] of a tendon's proximal end: the slider's, or side · R φ of a capstan.
+
+        Args:
+            tendon: its index.
+            q: coordinates, (n_bodies,) [rad, m].
+        """
         drive = self.drive_of[tendon]
         radius = f"{self.bodies[drive].path}.radius"
         if radius in self.parameters:
@@ -65,17 +70,20 @@ class Mechanism:
 
     def elongations(self, q: Any) -> Any:
         """Return ℓ_i(q) − l_i of all tendons, (n_tendons,) [m]."""
-        return ca.vertcat(
-            *(
-                elongation(
-                    *self._insertion(i)[:1], q[self.joint_of[i]], self.displacement(i, q), *self._insertion(i)[1:]
-                )
-                for i in range(self.n_tendons)
-            )
-        )
+        lengths = []
+        for i in range(self.n_tendons):
+            kind, side, radius, free_length = self._insertion(i)
+            lengths.append(elongation(kind, q[self.joint_of[i]], self.displacement(i, q), side, radius, free_length))
+        return ca.vertcat(*lengths)
 
     def angle_at(self, tendon: int, elongated: Any, q: Any) -> Any:
-        """Return the joint angle [rad] at which tendon `tendon` has ℓ − l = `elongated`, at the drives' place in q."""
+        """Return the joint angle [rad] at which tendon `tendon` has ℓ − l = `elongated`, at the drives' place in q.
+
+        Args:
+            tendon: its index.
+            elongated: ℓ − l [m].
+            q: coordinates, (n_bodies,); the joint's own is not used.
+        """
         kind, *sizes = self._insertion(tendon)
         return angle_at(kind, elongated, self.displacement(tendon, q), *sizes)
 
@@ -97,6 +105,10 @@ class Mechanism:
         """Return T_i = max(k δ + T_pre + c δ̇, 0) of all tendons, zero where slack, (n_tendons,) [N].
 
         Equations (8) and (9) with the mend max(·, 0), in the general form with damping and pre-tension.
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+            v: velocities, (n_bodies,).
         """
         p, stretched = self.parameters, self.elongations(q)
         rates = ca.mtimes(self.length_jacobian(q), v)
@@ -112,7 +124,12 @@ class Mechanism:
         return ca.vertcat(*tensions)
 
     def tendon_damping(self, q: Any, tensions: Any) -> Any:
-        """Return Σ c (∂ℓ/∂q_j)² over the taut tendons, (n_bodies,): each body's own part of the tendons' damping."""
+        """Return Σ c (∂ℓ/∂q_j)² over the taut tendons, (n_bodies,): each body's own part of the tendons' damping.
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+            tensions: of all tendons [N], (n_tendons,).
+        """
         jacobian = self.length_jacobian(q)
         total = ca.SX(self.n_bodies, 1)
         for i in range(self.n_tendons):
@@ -153,8 +170,13 @@ class Mechanism:
                 p[f"{path}.friction.exponent"],
             )
         tension = sum((tensions[i] for i in range(self.n_tendons) if self.drive_of[i] == body), ca.SX(0))
-        lever = p[f"{path}.radius"] if f"{path}.radius" in p else 1
+        lever = self._drive_radius(body)
         return p[f"{path}.friction.constant"] + p[f"{path}.friction.load"] * lever * tension
+
+    def _drive_radius(self, body: int) -> Any:
+        """Return the capstan's radius, or 1 for a slider."""
+        path = f"{self.bodies[body].path}.radius"
+        return self.parameters[path] if path in self.parameters else ca.SX(1)
 
     def inertias(self) -> Any:
         """Return mass or moment of inertia of all bodies, (n_bodies,)."""

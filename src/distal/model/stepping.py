@@ -166,6 +166,10 @@ def stiffest_frequency(mechanism: Mechanism) -> float:
 def substeps(mechanism: Mechanism, interval: float) -> int:
     """Return how many sub-steps an interval [s] needs: the rig's `largest_step`, or RESOLUTION/ω of its stiffest mode.
 
+    Args:
+        mechanism: the rig's equations.
+        interval: time between samples [s].
+
     Raises:
         RigError: more than `MOST_SUBSTEPS` would be needed.
     """

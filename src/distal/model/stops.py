@@ -76,6 +76,15 @@ class Stop:
 
         (1 + b (D + α k_s h + b_s)) v + l ∂|v| ∋ z − b k_s (x − x_stop). v is monotone in z, so a stop that is found by
         looking at the velocity without it can only push.
+
+        Args:
+            z: velocity after the other forces, before friction.
+            limit: friction impulse b · μN.
+            b: response of the velocity to a constant force over the kick.
+            implicit: damping coefficient D that is taken implicitly.
+            position: at the start of the drift.
+            stop: the stop that is pressed, x_L or x_H.
+            drift: length of the drift h [s].
         """
         held = 1 + b * (implicit + self.implicitness * self.stiffness * drift + self.damping)
         return soft(z - b * self.stiffness * (position - stop), limit) / held

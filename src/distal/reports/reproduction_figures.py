@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -68,7 +68,7 @@ def _potentiometers(top: Axes, bottom: Axes, run: Run) -> None:
     result = run.estimates["inextensible"]
     for i, side in enumerate(("left", "right")):
         theta = np.rad2deg(result.means[:, result.state_names.index(f"theta_{side}")])
-        style = {"color": COLOURS[i], "linestyle": DASHES[i], "linewidth": 1.2}
+        style: dict[str, Any] = {"color": COLOURS[i], "linestyle": DASHES[i], "linewidth": 1.2}
         top.plot(run.log.time, theta, label=f"from {side} potentiometer", **style)
         bottom.plot(run.log.time, theta - np.rad2deg(run.log.truth["theta"]), **style)
 

@@ -42,7 +42,12 @@ def rig_text(name: str | Path) -> tuple[str, str]:
 
 
 def read_text(path: Path, error: type[DistalError]) -> str:
-    """Return the text of a file (UTF-8), or raise `error` with the reason in plain words."""
+    """Return the text of a file (UTF-8), or raise `error` with the reason in plain words.
+
+    Args:
+        path: the file.
+        error: the kind of error to raise.
+    """
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
@@ -120,7 +125,13 @@ def build_rig(raw: Mapping[str, Any], source: str) -> Rig:
 
 
 def explain(problem: ValidationError, source: str, root: type[BaseModel]) -> str:
-    """Return one line for pydantic's findings: the first in full, the number of others."""
+    """Return one line for pydantic's findings: the first in full, the number of others.
+
+    Args:
+        problem: what pydantic found.
+        source: what to call the description.
+        root: the description's model.
+    """
     findings = problem.errors(include_url=False)
     line = f"{source}: {_finding(findings[0], root)}"
     others = len(findings) - 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -88,7 +89,7 @@ class SignalIn:
                 raise UnitError(f"a point is [time, value], {point!r} came")
         times = tuple(to_si(point[0], "s") for point in raw)
         values = tuple(to_si(point[1], self.si) for point in raw)
-        if any(later < earlier for earlier, later in zip(times, times[1:])):
+        if any(later < earlier for earlier, later in pairwise(times)):
             raise UnitError("the times of the points must rise")
         return Signal(times, values, interpolation)
 

@@ -48,7 +48,7 @@ def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int =
     fastest = max((sensor.rate for sensor in plant.rig.sensors), default=100.0)
     dt = 1.0 / fastest / ceil(1.0 / fastest / LONGEST_INTERVAL - 1e-9)
     steps = ceil(scenario.duration / dt - 1e-9)
-    grid = dt * np.arange(steps + 1)
+    grid: Floats = dt * np.arange(steps + 1, dtype=np.float64)
     inputs = body_inputs(scenario, plant, grid[:-1])
     start = equilibrium(plant, initial_angles(scenario, plant), inputs)
     motion = run_plant(plant, inputs, start, dt, max(2, 2 * substeps(plant, dt)))

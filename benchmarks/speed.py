@@ -1,0 +1,132 @@
+"""How fast: simulation and one filter step, compiled and interpreted, and the same job as a user would do it today.
+
+`python -m benchmarks.speed` (part of `make bench`). Times are medians within one run; compare the ratios, not the µs.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from benchmarks.report import FOLDER, table
+from distal import load_rig, load_scenario, make_estimator, scenario_rig, simulate
+from distal.estimators import samples_of
+from distal.kernels import Kernel, find_compiler
+from distal.model import Mechanism, substeps
+from distal.simulation.plant import plant_function
+
+SAMPLES = 800
+
+
+def step_times(kernel: Kernel, carry: np.ndarray, rows: np.ndarray, p: np.ndarray, repeats: int = 12) -> np.ndarray:
+    """Return the times of single steps over a log [µs]; the first pass warms up."""
+    buffer_carry, buffer_x, following = kernel._carry, kernel._x, kernel._next
+    kernel._p[:] = p
+    times = []
+    for repeat in range(repeats):
+        buffer_carry[:] = carry
+        for row in rows:
+            buffer_x[:] = row
+            start = time.perf_counter_ns()
+            kernel._trigger()
+            end = time.perf_counter_ns()
+            if repeat:
+                times.append(end - start)
+            buffer_carry[:] = following
+    return np.array(times) / 1e3
+
+
+def filterpy_solve_ivp(rig_samples: np.ndarray, times: np.ndarray, count: int) -> np.ndarray:
+    """Return the times per step [µs] of FilterPy's EKF on the paper's equations with solve_ivp(RK23), as a user would."""
+    from filterpy.kalman import ExtendedKalmanFilter
+    from scipy.integrate import solve_ivp
+    from tests.helpers import NaiveRig
+
+    naive = NaiveRig()
+    width = np.array([0.05, 0.05 * naive.r, 0.05 * naive.r])
+    peer = ExtendedKalmanFilter(dim_x=6, dim_z=2)
+    peer.x = np.array([-0.436, rig_samples[0, 0], rig_samples[0, 1], 0, 0, 0])
+    peer.P, peer.R, peer.Q = np.eye(6), 1e-9 * np.eye(2), 1e-3 * np.eye(6)
+    jacobian = np.eye(6)[1:3]
+
+    def flow(state: np.ndarray, effort: np.ndarray, dt: float) -> np.ndarray:
+        done = solve_ivp(
+            lambda t, y: naive.derivative(y, effort, width), (0, dt), state, method="RK23", rtol=1e-3, atol=1e-6
+        )
+        return np.asarray(done.y[:, -1])
+
+    taken = []
+    for k in range(1, count):
+        start = time.perf_counter_ns()
+        effort = np.array([0.0, *rig_samples[k, 2:]])
+        dt = times[k] - times[k - 1]
+        center = flow(peer.x, effort, dt)
+        peer.F = np.column_stack([(flow(peer.x + 1e-6 * e, effort, dt) - center) / 1e-6 for e in np.eye(6)])
+        peer.P = peer.F @ peer.P @ peer.F.T + peer.Q
+        peer.x = center
+        peer.update(rig_samples[k, :2], lambda x: jacobian, lambda x: x[1:3])
+        taken.append((time.perf_counter_ns() - start) / 1e3)
+    return np.array(taken)
+
+
+def main() -> None:
+    """Measure, print and save."""
+    scenario = load_scenario("series-2")
+    rig = scenario_rig(scenario)
+    log = simulate(rig, scenario)
+    print(f"C compiler: {find_compiler()}")
+    found: list[tuple[str, float, float]] = []
+    backends = (True, False) if not isinstance(find_compiler(), str) else (False,)
+    for name in ("ekf", "ekf-2008", "inextensible"):
+        for compiled in backends:
+            estimator = make_estimator(name, rig, compiled)
+            samples = samples_of(log, estimator.channels)
+            rows, _ = estimator._rows(np.diff(log.time, prepend=0.0), samples)
+            times = step_times(estimator.kernel, estimator.initial(0.0, samples[0]).carry, rows, estimator._p)
+            found.append(
+                (f"{name}, {estimator.kernel.backend}", float(np.median(times)), float(np.percentile(times, 99)))
+            )
+    mechanism = Mechanism(load_rig("paper-2008"))
+    count = substeps(mechanism, 0.01)
+    for compiled in backends:
+        kernel = Kernel(plant_function(mechanism, count), compiled)
+        x = np.zeros((SAMPLES, kernel.n_x))
+        x[:, 1], x[:, 2], x[:, -1] = 3.0, 2.0, 0.01
+        carry = np.array([0.0, 2.5e-3, 2.5e-3, 0, 0, 0])
+        times = step_times(kernel, carry, x, mechanism.parameters.values)
+        label = f"simulation of 10 ms, {kernel.backend}"
+        found.append((label, float(np.median(times)), float(np.percentile(times, 99))))
+    estimator = make_estimator("ekf", rig)
+    order = [estimator.channels.index(name) for name in ("x1", "x2", "u1", "u2")]
+    peer = filterpy_solve_ivp(samples_of(log, estimator.channels)[:, order], log.time, 200)
+    found.append(
+        ("FilterPy EKF, solve_ivp(RK23), numerical Jacobian", float(np.median(peer)), float(np.percentile(peer, 99)))
+    )
+    found.append(("of that, one solve_ivp(RK23)", float(np.median(peer)) / 7, float(np.percentile(peer, 99)) / 7))
+    fastest = found[0][1]
+    rows = [[name, f"{median:.1f}", f"{high:.1f}", f"{median / fastest:.1f}"] for name, median, high in found]
+    table("speed", "One step of 10 ms on paper-2008", ["what", "median [µs]", "99 % [µs]", "ratio to the first"], rows)
+    picture(found)
+
+
+def picture(found: list[tuple[str, float, float]]) -> None:
+    """Draw the medians as bars on a logarithmic scale."""
+    from distal.estimators import COLOURS, figure, save_figure
+
+    with figure(1, 1, (7.2, 3.4)) as (made, (axes,)):
+        names, medians = [name for name, *_ in found], [median for _, median, _ in found]
+        colours = [COLOURS[1] if "solve_ivp" in name else COLOURS[0] for name in names]
+        axes.barh(names[::-1], medians[::-1], color=colours[::-1], height=0.6)
+        for i, median in enumerate(medians[::-1]):
+            axes.text(median * 1.1, i, f"{median / medians[0]:.1f} ×", va="center", fontsize=8)
+        axes.set_xscale("log")
+        axes.set_xlim(right=max(medians) * 4)
+        axes.set_xlabel("time of one step of 10 ms [µs]; × = ratio to the first")
+        axes.grid(axis="y", visible=False)
+    save_figure(made, FOLDER / "speed.svg")
+    save_figure(made, FOLDER / "speed.png")
+
+
+if __name__ == "__main__":
+    main()

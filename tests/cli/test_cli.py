@@ -1,0 +1,288 @@
+"""The command line as a user runs it: what is printed, what is refused, in one line with exit code 2."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from distal.cli import main
+
+
+class Ran:
+    """What a run of the command line gave."""
+
+    def __init__(self, code: int, out: str, err: str) -> None:
+        self.code, self.out, self.err = code, out, err
+
+
+@pytest.fixture
+def run(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    def call(*words: object) -> Ran:
+        monkeypatch.setattr(sys, "argv", ["distal", *map(str, words)])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        said = capfd.readouterr()
+        code = stopped.value.code
+        return Ran(int(code or 0), said.out, said.err)
+
+    return call
+
+
+@pytest.fixture
+def log(tmp_path: Path, run) -> Path:
+    path = tmp_path / "s2.csv"
+    assert run("simulate", "series-2", "--out", path, "--seed", 3).code == 0
+    return path
+
+
+SET = (
+    "--set", 'drives.0.stops=["-5 mm","20 mm"]',
+    "--set", 'drives.1.stops=["-12 mm","13 mm"]',
+    "--set", 'joints.0.initial="-25 deg"',
+)  # fmt: skip
+
+
+def test_simulate_then_estimate(run, log: Path, tmp_path: Path) -> None:
+    out, plot = tmp_path / "est.csv", tmp_path / "est.png"
+    ran = run("estimate", log, "--rig", "paper-2008", "--out", out, "--plot", plot, *SET)
+    assert ran.code == 0
+    assert ran.err == ""
+    assert "800 samples, 0 to 7.99 s, 100 Hz" in ran.out
+    for name in ("inextensible", "elastic", "ekf-2008", "ekf"):
+        assert name in ran.out
+    frame = pl.read_csv(out)
+    assert frame.columns[:3] == ["t", "theta", "theta_std"]
+    assert frame.height == 800
+    truth = pl.read_csv(log)["true_theta"].to_numpy()
+    assert np.rad2deg(np.sqrt(np.mean((frame["theta"].to_numpy() - truth) ** 2))) < 0.9
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_same_from_python(run, log: Path, tmp_path: Path) -> None:
+    import distal
+
+    out = tmp_path / "est.parquet"
+    run("estimate", log, "--rig", "paper-2008", "--out", out, "--estimator", "ekf-2008", "--passes", 2, *SET)
+    rig = distal.load_rig("paper-2008", SET[1::2])
+    result = distal.estimate(log, rig, "ekf-2008", passes=2)
+    np.testing.assert_array_equal(pl.read_parquet(out)["theta"].to_numpy(), result.theta)
+
+
+def test_without_truth_one_estimate_and_no_errors(run, log: Path, tmp_path: Path) -> None:
+    blind = tmp_path / "blind.csv"
+    pl.read_csv(log).select("t", "x1", "x2", "u1", "u2").write_csv(blind)
+    ran = run("estimate", blind, "--rig", "paper-2008", *SET)
+    assert ran.code == 0
+    assert "error against truth" not in ran.out
+    assert "95 % band" in ran.out
+
+
+def test_truth_as_column_or_file(run, log: Path, tmp_path: Path) -> None:
+    frame = pl.read_csv(log)
+    sensors, truth = tmp_path / "sensors.csv", tmp_path / "truth.csv"
+    frame.select("t", "x1", "x2", "u1", "u2").write_csv(sensors)
+    frame.select("t", theta="true_theta").write_csv(truth)
+    by_file = run("estimate", sensors, "--rig", "paper-2008", "--truth", truth, "--estimator", "ekf", *SET)
+    by_column = run("estimate", log, "--rig", "paper-2008", "--truth", "true_theta", "--estimator", "ekf", *SET)
+    assert by_file.code == by_column.code == 0
+    assert by_file.out.splitlines()[5:] == by_column.out.splitlines()[5:]
+    assert by_file.out.count("ekf") >= 1
+
+
+def test_gaps_and_missing_values_are_named(run, log: Path, tmp_path: Path) -> None:
+    frame = pl.read_csv(log).with_columns(x1=pl.when(pl.col("t") < 0.055).then(None).otherwise(pl.col("x1")))
+    holed = tmp_path / "holed.csv"
+    frame.filter((pl.col("t") < 3) | (pl.col("t") > 3.5)).write_csv(holed)
+    ran = run("estimate", holed, "--rig", "paper-2008", *SET)
+    assert "6 missing" in ran.out
+    assert "1 gap, the longest 0.52 s at 2.99 s" in ran.out
+
+
+def refused(ran: Ran, *said: str) -> None:
+    assert ran.code == 2
+    lines = [line for line in ran.err.splitlines() if not line.startswith("warning:")]
+    assert len(lines) == 1, ran.err
+    assert lines[0].startswith("error: ")
+    assert "Traceback" not in ran.err
+    for words in said:
+        assert words in lines[0]
+
+
+def test_bad_input_is_one_line_and_exit_code_2(run, log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.csv"
+    out.write_text("precious")
+    text = log.read_text().splitlines()
+    cases: list[tuple[str, tuple[str, ...]]] = [
+        ("\n".join(line.replace("x1", "z1") for line in text), ("column 'x1' is missing",)),
+        (
+            "\n".join([*text[:9], text[9].replace(text[9].split(",")[1], "abc"), *text[10:]]),
+            ("row 10", "'x1'", "'abc'"),
+        ),
+        ("\n".join([*text[:9], text[9].rsplit(",", 3)[0], *text[10:]]), ("row 10", "too short")),
+        ("\n".join([*text[:9], text[12], *text[9:]]), ("row 11", "goes back")),
+        ("\n".join(text[:2]), ("one row",)),
+        ("", ("is empty",)),
+    ]
+    for content, said in cases:
+        bad = tmp_path / "bad.csv"
+        bad.write_text(content)
+        refused(run("estimate", bad, "--rig", "paper-2008", "--out", out), "bad.csv", *said)
+        assert out.read_text() == "precious"
+
+
+def test_bad_rigs_and_options(run, log: Path, tmp_path: Path) -> None:
+    missing = tmp_path / "no" / "out.csv"
+    cases = [
+        (("estimate", log, "--rig", "paper-208"), ("unknown rig 'paper-208'; did you mean 'paper-2008'?",)),
+        (
+            ("estimate", log, "--rig", "paper-2008", "--set", "drives.0.mass=-1"),
+            ("drives.0.mass", "positive", "-1 came"),
+        ),
+        (("estimate", log, "--rig", "paper-2008", "--set", "drives.0.mss=1"), ("did you mean 'mass'?",)),
+        (("estimate", log, "--rig", "paper-2008", "--set", 'sensors.x1.unit="s"'), ("wrong dimension",)),
+        (("estimate", log, "--rig", "paper-2008", "--set", "sensors.u1.noise=0"), ("zero noise",)),
+        (
+            ("estimate", log, "--rig", "paper-2008", "--estimator", "efk"),
+            ("unknown estimator 'efk'; did you mean 'ekf",),
+        ),
+        (("estimate", log, "--rig", "paper-2008", "--truth", "nothing"), ("neither a file nor a column",)),
+        (("estimate", log, "--rig", "paper-2008", "--out", missing), ("does not exist",)),
+        (("estimate", log, "--rig", "paper-2008", "--plot", tmp_path / "a.xyz"), ("cannot be 'xyz'",)),
+        (("estimate", tmp_path / "none.csv", "--rig", "paper-2008"), ("cannot be read",)),
+        (("estimate", log), ("--rig",)),
+        (("estimate",), ("'log'",)),
+        (("simulate", "series-9", "--out", missing), ("unknown scenario",)),
+        (("simulate", "series-2", "--out", missing), ("does not exist",)),
+        (("simulate", "series-2", "--out", tmp_path), ("is a folder",)),
+        (("rig", "check", "nothing"), ("unknown rig",)),
+        (("nothing",), ("No such command",)),
+        (("estimate", log, "--rig", "paper-2008", "--passes", "0"), ("--passes",)),
+    ]
+    for words, said in cases:
+        refused(run(*words), *said)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_read_only_folder(run, log: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "locked"
+    folder.mkdir(mode=0o500)
+    refused(run("estimate", log, "--rig", "paper-2008", "--out", folder / "out.csv"), "cannot be written")
+
+
+@pytest.mark.filterwarnings("default::distal.errors.DistalWarning")
+def test_millimetres_are_a_warning(run, log: Path, tmp_path: Path) -> None:
+    frame = pl.read_csv(log).with_columns(x1=pl.col("x1") * 1e3, x2=pl.col("x2") * 1e3)
+    path = tmp_path / "mm.csv"
+    frame.write_csv(path)
+    ran = run("estimate", path, "--rig", "paper-2008", "--estimator", "inextensible", *SET)
+    assert ran.code == 0
+    assert "is the log in mm?" in ran.err
+    assert all(line.startswith("warning:") for line in ran.err.splitlines())
+    mended = run(
+        "estimate", path, "--rig", "paper-2008", "--estimator", "inextensible", *SET,
+        "--set", 'sensors.x1.unit="mm"', "--set", 'sensors.x2.unit="mm"',
+    )  # fmt: skip
+    assert mended.err == ""
+
+
+def test_rigs(run, tmp_path: Path) -> None:
+    listed = run("rigs").out
+    for name in ("paper-2008", "paper-2008-soft", "paper-2008-observed", "pulley-antagonist", "capstan-joint"):
+        assert name in listed
+    checked = run("rig", "check", "paper-2008")
+    assert checked.code == 0
+    assert "15 sub-steps per sample at 100 Hz" in checked.out
+    new = tmp_path / "mine.toml"
+    assert run("rig", "new", new).code == 0
+    assert run("rig", "check", new).code == 0
+    refused(run("rig", "new", new), "exists already")
+    shown = run("rig", "show", "paper-2008", "--set", "joints.0.friction.coefficient=0.4").out
+    (tmp_path / "shown.toml").write_text(shown)
+    assert "0.4" in shown
+    assert run("rig", "check", tmp_path / "shown.toml").code == 0
+
+
+def test_scenarios(run, tmp_path: Path) -> None:
+    assert "series-2-high" in run("scenarios").out
+    shown = run("scenario", "show", "series-2").out
+    (tmp_path / "mine.toml").write_text(shown)
+    assert run("simulate", tmp_path / "mine.toml", "--out", tmp_path / "log.csv").code == 0
+
+
+def test_doctor(run) -> None:
+    said = run("doctor").out
+    assert "kernels: " in said
+    assert "casadi" in said
+
+
+def test_doctor_says_why_there_are_no_compiled_kernels(tmp_path: Path) -> None:
+    environment = {**os.environ, "PATH": str(tmp_path), "DISTAL_CACHE": str(tmp_path)}
+    environment.pop("CC", None)
+    ran = subprocess.run(
+        [sys.executable, "-c", "from distal.cli import main; main()", "doctor"],
+        env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert ran.returncode == 0
+    assert "kernels: interpreted (no C compiler was found" in ran.stdout
+
+
+def test_help_and_version(run) -> None:
+    assert "Where a tendon-driven joint is" in run("--help").out
+    assert run("--version").out.startswith("distal ")
+
+
+def test_a_reader_that_goes_away(log: Path) -> None:
+    ran = subprocess.run(
+        ["bash", "-c", f'"{sys.executable}" -c "from distal.cli import main; main()" rig show paper-2008 | head -n 1'],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "Traceback" not in ran.stderr
+
+
+def test_import_is_light() -> None:
+    """`import distal` loads no plotting, no solver and no data frames."""
+    heavy = ("matplotlib", "scipy", "pandas", "polars", "pint", "typer")
+    code = f"import sys, distal; print(','.join(m for m in {heavy} if m in sys.modules))"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == ""
+
+
+@pytest.mark.slow
+def test_reproduce(run, tmp_path: Path) -> None:
+    folder = tmp_path / "out" / "reproduce"
+    ran = run("reproduce", "--out", folder)
+    assert ran.code == 0
+    held = json.loads((folder / "results.json").read_text())
+    for i in range(1, 13):
+        claim = held[f"C{i}"]
+        assert claim["verdict"] in {
+            "holds",
+            "does not hold",
+            "holds only for the observed plant",
+            "holds only for the printed plant",
+        }
+        assert all(np.isfinite(list(measure["values"].values())).all() for measure in claim["measures"])
+        assert f"C{i} " in ran.out
+    # what physics says must come out, whatever the seeds
+    assert held["C2"]["verdict"] == "does not hold"
+    for key in ("C1", "C3", "C4"):
+        assert held[key]["verdict"] == "holds only for the observed plant"
+    errors = held["rms_error_deg"]["as printed"]["series-2"]
+    assert errors["ekf-2008"] <= 0.8
+    assert errors["ekf"] <= 0.45
+    page = (folder / "index.html").read_text()
+    assert page.count("<svg") == 4
+    assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
+        "http://creativecommons.org", ""
+    ).replace("https://matplotlib.org", "")
+    for i in range(2, 6):
+        assert (folder / f"figure-{i}.png").stat().st_size > 10_000
+        assert (folder / f"figure-{i}.svg").read_text().startswith("<?xml")

@@ -1,0 +1,88 @@
+"""Put measured tables into the documentation, each from the file that its command wrote.
+
+`python -m tools.results` after `make demo` and `make bench`: copies out/reproduce/results.json and out/bench/*.md between
+the markers in README.md and docs/, and the figures to docs/figures.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+FIGURES = {
+    "out/reproduce/figure-3.svg": "figure-3.svg",
+    "out/bench/stepping.svg": "stepping.svg",
+    "out/bench/speed.svg": "speed.svg",
+}
+
+
+def claims() -> str:
+    """Return the table of the paper's statements from results.json."""
+    held = json.loads((ROOT / "out/reproduce/results.json").read_text(encoding="utf-8"))
+    lines = ["| | statement | as printed | as observed | verdict |", "|---|---|---|---|---|"]
+    for key in (f"C{i}" for i in range(1, 13)):
+        claim = held[key]
+        main = claim["measures"][0]
+        cells = []
+        for plant in ("as printed", "as observed"):
+            holds = all(measure["holds"][plant] for measure in claim["measures"])
+            cells.append(f"{main['values'][plant]:.2f} {'✓' if holds else '✗'}")
+        lines.append(f"| {key} | {claim['statement']} | {' | '.join(cells)} | {claim['verdict']} |")
+    return "\n".join(lines)
+
+
+def readings() -> str:
+    """Return the table of readings of Q and R, and the errors of Series 2."""
+    held = json.loads((ROOT / "out/reproduce/results.json").read_text(encoding="utf-8"))
+    by_plant = held["readings_of_q_and_r_rms_deg"]
+    lines = ["| reading | RMS, as printed [°] | RMS, as observed [°] |", "|---|---|---|"]
+    lines += [
+        f"| {name} | {by_plant['as printed'][name]:.2f} | {by_plant['as observed'][name]:.2f} |"
+        for name in by_plant["as printed"]
+    ]
+    lines += [
+        "",
+        "Errors in Series 2, RMS [°]:",
+        "",
+        "| plant | series | inextensible | free simulation | ekf-2008 | ekf |",
+    ]
+    lines.append("|---|---|---|---|---|---|")
+    for plant, series in held["rms_error_deg"].items():
+        for name, values in series.items():
+            lines.append(f"| {plant} | {name} | {' | '.join(f'{value:.2f}' for value in values.values())} |")
+    return "\n".join(lines)
+
+
+def bench(name: str) -> str:
+    """Return a table of `make bench`."""
+    return (ROOT / "out/bench" / f"{name}.md").read_text(encoding="utf-8").split("\n\n", 1)[1].strip()
+
+
+TABLES = {
+    "claims": claims,
+    "readings": readings,
+    "stepping": lambda: bench("stepping"),
+    "stepping-cost": lambda: bench("stepping-cost"),
+    "speed": lambda: bench("speed"),
+}
+
+
+def main() -> None:
+    """Rewrite what stands between the markers."""
+    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        for name, table in TABLES.items():
+            marker = rf"(<!-- table: {name} -->\n).*?(\n<!-- end of table -->)"
+            if re.search(marker, text, flags=re.S):
+                made = table()
+                text = re.sub(marker, lambda m, made=made: m[1] + made + m[2], text, flags=re.S)  # type: ignore[misc]
+        page.write_text(text, encoding="utf-8")
+    for source, name in FIGURES.items():
+        shutil.copyfile(ROOT / source, ROOT / "docs" / "figures" / name)
+
+
+if __name__ == "__main__":
+    main()
