@@ -70,6 +70,12 @@ def test_the_example_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.Monk
     assert list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("page", ["estimators.md", "scenarios.md"])
+def test_the_examples_of_the_docs_run(page: str) -> None:
+    for code in re.findall(r"```python\n(.*?)```", (ROOT / "docs" / page).read_text(encoding="utf-8"), re.S):
+        exec(compile(code, page, "exec"), {})
+
+
 def test_pictures_and_pages_that_are_named_exist() -> None:
     for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
         for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):

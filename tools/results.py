@@ -22,15 +22,32 @@ FIGURES = {
 def claims() -> str:
     """Return the table of the paper's statements from results.json."""
     held = json.loads((ROOT / "out/reproduce/results.json").read_text(encoding="utf-8"))
-    lines = ["| | statement | as printed | as observed | verdict |", "|---|---|---|---|---|"]
+    lines = [
+        "| | statement | measure | threshold | as printed | as observed | verdict |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for key in (f"C{i}" for i in range(1, 13)):
         claim = held[key]
         main = claim["measures"][0]
         cells = []
         for plant in ("as printed", "as observed"):
-            holds = all(measure["holds"][plant] for measure in claim["measures"])
+            holds = main["holds"][plant]
             cells.append(f"{main['values'][plant]:.2f} {'✓' if holds else '✗'}")
-        lines.append(f"| {key} | {claim['statement']} | {' | '.join(cells)} | {claim['verdict']} |")
+        bound = f"≥ {main['least']:g}" if main["least"] is not None else f"≤ {main['most']:g}"
+        more = len(claim["measures"]) - 1
+        measure = main["measure"] + (f" (and {more} more)" if more else "")
+        row = [key, claim["statement"], measure, bound, *cells, claim["verdict"]]
+        lines.append(f"| {' | '.join(row)} |")
+    return "\n".join(lines)
+
+
+def verdicts() -> str:
+    """Return the paper's statements and their verdicts only."""
+    held = json.loads((ROOT / "out/reproduce/results.json").read_text(encoding="utf-8"))
+    lines = ["| | statement | verdict |", "|---|---|---|"]
+    lines += [
+        f"| {key} | {held[key]['statement']} | {held[key]['verdict']} |" for key in (f"C{i}" for i in range(1, 13))
+    ]
     return "\n".join(lines)
 
 
@@ -63,6 +80,7 @@ def bench(name: str) -> str:
 
 TABLES = {
     "claims": claims,
+    "verdicts": verdicts,
     "readings": readings,
     "stepping": lambda: bench("stepping"),
     "stepping-cost": lambda: bench("stepping-cost"),

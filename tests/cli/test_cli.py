@@ -66,6 +66,27 @@ def test_simulate_then_estimate(run, log: Path, tmp_path: Path) -> None:
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_command_that_simulate_prints_works(run, tmp_path: Path) -> None:
+    import shlex
+
+    said = run("simulate", "series-2", "--out", tmp_path / "log.csv", "--set", "joints.0.friction.coefficient=0.55").out
+    words = shlex.split(said.splitlines()[-1].removeprefix("estimate from it: distal "))
+    ran = run(*words, "--estimator", "ekf")
+    assert ran.code == 0
+    assert ran.err == ""
+    assert "truth: column 'true_theta'" in ran.out
+    assert float(ran.out.split(" ekf ")[1].split()[0]) < 0.6
+
+
+def test_what_the_plant_overrides_is_said(run, tmp_path: Path) -> None:
+    text = run("scenario", "show", "series-2").out + '\n[plant]\n"joints.0.friction.coefficient" = 0.6\n'
+    (tmp_path / "s.toml").write_text(text)
+    said = run(
+        "simulate", tmp_path / "s.toml", "--out", tmp_path / "log.csv", "--set", "joints.0.friction.coefficient=0.55"
+    )
+    assert "warning: the scenario's [plant] has its own joints.0.friction.coefficient" in said.err
+
+
 def test_the_same_from_python(run, log: Path, tmp_path: Path) -> None:
     import distal
 
@@ -93,7 +114,7 @@ def test_truth_as_column_or_file(run, log: Path, tmp_path: Path) -> None:
     by_file = run("estimate", sensors, "--rig", "paper-2008", "--truth", truth, "--estimator", "ekf", *SET)
     by_column = run("estimate", log, "--rig", "paper-2008", "--truth", "true_theta", "--estimator", "ekf", *SET)
     assert by_file.code == by_column.code == 0
-    assert by_file.out.splitlines()[5:] == by_column.out.splitlines()[5:]
+    assert by_file.out.splitlines()[6:] == by_column.out.splitlines()[6:]
     assert by_file.out.count("ekf") >= 1
 
 
@@ -138,6 +159,7 @@ def test_bad_input_is_one_line_and_exit_code_2(run, log: Path, tmp_path: Path) -
         assert out.read_text() == "precious"
 
 
+@pytest.mark.filterwarnings("default::distal.errors.DistalWarning")
 def test_bad_rigs_and_options(run, log: Path, tmp_path: Path) -> None:
     missing = tmp_path / "no" / "out.csv"
     cases = [

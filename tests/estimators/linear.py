@@ -23,10 +23,10 @@ def linear_rig() -> Rig:
 
 @dataclass(frozen=True)
 class LinearModel:
-    """x⁺ = Φ x + G u + c of the linear rig over one interval, by kick–drift–kick with matrices."""
+    """x⁺ = Φ x + G₀ u₀ + G₁ u₁ + c of the linear rig over one interval, u going from u₀ to u₁ in a straight line."""
 
     transition: Floats
-    input_map: Floats
+    input_maps: tuple[Floats, Floats]
     constant: Floats
 
 
@@ -39,23 +39,23 @@ def linear_model(dt: float, count: int) -> LinearModel:
     stiffness, bias = -k * arms.T @ arms, -arms.T @ np.array([pre, pre])
     h = dt / count
 
-    def kick(length: float) -> Floats:
+    def kick(length: float, along: float) -> Floats:
         a = np.exp(-dampings * length / inertias)
         b = (1 - a) / dampings
-        # acts on (q, v, u, 1)
-        matrix = np.eye(9)
-        matrix[3:6] = np.hstack(
-            [b[:, None] * stiffness, np.diag(a), (b[:, None] * np.eye(3))[:, 1:], (b * bias)[:, None]]
-        )
+        pull = (b[:, None] * np.eye(3))[:, 1:]
+        # acts on (q, v, u0, u1, 1)
+        matrix = np.eye(11)
+        blocks = [b[:, None] * stiffness, np.diag(a), (1 - along) * pull, along * pull, (b * bias)[:, None]]
+        matrix[3:6] = np.hstack(blocks)
         return matrix
 
-    drift = np.eye(9)
+    drift = np.eye(11)
     drift[:3, 3:6] = h * np.eye(3)
-    total = drift @ kick(h / 2)
-    for _ in range(count - 1):
-        total = drift @ kick(h) @ total
-    total = kick(h / 2) @ total
-    return LinearModel(total[:6, :6], total[:6, 6:8], total[:6, 8])
+    total = drift @ kick(h / 2, 0.0)
+    for i in range(1, count):
+        total = drift @ kick(h, i / count) @ total
+    total = kick(h / 2, 1.0) @ total
+    return LinearModel(total[:6, :6], (total[:6, 6:8], total[:6, 8:10]), total[:6, 10])
 
 
 def linear_log(seed: int = 0, n: int = 200) -> Log:

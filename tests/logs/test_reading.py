@@ -172,3 +172,28 @@ def test_any_numbers_below_a_good_header_are_read_or_refused(tmp_path: Path, pul
     except LogError:
         return
     assert np.all(np.diff(log.time) > 0)
+
+
+def test_frames_are_logs_too(pulley_rig: Rig) -> None:
+    frame = pl.read_csv(GOOD.encode())
+    expected = [1e-3, 1.1e-3, 1.2e-3]
+    for one in (frame, frame.to_pandas()):
+        np.testing.assert_allclose(read_log(one, pulley_rig).channels["x1"], expected)
+        np.testing.assert_allclose(read_log(one, pulley_rig, truth="u1").truth["theta"], 2.0)
+    with pytest.raises(LogError, match="column 'x2' is missing"):
+        read_log(frame.drop("x2"), pulley_rig)
+    with pytest.raises(LogError, match=r"a log is a path, a frame or a distal\.Log; list came"):
+        read_log([1, 2], pulley_rig)
+
+
+def test_beyond_the_stops_warns(tmp_path: Path, paper_rig: Rig) -> None:
+    rows = "".join(f"{0.01 * i},{0.018},2e-3,2,2\n" for i in range(20))
+    with pytest.warns(
+        DistalWarning, match=r"'x1' is between 0\.018 and 0\.018 m most of the time, beyond drives\.left\.stops"
+    ):
+        read_log(file(tmp_path, "t,x1,x2,u1,u2\n" + rows), paper_rig)
+
+
+def test_where_the_truth_comes_from_is_said(tmp_path: Path, paper_rig: Rig) -> None:
+    text = "\n".join(f"{line},{tail}" for line, tail in zip(GOOD.splitlines(), ("encoder", "0", "1", "2")))
+    assert read_log(file(tmp_path, text), paper_rig).truth_source == "column 'encoder', the reference sensor"

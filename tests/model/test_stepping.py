@@ -244,11 +244,11 @@ def test_tangents_are_the_derivatives(name: str) -> None:
         effort = np.array([0.02, *np.full(n - 1, 5.0 if n > 2 else 0.1)])
 
         def end(x: np.ndarray, n: int = n) -> np.ndarray:
-            out = function(x[:n], x[n : 2 * n], x[2 * n :], DT, p)
+            out = function(x[:n], x[n : 2 * n], x[2 * n :], x[2 * n :], DT, p)
             return np.concatenate([out[0].full().ravel(), out[1].full().ravel()])
 
         at = np.concatenate([q, v, effort])
-        slopes = function(q, v, effort, DT, p)[2].full()
+        slopes = function(q, v, effort, effort, DT, p)[2].full()
         steps = np.concatenate([np.full(n, 1e-9), np.full(n, 1e-7), np.full(n, 1e-6)])
         expected = finite_difference(end, at, steps)
         scale = np.abs(expected).max(axis=1, keepdims=True)
@@ -257,7 +257,9 @@ def test_tangents_are_the_derivatives(name: str) -> None:
 
 def test_tangents_of_a_stuck_link_are_those_of_rest(paper_rig: Rig) -> None:
     mechanism = Mechanism(without_stops(paper_rig))
-    slopes = tangent_step(mechanism, 15)(START, np.zeros(3), [0, 2, 2], DT, mechanism.parameters.values)[2].full()
+    slopes = tangent_step(mechanism, 15)(START, np.zeros(3), [0, 2, 2], [0, 2, 2], DT, mechanism.parameters.values)[
+        2
+    ].full()
     assert slopes[0, 0] == 1.0  # the angle stays what it was
     assert np.all(slopes[3] == 0.0)  # and its speed is zero whatever happens nearby
 
@@ -267,7 +269,7 @@ def test_the_interval_and_its_tangent_step_agree(paper_rig: Rig) -> None:
     stepper = Stepper(rig, 15)
     tangent = tangent_step(stepper.mechanism, 15)
     q, v, effort = np.array([0.2, 4e-3, 3e-3]), np.array([1.0, 0.1, -0.1]), np.array([0.0, 5.0, 2.0])
-    out = tangent(q, v, effort, DT, stepper.mechanism.parameters.values)
+    out = tangent(q, v, effort, effort, DT, stepper.mechanism.parameters.values)
     np.testing.assert_allclose(out[0].full().ravel(), stepper(q, v, effort)[0], rtol=1e-13)
 
 

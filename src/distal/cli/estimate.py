@@ -46,6 +46,7 @@ def estimate_command(
     if plot is not None:
         results[0].plot(plot) if estimator is None else _plot(results, plot)
     if "theta" in data.truth:
+        say(f"truth: {data.truth_source}")
         _compare(results)
     final = results[0]
     half = np.rad2deg(1.96 * float(np.median(final.theta_std)))

@@ -28,7 +28,7 @@ def reproduce_command(
     rows = []
     for claim in claims:
         main = claim.measures[0]
-        values = [f"{main.values[plant]:.2f} {'✓' if claim.holds(plant) else '✗'}" for plant in PLANTS]
+        values = [f"{main.values[plant]:.2f} {'✓' if main.holds(plant) else '✗'}" for plant in PLANTS]
         rows.append((claim.key, claim.statement, *values, claim.verdict))
     table("the paper's statements", ["", "statement", "as printed", "as observed", "verdict"], rows, text=2)
     say(f"wrote {out}/index.html, results.json and figures 2 to 5 (PNG and SVG)")

@@ -41,8 +41,16 @@ def check_command(
     uncertain = [name for name, std in zip(mechanism.parameters.names, mechanism.parameters.stds) if std > 0.0]
     say(f"{rig}: ok, '{description.name}'")
     say(
-        f"  {len(description.joints)} joint, {len(description.drives)} drives, {len(description.tendons)} tendons, "
-        f"{len(description.sensors)} sensors"
+        "  "
+        + ", ".join(
+            f"{len(parts)} {name}{'s' if len(parts) != 1 else ''}"
+            for name, parts in (
+                ("joint", description.joints),
+                ("drive", description.drives),
+                ("tendon", description.tendons),
+                ("sensor", description.sensors),
+            )
+        )
     )
     say(f"  stiffest mode {stiffest_frequency(mechanism):.4g} rad/s: {count} sub-steps per sample at {rate:g} Hz")
     say(f"  uncertain: {', '.join(uncertain) if uncertain else 'nothing (no parameter has a std)'}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +23,9 @@ def simulate_command(
     set_: SetOption = None,
 ) -> None:
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
+    from distal.errors import ScenarioError
     from distal.logs import write_log
+    from distal.rig import parse_assignment
     from distal.simulation import load_scenario, scenario_rig, simulate
 
     description = load_scenario(scenario)
@@ -32,7 +36,22 @@ def simulate_command(
     say(
         f"{rig.name}: {len(log)} samples, {description.duration:g} s, angle from {theta.min():.2f}° to {theta.max():.2f}°"
     )
-    say(f"wrote {out} (estimate from it with the same --set: distal estimate {out} --rig {description.rig})")
+    say(f"wrote {out}")
+    values = {**description.set, **dict(parse_assignment(text, ScenarioError) for text in set_ or ())}
+    ignored = sorted(set(values) & set(description.plant))
+    if ignored:
+        print(f"warning: the scenario's [plant] has its own {', '.join(ignored)}", file=sys.stderr)
+    settings = [f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in values.items()]
+    say(
+        "estimate from it: " + " ".join(["distal estimate", shlex.quote(str(out)), "--rig", description.rig, *settings])
+    )
+
+
+def _toml(value: object) -> str:
+    """Return a value as TOML, on one line."""
+    import tomlkit
+
+    return tomlkit.item(value).as_string()
 
 
 def list_command() -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import EstimationError
+from distal.errors import DistalWarning, EstimationError
 from distal.rig import Rig, Sensor
 from distal.sensors import variance
 
@@ -63,6 +64,13 @@ def channels_of(rig: Rig, name: str) -> Channels:
                     f"of '{sensor.of}'; one is allowed"
                 )
             seen[sensor.of] = sensor.name
+            if sensor.delay > 0.0:
+                warnings.warn(
+                    f"{name}: sensor '{sensor.name}' is late by {sensor.delay:g} s; estimators take its values as of "
+                    "their stamps, so shift the column of the log by that",
+                    DistalWarning,
+                    stacklevel=2,
+                )
             if variance(sensor) == 0.0:
                 raise EstimationError(
                     f"{name}: sensor '{sensor.name}' has zero noise (and resolution); an estimator needs its standard "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,7 @@ def first_values(samples: Floats) -> Floats:
 
 
 def estimate(
-    log: Log | str | Path,
+    log: Any,
     rig: Rig | str | Path,
     estimator: str | KernelEstimator = DEFAULT,
     passes: int = 1,
@@ -67,11 +68,11 @@ def estimate(
     `Estimator.step` for every sample, in one loop.
 
     Args:
-        log: sensors over time, or the path of a CSV or Parquet file (see `read_log`).
+        log: sensors over time: a `Log`, the path of a CSV or Parquet file, or a polars or pandas frame (see `read_log`).
         rig: the description, or a shipped rig's name, or a path.
         estimator: a name (see `ESTIMATORS`) or a ready one.
         passes: how often to filter; each pass starts with the last covariance of the one before, as in the 2008 paper.
-        truth: where `log` is a path: the true angle's column or file.
+        truth: where `log` is no `Log`: the true angle's column or file.
         compiled: compile kernels where possible.
 
     Raises:

@@ -41,7 +41,7 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
     """Return (carry, x, p) → (carry⁺, y) of an extended Kalman filter with state (q, v).
 
     carry = (mean, covariance, last pulls); p = (parameters, nominal pulls, input, process and measurement variances).
-    The pull over an interval is the mean of its measured values at both ends; a missing one holds the last.
+    The pull over an interval is the straight line between its values at both ends; a missing one holds the last.
 
     Args:
         mechanism: the rig's equations.
@@ -67,8 +67,8 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
             k = channels.names.index(sensor.name)
             pulls.append(mask[k] * values[k] + (1 - mask[k]) * held[i])
     pull = ca.vertcat(*pulls)
-    effort = ca.vertcat(ca.MX.zeros(nj), (held + pull) / 2)
-    q_next, v_next, slopes = tangent_step(mechanism, count)(mean[:nb], mean[nb:], effort, dt, model)
+    before, after = (ca.vertcat(ca.MX.zeros(nj), pulls) for pulls in (held, pull))
+    q_next, v_next, slopes = tangent_step(mechanism, count)(mean[:nb], mean[nb:], before, after, dt, model)
     update_function = _update_function(mechanism, channels, measured)
     carried = update_function(q_next, v_next, slopes, covariance, dt, values[:m], mask[:m], model, q_u, q_x, r)
     following = ca.vertcat(carried[0], ca.reshape(carried[1], n * n, 1), pull)
@@ -94,7 +94,7 @@ def _update_function(mechanism: Mechanism, channels: Channels, measured: list[An
 
 
 def expected_measurements(mechanism: Mechanism, measured: list[Any], q: Any, v: Any) -> Any:
-    """Return h(x), what position and tension sensors should read: s − ṡ · delay + bias, and T + bias.
+    """Return h(x), what position and tension sensors should read: s + bias, and T + bias.
 
     Args:
         mechanism: the rig's equations.
@@ -108,7 +108,7 @@ def expected_measurements(mechanism: Mechanism, measured: list[Any], q: Any, v: 
     for sensor in measured:
         if sensor.measures == "position":
             body = mechanism.n_joints + drives.index(sensor.of)
-            expected.append(q[body] - sensor.delay * v[body] + sensor.bias.value)
+            expected.append(q[body] + sensor.bias.value)
         else:
             expected.append(mechanism.tensions(q, v)[tendons.index(sensor.of)] + sensor.bias.value)
     return ca.vertcat(*expected)

@@ -6,6 +6,7 @@ import io
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from distal.errors import DistalWarning, LogError
 from distal.logs.log import Log, check_stamps
 from distal.logs.output import write_whole
-from distal.logs.tables import Table, column_names, read_table
+from distal.logs.tables import Table, column_names, frame_table, read_table
 from distal.rig import Capstan, Rig, Sensor
 from distal.units import unit_factor
 
@@ -24,14 +25,14 @@ SIMULATED_TRUTH = "true_theta"
 """Column in which `write_log` keeps the true joint angle [rad] of a simulation."""
 
 
-def read_log(path: str | Path, rig: Rig, truth: str | Path | None = None) -> Log:
+def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
     """Read a log by the columns and units that a rig's sensors name.
 
     Sensors that measure a joint's angle are references: read where the log has them, and used as truth if no other is
     given (a simulated log's own ``true_theta`` comes first). All other sensors must be there.
 
     Args:
-        path: CSV or Parquet.
+        path: CSV or Parquet; or a polars or pandas frame with the same columns and units.
         rig: the description.
         truth: the true joint angle: a column of the log, or a second file with ``t`` and ``theta`` (rad).
 
@@ -40,39 +41,43 @@ def read_log(path: str | Path, rig: Rig, truth: str | Path | None = None) -> Log
     """
     references = {sensor.log_column: sensor for sensor in rig.sensors if sensor.measures == "angle"}
     needed = [sensor for sensor in rig.sensors if sensor.measures != "angle"]
-    column = str(truth) if truth is not None and _is_column(path, str(truth)) else None
+    frame = None if isinstance(path, (str, Path)) else path
+    if frame is not None and not hasattr(frame, "columns"):
+        raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
+    names = () if truth is None else column_names(path) if frame is None else tuple(map(str, frame.columns))
+    column = str(truth) if truth is not None and _is_column(names, str(truth)) else None
     optional = [*references, SIMULATED_TRUTH, *([column] if column else [])]
-    table = read_table(path, [rig.log.time.column, *(sensor.log_column for sensor in needed)], optional)
+    wanted = [rig.log.time.column, *(sensor.log_column for sensor in needed)]
+    table = read_table(path, wanted, optional) if frame is None else frame_table(frame, wanted, optional)
     time = table.columns[rig.log.time.column] * unit_factor(rig.log.time.unit, "s")
     check_stamps(time, table.source, table.first_row)
     if len(time) < 2:
         raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
     channels = {sensor.name: _in_si(sensor, table) for sensor in needed}
-    known = {}
+    known, origin = {}, ""
     if column is not None:
-        sensor = references.get(column)
+        sensor, origin = references.get(column), f"column '{column}'"
         known["theta"] = table.columns[column] if sensor is None else _in_si(sensor, table)
     elif truth is not None:
-        known["theta"] = read_truth(truth, time)
+        known["theta"], origin = read_truth(truth, time), str(truth)
     elif SIMULATED_TRUTH in table.columns:
-        known["theta"] = table.columns[SIMULATED_TRUTH]
+        known["theta"], origin = table.columns[SIMULATED_TRUTH], f"column '{SIMULATED_TRUTH}'"
     else:
         for sensor in references.values():
             if sensor.log_column in table.columns:
-                known["theta"] = _in_si(sensor, table)
-    log = Log(time, channels, known, table.source)
+                known["theta"], origin = _in_si(sensor, table), f"column '{sensor.log_column}', the reference sensor"
+    log = Log(time, channels, known, table.source, origin)
     _warn_of_units(log, rig)
     return log
 
 
-def _is_column(path: str | Path, name: str) -> bool:
-    """Return whether the truth `name` is a column of the log at `path`, and no file."""
+def _is_column(names: tuple[str, ...], name: str) -> bool:
+    """Return whether the truth `name` is one of the log's columns, and no file."""
+    if name in names:
+        return True
     if Path(name).exists() or Path(name).suffix.lower() in (".csv", ".parquet", ".pq", ".txt"):
         return False
-    names = column_names(path)
-    if name not in names:
-        raise LogError(f"{path}: truth '{name}' is neither a file nor a column (the log has {', '.join(names)})")
-    return True
+    raise LogError(f"truth '{name}' is neither a file nor a column (the log has {', '.join(names)})")
 
 
 def read_truth(path: str | Path, time: Floats) -> Floats:
@@ -114,6 +119,8 @@ def _warn_of_units(log: Log, rig: Rig) -> None:
         radii = [t.insertion.radius.value for t in rig.tendons if t.drive == sensor.of]
         drive = drives[sensor.of]
         lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
+        if drive.stops is not None:
+            _warn_beyond_stops(log, sensor, values, drive.stops)
         # a joint turns by a few radians at most, and a tendon stretches by less than that
         travel = span * lever / max(radii)
         unit = sensor.unit or sensor.si
@@ -135,6 +142,20 @@ def _warn_of_units(log: Log, rig: Rig) -> None:
                 DistalWarning,
                 stacklevel=3,
             )
+
+
+def _warn_beyond_stops(log: Log, sensor: Sensor, values: Floats, stops: tuple[float, float]) -> None:
+    """Warn where a drive goes well beyond the stops that the rig gives it: a wrong window, zero or sign."""
+    room = 0.02 * (stops[1] - stops[0]) + sensor.linearity + 5.0 * sensor.noise
+    low, high = float(np.nanquantile(values, 0.02)), float(np.nanquantile(values, 0.98))
+    if low < stops[0] - room or high > stops[1] + room:
+        drive = f"drives.{sensor.of}.stops"
+        warnings.warn(
+            f"{log.source}: '{sensor.log_column}' is between {low:.4g} and {high:.4g} {sensor.si} most of the time, beyond "
+            f"{drive} = {list(stops)}; is the window right? (--set '{drive}=[…]')",
+            DistalWarning,
+            stacklevel=4,
+        )
 
 
 def write_log(log: Log, rig: Rig, path: str | Path) -> None:

@@ -35,6 +35,7 @@ class Log:
         channels: sensor name → values, (n,) each; NaN = missing.
         truth: name → values, (n,) each: joint angles [rad] and, from a simulation, whatever else it knows.
         source: what to call it in messages.
+        truth_source: where the truth comes from.
 
     Raises:
         LogError: lengths differ, a stamp is not finite, repeats or goes back.
@@ -44,6 +45,7 @@ class Log:
     channels: Mapping[str, Floats]
     truth: Mapping[str, Floats] = field(default_factory=dict)
     source: str = "log"
+    truth_source: str = ""
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check the stamps."""
@@ -82,7 +84,7 @@ class Log:
         """
         channels = {name: values[rows] for name, values in self.channels.items()}
         truth = {name: values[rows] for name, values in self.truth.items()}
-        return Log(self.time[rows], channels, truth, self.source)
+        return Log(self.time[rows], channels, truth, self.source, self.truth_source)
 
     def to_polars(self) -> polars.DataFrame:
         """Return time, channels and truth (prefixed ``true_``) as a polars frame, SI."""

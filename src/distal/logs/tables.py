@@ -6,7 +6,7 @@ import csv
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,12 @@ def read_table(path: str | Path, wanted: Sequence[str] | None = None, optional: 
     """
     path = Path(path)
     frame, first_row = _frame(path)
+    return _table(frame, path, first_row, wanted, optional)
+
+
+def _table(
+    frame: polars.DataFrame, path: Path, first_row: int, wanted: Sequence[str] | None, optional: Iterable[str]
+) -> Table:
     names = list(frame.columns) if wanted is None else [*wanted, *(c for c in optional if c in frame.columns)]
     for name in names:
         if name not in frame.columns:
@@ -67,6 +73,25 @@ def column_names(path: str | Path) -> tuple[str, ...]:
         LogError: it cannot be read.
     """
     return tuple(_frame(Path(path))[0].columns)
+
+
+def frame_table(frame: Any, wanted: Sequence[str], optional: Iterable[str] = ()) -> Table:
+    """Return columns of a polars or pandas frame as numbers, as `read_table` does for a file.
+
+    Args:
+        frame: with named columns.
+        wanted: columns that must be there.
+        optional: columns that are taken where they are there.
+
+    Raises:
+        LogError: a column is missing or does not hold numbers.
+    """
+    import polars
+
+    held = (
+        frame if isinstance(frame, polars.DataFrame) else polars.DataFrame({str(c): frame[c].to_numpy() for c in frame})
+    )
+    return _table(held, Path("the frame"), 0, wanted, optional)
 
 
 def _frame(path: Path) -> tuple[polars.DataFrame, int]:

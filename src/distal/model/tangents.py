@@ -11,7 +11,10 @@ from distal.model.stepping import Kick, kick_and_drift, last_kick, responses
 
 
 def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
-    """Return the function (q, v, effort, dt, p) → (q⁺, v⁺, S) with S = ∂(q⁺, v⁺)/∂(q, v, effort).
+    """Return the function (q, v, effort, effort_end, dt, p) → (q⁺, v⁺, S) with S = ∂(q⁺, v⁺)/∂(q, v, effort).
+
+    The effort goes from `effort` to `effort_end` in a straight line: held values would shake light sliders on stiff
+    tendons with every sample. Its column of S is for a shift of both ends.
 
     S, (2 n_bodies, 3 n_bodies), is carried through the sub-steps: S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort and
     S_q⁺ = S_q + h S_v⁺. The derivative of friction is 0 in stick and 1 in slip; stops do not rebound here.
@@ -39,7 +42,7 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     closing = ca.Function("last_kick", arguments, ca.cse([v_last, slopes(v_last)]))
     prepared = ca.Function("responses", [length, drift, p], [responses(mechanism, length, drift)])
 
-    q, v, effort = (ca.MX.sym(name, n) for name in ("q", "v", "effort"))
+    q, v, effort, effort_end = (ca.MX.sym(name, n) for name in ("q", "v", "effort", "effort_end"))
     dt, p = ca.MX.sym("dt"), ca.MX.sym("p", p.numel())
     h = dt / count
     half, full = prepared(h / 2, h, p), prepared(h, h, p)
@@ -51,12 +54,13 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
         ca.MX(ca.densify(ca.horzcat(identity[n:, :], ca.DM(n, n)))),
     )
     for i in range(count):
-        state = moving(*state, effort, half if i == 0 else full, h / 2 if i == 0 else h, h, p)
-    v_next, s_v_next = closing(*state, effort, half, h / 2, h, p)
+        now = effort + (i / count) * (effort_end - effort)
+        state = moving(*state, now, half if i == 0 else full, h / 2 if i == 0 else h, h, p)
+    v_next, s_v_next = closing(*state, effort_end, half, h / 2, h, p)
     return ca.Function(
         "tangent_interval",
-        [q, v, effort, dt, p],
+        [q, v, effort, effort_end, dt, p],
         [state[0], v_next, ca.vertcat(state[2], s_v_next)],
-        ["q", "v", "effort", "dt", "p"],
+        ["q", "v", "effort", "effort_end", "dt", "p"],
         ["q_next", "v_next", "S"],
     )

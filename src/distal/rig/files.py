@@ -125,7 +125,7 @@ def build_rig(raw: Mapping[str, Any], source: str) -> Rig:
 
 
 def explain(problem: ValidationError, source: str, root: type[BaseModel]) -> str:
-    """Return one line for pydantic's findings: the first in full, the number of others.
+    """Return one line for pydantic's findings: the first few in full, the number of others.
 
     Args:
         problem: what pydantic found.
@@ -133,9 +133,13 @@ def explain(problem: ValidationError, source: str, root: type[BaseModel]) -> str
         root: the description's model.
     """
     findings = problem.errors(include_url=False)
-    line = f"{source}: {_finding(findings[0], root)}"
-    others = len(findings) - 1
-    return line + (f" (and {others} more problem{'s' if others > 1 else ''})" if others else "")
+    line = f"{source}: " + "; also ".join(_finding(finding, root) for finding in findings[:SHOWN])
+    others = len(findings) - SHOWN
+    return line + (f" (and {others} more problem{'s' if others > 1 else ''})" if others > 0 else "")
+
+
+SHOWN = 3
+"""How many problems of a description are said at once."""
 
 
 def _finding(finding: Any, root: type[BaseModel]) -> str:

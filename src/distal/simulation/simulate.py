@@ -71,7 +71,7 @@ def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int =
         truth[f"force_{drive.name}"] = np.interp(stamps, grid, motion["pulls"][:, i])
     for i, tendon in enumerate(plant.rig.tendons):
         truth[f"tension_{tendon.name}"] = np.interp(stamps, grid, motion["tensions"][:, i])
-    return Log(stamps, channels, truth, source=scenario.name or "simulation")
+    return Log(stamps, channels, truth, scenario.name or "simulation", "the simulation")
 
 
 def _stamps(rig: Rig, duration: float) -> Floats:
