@@ -49,7 +49,8 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
         given: the word that came.
         known: the words that are allowed.
     """
-    names = sorted(known)
+    names = sorted(name if len(name) <= 40 else name[:39] + "…" for name in known)
     near = get_close_matches(given, names, n=1, cutoff=0.5)
     hint = f"; did you mean '{near[0]}'?" if near else ""
-    return f"{hint} (known: {', '.join(names)})" if names else hint
+    more = f" and {len(names) - 20} more" if len(names) > 20 else ""
+    return f"{hint} (known: {', '.join(names[:20])}{more})" if names else hint

@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 import re
 from functools import lru_cache
+from numbers import Real
 from typing import Any
 
 from distal.errors import UnitError
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _QUANTITY = re.compile(rf"^\s*({_NUMBER})\s*(.*?)\s*$")
+_POWER = re.compile(r"(?:\^|\*\*)\s*\(?[-+]?\d{1,2}\)?|[⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]")
+_POWER_TOWER = re.compile(r"(?:\^|\*\*)[^A-Za-z]*(?:\^|\*\*)")
+_UNIT_CHARACTERS = re.compile(r"[A-Za-zµμΩ°%·⋅*/() _]+")
 _DECIMAL_COMMA = re.compile(r"\d,\d")
 _ANGLE_WORDS = re.compile(
     r"(?<![a-zA-Z])(rad|radian|radians|mrad|urad|deg|degree|degrees|°|turn|turns|rev|revolution)(?![a-zA-Z])"
@@ -41,6 +45,8 @@ def unit_factor(unit: str, si: str) -> float:
     import pint
 
     wanted = f"a unit like '{si}'" if si else "a plain number without a unit"
+    if not _is_plain(unit):
+        raise UnitError(f"unit '{unit[:40]}' is not known; {wanted} is allowed here")
     text = unit.replace("·", " * ").replace("⋅", " * ").replace("°", "deg").strip()
     if _is_angle(text) and "rad" not in si:
         raise UnitError(f"unit '{unit}' is an angle; {wanted} is allowed here")
@@ -61,6 +67,13 @@ def unit_factor(unit: str, si: str) -> float:
     return float(factor)
 
 
+def _is_plain(unit: str) -> bool:
+    """Return whether a unit is names joined by products, quotients and small powers: pint would evaluate anything."""
+    if len(unit) > 60 or _POWER_TOWER.search(unit):
+        return False
+    return _UNIT_CHARACTERS.fullmatch(_POWER.sub("", unit)) is not None
+
+
 def _is_angle(text: str) -> bool:
     return _ANGLE_WORDS.search(text) is not None
 
@@ -76,10 +89,13 @@ def to_si(value: object, si: str) -> float:
         UnitError: it is neither, is not finite, has a decimal comma or ±, or has the wrong unit.
     """
     example = f"a number in SI ({si}) or text like '0.1 {si}'" if si else "a plain number"
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+    if isinstance(value, (bool, complex)) or not isinstance(value, (Real, str)):
         raise UnitError(f"{_shown(value)} is not a quantity; {example} is allowed")
-    if isinstance(value, (int, float)):
-        return _finite(float(value), value)
+    if not isinstance(value, str):
+        try:
+            return _finite(float(value), value)
+        except OverflowError:
+            raise UnitError(f"{_shown(value)} is too large; give a finite number") from None
     if "±" in value or "+/-" in value or "+-" in value:
         raise UnitError(f"'{value}' has a ±; give a standard deviation instead: {{ value = …, std = … }}")
     if _DECIMAL_COMMA.search(value):
@@ -108,5 +124,8 @@ def _finite(number: float, value: object) -> float:
 
 
 def _shown(value: object) -> str:
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to write out thousands of digits
+        text = f"a number of type {type(value).__name__}"
     return text if len(text) <= 60 else text[:57] + "…"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from typing import Any
@@ -51,9 +52,13 @@ def _options(
 def main() -> None:
     """Run the command line; what a user can cause is one line on stderr and exit code 2."""
     show_warnings()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         code = app(standalone_mode=False)
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except DistalError as problem:
         print(f"error: {' '.join(str(problem).split())}", file=sys.stderr)
         code = 2
@@ -70,4 +75,8 @@ def main() -> None:
         # the reader of a pipe went away; nothing more can be said
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 141
+    except OSError as problem:
+        print(f"error: {problem.filename or 'output'}: {problem.strerror or problem}"[:300], file=sys.stderr)
+        code = 2
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     sys.exit(code if isinstance(code, int) else 0)

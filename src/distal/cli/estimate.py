@@ -10,6 +10,7 @@ import typer
 
 from distal.cli.console import say, table
 from distal.cli.options import PlotOption, RigOption, SetOption
+from distal.errors import OutputError
 
 if TYPE_CHECKING:
     from distal.estimators import Estimate
@@ -36,6 +37,7 @@ def estimate_command(
     from distal.logs import read_log, write_columns
     from distal.rig import load_rig
 
+    _check_outputs(log, truth, out, plot)
     description = load_rig(rig, set_ or ())
     data = read_log(log, description, truth)
     _describe(data, description)
@@ -57,6 +59,23 @@ def estimate_command(
     for path in (out, plot):
         if path is not None:
             say(f"wrote {path}")
+
+
+def _check_outputs(log: Path, truth: str | None, out: Path | None, plot: Path | None) -> None:
+    """Refuse, before anything is computed, outputs that cannot be written or would replace an input."""
+    from distal.estimators import plot_kind
+    from distal.logs import check_writable
+
+    if plot is not None:
+        plot_kind(plot)
+    inputs = [path.resolve() for path in (log, Path(truth) if truth else None) if path is not None]
+    for path in (out, plot):
+        if path is not None:
+            check_writable(path)
+            if path.resolve() in inputs:
+                raise OutputError(f"{path}: is an input of this command; give another name")
+    if out is not None and plot is not None and out.resolve() == plot.resolve():
+        raise OutputError(f"{out}: is asked for twice, by --out and --plot; give two names")
 
 
 def _plot(results: list[Estimate], path: Path) -> None:

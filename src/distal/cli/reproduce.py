@@ -19,8 +19,9 @@ def reproduce_command(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from distal.analysis import PLANTS, run_count
-    from distal.reports import FIGURES, reproduce
+    from distal.reports import FIGURES, make_folder, reproduce
 
+    make_folder(out)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=err()) as progress:
         task = progress.add_task("simulating and filtering", total=run_count() + len(FIGURES))

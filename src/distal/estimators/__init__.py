@@ -7,7 +7,7 @@ from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, ri
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
 from distal.estimators.result import BAND, Estimate
-from distal.estimators.traces import COLOURS, DASHES, draw_estimate, figure, plot_estimates, save_figure
+from distal.estimators.traces import COLOURS, DASHES, draw_estimate, figure, plot_estimates, plot_kind, save_figure
 
 __all__ = [
     "BAND",
@@ -32,6 +32,7 @@ __all__ = [
     "make_estimator",
     "paper_noise",
     "plot_estimates",
+    "plot_kind",
     "rig_noise",
     "samples_of",
     "save_figure",

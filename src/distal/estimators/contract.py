@@ -17,6 +17,9 @@ Floats = NDArray[np.float64]
 
 MOST_BRIDGES = 100_000
 
+LARGEST_ANGLE = 100.0
+"""A joint angle beyond this [rad] is a filter that diverged."""
+
 SPLIT = 1.25
 """An interval longer than this times the nominal one is bridged by several predictions."""
 
@@ -150,6 +153,8 @@ class KernelEstimator:
             time: of the first sample [s].
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
         """
+        if not np.isfinite(_number(self.name, time)):
+            raise EstimationError(f"{self.name}: the stamp {time} is not a finite time")
         mean, covariance, memory = self._prior(self._checked(sample))
         carry = np.concatenate([mean, covariance.ravel(), memory])
         return Belief(float(time), frozen(carry), len(mean))
@@ -170,11 +175,20 @@ class KernelEstimator:
             EstimationError: the stamp is not after the belief's, or the sample has the wrong shape or is infinite.
         """
         sample = self._checked(sample)
+        if not isinstance(belief, Belief) or belief.carry.shape != (self.kernel.n_carry,):
+            raise EstimationError(
+                f"{self.name}: the belief is not one of this estimator's; begin with initial(time, sample)"
+            )
+        time = _number(self.name, time)
         _check_time(self.name, belief.time, time, belief.samples == 0)
         rows, _ = self._rows(np.array([time - belief.time]), sample[None, :])
         carry = belief.carry
         for row in rows:
             carry, y = self.kernel.step(carry, row, self._p)
+        if not (abs(float(carry[0])) <= LARGEST_ANGLE and np.isfinite(carry.sum())):
+            raise EstimationError(
+                f"{self.name}: left all bounds at {time:g} s; the sample {sample} is far from any motion"
+            )
         carry.flags.writeable = False
         values, variances = self._innovations(y[None, :], sample[None, :])
         return Belief(float(time), carry, belief.size, belief.samples + 1), innovation(values[0], variances[0])
@@ -208,7 +222,13 @@ class KernelEstimator:
         return carries[:, :n].copy(), carries[:, n : n + n * n].reshape(-1, n, n).copy(), values, variances
 
     def _checked(self, sample: Floats) -> Floats:
-        sample = np.asarray(sample, dtype=np.float64)
+        try:
+            sample = np.asarray(sample, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise EstimationError(
+                f"{self.name}: a sample is an array of numbers in the order of {self.channels}, "
+                f"{type(sample).__name__} came"
+            ) from None
         if sample.shape != (len(self.channels),):
             raise EstimationError(
                 f"{self.name}: a sample must have shape ({len(self.channels)},) for {self.channels}, "
@@ -220,13 +240,18 @@ class KernelEstimator:
 
     def _rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Return the kernel's rows (dt, values, mask), bridges included, and the index of each sample's own row."""
-        parts = np.maximum(1, np.ceil(steps / (SPLIT * self._interval) - 1e-9)).astype(np.int64)
-        longest = int(parts.max(initial=1))
-        if longest > MOST_BRIDGES:
+        needed = np.maximum(1.0, np.ceil(steps / (SPLIT * self._interval) - 1e-9))
+        if needed.max(initial=1.0) > MOST_BRIDGES:
             raise EstimationError(
                 f"{self.name}: a gap of {steps.max():g} s is too long to bridge "
                 f"(at most {MOST_BRIDGES * SPLIT * self._interval:g} s); split the log there"
             )
+        if needed.sum() > 4 * MOST_BRIDGES + 4 * len(steps):
+            raise EstimationError(
+                f"{self.name}: the stamps are {np.median(steps):g} s apart, the rig's sensors give a value every "
+                f"{self._interval:g} s: {needed.sum():.3g} predictions would be needed; set the sensors' rate to the log's"
+            )
+        parts = needed.astype(np.int64)
         last = np.cumsum(parts) - 1
         width = len(self.channels)
         rows = np.zeros((int(parts.sum()), 1 + 2 * width))
@@ -255,9 +280,18 @@ def innovation(values: Floats, variances: Floats) -> Innovation:
     return Innovation(values, variances, float(-0.5 * terms.sum()))
 
 
+def _number(name: str, time: object) -> float:
+    try:
+        return float(time)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise EstimationError(f"{name}: a stamp is a number of seconds, {time!r} came") from None
+
+
 def _check_time(name: str, before: float, now: float, first: bool) -> None:
     if not np.isfinite(now):
         raise EstimationError(f"{name}: the stamp {now} is not a finite time")
     if now < before or (now == before and not first):
         what = "repeats" if now == before else "is late"
-        raise EstimationError(f"{name}: the stamp {now:g} s {what} (the belief is at {before:g} s); stamps must rise")
+        raise EstimationError(
+            f"{name}: the stamp {now:.15g} s {what} (the belief is at {before:.15g} s); stamps must rise"
+        )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators.contract import Belief, KernelEstimator
+from distal.estimators.contract import LARGEST_ANGLE, Belief, KernelEstimator
 from distal.estimators.registry import DEFAULT, make_estimator
 from distal.estimators.result import Estimate
 from distal.logs import Log, frozen, read_log
@@ -81,16 +81,21 @@ def estimate(
         RigError: the rig is unknown or wrong.
     """
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    if isinstance(log, Log) and truth is not None:
+        raise EstimationError("truth is for logs that are read; a Log has its own (Log(…, truth={'theta': …}))")
     log = log if isinstance(log, Log) else read_log(log, rig, truth)
+    if not isinstance(estimator, (str, KernelEstimator)):
+        raise EstimationError(f"an estimator is a name or one from make_estimator, {estimator!r} came")
     runner = make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
-    if passes < 1:
-        raise EstimationError(f"passes must be at least 1, {passes} came")
+    if not isinstance(passes, int) or passes < 1:
+        raise EstimationError(f"passes must be at least 1, {passes!r} came")
     samples = samples_of(log, runner.channels, runner.name)
     belief = runner.initial(log.time[0], first_values(samples))
     for number in range(passes):
         means, covariances, innovations, variances = runner.scan(belief, log.time, samples)
-        if not np.all(np.isfinite(means)) or not np.all(np.isfinite(covariances)):
-            row = int(np.flatnonzero(~np.isfinite(means).all(axis=1) | ~np.isfinite(covariances).all(axis=(1, 2)))[0])
+        bad = _out_of_bounds(means, covariances)
+        if len(bad):
+            row = int(bad[0])
             raise EstimationError(
                 f"{log.source}: {runner.name} left all bounds at {log.time[row]:g} s; check the units of the log and "
                 "the rig's stiffness and masses, or shorten stepping.largest_step"
@@ -109,6 +114,13 @@ def estimate(
         frozen(variances),
         log.truth.get("theta"),
     )
+
+
+def _out_of_bounds(means: Floats, covariances: Floats) -> NDArray[np.intp]:
+    """Return the rows that are not finite, have a negative variance, or an angle that no joint has."""
+    spreads = np.diagonal(covariances, axis1=1, axis2=2)
+    fine = np.isfinite(means).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2)) & (spreads >= 0.0).all(axis=1)
+    return np.flatnonzero(~(fine & (np.abs(means[:, 0]) <= LARGEST_ANGLE)))
 
 
 def with_covariance(belief: Belief, covariance: Floats) -> Belief:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,6 +36,7 @@ STYLE = {
     "axes.spines.right": False,
     "legend.frameon": False,
     "svg.hashsalt": "distal",
+    "text.parse_math": False,
     "figure.constrained_layout.use": True,
 }
 
@@ -60,6 +62,18 @@ def figure(
         yield made, list(np.ravel(axes))
 
 
+def plot_kind(path: str | Path) -> str:
+    """Return the format that a plot's file name asks for.
+
+    Raises:
+        OutputError: it is none of png, svg and pdf.
+    """
+    kind = Path(path).suffix.lower().lstrip(".")
+    if kind not in ("png", "svg", "pdf"):
+        raise OutputError(f"{path}: a plot cannot be '{kind}'; .png, .svg and .pdf are allowed")
+    return kind
+
+
 def save_figure(made: Figure, path: str | Path) -> None:
     """Write a figure whole or not at all, in the format of its suffix.
 
@@ -75,16 +89,17 @@ def save_figure(made: Figure, path: str | Path) -> None:
     from distal.logs import write_whole
 
     path = Path(path)
-    kind = path.suffix.lower().lstrip(".") or "png"
-    if kind not in ("png", "svg", "pdf"):
-        raise OutputError(f"{path}: a plot cannot be '{kind}'; png, svg and pdf are allowed")
+    kind = plot_kind(path)
     import matplotlib
 
     with matplotlib.rc_context(STYLE):
         buffer = io.BytesIO()
         # no dates inside, so that the same results give the same file
         metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
-        made.savefig(buffer, format=kind, dpi=150, metadata=metadata)
+        with warnings.catch_warnings():
+            # a title may hold characters that the font lacks, or be too long: the plot is made all the same
+            warnings.simplefilter("ignore", UserWarning)
+            made.savefig(buffer, format=kind, dpi=150, metadata=metadata)
     write_whole(path, buffer.getvalue())
 
 
@@ -119,7 +134,7 @@ def plot_estimates(
             draw_estimate(top, result, i, bands)
         _limit_angles(top, estimates)
         top.set_ylabel("joint angle θ [°]")
-        top.set_title(title or estimates[0].rig, fontsize=9, loc="left")
+        top.set_title((title or estimates[0].rig)[:90], fontsize=9, loc="left")
         top.legend(loc="best", fontsize=8, ncols=2)
         if with_errors:
             for i, result in enumerate(estimates):

@@ -15,10 +15,10 @@ def cache_folder() -> Path:
     """Return the folder for compiled kernels: $DISTAL_CACHE, else the user's cache folder."""
     given = os.environ.get("DISTAL_CACHE")
     if given:
-        return Path(given)
+        return Path(given).absolute()
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches" / "distal"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "distal"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").absolute() / "distal"
 
 
 def cpu() -> str:

@@ -54,11 +54,16 @@ def find_compiler() -> Compiler | str:
     if os.environ.get("DISTAL_COMPILE", "1") == "0":
         return "switched off by DISTAL_COMPILE=0"
     given = os.environ.get("CC")
-    names = [shlex.split(given)] if given else [["cc"], ["gcc"], ["clang"]]
+    try:
+        names = [shlex.split(given)] if given else [["cc"], ["gcc"], ["clang"]]
+    except ValueError as problem:
+        return f"CC is not a command ({problem})"
     for command in names:
         if command and shutil.which(command[0]):
             try:
-                said = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=20, check=True)
+                said = subprocess.run(
+                    [*command, "--version"], capture_output=True, text=True, errors="replace", timeout=20, check=True
+                )
             except (OSError, subprocess.SubprocessError) as problem:
                 return f"the C compiler '{command[0]}' does not run ({type(problem).__name__})"
             return Compiler(tuple(command), said.stdout.splitlines()[0] if said.stdout else command[0])
@@ -120,7 +125,7 @@ def _build(compiler: Compiler, source: str, folder: Path) -> Path:
     code.write_text(source, encoding="utf-8")
     command = [*compiler.command, *FLAGS, str(code), "-o", str(library), "-lm"]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=300, check=False)
     except (OSError, subprocess.SubprocessError) as problem:
         raise CompileError(f"the C compiler did not run ({type(problem).__name__})") from None
     if done.returncode != 0 or not library.exists():

@@ -3,13 +3,14 @@
 from distal.logs.files import read_log, read_truth, write_columns, write_log
 from distal.logs.frames import pandas_frame
 from distal.logs.log import Log, check_stamps, frozen
-from distal.logs.output import write_whole
+from distal.logs.output import check_writable, write_whole
 from distal.logs.tables import Table, read_table
 
 __all__ = [
     "Log",
     "Table",
     "check_stamps",
+    "check_writable",
     "frozen",
     "pandas_frame",
     "read_log",

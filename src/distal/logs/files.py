@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from distal.errors import DistalWarning, LogError
 from distal.logs.log import Log, check_stamps
 from distal.logs.output import write_whole
-from distal.logs.tables import Table, column_names, frame_table, read_table
+from distal.logs.tables import Table, open_table, read_table, table_of
 from distal.rig import Capstan, Rig, Sensor
 from distal.units import unit_factor
 
@@ -41,14 +41,12 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
     """
     references = {sensor.log_column: sensor for sensor in rig.sensors if sensor.measures == "angle"}
     needed = [sensor for sensor in rig.sensors if sensor.measures != "angle"]
-    frame = None if isinstance(path, (str, Path)) else path
-    if frame is not None and not hasattr(frame, "columns"):
-        raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
-    names = () if truth is None else column_names(path) if frame is None else tuple(map(str, frame.columns))
+    frame, source, first_row = open_table(path)
+    names = tuple(map(str, frame.columns))
     column = str(truth) if truth is not None and _is_column(names, str(truth)) else None
     optional = [*references, SIMULATED_TRUTH, *([column] if column else [])]
     wanted = [rig.log.time.column, *(sensor.log_column for sensor in needed)]
-    table = read_table(path, wanted, optional) if frame is None else frame_table(frame, wanted, optional)
+    table = table_of(frame, source, first_row, wanted, optional)
     time = table.columns[rig.log.time.column] * unit_factor(rig.log.time.unit, "s")
     check_stamps(time, table.source, table.first_row)
     if len(time) < 2:
@@ -66,6 +64,15 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
         for sensor in references.values():
             if sensor.log_column in table.columns:
                 known["theta"], origin = _in_si(sensor, table), f"column '{sensor.log_column}', the reference sensor"
+    theta = known.get("theta")
+    if theta is not None and not np.isfinite(theta).any():
+        if truth is not None:
+            raise LogError(f"{table.source}: the truth ({origin}) has no value at all")
+        known, origin, theta = {}, "", None  # a reference that was never connected
+    if theta is not None and float(np.nanmax(np.abs(theta))) > 1e6:
+        raise LogError(
+            f"{table.source}: the truth ({origin}) reaches {np.nanmax(np.abs(theta)):.3g} rad, which is no angle"
+        )
     log = Log(time, channels, known, table.source, origin)
     _warn_of_units(log, rig)
     return log
@@ -109,7 +116,7 @@ def _in_si(sensor: Sensor, table: Table) -> Floats:
 
 
 def _warn_of_units(log: Log, rig: Rig) -> None:
-    """Warn where a displacement or angle is so large or small that its unit is probably wrong."""
+    """Warn where a displacement or angle is so large that its unit is probably wrong."""
     drives = {drive.name: drive for drive in rig.drives}
     for sensor in rig.sensors_of("position"):
         values = log.channels[sensor.name]

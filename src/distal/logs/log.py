@@ -121,6 +121,6 @@ def check_stamps(time: Floats, source: str, first_row: int | None = None) -> Non
         i = int(back[0]) + 1
         what = "repeats" if time[i] == time[i - 1] else "goes back"
         raise LogError(
-            f"{source}: {place} {i + offset}: time {what} ({time[i]:g} s after {time[i - 1]:g} s); "
+            f"{source}: {place} {i + offset}: time {what} ({time[i]:.15g} s after {time[i - 1]:.15g} s); "
             "stamps must rise, sort the rows and drop repeated ones"
         )

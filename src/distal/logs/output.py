@@ -9,6 +9,18 @@ from pathlib import Path
 from distal.errors import OutputError
 
 
+def check_writable(path: Path) -> None:
+    """Refuse a place where a file cannot be written.
+
+    Raises:
+        OutputError: it is a folder, or its folder does not exist.
+    """
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; give the name of a file")
+    if not path.parent.is_dir():
+        raise OutputError(f"{path}: the folder '{path.parent}' does not exist")
+
+
 def write_whole(path: str | Path, data: bytes | str) -> None:
     """Write a file by way of a temporary one beside it, so that what stood there survives a failure.
 
@@ -21,10 +33,7 @@ def write_whole(path: str | Path, data: bytes | str) -> None:
     """
     path = Path(path)
     content = data.encode() if isinstance(data, str) else data
-    if path.is_dir():
-        raise OutputError(f"{path}: is a folder; give the name of a file")
-    if not path.parent.is_dir():
-        raise OutputError(f"{path}: the folder '{path.parent}' does not exist")
+    check_writable(path)
     temporary = None
     try:
         if path.exists() and not path.is_file():

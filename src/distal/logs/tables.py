@@ -49,14 +49,53 @@ def read_table(path: str | Path, wanted: Sequence[str] | None = None, optional: 
         LogError: it cannot be read, a column is missing or doubled, a cell is not a number, a row is short or long, or
             there is no row.
     """
-    path = Path(path)
-    frame, first_row = _frame(path)
-    return _table(frame, path, first_row, wanted, optional)
+    frame, source, first_row = open_table(path)
+    return table_of(frame, source, first_row, wanted, optional)
 
 
-def _table(
-    frame: polars.DataFrame, path: Path, first_row: int, wanted: Sequence[str] | None, optional: Iterable[str]
+def open_table(path: Any) -> tuple[polars.DataFrame, Path, int]:
+    """Return the cells of a CSV or Parquet file, or of a polars or pandas frame, what to call it, and its first row.
+
+    Args:
+        path: a path or a frame.
+
+    Raises:
+        LogError: it cannot be read, or is neither.
+    """
+    import polars
+
+    if isinstance(path, (str, Path)):
+        path = Path(path)
+        try:
+            folder = path.is_dir()
+        except OSError as problem:
+            raise LogError(f"{str(path)[:80]}…: cannot be read ({problem.strerror})") from None
+        if folder:
+            raise LogError(f"{path}: is a folder; a CSV or Parquet file is expected")
+        parquet = path.suffix.lower() in (".parquet", ".pq")
+        return (_parquet(path), path, 1) if parquet else (_csv(path), path, 2)
+    if isinstance(path, polars.DataFrame):
+        return path, Path("the frame"), 0
+    if not hasattr(path, "columns"):
+        raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
+    return polars.DataFrame({str(name): path[name].to_numpy() for name in path.columns}), Path("the frame"), 0
+
+
+def table_of(
+    frame: polars.DataFrame, path: Path, first_row: int, wanted: Sequence[str] | None, optional: Iterable[str] = ()
 ) -> Table:
+    """Return columns of an open table as numbers; see `read_table`.
+
+    Args:
+        frame: the cells.
+        path: what to call it.
+        first_row: row number of its first value.
+        wanted: columns that must be there; None takes all.
+        optional: columns that are taken where they are there.
+
+    Raises:
+        LogError: a column is missing or does not hold numbers, or there is no row.
+    """
     names = list(frame.columns) if wanted is None else [*wanted, *(c for c in optional if c in frame.columns)]
     for name in names:
         if name not in frame.columns:
@@ -64,41 +103,6 @@ def _table(
     if frame.height == 0:
         raise LogError(f"{path}: has a header but no rows")
     return Table(str(path), {name: _numbers(frame, name, path, first_row) for name in dict.fromkeys(names)}, first_row)
-
-
-def column_names(path: str | Path) -> tuple[str, ...]:
-    """Return the names of a file's columns.
-
-    Raises:
-        LogError: it cannot be read.
-    """
-    return tuple(_frame(Path(path))[0].columns)
-
-
-def frame_table(frame: Any, wanted: Sequence[str], optional: Iterable[str] = ()) -> Table:
-    """Return columns of a polars or pandas frame as numbers, as `read_table` does for a file.
-
-    Args:
-        frame: with named columns.
-        wanted: columns that must be there.
-        optional: columns that are taken where they are there.
-
-    Raises:
-        LogError: a column is missing or does not hold numbers.
-    """
-    import polars
-
-    held = (
-        frame if isinstance(frame, polars.DataFrame) else polars.DataFrame({str(c): frame[c].to_numpy() for c in frame})
-    )
-    return _table(held, Path("the frame"), 0, wanted, optional)
-
-
-def _frame(path: Path) -> tuple[polars.DataFrame, int]:
-    """Return a file's cells and the row number of the first."""
-    if path.is_dir():
-        raise LogError(f"{path}: is a folder; a CSV or Parquet file is expected")
-    return (_parquet(path), 1) if path.suffix.lower() in (".parquet", ".pq") else (_csv(path), 2)
 
 
 def _parquet(path: Path) -> polars.DataFrame:
@@ -144,11 +148,16 @@ def _check_widths(path: Path, data: bytes, separator: str) -> None:
     except UnicodeDecodeError as problem:
         row = data[: problem.start].count(b"\n") + 1
         raise LogError(f"{path}: row {row}: is not UTF-8 text") from None
+    if text.startswith("#"):
+        raise LogError(f"{path}: row 1: begins with '#'; comment lines are not supported, remove them")
     if '"' in text:
-        rows = list(csv.reader(text.splitlines(), delimiter=separator))
+        try:
+            rows = list(csv.reader(text.split("\n"), delimiter=separator))
+        except csv.Error as problem:
+            raise LogError(f"{path}: cannot be read as CSV ({problem}); is a quote not closed?") from None
         header, widths = rows[0], np.array([len(row) for row in rows])
     else:
-        lines = text.splitlines()
+        lines = text.split("\n")
         header = lines[0].split(separator)
         widths = np.array([line.count(separator) + 1 if line.strip() else 0 for line in lines])
     names = [name.strip() for name in header]
@@ -174,10 +183,13 @@ def _numbers(frame: polars.DataFrame, name: str, path: Path, first_row: int) -> 
 
     column = frame[name]
     if column.dtype != polars.String:
-        try:
-            return column.cast(polars.Float64).fill_null(float("nan")).to_numpy()
-        except polars.exceptions.PolarsError:
-            raise LogError(f"{path}: column '{name}' holds {column.dtype}; numbers are expected") from None
+        if not column.dtype.is_numeric():
+            raise LogError(f"{path}: column '{name}' holds {column.dtype}; numbers are expected")
+        held = column.cast(polars.Float64).fill_null(float("nan")).to_numpy()
+        infinite = np.flatnonzero(np.isinf(held))
+        if len(infinite):
+            _refuse(path, int(infinite[0]) + first_row, name, str(column[int(infinite[0])]))
+        return held
     text = column.str.strip_chars()
     missing = text.str.to_lowercase().is_in(list(MISSING))
     numbers = text.cast(polars.Float64, strict=False)

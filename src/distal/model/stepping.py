@@ -148,7 +148,11 @@ def last_kick(mechanism: Mechanism, kick: Kick, bodies: Sequence[int] | None = N
 
 
 def stiffest_frequency(mechanism: Mechanism) -> float:
-    """Return the largest natural frequency [rad/s] of the rig with all tendons taut, at zero, from M⁻¹K."""
+    """Return the largest natural frequency [rad/s] of the rig with all tendons taut, at zero, from M⁻¹K.
+
+    Raises:
+        RigError: it is not finite.
+    """
     p = mechanism.parameters
     q = ca.SX.sym("q", mechanism.n_bodies)
     stiffness = ca.vertcat(*(p[f"tendons.{i}.stiffness"] for i in range(mechanism.n_tendons)))
@@ -160,7 +164,12 @@ def stiffest_frequency(mechanism: Mechanism) -> float:
     system = ca.Function("system", [q, p.symbols], [spring, mechanism.inertias()])
     matrix, inertias = (np.array(part.full()) for part in system(np.zeros(mechanism.n_bodies), p.values))
     scale = 1.0 / np.sqrt(inertias.ravel())
-    return float(np.sqrt(np.linalg.eigvalsh(scale[:, None] * matrix * scale).max()))
+    scaled = scale[:, None] * matrix * scale
+    if not np.all(np.isfinite(scaled)):
+        raise RigError(
+            f"{mechanism.rig.name}: stiffness over inertia is not finite; check the sizes of the rig's values"
+        )
+    return float(np.sqrt(max(np.linalg.eigvalsh(scaled).max(), 0.0)))
 
 
 def substeps(mechanism: Mechanism, interval: float) -> int:
@@ -173,12 +182,12 @@ def substeps(mechanism: Mechanism, interval: float) -> int:
     Raises:
         RigError: more than `MOST_SUBSTEPS` would be needed.
     """
-    largest = mechanism.rig.stepping.largest_step or RESOLUTION / stiffest_frequency(mechanism)
-    count = max(1, ceil(interval / largest * (1 - 1e-9)))
-    if count > MOST_SUBSTEPS:
+    largest = mechanism.rig.stepping.largest_step or RESOLUTION / max(stiffest_frequency(mechanism), 1e-12)
+    needed = interval / largest * (1 - 1e-9)
+    if needed > MOST_SUBSTEPS:
         raise RigError(
-            f"{mechanism.rig.name}: an interval of {interval:g} s needs {count} sub-steps of {largest:.3g} s "
+            f"{mechanism.rig.name}: an interval of {interval:g} s needs {needed:.3g} sub-steps of {largest:.3g} s "
             f"(at most {MOST_SUBSTEPS} are allowed); a tendon is too stiff for its lightest body: "
             "check the units of stiffness and mass, or set stepping.largest_step"
         )
-    return count
+    return max(1, ceil(needed))

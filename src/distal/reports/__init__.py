@@ -1,6 +1,6 @@
 """Reports: figures and pages that a person would want to read."""
 
-from distal.reports.reproduction import reproduce, results
+from distal.reports.reproduction import make_folder, reproduce, results
 from distal.reports.reproduction_figures import FIGURES
 
-__all__ = ["FIGURES", "reproduce", "results"]
+__all__ = ["FIGURES", "make_folder", "reproduce", "results"]

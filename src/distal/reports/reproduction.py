@@ -35,11 +35,7 @@ def reproduce(out: str | Path, advance: Callable[[], None] = lambda: None) -> tu
     Raises:
         OutputError: the folder or a file cannot be written.
     """
-    folder = Path(out)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise OutputError(f"{folder}: cannot be made ({problem.strerror or problem})") from None
+    folder = make_folder(out)
     runs = list(all_runs(advance))
     claims = measure_claims(runs)
     drawings = {}
@@ -52,6 +48,20 @@ def reproduce(out: str | Path, advance: Callable[[], None] = lambda: None) -> tu
     write_whole(folder / "results.json", json.dumps(results(claims, runs), indent=2, ensure_ascii=False) + "\n")
     write_whole(folder / "index.html", _page(claims, runs, drawings))
     return claims
+
+
+def make_folder(path: str | Path) -> Path:
+    """Return the folder, made if need be.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise OutputError(f"{folder}: cannot be made ({problem.strerror or problem})") from None
+    return folder
 
 
 def _svg(made: Figure) -> str:

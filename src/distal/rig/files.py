@@ -60,8 +60,8 @@ def parse_toml(text: str, source: str, error: type[DistalError]) -> dict[str, An
     """Return the tables of a TOML text, or raise `error` naming the source, line and column."""
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as problem:
-        raise error(f"{source}: not valid TOML: {problem}") from None
+    except (ValueError, RecursionError) as problem:
+        raise error(f"{source}: not valid TOML: {str(problem) or 'nested too deeply'}") from None
 
 
 def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
@@ -92,8 +92,11 @@ def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
     Raises:
         RigError: as `load_rig`.
     """
-    text, _ = rig_text(name)
-    load_rig(name, assignments)
+    text, source = rig_text(name)
+    raw = parse_toml(text, source, RigError)
+    for assignment in assignments:
+        set_value(raw, *parse_assignment(assignment, RigError), RigError)
+    build_rig(raw, source)
     if not assignments:
         return text
     import tomlkit
@@ -143,7 +146,7 @@ SHOWN = 3
 
 
 def _finding(finding: Any, root: type[BaseModel]) -> str:
-    tags = {"slider", "capstan", "pinned", "pulley", "m", "rad", "N", "N m"}
+    tags = {"slider", "capstan", "pinned", "pulley", "m", "rad", "N", "N m", "SliderServo", "CapstanServo"}
     location = list(finding["loc"])
     # a tag of a union follows an index or stands for the union itself; it is no key of the user's
     keys = [k for i, k in enumerate(location) if not (k in tags and i > 0)]

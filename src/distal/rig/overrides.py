@@ -24,15 +24,18 @@ def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
     """
     path, equals, value = text.partition("=")
     path, value = path.strip(), value.strip()
+    if "\n" in value or "\r" in value:
+        raise error(f"--set '{path}': the value has more than one line; give one value")
     if not equals or not path or not value:
         raise error(f"--set '{text}': write path=value, e.g. --set joints.0.friction.coefficient=0.4")
     try:
         return path, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         if _LOOSE_QUANTITY.match(value):
             return path, value
         raise error(
-            f"--set '{text}': '{value}' is not TOML; write a number, \"text with a unit\", [a list] or {{ a = table }}"
+            f"--set '{text[:80]}': '{value[:60]}' is not TOML; "
+            'write a number, "text with a unit", [a list] or { a = table }'
         ) from None
 
 
@@ -69,7 +72,7 @@ def set_value(raw: Any, path: str, value: object, error: type[DistalError]) -> N
 
 def _merged(old: object, new: object) -> object:
     if isinstance(old, MutableMapping) and set(old) <= {"value", "std"} and "value" in old:
-        if isinstance(new, MutableMapping):
+        if isinstance(new, MutableMapping) and new:
             return {**old, **new}
         old["value"] = new
         return old
@@ -92,7 +95,7 @@ def _descend(parent: Any, key: str, where: str, path: str, error: type[DistalErr
 
 
 def _index(items: Any, key: str, where: str, path: str, error: type[DistalError]) -> int:
-    if key.isdigit():
+    if key.isascii() and key.isdigit():
         if int(key) >= len(items):
             raise error(f"--set '{path}': '{where}' has {len(items)} items, so index 0 to {len(items) - 1}; {key} came")
         return int(key)

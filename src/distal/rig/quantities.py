@@ -12,6 +12,9 @@ from pydantic_core import CoreSchema, core_schema
 from distal.errors import UnitError, did_you_mean
 from distal.units import to_si
 
+SMALLEST, LARGEST = 1e-20, 1e12
+"""Sizes beyond which a number in a description is a mistake, and squares of it would leave what a computer can hold."""
+
 Bound = Literal["any", "nonnegative", "positive"]
 
 
@@ -54,6 +57,8 @@ class In:
 
     def _scalar(self, raw: object) -> float:
         number = to_si(raw, self.si)
+        if number != 0.0 and not SMALLEST <= abs(number) <= LARGEST:
+            raise UnitError(f"must be between {SMALLEST:g} and {LARGEST:g} in size, {number:g} came")
         if self.bound == "positive" and number <= 0.0:
             raise UnitError(f"must be positive, {number:g} came")
         if self.bound == "nonnegative" and number < 0.0:
@@ -75,6 +80,8 @@ class In:
             spread = to_si(std, "") * abs(value)
         else:
             spread = to_si(std, self.si)
+        if spread > LARGEST:
+            raise UnitError(f"std must be at most {LARGEST:g}, {spread:g} came")
         if spread < 0.0:
             raise UnitError(f"std must not be negative, {spread:g} came")
         return {"value": value, "std": spread}

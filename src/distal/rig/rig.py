@@ -97,11 +97,21 @@ class Rig(Description):
     def _whole(self) -> Self:
         unit_factor(self.log.time.unit, "s")
         for kind in ("joints", "drives", "tendons", "sensors"):
-            _distinct([part.name for part in getattr(self, kind)], f"{kind}: the name")
+            names = [part.name for part in getattr(self, kind)]
+            _distinct(names, f"{kind}: the name")
+            for name in names:
+                # states are written as theta_NAME, position_NAME and, with _std behind it, their standard deviations
+                if name in ("std", "dot") or name.endswith("_std"):
+                    raise ValueError(
+                        f"{kind}: the name '{name}' would be mistaken for a column of an estimate; choose another"
+                    )
         for drive in self.drives:
             if not any(tendon.drive == drive.name for tendon in self.tendons):
                 raise ValueError(f"drives: '{drive.name}' pulls no tendon; remove it or name it in a tendon's 'drive'")
         columns = [sensor.log_column for sensor in self.sensors]
+        for column in columns:
+            if column.startswith("true_"):
+                raise ValueError(f"sensors: the log column '{column}' begins with 'true_', which is kept for the truth")
         _distinct([*columns, self.log.time.column], "sensors: the log column")
         for i, joint in enumerate(self.joints):
             friction = joint.friction
@@ -140,6 +150,8 @@ class Rig(Description):
         from distal.rig.files import build_rig
         from distal.rig.overrides import set_value
 
+        if not isinstance(values, Mapping) or not all(isinstance(path, str) for path in values):
+            raise RigError(f"with_values takes a mapping from path to value, {values!r} came")
         raw = self.model_dump()
         for path, value in values.items():
             set_value(raw, path, value, RigError)

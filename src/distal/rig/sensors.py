@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from distal.rig.quantities import Description, In, Name, Parameter
 
@@ -22,6 +22,12 @@ class SensorBase(Description):
     sign: Literal[1, -1] = Field(1, description="-1 where the log counts the other way")
     rate: Annotated[float, In("Hz", "positive")] = Field(100.0, description="samples per second")
     delay: Annotated[float, In("s", "nonnegative")] = Field(0.0, description="age of a value when it is stamped")
+
+    @model_validator(mode="after")
+    def _rate(self) -> Self:
+        if not 1e-3 <= self.rate <= 1e6:
+            raise ValueError(f"rate: must be between 0.001 and 1e+06 Hz, {self.rate:g} came")
+        return self
 
     @property
     def log_column(self) -> str:

@@ -19,6 +19,8 @@ from distal.simulation.scenario import Scenario, load_scenario
 
 Floats = NDArray[np.float64]
 
+MOST_STEPS = 4_000_000
+
 LONGEST_INTERVAL = 1e-3
 """Longest interval over which a scenario's signals are constant [s]."""
 
@@ -47,6 +49,13 @@ def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int =
     plant = Mechanism(scenario.plant_rig(rig))
     fastest = max((sensor.rate for sensor in plant.rig.sensors), default=100.0)
     dt = 1.0 / fastest / ceil(1.0 / fastest / LONGEST_INTERVAL - 1e-9)
+    if scenario.duration * fastest < 1.0 - 1e-9:
+        raise ScenarioError(f"duration: {scenario.duration:g} s is shorter than one sample")
+    if scenario.duration / dt > MOST_STEPS:
+        raise ScenarioError(
+            f"duration: {scenario.duration:g} s in steps of {dt:g} s is too long (at most {MOST_STEPS:,} steps); "
+            "simulate parts of it, or set lower sensor rates"
+        )
     steps = ceil(scenario.duration / dt - 1e-9)
     grid: Floats = dt * np.arange(steps + 1, dtype=np.float64)
     inputs = body_inputs(scenario, plant, grid[:-1])
@@ -54,8 +63,8 @@ def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int =
     motion = run_plant(plant, inputs, start, dt, max(2, 2 * substeps(plant, dt)))
 
     stamps = _stamps(plant.rig, scenario.duration)
-    if len(stamps) == 0:
-        raise ScenarioError(f"duration: {scenario.duration:g} s is shorter than one sample")
+    if not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ScenarioError(f"seed: must be a whole number from 0, {seed!r} came")
     rngs = np.random.default_rng(seed).spawn(len(plant.rig.sensors))
     channels = {}
     for sensor, rng in zip(plant.rig.sensors, rngs):

@@ -1,0 +1,246 @@
+"""What a hostile stranger tried: each is refused in one line, or does what it says, and never a traceback."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from distal import estimate, load_rig, make_estimator, read_log
+from distal.errors import DistalError, EstimationError, LogError, RigError
+from distal.units import unit_factor
+
+GOOD = "t,x1,u1,x2,u2\n" + "".join(f"{0.01 * i},{1e-4 * i},2.0,1e-3,2.0\n" for i in range(30))
+CLI = [sys.executable, "-c", "from distal.cli import main; main()"]
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    path = tmp_path / "log.csv"
+    path.write_text(GOOD)
+    return path
+
+
+def cli(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    settings = {**os.environ, "PYTHONUTF8": "1", **environment}
+    return subprocess.run(
+        [*CLI, *map(str, words)], env=settings, capture_output=True, text=True, check=False, errors="replace"
+    )
+
+
+def refused(ran: subprocess.CompletedProcess[str]) -> str:
+    assert ran.returncode == 2, ran.stderr
+    lines = ran.stderr.strip().splitlines()
+    assert len(lines) == 1, ran.stderr
+    assert lines[0].startswith("error: ")
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    "assignment",
+    [
+        'tendons.0.name="std"',
+        'drives.0.name="left_std"',
+        'sensors.x1.column="true_theta"',
+        "sensors.x1.noise=1e150",
+        "sensors.x1.rate=1e300",
+        "sensors.x1.rate=1e9",
+        "joints.0.inertia=1" + 400 * "0",
+        "joints.0.inertia=5e-324",
+        "tendons.0.insertion.radius=1e-200",
+        "tendons.0.insertion.free_length=1e-200",
+        "stepping.largest_step=5e-324",
+        'joints.0.inertia="1 kg m^2 * 9**9**9**9"',
+        'joints.0.inertia="1 kg^9^9^9"',
+        'sensors.x1.unit="1 m"',
+        'sensors.x1.unit="m;"',
+        "joints.².inertia=1",
+        "joints.0.inertia=1\nfoo=2",
+        "joints.0.inertia=" + 3000 * "[",
+    ],
+)
+def test_odd_values_of_a_rig(assignment: str) -> None:
+    with pytest.raises(RigError) as caught:
+        load_rig("paper-2008", [assignment])
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 700
+
+
+def test_powers_in_units_still_work() -> None:
+    assert unit_factor("kg m^2", "kg m^2") == 1.0
+    assert unit_factor("kg·m²·s⁻²", "N m") == 1.0
+    assert unit_factor("m/s**2", "m/s^2") == 1.0
+
+
+def test_numpy_numbers_are_numbers(paper_rig) -> None:
+    rig = paper_rig.with_values({"tendons.0.stiffness": np.float32(700), "drives.0.mass": np.int64(1)})
+    assert rig.tendons[0].stiffness.value == 700.0
+    for wrong in (None, [], {1: 2}, {"joints.0.inertia": 10**400}, {"joints.0.inertia": {}}):
+        with pytest.raises(RigError):
+            paper_rig.with_values(wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
+def test_a_glitch_is_not_an_angle(log: Path, paper_rig) -> None:
+    """One value that is far from any motion: an error that says when, not 3,000,000 degrees."""
+    for column, value in (("x1", "1e8"), ("u1", "1e8"), ("u1", "1e300")):
+        frame = pl.read_csv(log).with_columns(
+            **{column: pl.when(pl.col("t") == 0.15).then(float(value)).otherwise(pl.col(column))}
+        )
+        with pytest.raises(EstimationError, match=r"left all bounds at 0\.1"):
+            estimate(read_log(frame, paper_rig.with_values({"drives.0.stops": None})), paper_rig, "ekf")
+
+
+def test_step_never_returns_nonsense(paper_rig) -> None:
+    made = make_estimator("ekf", paper_rig)
+    belief = made.initial(0, [0, 0, 2, 2])
+    for sample in ([0, 0, 1e300, 2], [1e300, 0, 2, 2], ["a", 0, 2, 2], {"x1": 0}, None, [[0], 1]):
+        with pytest.raises(EstimationError):
+            made.step(belief, 0.01, sample)
+    for time in (float("nan"), float("inf"), None, "x", 1e18):
+        with pytest.raises(EstimationError):
+            made.step(belief, time, [0, 0, 2, 2])
+    for time in (float("nan"), float("inf"), "x"):
+        with pytest.raises(EstimationError):
+            made.initial(time, [0, 0, 2, 2])
+    other = make_estimator("inextensible", paper_rig).initial(0, [0, 0, 2, 2])
+    for wrong in (other, None, "belief"):
+        with pytest.raises(EstimationError, match="not one of this estimator's"):
+            made.step(wrong, 0.01, [0, 0, 2, 2])
+
+
+def test_odd_calls(log: Path, paper_rig) -> None:
+    read = read_log(log, paper_rig)
+    for words in ({"passes": 1.5}, {"passes": "a"}, {"estimator": None}, {"estimator": 3}, {"truth": "zz"}):
+        with pytest.raises(DistalError):
+            estimate(read, paper_rig, **words)  # type: ignore[arg-type]
+    for name, rig in (([], paper_rig), (None, paper_rig), ("ekf", "paper-2008")):
+        with pytest.raises(DistalError):
+            make_estimator(name, rig)  # type: ignore[arg-type]
+
+
+def test_odd_stamps(log: Path, paper_rig) -> None:
+    frame = pl.read_csv(log)
+    for last in (1e18, 1e300):
+        wide = frame.with_columns(t=pl.when(pl.col("t") > 0.28).then(last).otherwise(pl.col("t")))
+        with pytest.raises(EstimationError, match=r"gap of .* too long"):
+            estimate(wide, paper_rig)
+    slow = pl.DataFrame({"t": 900.0 * np.arange(30), **{c: frame[c] for c in ("x1", "u1", "x2", "u2")}})
+    with pytest.raises(EstimationError, match="set the sensors' rate to the log's"):
+        estimate(slow, paper_rig)
+    epoch = frame.with_columns(t=1.7e9 + pl.when(pl.col("t") == 0.05).then(0.01).otherwise(pl.col("t")))
+    with pytest.raises(LogError, match=r"1700000000\.01 s after 1700000000\.04 s"):
+        read_log(epoch, paper_rig)
+
+
+def test_parquet_types_are_not_numbers_by_accident(tmp_path: Path, paper_rig, log: Path) -> None:
+    frame = pl.read_csv(log)
+    path = tmp_path / "odd.parquet"
+    for column, values in (("x1", date(2026, 1, 1)), ("x1", True), ("t", date(2026, 1, 1))):
+        frame.with_columns(pl.lit(values).alias(column)).write_parquet(path)
+        with pytest.raises(LogError, match=f"column '{column}' holds"):
+            read_log(path, paper_rig)
+    frame.with_columns(u1=pl.lit(float("inf"))).write_parquet(path)
+    with pytest.raises(LogError, match="row 1, column 'u1': 'inf'"):
+        read_log(path, paper_rig)
+
+
+def test_truth_without_a_value(tmp_path: Path, log: Path, paper_rig) -> None:
+    frame = pl.read_csv(log).with_columns(th=pl.lit(None, dtype=pl.Float64), encoder=pl.lit(None, dtype=pl.Float64))
+    with pytest.raises(LogError, match=r"the truth \(column 'th'\) has no value at all"):
+        read_log(frame, paper_rig, truth="th")
+    assert "theta" not in read_log(frame, paper_rig).truth  # a reference that was never connected
+    between = tmp_path / "between.csv"
+    between.write_text("t,theta\n0.0011,1\n0.0012,1\n")
+    with pytest.raises(LogError, match="no value at all"):
+        read_log(log, paper_rig, truth=between)
+    with pytest.raises(LogError, match="which is no angle"):
+        read_log(frame.with_columns(th=pl.lit(1e300)), paper_rig, truth="th")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("# a comment\n" + GOOD, "comment lines are not supported"),
+        (GOOD.replace("2.0,1e-3", '2.0,"1e-3', 1) + "x" * 140_000, "is a quote not closed|too"),
+        (GOOD.replace("\n", "\r"), "missing|rows|one row"),
+    ],
+)
+def test_odd_csv(tmp_path: Path, paper_rig, text: str, said: str) -> None:
+    path = tmp_path / "odd.csv"
+    path.write_text(text, newline="")
+    with pytest.raises(LogError, match=said) as caught:
+        read_log(path, paper_rig)
+    assert len(str(caught.value)) < 1200
+
+
+def test_inputs_are_not_overwritten(log: Path, tmp_path: Path) -> None:
+    assert "is an input" in refused(cli("estimate", log, "--rig", "paper-2008", "--out", log))
+    assert log.read_text() == GOOD
+    both = tmp_path / "both.svg"
+    assert "asked for twice" in refused(cli("estimate", log, "--rig", "paper-2008", "--out", both, "--plot", both))
+
+
+def test_nothing_is_written_by_a_command_that_fails(log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.csv"
+    for plot in ("p.xyz", "p", "none/p.png"):
+        refused(cli("estimate", log, "--rig", "paper-2008", "--out", out, "--plot", tmp_path / plot))
+        assert not out.exists()
+
+
+def test_names_that_are_too_long(log: Path) -> None:
+    long = "x" * 400
+    for words in (
+        ("estimate", long, "--rig", "paper-2008"),
+        ("estimate", log, "--rig", long),
+        ("estimate", log, "--rig", "paper-2008", "--out", long),
+        ("estimate", log, "--rig", "paper-2008", "--truth", long),
+        ("scenario", "show", long),
+        ("rig", "new", long),
+    ):
+        refused(cli(*words))
+
+
+def test_odd_terminals_and_compilers(log: Path, tmp_path: Path) -> None:
+    ascii_only = cli("estimate", log, "--rig", "paper-2008", PYTHONUTF8="0", PYTHONIOENCODING="ascii")
+    assert ascii_only.returncode == 0, ascii_only.stderr
+    full = subprocess.run(
+        ["bash", "-c", f"'{sys.executable}' -c 'from distal.cli import main; main()' rigs > /dev/full"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert full.returncode != 0
+    assert "Traceback" not in full.stderr
+    odd = cli("estimate", log, "--rig", "paper-2008", CC='"x', DISTAL_CACHE=str(tmp_path / "c"))
+    assert odd.returncode == 0
+    assert odd.stderr.startswith("warning: kernels are interpreted")
+
+
+def test_titles_are_plain_text(log: Path, tmp_path: Path) -> None:
+    for i, name in enumerate(("cost $x^$", "日本語", "a" * 3000)):
+        plot = tmp_path / f"{i}.png"
+        ran = cli("estimate", log, "--rig", "paper-2008", "--plot", plot, "--set", f'name="{name}"')
+        assert ran.returncode == 0
+        assert "Traceback" not in ran.stderr
+        assert "Glyph" not in ran.stderr
+        assert plot.exists()
+
+
+def test_pipes(log: Path) -> None:
+    code = "from distal.cli import main; main()"
+    for tail in ("estimate /dev/stdin --rig paper-2008 --truth u1", "rig show /dev/stdin --set joints.0.inertia=1"):
+        source = f"cat {log}" if "estimate" in tail else f"'{sys.executable}' -c '{code}' rig show paper-2008"
+        ran = subprocess.run(
+            ["bash", "-c", f"{source} | '{sys.executable}' -c '{code}' {tail}"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert ran.returncode == 0, ran.stderr
