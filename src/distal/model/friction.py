@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -52,3 +53,46 @@ def load_dependent_limit(coefficient: Any, radius: Any, load: Any, reference: An
     if isinstance(exponent, ca.SX) and exponent.is_one():
         return coefficient * radius * load
     return coefficient * radius * reference * (load / reference) ** exponent
+
+
+@dataclass(frozen=True)
+class SoftMoments:
+    """What `soft` makes of a normal distribution.
+
+    Args:
+        mean: E[soft(z, l)].
+        slope: dE/dz, the chance to slip.
+        rest: variance beyond slope² · σ².
+    """
+
+    mean: Any
+    slope: Any
+    rest: Any
+
+
+def soft_moments(z: Any, limit: Any, std: Any) -> SoftMoments:
+    """Return mean, slope and remaining variance of soft(z, l) for z normal with standard deviation s.
+
+    With u = (z − l)/s, w = (z + l)/s: E = (z − l)Φ(u) + sφ(u) + (z + l)Φ(−w) − sφ(w), slope Φ(u) + Φ(−w). A stuck body
+    whose force is uncertain may slip: its linearisation alone says that it cannot. For filters only; simulation never
+    smooths.
+
+    Args:
+        z: mean of the velocity without friction.
+        limit: friction limit as a velocity.
+        std: s > 0.
+    """
+
+    def below(x: Any) -> Any:
+        return (1 + ca.erf(x / ca.sqrt(2))) / 2
+
+    def density(x: Any) -> Any:
+        return ca.exp(-x * x / 2) / ca.sqrt(2 * ca.pi)
+
+    up, down = z - limit, z + limit
+    u, w = up / std, down / std
+    mean = up * below(u) + std * density(u) + down * below(-w) - std * density(w)
+    square = (up * up + std * std) * below(u) + up * std * density(u)
+    square += (down * down + std * std) * below(-w) - down * std * density(w)
+    slope = below(u) + below(-w)
+    return SoftMoments(mean, slope, ca.fmax(square - mean * mean - (slope * std) ** 2, 0))

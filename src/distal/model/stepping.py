@@ -76,10 +76,14 @@ class Kick:
     implicit: Any = None
 
 
-def _impulses(mechanism: Mechanism, kick: Kick) -> tuple[Any, Any, Any]:
+def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Any, Any, Any]:
     """Return (z, friction impulse, implicit damping) of all bodies: z = a v + b F, before friction and stops.
 
     A body's own share of tendon damping is linearly implicit, so that stiff damping needs no small step.
+
+    Args:
+        mechanism: the rig's equations.
+        kick: its symbols.
     """
     tensions = mechanism.tensions(kick.q, kick.v)
     own = mechanism.tendon_damping(kick.q, tensions)
@@ -109,7 +113,7 @@ def kick_and_drift(
             takes them as pressed instead, since the slope of a bounce says nothing.
         bodies: which bodies move freely; default all. The others drift with the velocity they have.
     """
-    z, limits, damping = _impulses(mechanism, kick)
+    z, limits, damping = impulses(mechanism, kick)
     free = range(mechanism.n_bodies) if bodies is None else bodies
     q, v = [], []
     for i in range(mechanism.n_bodies):
@@ -135,7 +139,7 @@ def last_kick(mechanism: Mechanism, kick: Kick, bodies: Sequence[int] | None = N
         kick: its symbols.
         bodies: which bodies move freely; default all.
     """
-    z, limits, damping = _impulses(mechanism, kick)
+    z, limits, damping = impulses(mechanism, kick)
     velocities = [kick.v[i] for i in range(mechanism.n_bodies)]
     for i in range(mechanism.n_bodies) if bodies is None else bodies:
         b = kick.response[i, 1]

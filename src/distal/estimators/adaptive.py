@@ -1,0 +1,67 @@
+"""`adaptive`: right when the model is wrong, and honest about how sure it is."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators.augmented import AugmentedState
+from distal.estimators.channels import channels_of, sensor_for
+from distal.estimators.contract import KernelEstimator
+from distal.estimators.displacement_driven import adaptive_function
+from distal.estimators.motion import MEMORY
+from distal.kernels import Kernel
+from distal.model import Mechanism
+from distal.rig import Rig
+from distal.sensors import variance
+
+Floats = NDArray[np.float64]
+
+LONGEST_SUBSTEP = 2.5e-3
+"""Longest sub-step of the joint alone [s]: its own modes are slow."""
+
+
+class AdaptiveFilter(KernelEstimator):
+    """A displacement-driven Kalman filter that estimates what is uncertain in the rig beside the joint's motion.
+
+    Args:
+        rig: the description.
+        compiled: compile its kernel where possible.
+        updates: how often each update is linearised again; 1 = extended, more = iterated.
+        name: of the estimator.
+
+    Raises:
+        EstimationError: the sensors do not suffice.
+    """
+
+    def __init__(self, rig: Rig, compiled: bool = True, updates: int = 1, name: str = "adaptive") -> None:
+        self._mechanism, self._channels = Mechanism(rig), channels_of(rig, name)
+        self._augmented = AugmentedState(self._mechanism, self._channels)
+        interval = self._channels.interval
+        count = max(1, int(np.ceil(interval / LONGEST_SUBSTEP - 1e-9)))
+        function = adaptive_function(self._augmented, count, updates)
+        forces = tuple(sensor.name for sensor in (*self._channels.forces, *self._channels.tensions))
+        super().__init__(
+            name,
+            rig,
+            Kernel(function, compiled),
+            self._mechanism.parameters.values,
+            self._channels.names,
+            forces,
+            self._augmented.names,
+            interval,
+        )
+
+    def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
+        memory = []
+        for drive in self.rig.drives:
+            sensor = sensor_for(self._channels.positions, drive.name)
+            if sensor is None:
+                memory.append(np.zeros(MEMORY))
+                continue
+            read = sample[self._channels.names.index(sensor.name)] - sensor.bias.value
+            place = read if np.isfinite(read) else 0.0
+            memory.append(np.array([place, 0.0, 0.0, 2 * variance(sensor), 0.0]))
+        residuals = np.zeros(len(self.rig.drives))
+        augmented = self._augmented
+        return augmented.means, np.diag(augmented.stds**2), np.concatenate([*memory, residuals])

@@ -1,0 +1,223 @@
+"""The displacement-driven prediction: measured displacements move the tendons, the tendons move the joint.
+
+The precise sensor is the input: tensions follow from the joint's angle and the measured displacements, so sliders,
+their ringing and their stops leave the state.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from distal.estimators.augmented import AugmentedState
+from distal.estimators.channels import sensor_for
+from distal.estimators.force_update import force_update
+from distal.estimators.kalman import symmetric
+from distal.estimators.motion import MEMORY, Motion, follow
+from distal.model import Kick, Mechanism, impulses, kick_and_drift, responses, soft_moments
+from distal.sensors import variance
+
+BEND = 0.2
+"""Share of the bend between samples that a straight line may miss."""
+
+UNMODELLED = 0.5
+"""Random torque that the model does not know, as the standard deviation of ω that it makes in 1 s [rad/s]."""
+
+FORCE_MEMORY = 1
+"""Numbers remembered per drive by the update: the mean residual of its force."""
+
+
+def adaptive_function(augmented: AugmentedState, count: int, updates: int = 1) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y) of the displacement-driven filter.
+
+    Args:
+        augmented: the layout of its state.
+        count: sub-steps per interval.
+        updates: how often the update is linearised again (iterated filter); 1 = extended.
+    """
+    mechanism, channels = augmented.mechanism, augmented.channels
+    n, nd, width = len(augmented), mechanism.n_drives, len(channels.names)
+    memory = nd * (MEMORY + FORCE_MEMORY)
+    carry, x = ca.MX.sym("carry", n + n * n + memory), ca.MX.sym("x", 1 + 2 * width)
+    p = ca.MX.sym("p", len(mechanism.parameters))
+    prepare, substep = prepare_function(augmented, count), substep_function(augmented)
+    mean, covariance = carry[:n], ca.reshape(carry[n : n + n * n], n, n)
+    held = carry[n + n * n :]
+    places, speeds, parameters, drive_seeds, motions, response, noise, torque_std = prepare(
+        mean, covariance, held, x, p
+    )
+    h = x[0] / count
+    q, v = ca.vertcat(mean[0], places), ca.vertcat(mean[1], speeds)
+    columns = n + nd
+    slopes_q, slopes_v = (ca.MX(ca.densify(ca.DM.eye(columns)[i, :])) for i in (0, 1))
+    effort = mean[augmented.torque_at] if augmented.torque is not None else ca.MX(0)
+    rest = ca.MX(0)
+    for _ in range(count):
+        q, v, slopes_q, slopes_v, added = substep(
+            q, v, effort, torque_std, response, h, parameters, slopes_q, slopes_v, drive_seeds
+        )
+        rest = rest + added
+    update = update_function(augmented, updates)
+    after, spread, kept, y = update(
+        mean, covariance, q[0], v[0], ca.vertcat(slopes_q, slopes_v), rest, motions, speeds, noise, held, x, p
+    )
+    following = ca.vertcat(after, ca.reshape(spread, n * n, 1), motions[: nd * MEMORY], kept)
+    return ca.Function("adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+
+
+def _motions(augmented: AugmentedState, held: Any, x: Any) -> list[Motion | None]:
+    """Return each drive's motion over the interval, None where nothing measures it."""
+    channels, width = augmented.channels, len(augmented.channels.names)
+    motions: list[Motion | None] = []
+    for i, drive in enumerate(augmented.mechanism.rig.drives):
+        sensor = sensor_for(channels.positions, drive.name)
+        if sensor is None:
+            motions.append(None)
+            continue
+        k = channels.names.index(sensor.name)
+        reading, there = x[1 + k] - sensor.bias.value, x[1 + width + k]
+        motions.append(follow(held[MEMORY * i : MEMORY * (i + 1)], reading, there, variance(sensor), x[0]))
+    return motions
+
+
+def prepare_function(augmented: AugmentedState, count: int) -> ca.Function:
+    """Return what an interval needs before its sub-steps.
+
+    (mean, P, memory, x, p) → places of the drives at its start, their speeds, the model's parameters, the slopes of the
+    drives' places with respect to states and position noise, the motions (memory, then bends), the response of the joint,
+    the variance of each place, the standard deviation of the external torque.
+
+    Args:
+        augmented: the layout of the state.
+        count: sub-steps per interval.
+    """
+    mechanism, channels = augmented.mechanism, augmented.channels
+    n, nd, width = len(augmented), mechanism.n_drives, len(channels.names)
+    mean, covariance = ca.SX.sym("mean", n), ca.SX.sym("P", n, n)
+    held, x = ca.SX.sym("memory", nd * (MEMORY + 1)), ca.SX.sym("x", 1 + 2 * width)
+    p, dt = mechanism.parameters.symbols, x[0]
+    motions = _motions(augmented, held, x)
+    starts, speeds, noise, kept, bends = [], [], [], [], []
+    seeds = ca.SX(nd, n + nd)
+    for i, motion in enumerate(motions):
+        if motion is None:
+            starts.append(mean[augmented.places_at[i]])
+            seeds[i, augmented.places_at[i]] = 1
+            speeds.append(ca.SX(0))
+            noise.append(ca.SX(0))
+            kept += [ca.SX(0)] * MEMORY
+            bends.append(ca.SX(0))
+            continue
+        before = held[MEMORY * i]
+        first = before - augmented.systematic_error(i, before, mean)
+        last = motion.place - augmented.systematic_error(i, motion.place, mean)
+        starts.append(first)
+        speeds.append(ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0))
+        at, spread = augmented.weights_at[i]
+        if len(spread):
+            seeds[i, at : at + len(spread)] = -augmented.basis(i, motion.place).T
+        seeds[i, n + i] = 1
+        sensor = sensor_for(channels.positions, mechanism.rig.drives[i].name)
+        assert sensor is not None  # a drive without one has no motion
+        noise.append(variance(sensor) + motion.unknown + (BEND * motion.bend) ** 2)
+        kept += motion.memory()
+        bends.append(motion.bend)
+    parameters = augmented.model_parameters(mean)
+    h = ca.SX.sym("h")
+    response = ca.Function("responses", [h, p], [responses(mechanism, h, h)])(dt / count, parameters)
+    torque_std = ca.SX(0)
+    if augmented.torque is not None:
+        torque_std = ca.sqrt(ca.fmax(covariance[augmented.torque_at, augmented.torque_at], 0))
+    outputs = [ca.vertcat(*starts), ca.vertcat(*speeds), parameters, seeds, ca.vertcat(*kept, *bends)]
+    outputs += [response, ca.vertcat(*noise), torque_std]
+    return ca.Function("prepare", [mean, covariance, held, x, p], [ca.densify(entry) for entry in outputs])
+
+
+def substep_function(augmented: AugmentedState) -> ca.Function:
+    """Return one sub-step of the joint with its slopes, the drives moving as they were measured to.
+
+    (q, v, τ, σ_τ, response, h, p, S_q, S_v, S_drives) → (q⁺, v⁺, S_q⁺, S_v⁺, variance added to ω). Where an external
+    torque can occur, mean and motion are exact, but slopes and the variance left over are those of the expectation over
+    the torque (`soft_moments`): a stuck joint may be moved by a hand, though its linearisation says that it cannot.
+
+    Args:
+        augmented: the layout of the state.
+    """
+    mechanism: Mechanism = augmented.mechanism
+    n, nd, nb, p = len(augmented), mechanism.n_drives, mechanism.n_bodies, mechanism.parameters.symbols
+    columns = n + nd
+    q, v, torque, torque_std = ca.SX.sym("q", nb), ca.SX.sym("v", nb), ca.SX.sym("tau"), ca.SX.sym("s_tau")
+    response, h = ca.SX.sym("response", nb, 4), ca.SX.sym("h")
+    slopes_q, slopes_v = ca.SX.sym("S_q", 1, columns), ca.SX.sym("S_v", 1, columns)
+    seeds = ca.SX.sym("S_drives", nd, columns)
+    kick = Kick(q, v, ca.vertcat(torque, ca.SX(nd, 1)), response, h, h)
+    q_next, v_next = kick_and_drift(mechanism, kick, rebounds=False, bodies=[0])
+    speed, rest = v_next[0], ca.SX(0)
+    if augmented.torque is not None:
+        z, limits, damping = impulses(mechanism, kick)
+        held = 1 + response[0, 1] * damping[0]
+        # a tiny spread keeps the moments finite where no time passes
+        moments = soft_moments(z[0], limits[0], response[0, 1] * torque_std + 1e-9)
+        speed, rest = moments.mean / held, moments.rest / held**2
+    parameter_seeds = ca.SX(len(mechanism.parameters), columns)
+    for k, part in enumerate(augmented.parameters):
+        for i in part.indices:
+            scale = float(mechanism.parameters.values[i]) if part.factor else 1.0
+            parameter_seeds[i, augmented.parameters_at + k] = scale
+    along = ca.jacobian(speed, q[0]) * slopes_q + ca.jacobian(speed, v[0]) * slopes_v
+    along += ca.mtimes(ca.jacobian(speed, q[1:]), seeds)
+    used = sorted({i for part in augmented.parameters for i in part.indices})
+    if used:
+        along += ca.mtimes(ca.jacobian(speed, p)[:, used], parameter_seeds[used, :])
+    if augmented.torque is not None:
+        row = ca.SX(1, columns)
+        row[0, augmented.torque_at] = 1
+        along += ca.jacobian(speed, torque) * row
+    outputs = [q_next, v_next, slopes_q + h * along, along, rest]
+    arguments = [q, v, torque, torque_std, response, h, p, slopes_q, slopes_v, seeds]
+    return ca.Function("substep", arguments, ca.cse([ca.densify(entry) for entry in outputs]))
+
+
+def update_function(augmented: AugmentedState, updates: int) -> ca.Function:
+    """Return prediction of mean and covariance, and the update with the forces, as one scalar function.
+
+    Args:
+        augmented: the layout of the state.
+        updates: how often the update is linearised again.
+    """
+    mechanism, channels = augmented.mechanism, augmented.channels
+    n, nd, width = len(augmented), mechanism.n_drives, len(channels.names)
+    mean, covariance = ca.SX.sym("mean", n), ca.SX.sym("P", n, n)
+    theta, omega, slopes = ca.SX.sym("theta"), ca.SX.sym("omega"), ca.SX.sym("S", 2, n + nd)
+    rest, motions = ca.SX.sym("rest"), ca.SX.sym("motions", nd * (MEMORY + 1))
+    speeds, noise = ca.SX.sym("speeds", nd), ca.SX.sym("noise", nd)
+    held, x, p = ca.SX.sym("memory", nd * (MEMORY + 1)), ca.SX.sym("x", 1 + 2 * width), mechanism.parameters.symbols
+    dt = x[0]
+    # only θ and ω move: the rest of the covariance stays, but for drift
+    moved = ca.mtimes(slopes[:, :n], covariance)
+    corner = ca.mtimes(moved, slopes[:, :n].T)
+    inputs = slopes[:, n:] * ca.repmat(noise.T, 2, 1)
+    corner += ca.mtimes(inputs, slopes[:, n:].T)
+    corner[1, 1] += rest + UNMODELLED**2 * dt
+    predicted = ca.SX(covariance)
+    predicted[0:2, 2:], predicted[2:, 0:2], predicted[0:2, 0:2] = moved[:, 2:], moved[:, 2:].T, corner
+    state = ca.vertcat(theta, omega, mean[2:])
+    for i, drift in augmented.drifts.items():
+        predicted[i, i] += drift**2 * dt
+    if augmented.torque is not None:
+        at, fade = augmented.torque_at, ca.exp(-dt / augmented.torque.correlation_time)
+        state[at] *= fade
+        row = fade * predicted[at, :]
+        predicted[at, :], predicted[:, at] = row, row.T
+        predicted[at, at] = fade * row[at] + augmented.torque.std**2 * (1 - fade**2)
+    after, spread, kept, y = force_update(
+        augmented, state, symmetric(predicted), motions, speeds, noise, held[nd * MEMORY :], x, updates
+    )
+    for k, part in enumerate(augmented.parameters):
+        at = augmented.parameters_at + k
+        if np.isfinite(part.lowest):
+            after[at] = ca.fmax(after[at], part.lowest)
+    arguments = [mean, covariance, theta, omega, slopes, rest, motions, speeds, noise, held, x, p]
+    return ca.Function("update", arguments, ca.cse([ca.densify(entry) for entry in (after, spread, kept, y)]))

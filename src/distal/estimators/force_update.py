@@ -1,0 +1,262 @@
+"""The update of the displacement-driven filter: measured forces against the tensions that follow from the state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from distal.estimators.augmented import AugmentedState
+from distal.estimators.channels import sensor_for
+from distal.estimators.kalman import symmetric
+from distal.estimators.motion import MEMORY
+from distal.sensors import systematic_variance, variance
+
+WILD_FORCE = 9.0
+"""A squared innovation beyond this times its variance counts less: its variance grows in proportion."""
+
+STOP_MARGIN = 1.0
+"""A slider nearer to a stop than this times its sensor's linearity may touch it: its force tells nothing."""
+
+STICK_WEIGHT = 50.0
+"""Samples over which friction of a drive that sticks is the same: how little one of them tells."""
+
+TURN_WEIGHT = 10.0
+"""The same while a drive turns back."""
+
+MEAN_TIME = 0.1
+"""Time constant of the mean residual of a force whose drive sticks [s]."""
+
+STICK_STD = 0.42
+"""Standard deviation of a tension within its friction's limits, as a share of the limit."""
+
+NOMINAL_TIME = 1.0
+"""Time over which an unmeasured pull's departure from its nominal value lasts [s]."""
+
+
+@dataclass(frozen=True)
+class ForceRow:
+    """One force or tension to compare, as expressions of a symbolic state.
+
+    Args:
+        name: of its sensor, or of the drive where the pull is only nominal.
+        residual: measured minus expected without friction.
+        limit: friction limit of the drive, 0 for a tension.
+        variance: of the sensor.
+        mask: 1 where it counts.
+        drive: index of the drive, or None for a tension.
+    """
+
+    name: str
+    residual: Any
+    limit: Any
+    variance: Any
+    mask: Any
+    drive: int | None
+
+
+def force_rows(augmented: AugmentedState, state: Any, motions: Any, speeds: Any, noise: Any, x: Any) -> list[ForceRow]:
+    """Return what is compared: U = Σ T ∂ℓ/∂s + b ṡ + friction of each drive, and measured tensions.
+
+    Args:
+        augmented: the layout of the state.
+        state: symbolic, (n,).
+        motions: of the drives; see `prepare_function`.
+        speeds: of the drives, (n_drives,).
+        noise: variance of each place, (n_drives,).
+        x: the sample.
+    """
+    mechanism, channels = augmented.mechanism, augmented.channels
+    p, nb, nj, width = mechanism.parameters.symbols, mechanism.n_bodies, mechanism.n_joints, len(channels.names)
+    places = []
+    for i in range(mechanism.n_drives):
+        if i in augmented.places_at:
+            places.append(state[augmented.places_at[i]])
+        else:
+            reading = motions[MEMORY * i]
+            places.append(reading - augmented.systematic_error(i, reading, state))
+    q, v = ca.vertcat(state[0], *places), ca.vertcat(state[1], speeds)
+    symbols = [ca.SX.sym("q", nb), ca.SX.sym("v", nb), p]
+    tensions = mechanism.tensions(*symbols[:2])
+    pulls = ca.mtimes(mechanism.length_jacobian(symbols[0]).T, tensions) + mechanism.dampings() * symbols[1]
+    outputs = [tensions, pulls, mechanism.friction_limits(tensions), ca.jacobian(tensions, symbols[0])]
+    tensions, pulls, limits, stiffness = ca.Function("pulls", symbols, outputs)(q, v, augmented.model_parameters(state))
+    rows = []
+    for i, drive in enumerate(mechanism.rig.drives):
+        sensor, body = sensor_for(channels.forces, drive.name), nj + i
+        spread = noise[i] * sum(
+            (stiffness[t, body] ** 2 for t in range(mechanism.n_tendons) if mechanism.drive_of[t] == body), ca.SX(0)
+        )
+        limit = limits[body]
+        if i in augmented.friction_at:
+            limit += state[augmented.friction_at[i]]
+        free = _away_from_stops(augmented, i, motions[MEMORY * i])
+        if sensor is None:
+            dt = ca.fmax(x[0], 1e-6)
+            unsure = drive.nominal_force.std**2 * 2 * NOMINAL_TIME / dt
+            known = float(drive.nominal_force.std > 0.0)
+            residual = drive.nominal_force.value - pulls[body]
+            rows.append(ForceRow(drive.name, residual, limit, spread + unsure, known * free, i))
+            continue
+        k = channels.names.index(sensor.name)
+        residual = x[1 + k] - sensor.bias.value - pulls[body]
+        own = variance(sensor) + systematic_variance(sensor)
+        rows.append(ForceRow(sensor.name, residual, limit, own + spread, x[1 + width + k] * free, i))
+    names = [tendon.name for tendon in mechanism.rig.tendons]
+    for sensor in channels.tensions:
+        k, t = channels.names.index(sensor.name), names.index(sensor.of)
+        body = mechanism.drive_of[t]
+        own = variance(sensor) + systematic_variance(sensor) + stiffness[t, body] ** 2 * noise[body - nj]
+        residual = x[1 + k] - sensor.bias.value - tensions[t]
+        rows.append(ForceRow(sensor.name, residual, ca.SX(0), own, x[1 + width + k], None))
+    return rows
+
+
+def _away_from_stops(augmented: AugmentedState, drive: int, place: Any) -> Any:
+    """Return 1 where a drive is certainly not at a stop: there the contact force is unknown."""
+    part = augmented.mechanism.rig.drives[drive]
+    sensor = sensor_for(augmented.channels.positions, part.name)
+    if part.stops is None or sensor is None:
+        return ca.SX(1)
+    low, high = part.stops
+    margin = STOP_MARGIN * sensor.linearity + 10 * np.sqrt(variance(sensor)) + 0.002 * (high - low)
+    return ca.if_else(ca.logic_and(place > low + margin, place < high - margin), 1, 0)
+
+
+def force_update(
+    augmented: AugmentedState,
+    prior: Any,
+    covariance: Any,
+    motions: Any,
+    speeds: Any,
+    noise: Any,
+    residuals: Any,
+    x: Any,
+    updates: int,
+) -> tuple[Any, Any, Any, Any]:
+    """Return mean, covariance, remembered mean residuals, and (innovations, variances) after the forces of a sample.
+
+    A drive that moves has friction against its motion. One that sticks has any friction up to its limit: where the rig
+    declares friction, its mean residual is compared with the limits and only what is beyond them counts (a clipped
+    residual); where friction is unknown, a sample counts little. A wild force counts little too.
+
+    Args:
+        augmented: the layout of the state.
+        prior: state before, (n,).
+        covariance: before, (n, n).
+        motions: of the drives.
+        speeds: of the drives.
+        noise: variance of each place.
+        residuals: remembered mean residual of each drive, (n_drives,).
+        x: the sample.
+        updates: how often each row is linearised again.
+    """
+    n, nd = len(augmented), augmented.mechanism.n_drives
+    symbol = ca.SX.sym("state", n)
+    rows = force_rows(augmented, symbol, motions, speeds, noise, x)
+    arguments = [symbol, motions, speeds, noise, x, augmented.mechanism.parameters.symbols]
+    values = ca.vertcat(*(ca.vertcat(row.residual, row.limit, row.variance, row.mask) for row in rows))
+    first = ca.vertcat(*(row.residual for row in rows)), ca.vertcat(*(row.limit for row in rows))
+    tables = ca.Function("rows", arguments, [values, ca.jacobian(first[0], symbol), ca.jacobian(first[1], symbol)])
+
+    mean, kept = prior, [residuals[i] for i in range(nd)]
+    innovations, spreads = [], []
+    for k, row in enumerate(rows):
+        point = prior
+        for _ in range(updates):
+            table, slopes, limit_slopes = tables(point, *arguments[1:])
+            residual, limit, own, mask = (table[4 * k + j] for j in range(4))
+            slope, limit_slope = slopes[k, :], limit_slopes[k, :]
+            now = residual + ca.mtimes(slope, mean - point)
+            allowed = ca.fmax(limit + ca.mtimes(limit_slope, mean - point), 0)
+            taken = _friction_row(
+                augmented, row.drive, motions, noise, now, allowed, own, slope, limit_slope, covariance, kept, mask, x[0]
+            )
+            across = ca.mtimes(covariance, taken.slope.T)
+            spread = ca.mtimes(taken.slope, across) + taken.variance
+            robust = spread * ca.fmax(1, taken.innovation**2 / (WILD_FORCE * spread))
+            point = mean + mask * across / robust * taken.innovation
+        gain = mask * across / robust
+        change = gain * taken.innovation
+        if row.drive is not None:
+            kept[row.drive] = taken.mean_residual + ca.mtimes(slope, change)
+        mean = mean + change
+        covariance = symmetric(
+            covariance - ca.mtimes(gain, across.T) - ca.mtimes(across, gain.T) + ca.mtimes(gain, gain.T) * robust
+        )
+        innovations.append(taken.innovation * mask)
+        spreads.append(spread)
+    measured = [k for k, row in enumerate(rows) if row.name in augmented.channels.names]
+    y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
+    return mean, covariance, ca.vertcat(*kept), y
+
+
+@dataclass(frozen=True)
+class TakenRow:
+    """How a force is taken: innovation, its slope with respect to the state (of the expected value), its variance."""
+
+    innovation: Any
+    slope: Any
+    variance: Any
+    mean_residual: Any
+
+
+def _friction_row(
+    augmented: AugmentedState,
+    drive: int | None,
+    motions: Any,
+    noise: Any,
+    residual: Any,
+    limit: Any,
+    own: Any,
+    slope: Any,
+    limit_slope: Any,
+    covariance: Any,
+    kept: list[Any],
+    mask: Any,
+    dt: Any,
+) -> TakenRow:
+    """Return how a force is taken, by how its drive moves."""
+    if drive is None or drive in augmented.places_at:
+        held = ca.SX(0) if drive is None else kept[drive]
+        return TakenRow(residual, -slope, own + limit**2, held)
+    sensor = sensor_for(augmented.channels.positions, augmented.mechanism.rig.drives[drive].name)
+    assert sensor is not None  # else its place would be a state
+    read = variance(sensor)
+    mean, square = motions[MEMORY * drive + 2], motions[MEMORY * drive + 3]
+    bend = motions[MEMORY * augmented.mechanism.n_drives + drive]
+    # motion that one sample can tell from noise, and how far its direction is known
+    slow = read * 0.64
+    moving = ca.fmax(ca.fmax(square - 2 * read, 0), mean**2)
+    stuck = slow / (moving + slow)
+    direction = mean / ca.sqrt(moving + slow) / (1 + bend**2 / (100 * read))
+    unsure = ca.mtimes(ca.mtimes(limit_slope, covariance), limit_slope.T)
+    declared = not augmented.is_clean(drive)
+    weight = 3 * TURN_WEIGHT if declared else TURN_WEIGHT
+    doubt = stuck * STICK_WEIGHT + (1 - stuck) * (1 - direction**2) * weight
+    sliding = TakenRow(
+        residual - direction * limit,
+        -(slope - direction * limit_slope),
+        own + doubt * (limit**2 + unsure),
+        ca.SX(0),
+    )
+    fade = ca.exp(-dt / MEAN_TIME)
+    average = ca.if_else(mask > 0, fade * kept[drive] + (1 - fade) * residual, kept[drive])
+    if not declared:
+        return TakenRow(sliding.innovation, sliding.slope, sliding.variance, average)
+    beyond = ca.fabs(average) > limit
+    sign = ca.sign(average)
+    known = ca.mtimes(ca.mtimes(slope, covariance), slope.T)
+    # inside the limits nothing moves the mean, but the tension is no less certain than the limits themselves
+    bound = (STICK_STD * limit) ** 2 + own + unsure
+    within = 1 / ca.fmax(1 / bound - 1 / ca.fmax(known, 1e-12), 1e-9)
+    sticks = stuck > 0.5
+    clipped_slope = ca.if_else(beyond, -(slope - sign * limit_slope), -slope)
+    return TakenRow(
+        ca.if_else(sticks, ca.if_else(beyond, average - sign * limit, 0), sliding.innovation),
+        ca.if_else(sticks, clipped_slope, sliding.slope),
+        ca.if_else(sticks, ca.if_else(beyond, own, within), sliding.variance),
+        average,
+    )
