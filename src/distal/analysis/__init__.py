@@ -1,5 +1,6 @@
 """Analysis: the paper's test series and its statements, measured."""
 
+from distal.analysis.bounds import lower_bound
 from distal.analysis.claims import Claim, Measure, hidden_motion, measure_claims, potentiometer_errors, rms
 from distal.analysis.reproduction import (
     PLANTS,
@@ -25,6 +26,7 @@ __all__ = [
     "Run",
     "all_runs",
     "hidden_motion",
+    "lower_bound",
     "measure_claims",
     "plant_scenario",
     "potentiometer_errors",

@@ -1,12 +1,15 @@
 """Estimators behind one contract: belief and sample in, belief and innovation out."""
 
+from distal.estimators.adaptive import AdaptiveFilter
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import Belief, Estimator, Innovation, KernelEstimator
+from distal.estimators.diagnosis import Diagnosis, diagnose
 from distal.estimators.estimate import estimate, first_values, samples_of
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise, state_units
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
 from distal.estimators.result import BAND, Estimate
+from distal.estimators.smoothing import smooth
 from distal.estimators.traces import COLOURS, DASHES, draw_estimate, figure, plot_estimates, plot_kind, save_figure
 
 __all__ = [
@@ -15,8 +18,10 @@ __all__ = [
     "DASHES",
     "DEFAULT",
     "ESTIMATORS",
+    "AdaptiveFilter",
     "Belief",
     "Channels",
+    "Diagnosis",
     "Estimate",
     "Estimator",
     "FullStateFilter",
@@ -25,6 +30,7 @@ __all__ = [
     "KinematicEstimator",
     "Noise",
     "channels_of",
+    "diagnose",
     "draw_estimate",
     "estimate",
     "figure",
@@ -36,5 +42,6 @@ __all__ = [
     "rig_noise",
     "samples_of",
     "save_figure",
+    "smooth",
     "state_units",
 ]

@@ -28,18 +28,28 @@ class AdaptiveFilter(KernelEstimator):
         rig: the description.
         compiled: compile its kernel where possible.
         updates: how often each update is linearised again; 1 = extended, more = iterated.
+        ideal: leave out all that guards against a wrong model; for bounds.
+        trace: keep what a smoother needs.
         name: of the estimator.
 
     Raises:
         EstimationError: the sensors do not suffice.
     """
 
-    def __init__(self, rig: Rig, compiled: bool = True, updates: int = 1, name: str = "adaptive") -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        compiled: bool = True,
+        updates: int = 1,
+        ideal: bool = False,
+        trace: bool = False,
+        name: str = "adaptive",
+    ) -> None:
         self._mechanism, self._channels = Mechanism(rig), channels_of(rig, name)
         self._augmented = AugmentedState(self._mechanism, self._channels)
         interval = self._channels.interval
         count = max(1, int(np.ceil(interval / LONGEST_SUBSTEP - 1e-9)))
-        function = adaptive_function(self._augmented, count, updates)
+        function = adaptive_function(self._augmented, count, updates, ideal, trace)
         forces = tuple(sensor.name for sensor in (*self._channels.forces, *self._channels.tensions))
         super().__init__(
             name,
@@ -65,3 +75,22 @@ class AdaptiveFilter(KernelEstimator):
         residuals = np.zeros(len(self.rig.drives))
         augmented = self._augmented
         return augmented.means, np.diag(augmented.stds**2), np.concatenate([*memory, residuals])
+
+    @property
+    def prior_stds(self) -> Floats:
+        """Standard deviations of the states before the first sample, (n,)."""
+        return self._augmented.stds
+
+    @property
+    def torque_at(self) -> int | None:
+        """Index of the external torque among the states, or None where it cannot occur."""
+        return self._augmented.torque_at if self._augmented.torque is not None else None
+
+    def torque_fade(self, steps: Floats) -> Floats:
+        """Return how much of an external torque is left after each interval, e^{−dt/τ}.
+
+        Args:
+            steps: lengths of the intervals [s], (k,).
+        """
+        torque = self._augmented.torque
+        return np.ones_like(steps) if torque is None else np.exp(-steps / torque.correlation_time)

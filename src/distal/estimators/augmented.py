@@ -22,7 +22,7 @@ BASIS = 6
 SMOOTHNESS = 3.0
 """Order at which the prior of the basis falls off: half waves over the travel."""
 
-LINEARITY_PRIOR = 0.45
+LINEARITY_PRIOR = 0.5
 """Standard deviation of a linearity curve in the prior, as a share of its largest magnitude."""
 
 UNKNOWN_FRICTION = 2.0

@@ -19,7 +19,7 @@ from distal.estimators.motion import MEMORY, Motion, follow
 from distal.model import Kick, Mechanism, impulses, kick_and_drift, responses, soft_moments
 from distal.sensors import variance
 
-BEND = 0.2
+BEND = 0.12
 """Share of the bend between samples that a straight line may miss."""
 
 UNMODELLED = 0.5
@@ -29,20 +29,24 @@ FORCE_MEMORY = 1
 """Numbers remembered per drive by the update: the mean residual of its force."""
 
 
-def adaptive_function(augmented: AugmentedState, count: int, updates: int = 1) -> ca.Function:
+def adaptive_function(
+    augmented: AugmentedState, count: int, updates: int = 1, ideal: bool = False, trace: bool = False
+) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of the displacement-driven filter.
 
     Args:
         augmented: the layout of its state.
         count: sub-steps per interval.
         updates: how often the update is linearised again (iterated filter); 1 = extended.
+        ideal: leave out all that guards against a wrong model; for bounds.
+        trace: append the predicted mean and covariance and the slopes of (θ, ω) to y; for smoothing.
     """
     mechanism, channels = augmented.mechanism, augmented.channels
     n, nd, width = len(augmented), mechanism.n_drives, len(channels.names)
     memory = nd * (MEMORY + FORCE_MEMORY)
     carry, x = ca.MX.sym("carry", n + n * n + memory), ca.MX.sym("x", 1 + 2 * width)
     p = ca.MX.sym("p", len(mechanism.parameters))
-    prepare, substep = prepare_function(augmented, count), substep_function(augmented)
+    prepare, substep = prepare_function(augmented, count, ideal), substep_function(augmented)
     mean, covariance = carry[:n], ca.reshape(carry[n : n + n * n], n, n)
     held = carry[n + n * n :]
     places, speeds, parameters, drive_seeds, motions, response, noise, torque_std = prepare(
@@ -59,11 +63,15 @@ def adaptive_function(augmented: AugmentedState, count: int, updates: int = 1) -
             q, v, effort, torque_std, response, h, parameters, slopes_q, slopes_v, drive_seeds
         )
         rest = rest + added
-    update = update_function(augmented, updates)
-    after, spread, kept, y = update(
-        mean, covariance, q[0], v[0], ca.vertcat(slopes_q, slopes_v), rest, motions, speeds, noise, held, x, p
+    update = update_function(augmented, updates, ideal)
+    slopes = ca.vertcat(slopes_q, slopes_v)
+    after, spread, kept, y, predicted, uncertain = update(
+        mean, covariance, q[0], v[0], slopes, rest, motions, speeds, noise, held, x, p
     )
     following = ca.vertcat(after, ca.reshape(spread, n * n, 1), motions[: nd * MEMORY], kept)
+    if trace:
+        moved = ca.reshape(slopes[:, :n].T, 2 * n, 1)
+        y = ca.vertcat(y, predicted, ca.reshape(uncertain, n * n, 1), moved)
     return ca.Function("adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
 
 
@@ -82,7 +90,7 @@ def _motions(augmented: AugmentedState, held: Any, x: Any) -> list[Motion | None
     return motions
 
 
-def prepare_function(augmented: AugmentedState, count: int) -> ca.Function:
+def prepare_function(augmented: AugmentedState, count: int, ideal: bool = False) -> ca.Function:
     """Return what an interval needs before its sub-steps.
 
     (mean, P, memory, x, p) → places of the drives at its start, their speeds, the model's parameters, the slopes of the
@@ -92,6 +100,7 @@ def prepare_function(augmented: AugmentedState, count: int) -> ca.Function:
     Args:
         augmented: the layout of the state.
         count: sub-steps per interval.
+        ideal: take the places as exact between samples.
     """
     mechanism, channels = augmented.mechanism, augmented.channels
     n, nd, width = len(augmented), mechanism.n_drives, len(channels.names)
@@ -121,7 +130,8 @@ def prepare_function(augmented: AugmentedState, count: int) -> ca.Function:
         seeds[i, n + i] = 1
         sensor = sensor_for(channels.positions, mechanism.rig.drives[i].name)
         assert sensor is not None  # a drive without one has no motion
-        noise.append(variance(sensor) + motion.unknown + (BEND * motion.bend) ** 2)
+        missed = 0 if ideal else (BEND * motion.bend) ** 2
+        noise.append(variance(sensor) + motion.unknown + missed)
         kept += motion.memory()
         bends.append(motion.bend)
     parameters = augmented.model_parameters(mean)
@@ -180,12 +190,13 @@ def substep_function(augmented: AugmentedState) -> ca.Function:
     return ca.Function("substep", arguments, ca.cse([ca.densify(entry) for entry in outputs]))
 
 
-def update_function(augmented: AugmentedState, updates: int) -> ca.Function:
+def update_function(augmented: AugmentedState, updates: int, ideal: bool) -> ca.Function:
     """Return prediction of mean and covariance, and the update with the forces, as one scalar function.
 
     Args:
         augmented: the layout of the state.
         updates: how often the update is linearised again.
+        ideal: leave out all that guards against a wrong model.
     """
     mechanism, channels = augmented.mechanism, augmented.channels
     n, nd, width = len(augmented), mechanism.n_drives, len(channels.names)
@@ -200,24 +211,28 @@ def update_function(augmented: AugmentedState, updates: int) -> ca.Function:
     corner = ca.mtimes(moved, slopes[:, :n].T)
     inputs = slopes[:, n:] * ca.repmat(noise.T, 2, 1)
     corner += ca.mtimes(inputs, slopes[:, n:].T)
-    corner[1, 1] += rest + UNMODELLED**2 * dt
+    corner[1, 1] += rest + (0 if ideal else UNMODELLED**2 * dt)
     predicted = ca.SX(covariance)
     predicted[0:2, 2:], predicted[2:, 0:2], predicted[0:2, 0:2] = moved[:, 2:], moved[:, 2:].T, corner
     state = ca.vertcat(theta, omega, mean[2:])
     for i, drift in augmented.drifts.items():
-        predicted[i, i] += drift**2 * dt
+        if not ideal or i in augmented.places_at.values():
+            predicted[i, i] += drift**2 * dt
     if augmented.torque is not None:
         at, fade = augmented.torque_at, ca.exp(-dt / augmented.torque.correlation_time)
         state[at] *= fade
         row = fade * predicted[at, :]
         predicted[at, :], predicted[:, at] = row, row.T
         predicted[at, at] = fade * row[at] + augmented.torque.std**2 * (1 - fade**2)
+    predicted = symmetric(predicted)
     after, spread, kept, y = force_update(
-        augmented, state, symmetric(predicted), motions, speeds, noise, held[nd * MEMORY :], x, updates
+        augmented, state, predicted, motions, speeds, noise, held[nd * MEMORY :], x, updates, ideal
     )
     for k, part in enumerate(augmented.parameters):
         at = augmented.parameters_at + k
         if np.isfinite(part.lowest):
             after[at] = ca.fmax(after[at], part.lowest)
     arguments = [mean, covariance, theta, omega, slopes, rest, motions, speeds, noise, held, x, p]
-    return ca.Function("update", arguments, ca.cse([ca.densify(entry) for entry in (after, spread, kept, y)]))
+    return ca.Function(
+        "update", arguments, ca.cse([ca.densify(entry) for entry in (after, spread, kept, y, state, predicted)])
+    )

@@ -135,6 +135,7 @@ def force_update(
     residuals: Any,
     x: Any,
     updates: int,
+    ideal: bool = False,
 ) -> tuple[Any, Any, Any, Any]:
     """Return mean, covariance, remembered mean residuals, and (innovations, variances) after the forces of a sample.
 
@@ -152,6 +153,7 @@ def force_update(
         residuals: remembered mean residual of each drive, (n_drives,).
         x: the sample.
         updates: how often each row is linearised again.
+        ideal: leave out all that guards against a wrong model.
     """
     n, nd = len(augmented), augmented.mechanism.n_drives
     symbol = ca.SX.sym("state", n)
@@ -172,11 +174,24 @@ def force_update(
             now = residual + ca.mtimes(slope, mean - point)
             allowed = ca.fmax(limit + ca.mtimes(limit_slope, mean - point), 0)
             taken = _friction_row(
-                augmented, row.drive, motions, noise, now, allowed, own, slope, limit_slope, covariance, kept, mask, x[0]
+                augmented,
+                row.drive,
+                motions,
+                noise,
+                now,
+                allowed,
+                own,
+                slope,
+                limit_slope,
+                covariance,
+                kept,
+                mask,
+                x[0],
+                ideal,
             )
             across = ca.mtimes(covariance, taken.slope.T)
             spread = ca.mtimes(taken.slope, across) + taken.variance
-            robust = spread * ca.fmax(1, taken.innovation**2 / (WILD_FORCE * spread))
+            robust = spread * (1 if ideal else ca.fmax(1, taken.innovation**2 / (WILD_FORCE * spread)))
             point = mean + mask * across / robust * taken.innovation
         gain = mask * across / robust
         change = gain * taken.innovation
@@ -217,6 +232,7 @@ def _friction_row(
     kept: list[Any],
     mask: Any,
     dt: Any,
+    ideal: bool,
 ) -> TakenRow:
     """Return how a force is taken, by how its drive moves."""
     if drive is None or drive in augmented.places_at:
@@ -228,14 +244,14 @@ def _friction_row(
     mean, square = motions[MEMORY * drive + 2], motions[MEMORY * drive + 3]
     bend = motions[MEMORY * augmented.mechanism.n_drives + drive]
     # motion that one sample can tell from noise, and how far its direction is known
-    slow = read * 0.64
+    declared = not augmented.is_clean(drive)
+    slow = read * (0.36 if declared else 0.64)
     moving = ca.fmax(ca.fmax(square - 2 * read, 0), mean**2)
     stuck = slow / (moving + slow)
     direction = mean / ca.sqrt(moving + slow) / (1 + bend**2 / (100 * read))
     unsure = ca.mtimes(ca.mtimes(limit_slope, covariance), limit_slope.T)
-    declared = not augmented.is_clean(drive)
     weight = 3 * TURN_WEIGHT if declared else TURN_WEIGHT
-    doubt = stuck * STICK_WEIGHT + (1 - stuck) * (1 - direction**2) * weight
+    doubt = 0 if ideal else stuck * STICK_WEIGHT + (1 - stuck) * (1 - direction**2) * weight
     sliding = TakenRow(
         residual - direction * limit,
         -(slope - direction * limit_slope),

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from distal.errors import EstimationError, did_you_mean
+from distal.estimators.adaptive import AdaptiveFilter
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.full_state import FullStateFilter, paper_noise, rig_noise
 from distal.estimators.kinematic import KinematicEstimator
 from distal.rig import Rig
 
 ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
+    "adaptive": lambda rig, compiled: AdaptiveFilter(rig, compiled),
+    "iterated": lambda rig, compiled: AdaptiveFilter(rig, compiled, updates=3, name="iterated"),
     "inextensible": lambda rig, compiled: KinematicEstimator("inextensible", rig, elastic=False, compiled=compiled),
     "elastic": lambda rig, compiled: KinematicEstimator("elastic", rig, elastic=True, compiled=compiled),
     "ekf-2008": lambda rig, compiled: FullStateFilter("ekf-2008", rig, paper_noise(rig), compiled),
@@ -18,7 +21,7 @@ ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
 }
 """Name → maker (rig, compiled)."""
 
-DEFAULT = "ekf"
+DEFAULT = "adaptive"
 
 
 def make_estimator(name: str, rig: Rig, compiled: bool = True) -> KernelEstimator:

@@ -1,0 +1,37 @@
+"""A lower bound on the error of the joint angle: what no filter with the same knowledge can beat by much."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from distal.estimators import AdaptiveFilter, first_values, samples_of
+from distal.logs import Log
+from distal.rig import Rig
+
+
+def lower_bound(rig: Rig, log: Log) -> float:
+    """Return the RMS over a log of the posterior Cramér–Rao bound on the joint angle's std [rad].
+
+    The covariance recursion of the augmented state of `adaptive`, with the same priors, linearised along the true
+    trajectory and without what guards against a wrong model (Tichavský, Muravchik and Nehorai, 1998). The true
+    trajectory is had by feeding the filter with noise-free sensors from the true initial angle; the plant must be
+    as the rig.
+
+    Args:
+        rig: the description, equal to the plant.
+        log: with the truth of a simulation.
+    """
+    bound = AdaptiveFilter(rig, ideal=True, name="bound")
+    places = {sensor.of: sensor.name for sensor in rig.sensors_of("position")}
+    forces = {sensor.of: sensor.name for sensor in rig.sensors_of("force")}
+    channels = {name: log.truth[f"position_{of}"] for of, name in places.items()}
+    channels |= {name: log.truth[f"force_{of}"] for of, name in forces.items()}
+    channels |= {sensor.name: log.truth[f"tension_{sensor.of}"] for sensor in rig.sensors_of("tension")}
+    true = Log(log.time, channels, dict(log.truth), log.source)
+    samples = samples_of(true, bound.channels, bound.name)
+    belief = bound.initial(true.time[0], first_values(samples))
+    carry = np.array(belief.carry)
+    carry[0] = log.truth["theta"][0]
+    started = type(belief)(belief.time, carry, belief.size)
+    _, covariances, _, _ = bound.scan(started, true.time, samples)
+    return float(np.sqrt(np.mean(covariances[:, 0, 0])))

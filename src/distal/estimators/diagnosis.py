@@ -1,0 +1,130 @@
+"""Self-diagnosis: do the innovations look as the filter expects, and if not, which sensor disagrees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators.result import Estimate
+
+Floats = NDArray[np.float64]
+
+LARGE = 1.7
+"""Mean squared normalised innovation of a channel from which on it is larger than expected."""
+
+WINDOW = 1.0
+"""Length of the windows in which a channel is looked at [s]."""
+
+WHITE = 0.5
+"""Correlation of neighbouring innovations from which on they are not white."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What the innovations say of the rig and the sensors.
+
+    Args:
+        channels: names of the channels with an innovation.
+        ratios: mean of ν²/S per channel; 1 is expected, less where a force tells little.
+        correlations: of neighbouring normalised innovations, per channel.
+        since: per channel, the time from which on it disagrees to the end [s], or NaN.
+        text: one plain line.
+    """
+
+    channels: tuple[str, ...]
+    ratios: tuple[float, ...]
+    correlations: tuple[float, ...]
+    since: tuple[float, ...]
+    text: str
+
+    @property
+    def consistent(self) -> bool:
+        """Whether nothing disagrees."""
+        return self.text.startswith("consistent")
+
+
+def diagnose(estimate: Estimate) -> Diagnosis:
+    """Return what the innovations of an estimate say.
+
+    Args:
+        estimate: over a log.
+    """
+    names = estimate.measured
+    if not names:
+        return Diagnosis((), (), (), (), "not checked: this estimator has no innovations")
+    scaled = estimate.innovations / np.sqrt(estimate.innovation_variances)
+    # the first moments still settle what the prior left open
+    settled = estimate.time >= estimate.time[0] + min(0.5, 0.1 * float(np.ptp(estimate.time)))
+    ratios = tuple(_mean(scaled[settled, i] ** 2) for i in range(len(names)))
+    correlations = tuple(_neighbours(scaled[settled, i]) for i in range(len(names)))
+    since = tuple(_since(estimate.time, scaled[:, i]) for i in range(len(names)))
+    text = _text(names, ratios, correlations, since) + _undeclared(estimate)
+    return Diagnosis(names, ratios, correlations, since, text)
+
+
+def _undeclared(estimate: Estimate) -> str:
+    """Return what to add where the filter found friction at a drive that the rig does not declare."""
+    found = []
+    for i, name in enumerate(estimate.state_names):
+        value, std = estimate.means[-1, i], np.sqrt(estimate.covariances[-1, i, i])
+        if name.startswith("friction_") and value > 0.2 and value > 3.0 * std:
+            found.append(f"{value:.1f} N at '{name.removeprefix('friction_')}'")
+    if not found:
+        return ""
+    return f"; friction that the rig does not have: {', '.join(found)} (set drives.*.friction, or a hand acts)"
+
+
+def _text(
+    names: tuple[str, ...], ratios: tuple[float, ...], correlations: tuple[float, ...], since: tuple[float, ...]
+) -> str:
+    large = [i for i, ratio in enumerate(ratios) if ratio > LARGE]
+    late = [i for i, start in enumerate(since) if np.isfinite(start)]
+    if len(late) == 1 and (
+        len(large) <= 1 or ratios[late[0]] > 4 * max(r for i, r in enumerate(ratios) if i != late[0])
+    ):
+        i = late[0]
+        return f"sensor {names[i]} disagrees from {since[i]:.1f} s on: its innovations are too large to the end"
+    if len(large) == 1 and len(names) > 1:
+        i = large[0]
+        return f"sensor {names[i]} disagrees: innovations {np.sqrt(ratios[i]):.1f}× larger than expected"
+    if large:
+        factor = np.sqrt(np.mean([ratios[i] for i in large]))
+        return f"innovations {factor:.1f}× larger than expected: the rig's stiffness, friction or geometry is off"
+    drifting = [names[i] for i, value in enumerate(correlations) if value > WHITE and ratios[i] > 0.5]
+    if drifting:
+        return (
+            f"innovations of {', '.join(drifting)} drift: something acts that the rig does not have (a hand, friction)"
+        )
+    return "consistent: the innovations are no larger than expected"
+
+
+def _mean(values: Floats) -> float:
+    there = values[np.isfinite(values)]
+    return float(np.mean(there)) if len(there) else float("nan")
+
+
+def _neighbours(values: Floats) -> float:
+    there = values[np.isfinite(values)]
+    if len(there) < 20 or float(np.std(there)) == 0.0:
+        return 0.0
+    return float(np.clip(np.mean(there[1:] * there[:-1]) / np.mean(there**2), -1, 1))
+
+
+def _since(time: Floats, scaled: Floats) -> float:
+    """Return the start of the last stretch of windows, up to the end of the log, in all of which a channel is large."""
+    edges = np.arange(time[0], time[-1] + WINDOW, WINDOW)
+    first = float("nan")
+    for start, end in zip(edges[:-1][::-1], edges[1:][::-1]):
+        inside = scaled[(time >= start) & (time < end)]
+        inside = inside[np.isfinite(inside)]
+        if len(inside) < 5:
+            continue
+        if np.median(np.abs(inside)) < 1.35:  # twice the median of a normal distribution
+            break
+        first = float(start)
+    if first == time[0] or not np.isfinite(first):
+        return float("nan")
+    inside = np.flatnonzero((time >= first - WINDOW) & (np.abs(scaled) > 3.0))
+    return float(time[inside[0]]) if len(inside) else first
