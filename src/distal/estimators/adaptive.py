@@ -62,6 +62,18 @@ class AdaptiveFilter(KernelEstimator):
             interval,
         )
 
+    def _rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
+        """Return the kernel's rows; in those that bridge a gap, displacements go in a straight line to its end."""
+        rows, last = super()._rows(steps, samples)
+        width, places = len(self.channels), len(self._channels.positions)
+        for i in np.flatnonzero(np.diff(last, prepend=-1) > 1):
+            first = last[i - 1] + 1 if i else 0
+            there = np.isfinite(samples[i, :places])
+            ahead = np.arange(last[i] - first + 1, 1, -1)
+            rows[first : last[i], 1 : 1 + places] = np.where(there, samples[i, :places], 0.0)
+            rows[first : last[i], 1 + width : 1 + width + places] = -ahead[:, None] * there
+        return rows, last
+
     def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
         memory = []
         for drive in self.rig.drives:

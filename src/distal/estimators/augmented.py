@@ -22,10 +22,10 @@ BASIS = 6
 SMOOTHNESS = 3.0
 """Order at which the prior of the basis falls off: half waves over the travel."""
 
-LINEARITY_PRIOR = 0.5
+LINEARITY_PRIOR = 0.6
 """Standard deviation of a linearity curve in the prior, as a share of its largest magnitude."""
 
-UNKNOWN_FRICTION = 2.0
+UNKNOWN_FRICTION = 3.0
 """Prior of friction at a drive that the rig does not know of, in standard deviations of its force sensor."""
 
 DRIFT = 0.02

@@ -51,7 +51,7 @@ def follow(memory: Any, reading: Any, there: Any, noise: float, dt: Any) -> Moti
     Args:
         memory: of the last interval, (MEMORY,).
         reading: displacement [m, rad].
-        there: 1 where it is not missing.
+        there: 1 where it is not missing; −k in an interval without a sample, k intervals before the one with `reading`.
         noise: variance of the sensor's random error.
         dt: length of the interval [s].
     """
@@ -59,8 +59,11 @@ def follow(memory: Any, reading: Any, there: Any, noise: float, dt: Any) -> Moti
     expected = place + mean
     room = WILD * WILD * (square + unknown + 2 * noise)
     far = ca.logic_and(ca.logic_and((reading - expected) ** 2 > room, doubt < 0.5), there > 0)
-    good = ca.logic_and(there > 0, ca.logic_not(far))
-    now = ca.if_else(good, reading, expected)
+    bridged = there < 0
+    good = ca.logic_and(there != 0, ca.logic_not(far))
+    # a gap is crossed in a straight line to the reading that ends it
+    line = place + (reading - place) / ca.if_else(bridged, -there, 1)
+    now = ca.if_else(bridged, line, ca.if_else(good, reading, expected))
     moved = now - place
     share = 1 - ca.exp(-dt / MOTION_TIME)
     known = mean + share * (moved - mean)
@@ -69,6 +72,6 @@ def follow(memory: Any, reading: Any, there: Any, noise: float, dt: Any) -> Moti
         doubt=ca.if_else(far, 1, 0),
         mean=ca.if_else(good, known, mean * (1 - share)),
         square=ca.if_else(good, square + share * (moved * moved - square), square),
-        unknown=ca.if_else(good, 0, unknown + square + noise),
+        unknown=ca.if_else(bridged, moved * moved, ca.if_else(good, 0, unknown + square + noise)),
         bend=ca.if_else(good, moved - mean, 0),
     )
