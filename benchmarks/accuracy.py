@@ -34,9 +34,9 @@ from benchmarks.report import FOLDER, table
 from distal import ESTIMATORS, Log, Rig, estimate, load_rig, read_log
 from distal.analysis import lower_bound
 from distal.errors import DistalError
-from distal.estimators import BAND, KernelEstimator, make_estimator
+from distal.estimators import BAND, SLOW, KernelEstimator, make_estimator
 
-RIVALS = tuple(name for name in ESTIMATORS if name != "particle")
+RIVALS = tuple(name for name in ESTIMATORS if name not in SLOW)
 
 
 @dataclass(frozen=True)
@@ -136,6 +136,7 @@ def main() -> None:
         for part in track(pool.map(run, jobs, chunksize=4), total=len(jobs), description="simulating and estimating"):
             scores.extend(part)
     goals(scores)
+    rivals(scores)
     everything(scores)
     picture(scores)
     recorded()
@@ -160,6 +161,23 @@ def goals(scores: list[Score]) -> None:
         if spoilt:
             rows.append([f"{label}; log spoiled", *pooled(spoilt)])
     table("accuracy-goals", "`adaptive`, pooled over plants, scenarios and seeds", ["case", *COLUMNS], rows)
+
+
+def rivals(scores: list[Score]) -> None:
+    """Print all estimators on the groups of plants."""
+    rows = []
+    groups = {
+        "mid-range, within": (MID_RANGE, WITHIN),
+        "into the stops, within": (INTO_STOPS, WITHIN),
+        "mid-range, beyond": (MID_RANGE, HARD),
+        "into the stops, beyond": (INTO_STOPS, HARD),
+    }
+    for label, (kinds, plants) in groups.items():
+        for name in RIVALS:
+            chosen = [one for one in scores if one.case in kinds and one.plant in plants and one.estimator == name]
+            rows.append([label, name, *pooled(chosen)])
+    title = "All estimators; within: ±20 % friction, ±10 % stiffness; beyond: ±30 % friction, observed, slider friction"
+    table("accuracy-rivals", title, ["plants", "estimator", *COLUMNS], rows)
 
 
 def everything(scores: list[Score]) -> None:

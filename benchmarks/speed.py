@@ -78,7 +78,7 @@ def main() -> None:
     print(f"C compiler: {find_compiler()}")
     found: list[tuple[str, float, float]] = []
     backends = (True, False) if not isinstance(find_compiler(), str) else (False,)
-    for name in ("ekf", "ekf-2008", "inextensible"):
+    for name in ("ekf", "ekf-2008", "adaptive", "inextensible"):
         for compiled in backends:
             estimator = make_estimator(name, rig, compiled)
             samples = samples_of(log, estimator.channels)

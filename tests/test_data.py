@@ -10,8 +10,26 @@ import pytest
 from distal import ESTIMATORS, estimate, load_rig, read_log
 
 # bounds: what is measured (see docs/estimators.md) rounded up by a quarter; worse is a regression
-SERVO = {"inextensible": 11.5, "elastic": 1.1, "ekf-2008": 0.85, "ekf": 0.38}
-HAND = {"inextensible": 6.0, "elastic": 6.5, "ekf-2008": 5.5, "ekf": 5.5}
+SERVO = {
+    "adaptive": 0.35,
+    "iterated": 0.35,
+    "unscented": 0.45,
+    "particle": 0.6,
+    "inextensible": 11.5,
+    "elastic": 1.1,
+    "ekf-2008": 0.85,
+    "ekf": 0.38,
+}
+HAND = {
+    "adaptive": 5.5,
+    "iterated": 5.5,
+    "unscented": 5.5,
+    "particle": 6.5,
+    "inextensible": 6.0,
+    "elastic": 6.5,
+    "ekf-2008": 5.5,
+    "ekf": 5.5,
+}
 
 
 @pytest.mark.parametrize("name", tuple(ESTIMATORS))
@@ -23,3 +41,26 @@ def test_every_estimator_runs_on_the_mujoco_logs(data: Path, name: str, log: str
     result = estimate(read, rig, name)
     assert len(result) == 1200
     assert np.rad2deg(result.rms_error()) < bounds[name]
+
+
+@pytest.mark.parametrize(
+    ("friction", "bound"), [(0.15, 1.75), ({"value": 0.05, "std": 0.15}, 2.0)], ids=["given", "hardly known"]
+)
+def test_adaptive_follows_a_hand(data: Path, friction: object, bound: float) -> None:
+    """The project's goals, with a torque that nobody measures and sheath friction given or hardly known."""
+    folder = data / "mujoco_rig"
+    values = {"drives.0.friction.load": friction, "drives.1.friction.load": friction}
+    rig = load_rig("pulley-antagonist").with_values({**values, "joints.0.external_torque.std": "0.1 N m"})
+    read = read_log(folder / "mujoco_tension_hand.csv", rig, folder / "mujoco_tension_hand.truth.csv")
+    result = estimate(read, rig, "adaptive")
+    assert np.rad2deg(result.rms_error()) < bound
+    assert 0.88 <= result.inside_band() <= 0.995
+
+
+def test_adaptive_servo(data: Path) -> None:
+    folder = data / "mujoco_rig"
+    rig = load_rig("pulley-antagonist")
+    read = read_log(folder / "mujoco_tension_servo.csv", rig, folder / "mujoco_tension_servo.truth.csv")
+    result = estimate(read, rig, "adaptive")
+    assert np.rad2deg(result.rms_error()) < 0.35
+    assert result.inside_band() >= 0.88

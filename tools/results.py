@@ -16,6 +16,7 @@ FIGURES = {
     "out/reproduce/figure-3.svg": "figure-3.svg",
     "out/bench/stepping.svg": "stepping.svg",
     "out/bench/speed.svg": "speed.svg",
+    "out/bench/accuracy.svg": "accuracy.svg",
 }
 
 
@@ -64,9 +65,9 @@ def readings() -> str:
         "",
         "Errors in Series 2, RMS [°]:",
         "",
-        "| plant | series | inextensible | free simulation | ekf-2008 | ekf |",
+        "| plant | series | inextensible | free simulation | ekf-2008 | ekf | adaptive |",
     ]
-    lines.append("|---|---|---|---|---|---|")
+    lines.append("|---|---|---|---|---|---|---|")
     for plant, series in held["rms_error_deg"].items():
         for name, values in series.items():
             lines.append(f"| {plant} | {name} | {' | '.join(f'{value:.2f}' for value in values.values())} |")
@@ -84,6 +85,10 @@ TABLES = {
     "readings": readings,
     "stepping": lambda: bench("stepping"),
     "stepping-cost": lambda: bench("stepping-cost"),
+    "accuracy-goals": lambda: bench("accuracy-goals"),
+    "accuracy-adaptive": lambda: bench("accuracy-adaptive"),
+    "accuracy-mujoco": lambda: bench("accuracy-mujoco"),
+    "accuracy-rivals": lambda: bench("accuracy-rivals"),
     "speed": lambda: bench("speed"),
 }
 

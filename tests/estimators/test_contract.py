@@ -168,7 +168,8 @@ def test_irregular_stamps_and_gaps(name: str, rig: Rig, log: Log) -> None:
     keep[1::3] = False
     keep[250:300] = False
     whole, part = estimate(log, rig, name), estimate(log.select(keep), rig, name)
-    allowed = 3.0 if name in KINEMATIC else 2.0
+    # the link turns by up to 20° in the gap; what is left of that in the first sample after it
+    allowed = 3.0 if name in KINEMATIC else 4.0
     assert np.rad2deg(np.abs(whole.theta[keep] - part.theta)).max() < allowed
 
 

@@ -13,7 +13,7 @@ from distal.errors import EstimationError, OutputError
 def result() -> Estimate:
     scenario = load_scenario("series-2")
     rig = scenario_rig(scenario)
-    return estimate(simulate(rig, scenario), rig)
+    return estimate(simulate(rig, scenario), rig, "ekf")
 
 
 def test_numbers(result: Estimate) -> None:

@@ -105,6 +105,7 @@ def run_series(series: str, plant: str, seed: int) -> Run:
         ideal = plant_scenario(series, plant, sensors__x1__linearity=0.0, sensors__x2__linearity=0.0)
         estimates["without linearity"] = estimate(simulate(rig, ideal, seed), rig, "inextensible")
         return Run(series, plant, seed, rig, log, estimates)
+    estimates["adaptive"] = estimate(log, rig, "adaptive")
     estimates["ekf-2008"] = estimate(log, rig, "ekf-2008", passes=2)
     estimates["ekf"] = estimate(log, rig, "ekf")
     estimates["simulation"] = estimate(log, rig, free_simulation(rig))

@@ -30,10 +30,14 @@ def estimate_command(
     ] = None,
     plot: PlotOption = None,
     passes: Annotated[int, typer.Option("--passes", min=1, help="Filter again with the final covariance.")] = 1,
+    smooth: Annotated[
+        bool, typer.Option("--smooth", help="Write the adaptive estimate smoothed over the whole log (offline).")
+    ] = False,
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log; where the truth is known, compare all estimators with it."""
-    from distal.estimators import DEFAULT, ESTIMATORS, estimate
+    from distal.estimators import DEFAULT, ESTIMATORS, SLOW, diagnose, estimate
+    from distal.estimators import smooth as smoothed
     from distal.logs import read_log, write_columns
     from distal.rig import load_rig
 
@@ -41,8 +45,11 @@ def estimate_command(
     description = load_rig(rig, set_ or ())
     data = read_log(log, description, truth)
     _describe(data, description)
-    names = list(dict.fromkeys(estimator or ([DEFAULT, *ESTIMATORS] if "theta" in data.truth else [DEFAULT])))
+    usual = [DEFAULT, *(name for name in ESTIMATORS if name not in SLOW)] if "theta" in data.truth else [DEFAULT]
+    names = list(dict.fromkeys(estimator or usual))
     results = [estimate(data, description, name, passes) for name in names]
+    if smooth:
+        results.insert(0, smoothed(data, description))
     if out is not None:
         write_columns(results[0].columns(), out)
     if plot is not None:
@@ -56,6 +63,7 @@ def estimate_command(
         f"{final.estimator}: angle from {np.rad2deg(final.theta.min()):.2f}° to {np.rad2deg(final.theta.max()):.2f}°, "
         f"95 % band ±{half:.2f}° (median)"
     )
+    say(diagnose(final).text)
     for path in (out, plot):
         if path is not None:
             say(f"wrote {path}")

@@ -7,10 +7,12 @@ from distal.estimators.diagnosis import Diagnosis, diagnose
 from distal.estimators.estimate import estimate, first_values, samples_of
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise, state_units
 from distal.estimators.kinematic import KinematicEstimator
-from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
+from distal.estimators.particle import ParticleFilter
+from distal.estimators.registry import DEFAULT, ESTIMATORS, SLOW, make_estimator
 from distal.estimators.result import BAND, Estimate
 from distal.estimators.smoothing import smooth
 from distal.estimators.traces import COLOURS, DASHES, draw_estimate, figure, plot_estimates, plot_kind, save_figure
+from distal.estimators.unscented import UnscentedFilter
 
 __all__ = [
     "BAND",
@@ -18,6 +20,7 @@ __all__ = [
     "DASHES",
     "DEFAULT",
     "ESTIMATORS",
+    "SLOW",
     "AdaptiveFilter",
     "Belief",
     "Channels",
@@ -29,6 +32,8 @@ __all__ = [
     "KernelEstimator",
     "KinematicEstimator",
     "Noise",
+    "ParticleFilter",
+    "UnscentedFilter",
     "channels_of",
     "diagnose",
     "draw_estimate",

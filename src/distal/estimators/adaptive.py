@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators.augmented import AugmentedState
-from distal.estimators.channels import channels_of, sensor_for
+from distal.estimators.channels import Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.displacement_driven import adaptive_function
 from distal.estimators.motion import MEMORY
@@ -19,6 +19,45 @@ Floats = NDArray[np.float64]
 
 LONGEST_SUBSTEP = 2.5e-3
 """Longest sub-step of the joint alone [s]: its own modes are slow."""
+
+
+def with_places(rows: Floats, last: NDArray[np.intp], samples: Floats, places: int) -> tuple[Floats, NDArray[np.intp]]:
+    """Return a kernel's rows in which displacements cross gaps in a straight line to the reading that ends them.
+
+    Args:
+        rows: (dt, values, mask) with the bridges, (k, 1 + 2 n_channels).
+        last: index of each sample's own row.
+        samples: (n, n_channels), NaN where missing.
+        places: number of position sensors, which come first.
+    """
+    width = samples.shape[1]
+    for i in np.flatnonzero(np.diff(last, prepend=-1) > 1):
+        first = last[i - 1] + 1 if i else 0
+        there = np.isfinite(samples[i, :places])
+        ahead = np.arange(last[i] - first + 1, 1, -1)
+        rows[first : last[i], 1 : 1 + places] = np.where(there, samples[i, :places], 0.0)
+        rows[first : last[i], 1 + width : 1 + width + places] = -ahead[:, None] * there
+    return rows, last
+
+
+def prior_memory(rig: Rig, channels: Channels, sample: Floats) -> Floats:
+    """Return what is remembered of the drives before the first sample: they rest where it says.
+
+    Args:
+        rig: the description.
+        channels: the sensors that are read.
+        sample: values of the channels, NaN where missing.
+    """
+    memory = []
+    for drive in rig.drives:
+        sensor = sensor_for(channels.positions, drive.name)
+        if sensor is None:
+            memory.append(np.zeros(MEMORY))
+            continue
+        read = sample[channels.names.index(sensor.name)] - sensor.bias.value
+        place = read if np.isfinite(read) else 0.0
+        memory.append(np.array([place, 0.0, 0.0, 2 * variance(sensor), 0.0]))
+    return np.concatenate([*memory, np.zeros(len(rig.drives))])
 
 
 class AdaptiveFilter(KernelEstimator):
@@ -64,29 +103,11 @@ class AdaptiveFilter(KernelEstimator):
 
     def _rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Return the kernel's rows; in those that bridge a gap, displacements go in a straight line to its end."""
-        rows, last = super()._rows(steps, samples)
-        width, places = len(self.channels), len(self._channels.positions)
-        for i in np.flatnonzero(np.diff(last, prepend=-1) > 1):
-            first = last[i - 1] + 1 if i else 0
-            there = np.isfinite(samples[i, :places])
-            ahead = np.arange(last[i] - first + 1, 1, -1)
-            rows[first : last[i], 1 : 1 + places] = np.where(there, samples[i, :places], 0.0)
-            rows[first : last[i], 1 + width : 1 + width + places] = -ahead[:, None] * there
-        return rows, last
+        return with_places(*super()._rows(steps, samples), samples, len(self._channels.positions))
 
     def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
-        memory = []
-        for drive in self.rig.drives:
-            sensor = sensor_for(self._channels.positions, drive.name)
-            if sensor is None:
-                memory.append(np.zeros(MEMORY))
-                continue
-            read = sample[self._channels.names.index(sensor.name)] - sensor.bias.value
-            place = read if np.isfinite(read) else 0.0
-            memory.append(np.array([place, 0.0, 0.0, 2 * variance(sensor), 0.0]))
-        residuals = np.zeros(len(self.rig.drives))
         augmented = self._augmented
-        return augmented.means, np.diag(augmented.stds**2), np.concatenate([*memory, residuals])
+        return augmented.means, np.diag(augmented.stds**2), prior_memory(self.rig, self._channels, sample)
 
     @property
     def prior_stds(self) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,7 +123,7 @@ class KernelEstimator:
     Args:
         name: of the estimator.
         rig: the description.
-        kernel: the function.
+        kernel: the function, or None where `step` is the estimator's own.
         p: its parameters.
         channels: names of the sensors it reads.
         measured: those of them that have an innovation.
@@ -135,14 +135,15 @@ class KernelEstimator:
         self,
         name: str,
         rig: Rig,
-        kernel: Kernel,
+        kernel: Kernel | None,
         p: Floats,
         channels: tuple[str, ...],
         measured: tuple[str, ...],
         state_names: tuple[str, ...],
         interval: float,
     ) -> None:
-        self.name, self.rig, self.kernel = name, rig, kernel
+        self.name, self.rig = name, rig
+        self.kernel: Any = kernel
         self.channels, self.measured, self.state_names = channels, measured, state_names
         self._p, self._interval = frozen(p), interval
 
@@ -174,13 +175,7 @@ class KernelEstimator:
         Raises:
             EstimationError: the stamp is not after the belief's, or the sample has the wrong shape or is infinite.
         """
-        sample = self._checked(sample)
-        if not isinstance(belief, Belief) or belief.carry.shape != (self.kernel.n_carry,):
-            raise EstimationError(
-                f"{self.name}: the belief is not one of this estimator's; begin with initial(time, sample)"
-            )
-        time = _number(self.name, time)
-        _check_time(self.name, belief.time, time, belief.samples == 0)
+        sample, time = self._accepted(belief, time, sample)
         rows, _ = self._rows(np.array([time - belief.time]), sample[None, :])
         carry = belief.carry
         for row in rows:
@@ -220,6 +215,23 @@ class KernelEstimator:
         carries, n = carries[last], belief.size
         values, variances = self._innovations(ys[last], samples)
         return carries[:, :n].copy(), carries[:, n : n + n * n].reshape(-1, n, n).copy(), values, variances
+
+    def _accepted(self, belief: Belief, time: float, sample: Floats) -> tuple[Floats, float]:
+        """Return sample and stamp as they should be, or raise."""
+        sample = self._checked(sample)
+        expected = self.initial_size
+        if not isinstance(belief, Belief) or (expected is not None and belief.carry.shape != (expected,)):
+            raise EstimationError(
+                f"{self.name}: the belief is not one of this estimator's; begin with initial(time, sample)"
+            )
+        time = _number(self.name, time)
+        _check_time(self.name, belief.time, time, belief.samples == 0)
+        return sample, time
+
+    @property
+    def initial_size(self) -> int | None:
+        """Size of a belief's carry, or None where only the estimator itself knows."""
+        return self.kernel.n_carry if self.kernel is not None else None
 
     def _checked(self, sample: Floats) -> Floats:
         try:

@@ -75,8 +75,14 @@ def adaptive_function(
     return ca.Function("adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
 
 
-def _motions(augmented: AugmentedState, held: Any, x: Any) -> list[Motion | None]:
-    """Return each drive's motion over the interval, None where nothing measures it."""
+def motions_of(augmented: AugmentedState, held: Any, x: Any) -> list[Motion | None]:
+    """Return each drive's motion over the interval, None where nothing measures it.
+
+    Args:
+        augmented: the layout of the state.
+        held: what is remembered of the drives.
+        x: the sample.
+    """
     channels, width = augmented.channels, len(augmented.channels.names)
     motions: list[Motion | None] = []
     for i, drive in enumerate(augmented.mechanism.rig.drives):
@@ -88,6 +94,32 @@ def _motions(augmented: AugmentedState, held: Any, x: Any) -> list[Motion | None
         reading, there = x[1 + k] - sensor.bias.value, x[1 + width + k]
         motions.append(follow(held[MEMORY * i : MEMORY * (i + 1)], reading, there, variance(sensor), x[0]))
     return motions
+
+
+def follow_all(
+    augmented: AugmentedState, held: Any, x: Any, ideal: bool = False
+) -> tuple[list[Any], list[Any], list[Any]]:
+    """Return what is remembered of the drives' motions, their bends, and the variances of their places.
+
+    Args:
+        augmented: the layout of the state.
+        held: what is remembered of the drives.
+        x: the sample.
+        ideal: take the places as exact between samples.
+    """
+    kept, bends, noise = [], [], []
+    for i, motion in enumerate(motions_of(augmented, held, x)):
+        sensor = sensor_for(augmented.channels.positions, augmented.mechanism.rig.drives[i].name)
+        if motion is None or sensor is None:
+            kept += [ca.SX(0)] * MEMORY
+            bends.append(ca.SX(0))
+            noise.append(ca.SX(0))
+            continue
+        kept += motion.memory()
+        bends.append(motion.bend)
+        missed = 0 if ideal else (BEND * motion.bend) ** 2
+        noise.append(variance(sensor) + motion.unknown + missed)
+    return kept, bends, noise
 
 
 def prepare_function(augmented: AugmentedState, count: int, ideal: bool = False) -> ca.Function:
@@ -107,33 +139,24 @@ def prepare_function(augmented: AugmentedState, count: int, ideal: bool = False)
     mean, covariance = ca.SX.sym("mean", n), ca.SX.sym("P", n, n)
     held, x = ca.SX.sym("memory", nd * (MEMORY + 1)), ca.SX.sym("x", 1 + 2 * width)
     p, dt = mechanism.parameters.symbols, x[0]
-    motions = _motions(augmented, held, x)
-    starts, speeds, noise, kept, bends = [], [], [], [], []
+    kept, bends, noise = follow_all(augmented, held, x, ideal)
+    starts, speeds = [], []
     seeds = ca.SX(nd, n + nd)
-    for i, motion in enumerate(motions):
-        if motion is None:
+    for i in range(nd):
+        if i in augmented.places_at:
             starts.append(mean[augmented.places_at[i]])
             seeds[i, augmented.places_at[i]] = 1
             speeds.append(ca.SX(0))
-            noise.append(ca.SX(0))
-            kept += [ca.SX(0)] * MEMORY
-            bends.append(ca.SX(0))
             continue
-        before = held[MEMORY * i]
+        before, now = held[MEMORY * i], kept[MEMORY * i]
         first = before - augmented.systematic_error(i, before, mean)
-        last = motion.place - augmented.systematic_error(i, motion.place, mean)
+        last = now - augmented.systematic_error(i, now, mean)
         starts.append(first)
         speeds.append(ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0))
         at, spread = augmented.weights_at[i]
         if len(spread):
-            seeds[i, at : at + len(spread)] = -augmented.basis(i, motion.place).T
+            seeds[i, at : at + len(spread)] = -augmented.basis(i, now).T
         seeds[i, n + i] = 1
-        sensor = sensor_for(channels.positions, mechanism.rig.drives[i].name)
-        assert sensor is not None  # a drive without one has no motion
-        missed = 0 if ideal else (BEND * motion.bend) ** 2
-        noise.append(variance(sensor) + motion.unknown + missed)
-        kept += motion.memory()
-        bends.append(motion.bend)
     parameters = augmented.model_parameters(mean)
     h = ca.SX.sym("h")
     response = ca.Function("responses", [h, p], [responses(mechanism, h, h)])(dt / count, parameters)

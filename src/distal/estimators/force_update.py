@@ -173,11 +173,10 @@ def force_update(
             slope, limit_slope = slopes[k, :], limit_slopes[k, :]
             now = residual + ca.mtimes(slope, mean - point)
             allowed = ca.fmax(limit + ca.mtimes(limit_slope, mean - point), 0)
-            taken = _friction_row(
+            taken = friction_row(
                 augmented,
                 row.drive,
                 motions,
-                noise,
                 now,
                 allowed,
                 own,
@@ -218,11 +217,10 @@ class TakenRow:
     mean_residual: Any
 
 
-def _friction_row(
+def friction_row(
     augmented: AugmentedState,
     drive: int | None,
     motions: Any,
-    noise: Any,
     residual: Any,
     limit: Any,
     own: Any,
@@ -232,9 +230,25 @@ def _friction_row(
     kept: list[Any],
     mask: Any,
     dt: Any,
-    ideal: bool,
+    ideal: bool = False,
 ) -> TakenRow:
-    """Return how a force is taken, by how its drive moves."""
+    """Return how a force is taken, by how its drive moves.
+
+    Args:
+        augmented: the layout of the state.
+        drive: its index, None for a tension.
+        motions: of all drives.
+        residual: measured minus expected, without friction.
+        limit: friction limit.
+        own: variance of the sensor.
+        slope: of the residual with respect to the state, (1, n).
+        limit_slope: of the limit, (1, n).
+        covariance: of the state, (n, n).
+        kept: remembered mean residuals of all drives.
+        mask: 1 where the force counts.
+        dt: length of the interval [s].
+        ideal: leave out all that guards against a wrong model.
+    """
     if drive is None or drive in augmented.places_at:
         held = ca.SX(0) if drive is None else kept[drive]
         return TakenRow(residual, -slope, own + limit**2, held)

@@ -9,17 +9,24 @@ from distal.estimators.adaptive import AdaptiveFilter
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.full_state import FullStateFilter, paper_noise, rig_noise
 from distal.estimators.kinematic import KinematicEstimator
+from distal.estimators.particle import ParticleFilter
+from distal.estimators.unscented import UnscentedFilter
 from distal.rig import Rig
 
 ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
     "adaptive": lambda rig, compiled: AdaptiveFilter(rig, compiled),
     "iterated": lambda rig, compiled: AdaptiveFilter(rig, compiled, updates=3, name="iterated"),
+    "unscented": lambda rig, compiled: UnscentedFilter(rig),
+    "particle": lambda rig, compiled: ParticleFilter(rig),
     "inextensible": lambda rig, compiled: KinematicEstimator("inextensible", rig, elastic=False, compiled=compiled),
     "elastic": lambda rig, compiled: KinematicEstimator("elastic", rig, elastic=True, compiled=compiled),
     "ekf-2008": lambda rig, compiled: FullStateFilter("ekf-2008", rig, paper_noise(rig), compiled),
     "ekf": lambda rig, compiled: FullStateFilter("ekf", rig, rig_noise(rig), compiled),
 }
 """Name → maker (rig, compiled)."""
+
+SLOW = frozenset({"unscented", "particle"})
+"""Rivals for comparison, about 1 and 6 ms per sample; commands that compare all leave them out unless they are named."""
 
 DEFAULT = "adaptive"
 

@@ -19,7 +19,7 @@ from distal.reports.reproduction_figures import CAPTIONS, FIGURES, draw_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ESTIMATORS = ("inextensible", "simulation", "ekf-2008", "ekf")
+ESTIMATORS = ("inextensible", "simulation", "ekf-2008", "ekf", "adaptive")
 
 
 def reproduce(out: str | Path, advance: Callable[[], None] = lambda: None) -> tuple[Claim, ...]:
@@ -160,8 +160,8 @@ def _errors_table(runs: Sequence[Run]) -> str:
             name = next(run.log.source for run in runs if run.series == series).removeprefix("Series 2: ")
             values = [f"{_rms(runs, plant, series, estimator):.2f}" for estimator in ESTIMATORS]
             rows.append([escape(plant), escape(name), *values])
-    names = [f"{name} [°]" for name in ("inextensible", "free simulation", "ekf-2008", "ekf")]
-    return html_table(["plant", "weights", *names], rows, numbers=range(2, 6))
+    names = [f"{name} [°]" for name in ("inextensible", "free simulation", "ekf-2008", "ekf", "adaptive")]
+    return html_table(["plant", "weights", *names], rows, numbers=range(2, 7))
 
 
 def _readings_table(runs: Sequence[Run]) -> str:

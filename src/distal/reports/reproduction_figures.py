@@ -26,7 +26,7 @@ CAPTIONS = {
     "figure-2": "Series 1: the link is moved by hand, 2 N on each tendon, k = 403 N/m. The angle from each potentiometer, "
     "tendons taken as inextensible, against the encoder.",
     "figure-3": "Series 2: 2 N against 6 N, k = 806 N/m. Inextensible estimate, free simulation and Kalman filters; "
-    "below, their errors with the 95 % band of ekf.",
+    "below, the errors of all but the first with the 95 % band of adaptive.",
     "figure-4": "Series 2 at higher tension: 3 N against 9 N.",
     "figure-5": "Series 2 at the highest tension: 4 N against 12 N.",
 }
@@ -75,13 +75,13 @@ def _potentiometers(top: Axes, bottom: Axes, run: Run) -> None:
 
 def _filters(top: Axes, bottom: Axes, run: Run) -> None:
     _encoder(top, run)
-    for i, name in enumerate(("ekf-2008", "ekf", "simulation", "inextensible")):
+    for i, name in enumerate(("ekf-2008", "adaptive", "simulation", "inextensible")):
         result = run.estimates[name]
         label = {"simulation": "free simulation"}.get(name, name)
         draw_estimate(top, result, i, band=False, label=label)
         if name != "inextensible":
             error = np.rad2deg(result.errors())
             bottom.plot(run.log.time, error, color=COLOURS[i], linestyle=DASHES[i], linewidth=1.1)
-    band = np.rad2deg(BAND * run.estimates["ekf"].theta_std)
+    band = np.rad2deg(BAND * run.estimates["adaptive"].theta_std)
     bottom.fill_between(run.log.time, -band, band, color=COLOURS[1], alpha=0.25, linewidth=0)
-    top.fill_between([], [], [], color=COLOURS[1], alpha=0.25, linewidth=0, label="95 % band of ekf")
+    top.fill_between([], [], [], color=COLOURS[1], alpha=0.25, linewidth=0, label="95 % band of adaptive")
