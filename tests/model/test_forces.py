@@ -192,3 +192,20 @@ def test_absent_features_cost_nothing(paper_rig: Rig) -> None:
     assert "tendons.0.damping" not in names
     assert "joints.0.friction.exponent" not in names
     assert "tendons.0.damping" in Mechanism(paper_rig.with_values({"tendons.0.damping": 0.1})).parameters.names
+
+
+@given(st.floats(-3, 3), st.floats(0, 2), st.floats(1e-3, 2))
+def test_soft_moments_are_those_of_a_normal_distribution(z: float, limit: float, std: float) -> None:
+    """Mean and variance against quadrature, the slope against a difference of means."""
+    from distal.model import soft_moments
+
+    x = np.linspace(-10, 10, 40_001)
+    weights = np.exp(-x * x / 2)
+    weights /= weights.sum()
+    values = np.maximum(z + std * x - limit, 0) + np.minimum(z + std * x + limit, 0)
+    mean = float(np.sum(weights * values))
+    moments = soft_moments(ca.DM(z), ca.DM(limit), ca.DM(std))
+    assert float(moments.mean) == pytest.approx(mean, abs=1e-6)
+    assert float(moments.slope) == pytest.approx(float(np.sum(weights * (np.abs(z + std * x) > limit))), abs=2e-3)
+    rest = float(np.sum(weights * (values - mean) ** 2)) - (float(moments.slope) * std) ** 2
+    assert float(moments.rest) == pytest.approx(max(rest, 0.0), abs=1e-5)

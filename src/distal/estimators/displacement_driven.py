@@ -25,6 +25,9 @@ BEND = 0.12
 UNMODELLED = 0.5
 """Random torque that the model does not know, as the standard deviation of ω that it makes in 1 s [rad/s]."""
 
+FOLLOWS = 5.0
+"""Intervals without a reading after which the joint has half followed a drive whose place is not known."""
+
 FORCE_MEMORY = 1
 """Numbers remembered per drive by the update: the mean residual of its force."""
 
@@ -213,6 +216,23 @@ def substep_function(augmented: AugmentedState) -> ca.Function:
     return ca.Function("substep", arguments, ca.cse([ca.densify(entry) for entry in outputs]))
 
 
+def _lost_places(augmented: AugmentedState, motions: Any, held: Any) -> Any:
+    """Return the variance of θ that comes from drives whose place is not known: the joint follows them at its arm.
+
+    What an unknown place does within one interval is small, but it stays wrong until it is measured again: the longer
+    it is missing, the more the joint has followed it. One missing sample does no harm.
+    """
+    total = ca.SX(0)
+    for i, drive in enumerate(augmented.mechanism.rig.drives):
+        tendon = next(t for t in augmented.mechanism.rig.tendons if t.drive == drive.name)
+        lever = drive.radius.value if drive.kind == "capstan" else 1.0
+        unknown, before = motions[MEMORY * i + 4], held[MEMORY * i + 4]
+        grown = ca.fmax(unknown - before, 0)
+        followed = (before / (before + FOLLOWS * grown + 1e-18)) ** 3
+        total += followed * grown * (lever / tendon.insertion.radius.value) ** 2
+    return total
+
+
 def update_function(augmented: AugmentedState, updates: int, ideal: bool) -> ca.Function:
     """Return prediction of mean and covariance, and the update with the forces, as one scalar function.
 
@@ -235,6 +255,7 @@ def update_function(augmented: AugmentedState, updates: int, ideal: bool) -> ca.
     inputs = slopes[:, n:] * ca.repmat(noise.T, 2, 1)
     corner += ca.mtimes(inputs, slopes[:, n:].T)
     corner[1, 1] += rest + (0 if ideal else UNMODELLED**2 * dt)
+    corner[0, 0] += _lost_places(augmented, motions, held)
     predicted = ca.SX(covariance)
     predicted[0:2, 2:], predicted[2:, 0:2], predicted[0:2, 0:2] = moved[:, 2:], moved[:, 2:].T, corner
     state = ca.vertcat(theta, omega, mean[2:])
