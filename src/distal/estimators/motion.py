@@ -65,6 +65,8 @@ def follow(memory: Any, reading: Any, there: Any, noise: float, dt: Any) -> Moti
     line = place + (reading - place) / ca.if_else(bridged, -there, 1)
     now = ca.if_else(bridged, line, ca.if_else(good, reading, expected))
     moved = now - place
+    # a drive that is lost goes on as it did: its error grows with time, not with the root of time
+    lost = (ca.sqrt(unknown) + ca.sqrt(square)) ** 2 + noise
     share = 1 - ca.exp(-dt / MOTION_TIME)
     known = mean + share * (moved - mean)
     return Motion(
@@ -72,6 +74,6 @@ def follow(memory: Any, reading: Any, there: Any, noise: float, dt: Any) -> Moti
         doubt=ca.if_else(far, 1, 0),
         mean=ca.if_else(good, known, mean * (1 - share)),
         square=ca.if_else(good, square + share * (moved * moved - square), square),
-        unknown=ca.if_else(bridged, moved * moved, ca.if_else(good, 0, unknown + square + noise)),
+        unknown=ca.if_else(bridged, moved * moved, ca.if_else(good, 0, lost)),
         bend=ca.if_else(good, moved - mean, 0),
     )
