@@ -80,6 +80,12 @@ def _text(
     names: tuple[str, ...], ratios: tuple[float, ...], correlations: tuple[float, ...], since: tuple[float, ...]
 ) -> str:
     large = [i for i, ratio in enumerate(ratios) if ratio > LARGE]
+    drifting = [names[i] for i, value in enumerate(correlations) if value > WHITE and ratios[i] > 0.5]
+    if drifting and len(drifting) == len(names) and not large:
+        return (
+            f"innovations of {', '.join(drifting)} drift: something acts that the rig does not have "
+            "(a hand: external_torque; friction at a drive)"
+        )
     late = [i for i, start in enumerate(since) if np.isfinite(start)]
     if len(late) == 1 and (
         len(large) <= 1 or ratios[late[0]] > 4 * max(r for i, r in enumerate(ratios) if i != late[0])
@@ -92,11 +98,6 @@ def _text(
     if large:
         factor = np.sqrt(np.mean([ratios[i] for i in large]))
         return f"innovations {factor:.1f}× larger than expected: the rig's stiffness, friction or geometry is off"
-    drifting = [names[i] for i, value in enumerate(correlations) if value > WHITE and ratios[i] > 0.5]
-    if drifting:
-        return (
-            f"innovations of {', '.join(drifting)} drift: something acts that the rig does not have (a hand, friction)"
-        )
     return "consistent: the innovations are no larger than expected"
 
 
