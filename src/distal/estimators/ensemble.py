@@ -201,6 +201,14 @@ def move_function(augmented: AugmentedState, count: int) -> ca.Function:
     return ca.Function("move", [*arguments, mx_p], [after])
 
 
+def _pull(augmented: AugmentedState, name: str, x: Any) -> Any:
+    """Return the measured pull that a row compares, or None where it is nominal."""
+    for sensor in augmented.channels.forces:
+        if sensor.name == name:
+            return x[1 + augmented.channels.names.index(name)] - sensor.bias.value
+    return None
+
+
 def compare_function(augmented: AugmentedState) -> ca.Function:
     """Return (state, kept, motions, before, noise, x, p) → (residuals, variances, masks, kept⁺) of all forces.
 
@@ -221,6 +229,11 @@ def compare_function(augmented: AugmentedState) -> ca.Function:
     memory: list[Any] = [kept[i] for i in range(nd)]
     residuals, variances, masks = [], [], []
     for row in rows:
+        pull = _pull(augmented, row.name, x)
+        if row.drive is not None and pull is not None:
+            # the pull is averaged, not the residual: each state has its own tension, which may just have changed
+            before_now = ca.if_else(kept[row.drive] == 0, pull, kept[row.drive])
+            memory[row.drive] = row.residual + before_now - pull
         taken = friction_row(
             augmented,
             row.drive,
@@ -239,7 +252,8 @@ def compare_function(augmented: AugmentedState) -> ca.Function:
         variances.append(taken.variance)
         masks.append(row.mask)
         if row.drive is not None:
-            memory[row.drive] = taken.mean_residual
+            mean_pull = kept[row.drive] if pull is None else taken.mean_residual - row.residual + pull
+            memory[row.drive] = ca.if_else(row.mask > 0, mean_pull, kept[row.drive])
     arguments = [state, kept, motions, before, noise, x, mechanism.parameters.symbols]
     outputs = [ca.vertcat(*part) for part in (residuals, variances, masks, memory)]
     return ca.Function("compare", arguments, ca.cse([ca.densify(entry) for entry in outputs]))
