@@ -29,7 +29,7 @@ FOLLOWS = 5.0
 """Intervals without a reading after which the joint has half followed a drive whose place is not known."""
 
 FORCE_MEMORY = 1
-"""Numbers remembered per drive by the update: the mean residual of its force."""
+"""Numbers remembered per drive by the update: the mean residual of its force, or for how long it has stuck."""
 
 
 def adaptive_function(

@@ -230,7 +230,8 @@ def compare_function(augmented: AugmentedState) -> ca.Function:
     residuals, variances, masks = [], [], []
     for row in rows:
         pull = _pull(augmented, row.name, x)
-        if row.drive is not None and pull is not None:
+        declared = row.drive is not None and not augmented.is_clean(row.drive)
+        if declared and pull is not None:
             # the pull is averaged, not the residual: each state has its own tension, which may just have changed
             before_now = ca.if_else(kept[row.drive] == 0, pull, kept[row.drive])
             memory[row.drive] = row.residual + before_now - pull
@@ -252,8 +253,8 @@ def compare_function(augmented: AugmentedState) -> ca.Function:
         variances.append(taken.variance)
         masks.append(row.mask)
         if row.drive is not None:
-            mean_pull = kept[row.drive] if pull is None else taken.mean_residual - row.residual + pull
-            memory[row.drive] = ca.if_else(row.mask > 0, mean_pull, kept[row.drive])
+            told = taken.memory - row.residual + pull if declared and pull is not None else taken.memory
+            memory[row.drive] = ca.if_else(row.mask > 0, told, kept[row.drive])
     arguments = [state, kept, motions, before, noise, x, mechanism.parameters.symbols]
     outputs = [ca.vertcat(*part) for part in (residuals, variances, masks, memory)]
     return ca.Function("compare", arguments, ca.cse([ca.densify(entry) for entry in outputs]))

@@ -150,7 +150,7 @@ def force_update(
         motions: of the drives.
         speeds: of the drives.
         noise: variance of each place.
-        residuals: remembered mean residual of each drive, (n_drives,).
+        residuals: what is remembered of each drive's force, (n_drives,); see `TakenRow`.
         x: the sample.
         updates: how often each row is linearised again.
         ideal: leave out all that guards against a wrong model.
@@ -195,7 +195,9 @@ def force_update(
         gain = mask * across / robust
         change = gain * taken.innovation
         if row.drive is not None:
-            kept[row.drive] = taken.mean_residual + ca.mtimes(slope, change)
+            # a mean residual moves with the state; a count of samples does not
+            moved = 0 if augmented.is_clean(row.drive) else ca.mtimes(slope, change)
+            kept[row.drive] = taken.memory + moved
         mean = mean + change
         covariance = symmetric(
             covariance - ca.mtimes(gain, across.T) - ca.mtimes(across, gain.T) + ca.mtimes(gain, gain.T) * robust
@@ -209,12 +211,20 @@ def force_update(
 
 @dataclass(frozen=True)
 class TakenRow:
-    """How a force is taken: innovation, its slope with respect to the state (of the expected value), its variance."""
+    """How a force is taken.
+
+    Args:
+        innovation: measured minus expected.
+        slope: of the expected value with respect to the state, (1, n).
+        variance: of the innovation without the state's.
+        memory: what is remembered of the drive: its mean residual where the rig declares friction, else for how many
+            samples it has been sticking.
+    """
 
     innovation: Any
     slope: Any
     variance: Any
-    mean_residual: Any
+    memory: Any
 
 
 def friction_row(
@@ -244,7 +254,7 @@ def friction_row(
         slope: of the residual with respect to the state, (1, n).
         limit_slope: of the limit, (1, n).
         covariance: of the state, (n, n).
-        kept: remembered mean residuals of all drives.
+        kept: what is remembered of all drives' forces.
         mask: 1 where the force counts.
         dt: length of the interval [s].
         ideal: leave out all that guards against a wrong model.
@@ -265,7 +275,10 @@ def friction_row(
     direction = mean / ca.sqrt(moving + slow) / (1 + bend**2 / (100 * read))
     unsure = ca.mtimes(ca.mtimes(limit_slope, covariance), limit_slope.T)
     weight = 3 * TURN_WEIGHT if declared else TURN_WEIGHT
-    doubt = 0 if ideal else stuck * STICK_WEIGHT + (1 - stuck) * (1 - direction**2) * weight
+    # while it sticks its friction stays the same: a long stick tells little more than a short one
+    held = ca.if_else(mask > 0, ca.if_else(stuck > 0.5, kept[drive] + 1, 0), kept[drive])
+    sticking = STICK_WEIGHT if declared else ca.fmax(STICK_WEIGHT, held * held / STICK_WEIGHT)
+    doubt = 0 if ideal else stuck * sticking + (1 - stuck) * (1 - direction**2) * weight
     sliding = TakenRow(
         residual - direction * limit,
         -(slope - direction * limit_slope),
@@ -275,7 +288,7 @@ def friction_row(
     fade = ca.exp(-dt / MEAN_TIME)
     average = ca.if_else(mask > 0, fade * kept[drive] + (1 - fade) * residual, kept[drive])
     if not declared:
-        return TakenRow(sliding.innovation, sliding.slope, sliding.variance, average)
+        return TakenRow(sliding.innovation, sliding.slope, sliding.variance, held)
     beyond = ca.fabs(average) > limit
     sign = ca.sign(average)
     known = ca.mtimes(ca.mtimes(slope, covariance), slope.T)

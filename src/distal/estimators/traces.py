@@ -36,7 +36,6 @@ STYLE = {
     "axes.spines.right": False,
     "legend.frameon": False,
     "svg.hashsalt": "distal",
-    "text.parse_math": False,
     "figure.constrained_layout.use": True,
 }
 
@@ -60,6 +59,11 @@ def figure(
         made = Figure(figsize=size)
         axes = made.subplots(rows, columns, squeeze=False, **options)
         yield made, list(np.ravel(axes))
+
+
+def plain(text: str) -> str:
+    """Return text as matplotlib shows it letter by letter: a $ begins no formula."""
+    return text.replace("$", r"\$")
 
 
 def plot_kind(path: str | Path) -> str:
@@ -134,7 +138,7 @@ def plot_estimates(
             draw_estimate(top, result, i, bands)
         _limit_angles(top, estimates)
         top.set_ylabel("joint angle θ [°]")
-        top.set_title((title or estimates[0].rig)[:90], fontsize=9, loc="left")
+        top.set_title(plain((title or estimates[0].rig)[:90]), fontsize=9, loc="left")
         top.legend(loc="best", fontsize=8, ncols=2)
         if with_errors:
             for i, result in enumerate(estimates):
