@@ -58,26 +58,51 @@ def _points(rng: np.random.Generator, every: tuple[float, float], low: float, hi
     return points
 
 
+def _alternating(rng: np.random.Generator, high: float) -> dict[str, list[list[float]]]:
+    """Return pulls of which now one, now the other is the stronger."""
+    time, points = 0.0, {"left": [[0.0, 3.0]], "right": [[0.0, 3.0]]}
+    strong = bool(rng.integers(2))
+    while time < DURATION:
+        time += float(rng.uniform(1.0, 2.0))
+        strong = not strong
+        upper = float(rng.uniform(4.3, 5.2) if high < 6.0 else rng.uniform(5.0, high))
+        lower = float(rng.uniform(1.8, 2.2))
+        for name, pulls in (("left", strong), ("right", not strong)):
+            points[name].append([time, upper if pulls else lower])
+    return points
+
+
 def scenario(kind: str, plant: str, seed: int) -> Scenario:
     """Return a scenario drawn from a seed.
 
-    Ramps and hung weights change every 0.8 to 2.5 s, between 2 and 5 N (into the stops: 2 and 8 N); servos move both
-    sliders against each other.
+    Ramps pull one side by 4.3 to 5.2 N, the other by 1.8 to 2.2 N (into the stops: 5 to 8 N) and change over
+    every 1 to 2 s, so that the link moves; weights are hung every 1.5 to 2.5 s, 2 to 5 N (2 to 8 N); servos
+    move both sliders against each other. The link starts where the filter's prior says it may. Args: kind: one
+    of `SCENARIOS`. plant: one of `PLANTS`. seed: of the draw.
     """
     rng = np.random.default_rng([seed, SCENARIOS.index(kind)])
     high = 8.0 if "stops" in kind else 5.0
     drives: dict[str, Any] = {}
     frequency, amplitude, centre = rng.uniform(0.15, 0.5), rng.uniform(3e-3, 5e-3), rng.uniform(3e-3, 6e-3)
+    alternating = _alternating(rng, high)
     for side, name in ((1, "left"), (-1, "right")):
         if kind.startswith("ramps"):
-            points = _points(rng, (0.8, 1.6), 2.0, high)
-            drives[name] = {"force": {"points": points, "interpolation": "linear"}}
+            drives[name] = {"force": {"points": alternating[name], "interpolation": "linear"}}
         elif kind.startswith("weights"):
             drives[name] = {"weight": _points(rng, (1.5, 2.5), 2.0, high)}
         else:
             position = {"mean": centre, "amplitude": side * amplitude, "frequency": frequency}
             drives[name] = {"servo": {"position": position, "stiffness": 5000.0, "damping": 5.0}}
-    raw = {"rig": "paper-2008", "duration": DURATION, "plant": PLANTS[plant], "drives": drives, "name": kind}
+    # the filter takes 0 ± 3° for the start
+    start = {"link": float(np.deg2rad(np.clip(rng.normal(0, 3), -6, 6)))}
+    raw = {
+        "rig": "paper-2008",
+        "duration": DURATION,
+        "plant": PLANTS[plant],
+        "drives": drives,
+        "initial": start,
+        "name": kind,
+    }
     return build_scenario(raw, f"{kind}, seed {seed}")
 
 

@@ -53,9 +53,13 @@ def changed(log: Log, **channels: np.ndarray) -> Log:
 @pytest.mark.slow
 @pytest.mark.parametrize(("kinds", "bound"), [(MID_RANGE, 0.35), (INTO_STOPS, 0.6)], ids=["mid-range", "stops"])
 def test_plants_within_the_rigs_stds(kinds: tuple[str, ...], bound: float) -> None:
-    rms, inside, _ = pooled([result_of(kind, plant, seed) for kind in kinds for plant in WITHIN for seed in range(4)])
-    assert rms <= bound
-    assert 0.90 <= inside <= 0.995
+    """5 seeds give the RMS of 20 to ±10 %: their mean squares differ by 0.7 of themselves from start to start."""
+    results = [result_of(kind, plant, seed) for kind in kinds for plant in WITHIN for seed in range(5)]
+    rms, inside, _ = pooled(results)
+    assert rms <= 1.1 * bound
+    assert inside >= 0.90
+    # a wide band is no pass: the goal is 2.5, and 2.6 into the stops is what `make accuracy` shows
+    assert BAND * np.rad2deg(np.median(np.concatenate([result.theta_std for result in results]))) <= 3.0 * rms
 
 
 @pytest.mark.slow
@@ -82,8 +86,8 @@ def test_a_hand_that_nobody_measures(friction: str, bound: float) -> None:
 def honest(results: list[Estimate], shrink: float = 1.0) -> bool:
     """Return whether band and NEES are what they should be, with the covariance divided by `shrink`.
 
-    NEES of one state is χ² with mean 1; the errors of a log are correlated, so 10 logs of about 5 independent pieces
-    each give the mean to ±0.2. Below 0.3 the band is far too wide.
+    NEES of one state is χ² with mean 1; the errors of a log are correlated, so 20 logs of about 5 independent pieces
+    each give the mean to ±0.14: 1.4 is three of these above 1. Below 0.3 the band is far too wide.
     """
     errors = np.concatenate([result.errors() for result in results])
     stds = np.concatenate([result.theta_std for result in results]) / np.sqrt(shrink)
@@ -92,16 +96,19 @@ def honest(results: list[Estimate], shrink: float = 1.0) -> bool:
 
 
 def test_the_uncertainty_is_honest_and_a_third_of_it_would_fail() -> None:
-    results = [result_of("ramps", "as the rig", seed) for seed in range(20)]
+    """The band is about plants such as the rig's stds allow, so the plants have to vary."""
+    cases = [("ramps", plant, seed) for plant in WITHIN for seed in range(4)]
+    results = [result_of(*case) for case in cases]
     assert honest(results)
     assert not honest(results, shrink=3.0)
-    assert not honest([result_of("ramps", "as the rig", seed, "ekf") for seed in range(20)])
+    assert not honest([result_of(*case, "ekf") for case in cases])
 
 
 def test_near_the_lower_bound_when_the_model_is_right() -> None:
+    """The bound holds for the mean over starts and noise, not for each log: 24 logs."""
     plant = "no linearity error"
-    rms, _, _ = pooled([result_of(kind, plant, seed) for kind in MID_RANGE for seed in range(3)])
-    bounds = [np.rad2deg(lower_bound(paper_rig(plant), log_of(k, plant, s))) for k in MID_RANGE for s in range(3)]
+    rms, _, _ = pooled([result_of(kind, plant, seed) for kind in MID_RANGE for seed in range(8)])
+    bounds = [np.rad2deg(lower_bound(paper_rig(plant), log_of(k, plant, s))) for k in MID_RANGE for s in range(8)]
     assert rms <= 1.2 * np.sqrt(np.mean(np.square(bounds)))
 
 
@@ -235,23 +242,27 @@ def test_a_missing_displacement_is_bridged_with_growing_variance() -> None:
 
 @pytest.mark.parametrize("size", [1e-4, 3e-4, 1e-3])
 def test_a_wild_displacement_moves_nothing(size: float) -> None:
-    """20 to 200 σ in one sample: the angle changes by less than a tenth of what the tendon's arm would make of it."""
+    """20 to 200 σ in one sample, which the tendon's arm would make 0.6 to 6°: it moves the angle by a part of its std."""
     log, rig = log_of("ramps", "as the rig", 3), paper_rig("as the rig")
+    made = AdaptiveFilter(rig)
+    usual = estimate(log, rig, made)
     for row in (300, 620, 900):
         wild = np.array(log.channels["x1"])
         wild[row] += size
-        change = np.abs(estimate(changed(log, x1=wild), rig).theta - estimate(log, rig).theta)
-        assert np.rad2deg(change.max()) < 0.1 * np.rad2deg(size / 9.53e-3) + 0.02
+        change = np.abs(estimate(changed(log, x1=wild), rig, made).theta - usual.theta)
+        assert np.all(change < 0.3 * usual.theta_std)
 
 
 def test_a_real_jump_is_believed_at_its_second_sample() -> None:
+    """2 mm, which the arm would make 12°."""
     log, rig = log_of("ramps", "as the rig", 3), paper_rig("as the rig")
     jumped = np.array(log.channels["x1"])
     jumped[500:] += 2e-3
     made = AdaptiveFilter(rig)
-    change = estimate(changed(log, x1=jumped), rig, made).theta - estimate(log, rig, made).theta
-    assert np.rad2deg(np.abs(change[500])) < 0.05
-    assert np.rad2deg(change[520:540].max()) > 0.2
+    usual = estimate(log, rig, made)
+    change = estimate(changed(log, x1=jumped), rig, made).theta - usual.theta
+    assert np.abs(change[500]) < 0.3 * usual.theta_std[500]
+    assert np.rad2deg(change[520:540].max()) > 2.0
 
 
 def test_a_wild_force_counts_little() -> None:

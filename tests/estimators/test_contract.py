@@ -19,6 +19,7 @@ from distal import (
 )
 from distal.errors import EstimationError
 from distal.estimators import samples_of
+from distal.estimators.particle import PARTICLES
 from distal.simulation import build_scenario
 
 NAMES = tuple(ESTIMATORS)
@@ -110,7 +111,9 @@ def test_a_missing_sample_is_prediction_only(name: str, rig: Rig, log: Log) -> N
     assert innovation.log_likelihood == 0.0
     assert np.all(np.isfinite(after.mean))
     informed, _ = made.step(belief, log.time[10], samples[10])
-    assert after.covariance[0, 0] >= informed.covariance[0, 0] * (1 - 1e-12)
+    # a covariance of N particles is known to √(2/N) of itself
+    room = 4 * np.sqrt(2 / PARTICLES) if name == "particle" else 1e-12
+    assert after.covariance[0, 0] >= informed.covariance[0, 0] * (1 - room)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -9,11 +9,11 @@ from distal.estimators.augmented import AugmentedState
 from distal.estimators.channels import Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.displacement_driven import adaptive_function
+from distal.estimators.full_state import UNKNOWN_PLACE
 from distal.estimators.motion import MEMORY
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Rig
-from distal.sensors import variance
 
 Floats = NDArray[np.float64]
 
@@ -55,8 +55,8 @@ def prior_memory(rig: Rig, channels: Channels, sample: Floats) -> Floats:
             memory.append(np.zeros(MEMORY))
             continue
         read = sample[channels.names.index(sensor.name)] - sensor.bias.value
-        place = read if np.isfinite(read) else 0.0
-        memory.append(np.array([place, 0.0, 0.0, 2 * variance(sensor), 0.0]))
+        place, unknown = (read, 0.0) if np.isfinite(read) else (0.0, UNKNOWN_PLACE[drive.kind] ** 2)
+        memory.append(np.array([place, 0.0, 0.0, 0.0, unknown, 0.0]))
     return np.concatenate([*memory, np.zeros(len(rig.drives))])
 
 

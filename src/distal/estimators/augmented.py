@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from distal.estimators.channels import Channels, sensor_for
 from distal.model import Mechanism
 from distal.rig import Sensor
-from distal.sensors import variance
+from distal.sensors import systematic_variance, variance
 
 Floats = NDArray[np.float64]
 
@@ -25,8 +25,11 @@ SMOOTHNESS = 3.0
 LINEARITY_PRIOR = 0.6
 """Standard deviation of a linearity curve in the prior, as a share of its largest magnitude."""
 
-UNKNOWN_FRICTION = 3.0
+UNKNOWN_FRICTION = 0.7
 """Prior of friction at a drive that the rig does not know of, in standard deviations of its force sensor."""
+
+FRICTION_DRIFT = 0.6
+"""Its random walk, in standard deviations of the force sensor per √s."""
 
 DRIFT = 0.02
 """Random walk of an uncertain parameter, in its standard deviations per √s."""
@@ -39,7 +42,7 @@ DIRTY = 0.1
 class ParameterState:
     """A state that stands for one parameter (its value) or for several alike (a common factor).
 
-    Tendons of the same kind with the same relative std are from one spool: they err together.
+    Tendons whose stiffness (or damping) has the same relative std are from one spool: they err together.
 
     Args:
         name: of the state.
@@ -68,21 +71,21 @@ def parameter_states(mechanism: Mechanism, channels: Channels) -> tuple[Paramete
         channels: the sensors that are read.
     """
     p, states = mechanism.parameters, []
-    shared: dict[tuple[str, float, float], list[int]] = {}
+    shared: dict[tuple[str, float], list[int]] = {}
     for i, name in enumerate(p.names):
         value, std = float(p.values[i]), float(p.stds[i])
         if std == 0.0 or _without_effect(mechanism, channels, name, std):
             continue
         kind = name.split(".", 2)[2]
-        if name.startswith("tendons.") and value > 0.0:
-            shared.setdefault((kind, round(std / value, 9), 0.0), []).append(i)
+        if name.startswith("tendons.") and kind in ("stiffness", "damping") and value > 0.0:
+            shared.setdefault((kind, round(std / value, 9)), []).append(i)
             continue
         mean, spread, lowest = value, std, -np.inf
         if not name.endswith("angle"):
             mean, spread = cut_normal(value, std)
             lowest = 0.01 * spread
         states.append(ParameterState(name, (i,), False, mean, spread, lowest))
-    for (kind, relative, _), indices in shared.items():
+    for (kind, relative), indices in shared.items():
         mean, spread = cut_normal(1.0, relative)
         name = p.names[indices[0]] if len(indices) == 1 else f"tendons.{kind}"
         states.append(ParameterState(f"{name}.factor", tuple(indices), True, mean, spread, 0.05))
@@ -122,7 +125,7 @@ def cut_normal(mean: float, std: float) -> tuple[float, float]:
 def travel(mechanism: Mechanism, drive: int) -> tuple[float, float]:
     """Return the ends of a drive's travel, where its sensor's linearity is defined: its stops, or what it can use.
 
-    Without stops: ±1 rad of the joint about the place that the nominal force stretches the tendon to.
+    Without stops: ±1.2 rad of the joint about the place that the nominal force stretches the tendon to.
 
     Args:
         mechanism: the rig's equations.
@@ -202,8 +205,15 @@ class AugmentedState:
             sensor = sensor_for(channels.forces, drive.name)
             if sensor is not None and self.is_clean(i):
                 self.friction_at[i] = len(names)
+                self.drifts[len(names)] = FRICTION_DRIFT * float(np.sqrt(variance(sensor)))
                 names, means = [*names, f"friction_{drive.name}"], [*means, 0.0]
                 stds = [*stds, UNKNOWN_FRICTION * float(np.sqrt(variance(sensor)))]
+        self._biases: dict[str, int] = {}
+        for sensor in (*channels.forces, *channels.tensions):
+            width = float(np.hypot(sensor.bias.std, np.sqrt(systematic_variance(sensor))))
+            if width > 0.0:
+                self._biases[sensor.name] = len(names)
+                names, means, stds = [*names, f"bias_{sensor.name}"], [*means, 0.0], [*stds, width]
         self.names = tuple(names)
         self.means, self.stds = np.array(means), np.array(stds)
 
@@ -214,10 +224,20 @@ class AugmentedState:
         """Return whether the rig declares so little friction at a drive that unknown friction must be looked for."""
         part = self.mechanism.rig.drives[drive]
         lever = part.radius.value if part.kind == "capstan" else 1.0
-        load = max(abs(part.nominal_force.value) / lever, 1.0)
+        tendons = [t for t in self.mechanism.rig.tendons if t.drive == part.name]
+        load = max(abs(part.nominal_force.value) / lever, sum(t.pretension.value for t in tendons), 1.0)
         constant, growing = part.friction.constant, part.friction.load
         known = (constant.value + constant.std) / lever + (growing.value + growing.std) * load
         return bool(known < DIRTY)
+
+    def bias(self, sensor: str, state: Any) -> Any:
+        """Return the systematic error of a force or tension sensor, 0 where it has none.
+
+        Args:
+            sensor: its name.
+            state: (n,).
+        """
+        return state[self._biases[sensor]] if sensor in self._biases else ca.SX(0)
 
     def model_parameters(self, state: Any) -> Any:
         """Return the model's parameter vector at a state, (n_p,).

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 MOST_BRIDGES = 100_000
 
-LARGEST_ANGLE = 100.0
+LARGEST_ANGLE = 50.0
 """A joint angle beyond this [rad] is a filter that diverged."""
 
 SPLIT = 1.25

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,9 @@ LARGE = 1.7
 
 WINDOW = 1.0
 """Length of the windows in which a channel is looked at [s]."""
+
+MOST = 0.5
+"""Share of the windows since then in which a channel that disagrees is larger than expected."""
 
 WHITE = 0.5
 """Correlation of neighbouring innovations from which on they are not white."""
@@ -42,7 +46,7 @@ class Diagnosis:
     @property
     def consistent(self) -> bool:
         """Whether nothing disagrees."""
-        return self.text.startswith("consistent")
+        return self.text.startswith("consistent") and "friction" not in self.text
 
 
 def diagnose(estimate: Estimate) -> Diagnosis:
@@ -53,7 +57,13 @@ def diagnose(estimate: Estimate) -> Diagnosis:
     """
     names = estimate.measured
     if not names:
-        return Diagnosis((), (), (), (), "not checked: this estimator has no innovations")
+        return Diagnosis(
+            (),
+            (),
+            (),
+            (),
+            "not checked: no sensor is compared (this estimator has no innovations, or the rig no force sensor)",
+        )
     scaled = estimate.innovations / np.sqrt(estimate.innovation_variances)
     # the first moments still settle what the prior left open
     settled = estimate.time >= estimate.time[0] + min(0.5, 0.1 * float(np.ptp(estimate.time)))
@@ -69,11 +79,12 @@ def _undeclared(estimate: Estimate) -> str:
     found = []
     for i, name in enumerate(estimate.state_names):
         value, std = estimate.means[-1, i], np.sqrt(estimate.covariances[-1, i, i])
-        if name.startswith("friction_") and value > 0.2 and value > 3.0 * std:
-            found.append(f"{value:.1f} N at '{name.removeprefix('friction_')}'")
+        prior = np.sqrt(estimate.covariances[0, i, i])
+        if name.startswith("friction_") and value > 0.25 * prior and value > 3.0 * std:
+            found.append(f"{value:.2g} at '{name.removeprefix('friction_')}'")
     if not found:
         return ""
-    return f"; friction that the rig does not have: {', '.join(found)} (set drives.*.friction, or a hand acts)"
+    return f"; but friction that the rig does not have [SI]: {', '.join(found)} (set drives.*.friction, or a hand acts)"
 
 
 def _text(
@@ -114,18 +125,19 @@ def _neighbours(values: Floats) -> float:
 
 
 def _since(time: Floats, scaled: Floats) -> float:
-    """Return the start of the last stretch of windows, up to the end of the log, in all of which a channel is large."""
+    """Return from when on a channel is large to the end: in the last window, and in most of all since then."""
     edges = np.arange(time[0], time[-1] + WINDOW, WINDOW)
-    first = float("nan")
-    for start, end in zip(edges[:-1][::-1], edges[1:][::-1]):
+    starts, large = [], []
+    for start, end in itertools.pairwise(edges):
         inside = scaled[(time >= start) & (time < end)]
         inside = inside[np.isfinite(inside)]
-        if len(inside) < 5:
-            continue
-        if np.median(np.abs(inside)) < 1.35:  # twice the median of a normal distribution
-            break
-        first = float(start)
-    if first == time[0] or not np.isfinite(first):
+        if len(inside) >= 5:
+            starts.append(float(start))
+            large.append(bool(np.median(np.abs(inside)) > 1.35))  # twice the median of a normal distribution
+    if not large or not large[-1]:
+        return float("nan")
+    first = next(start for k, start in enumerate(starts) if large[k] and np.mean(large[k:]) >= MOST)
+    if first == time[0]:
         return float("nan")
     inside = np.flatnonzero((time >= first - WINDOW) & (np.abs(scaled) > 3.0))
     return float(time[inside[0]]) if len(inside) else first

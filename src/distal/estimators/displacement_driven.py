@@ -25,8 +25,8 @@ BEND = 0.12
 UNMODELLED = 0.5
 """Random torque that the model does not know, as the standard deviation of ω that it makes in 1 s [rad/s]."""
 
-FOLLOWS = 5.0
-"""Intervals without a reading after which the joint has half followed a drive whose place is not known."""
+FOLLOWS = 0.05
+"""Time in which the joint follows a drive whose place is not known [s]."""
 
 FORCE_MEMORY = 1
 """Numbers remembered per drive by the update: the mean residual of its force, or for how long it has stuck."""
@@ -95,7 +95,8 @@ def motions_of(augmented: AugmentedState, held: Any, x: Any) -> list[Motion | No
             continue
         k = channels.names.index(sensor.name)
         reading, there = x[1 + k] - sensor.bias.value, x[1 + width + k]
-        motions.append(follow(held[MEMORY * i : MEMORY * (i + 1)], reading, there, variance(sensor), x[0]))
+        remembered = held[MEMORY * i : MEMORY * (i + 1)]
+        motions.append(follow(remembered, reading, there, variance(sensor), 1.0 / sensor.rate, x[0]))
     return motions
 
 
@@ -226,9 +227,9 @@ def _lost_places(augmented: AugmentedState, motions: Any, held: Any) -> Any:
     for i, drive in enumerate(augmented.mechanism.rig.drives):
         tendon = next(t for t in augmented.mechanism.rig.tendons if t.drive == drive.name)
         lever = drive.radius.value if drive.kind == "capstan" else 1.0
-        unknown, before = motions[MEMORY * i + 4], held[MEMORY * i + 4]
+        unknown, before, lost = motions[MEMORY * i + 4], held[MEMORY * i + 4], motions[MEMORY * i + 5]
         grown = ca.fmax(unknown - before, 0)
-        followed = (before / (before + FOLLOWS * grown + 1e-18)) ** 3
+        followed = (lost / (lost + FOLLOWS)) ** 3
         total += followed * grown * (lever / tendon.insertion.radius.value) ** 2
     return total
 

@@ -231,7 +231,7 @@ def compare_function(augmented: AugmentedState) -> ca.Function:
     for row in rows:
         pull = _pull(augmented, row.name, x)
         declared = row.drive is not None and not augmented.is_clean(row.drive)
-        if declared and pull is not None:
+        if row.drive is not None and declared and pull is not None:
             # the pull is averaged, not the residual: each state has its own tension, which may just have changed
             before_now = ca.if_else(kept[row.drive] == 0, pull, kept[row.drive])
             memory[row.drive] = row.residual + before_now - pull

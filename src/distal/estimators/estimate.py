@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from distal.errors import EstimationError
 from distal.estimators.contract import LARGEST_ANGLE, Belief, KernelEstimator
+from distal.estimators.full_state import FullStateFilter
 from distal.estimators.registry import DEFAULT, make_estimator
 from distal.estimators.result import Estimate
 from distal.logs import Log, frozen, read_log
@@ -89,11 +90,15 @@ def estimate(
     runner = make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
     if not isinstance(passes, int) or passes < 1:
         raise EstimationError(f"passes must be at least 1, {passes!r} came")
+    if passes > 1 and not isinstance(runner, FullStateFilter):
+        raise EstimationError(
+            f"{runner.name} takes one pass; --passes is for the filters of the paper's kind (ekf-2008, ekf)"
+        )
     samples = samples_of(log, runner.channels, runner.name)
     belief = runner.initial(log.time[0], first_values(samples))
     for number in range(passes):
         means, covariances, innovations, variances = runner.scan(belief, log.time, samples)
-        bad = _out_of_bounds(means, covariances)
+        bad = out_of_bounds(means, covariances)
         if len(bad):
             row = int(bad[0])
             raise EstimationError(
@@ -116,8 +121,13 @@ def estimate(
     )
 
 
-def _out_of_bounds(means: Floats, covariances: Floats) -> NDArray[np.intp]:
-    """Return the rows that are not finite, have a negative variance, or an angle that no joint has."""
+def out_of_bounds(means: Floats, covariances: Floats) -> NDArray[np.intp]:
+    """Return the rows that are not finite, have a negative variance, or an angle that no joint has.
+
+    Args:
+        means: (k, n).
+        covariances: (k, n, n).
+    """
     spreads = np.diagonal(covariances, axis1=1, axis2=2)
     fine = np.isfinite(means).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2)) & (spreads >= 0.0).all(axis=1)
     return np.flatnonzero(~(fine & (np.abs(means[:, 0]) <= LARGEST_ANGLE)))

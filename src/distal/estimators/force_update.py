@@ -11,8 +11,8 @@ import numpy as np
 from distal.estimators.augmented import AugmentedState
 from distal.estimators.channels import sensor_for
 from distal.estimators.kalman import symmetric
-from distal.estimators.motion import MEMORY
-from distal.sensors import systematic_variance, variance
+from distal.estimators.motion import MEMORY, MOTION_TIME
+from distal.sensors import variance
 
 WILD_FORCE = 9.0
 """A squared innovation beyond this times its variance counts less: its variance grows in proportion."""
@@ -47,6 +47,7 @@ class ForceRow:
         variance: of the sensor.
         mask: 1 where it counts.
         drive: index of the drive, or None for a tension.
+        measured: whether a sensor measures it; else the pull is nominal.
     """
 
     name: str
@@ -55,6 +56,7 @@ class ForceRow:
     variance: Any
     mask: Any
     drive: int | None
+    measured: bool = True
 
 
 def force_rows(augmented: AugmentedState, state: Any, motions: Any, speeds: Any, noise: Any, x: Any) -> list[ForceRow]:
@@ -81,14 +83,14 @@ def force_rows(augmented: AugmentedState, state: Any, motions: Any, speeds: Any,
     symbols = [ca.SX.sym("q", nb), ca.SX.sym("v", nb), p]
     tensions = mechanism.tensions(*symbols[:2])
     pulls = ca.mtimes(mechanism.length_jacobian(symbols[0]).T, tensions) + mechanism.dampings() * symbols[1]
-    outputs = [tensions, pulls, mechanism.friction_limits(tensions), ca.jacobian(tensions, symbols[0])]
-    tensions, pulls, limits, stiffness = ca.Function("pulls", symbols, outputs)(q, v, augmented.model_parameters(state))
+    outputs = [tensions, pulls, mechanism.friction_limits(tensions)]
+    outputs += [ca.jacobian(tensions, symbols[0]), ca.jacobian(pulls, symbols[0])]
+    values = ca.Function("pulls", symbols, outputs)(q, v, augmented.model_parameters(state))
+    tensions, pulls, limits, tension_slopes, pull_slopes = values
     rows = []
     for i, drive in enumerate(mechanism.rig.drives):
         sensor, body = sensor_for(channels.forces, drive.name), nj + i
-        spread = noise[i] * sum(
-            (stiffness[t, body] ** 2 for t in range(mechanism.n_tendons) if mechanism.drive_of[t] == body), ca.SX(0)
-        )
+        spread = noise[i] * pull_slopes[body, body] ** 2
         limit = limits[body]
         if i in augmented.friction_at:
             limit += state[augmented.friction_at[i]]
@@ -98,20 +100,22 @@ def force_rows(augmented: AugmentedState, state: Any, motions: Any, speeds: Any,
             unsure = drive.nominal_force.std**2 * 2 * NOMINAL_TIME / dt
             known = float(drive.nominal_force.std > 0.0)
             residual = drive.nominal_force.value - pulls[body]
-            rows.append(ForceRow(drive.name, residual, limit, spread + unsure, known * free, i))
+            rows.append(ForceRow(drive.name, residual, limit, spread + unsure, known * free, i, measured=False))
             continue
         k = channels.names.index(sensor.name)
-        residual = x[1 + k] - sensor.bias.value - pulls[body]
-        own = variance(sensor) + systematic_variance(sensor)
+        residual = x[1 + k] - sensor.bias.value - pulls[body] - augmented.bias(sensor.name, state)
+        own = variance(sensor)
         rows.append(ForceRow(sensor.name, residual, limit, own + spread, x[1 + width + k] * free, i))
-    names = [tendon.name for tendon in mechanism.rig.tendons]
+    tendons = [tendon.name for tendon in mechanism.rig.tendons]
     for sensor in channels.tensions:
-        k, t = channels.names.index(sensor.name), names.index(sensor.of)
+        k, t = channels.names.index(sensor.name), tendons.index(sensor.of)
         body = mechanism.drive_of[t]
-        own = variance(sensor) + systematic_variance(sensor) + stiffness[t, body] ** 2 * noise[body - nj]
-        residual = x[1 + k] - sensor.bias.value - tensions[t]
+        own = variance(sensor) + tension_slopes[t, body] ** 2 * noise[body - nj]
+        residual = x[1 + k] - sensor.bias.value - tensions[t] - augmented.bias(sensor.name, state)
         rows.append(ForceRow(sensor.name, residual, ca.SX(0), own, x[1 + width + k], None))
-    return rows
+    # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
+    names = [sensor.name for sensor in (*channels.forces, *channels.tensions)]
+    return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))
 
 
 def _away_from_stops(augmented: AugmentedState, drive: int, place: Any) -> Any:
@@ -204,7 +208,7 @@ def force_update(
         )
         innovations.append(taken.innovation * mask)
         spreads.append(spread)
-    measured = [k for k, row in enumerate(rows) if row.name in augmented.channels.names]
+    measured = [k for k, row in enumerate(rows) if row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
     return mean, covariance, ca.vertcat(*kept), y
 
@@ -217,8 +221,8 @@ class TakenRow:
         innovation: measured minus expected.
         slope: of the expected value with respect to the state, (1, n).
         variance: of the innovation without the state's.
-        memory: what is remembered of the drive: its mean residual where the rig declares friction, else for how many
-            samples it has been sticking.
+        memory: what is remembered of the drive: its mean residual where the rig declares friction, else its last clear
+            direction times the samples since then.
     """
 
     innovation: Any
@@ -265,18 +269,26 @@ def friction_row(
     sensor = sensor_for(augmented.channels.positions, augmented.mechanism.rig.drives[drive].name)
     assert sensor is not None  # else its place would be a state
     read = variance(sensor)
-    mean, square = motions[MEMORY * drive + 2], motions[MEMORY * drive + 3]
+    # motion over as long as the mean speed takes, against what noise alone would show
+    span = MOTION_TIME / 2.5
+    mean, square = span * motions[MEMORY * drive + 2], span**2 * motions[MEMORY * drive + 3]
     bend = motions[MEMORY * augmented.mechanism.n_drives + drive]
-    # motion that one sample can tell from noise, and how far its direction is known
     declared = not augmented.is_clean(drive)
     slow = read * (0.36 if declared else 0.64)
-    moving = ca.fmax(ca.fmax(square - 2 * read, 0), mean**2)
+    alone = 2 * read * (span / ca.fmax(dt, 1e-6)) ** 2
+    moving = ca.fmax(ca.fmax(square - alone, 0), mean**2)
     stuck = slow / (moving + slow)
     direction = mean / ca.sqrt(moving + slow) / (1 + bend**2 / (100 * read))
+    held = ca.SX(0)
+    if not declared:
+        # the last clear direction, times the samples since: friction of a drive that stops stays as it was
+        clear = ca.logic_and(stuck < 0.15, ca.fabs(direction) > 0.5)
+        since = kept[drive] + ca.sign(kept[drive])
+        held = ca.if_else(mask > 0, ca.if_else(clear, ca.sign(direction), since), kept[drive])
+        direction = ca.if_else(stuck < 0.15, direction, ca.sign(held))
     unsure = ca.mtimes(ca.mtimes(limit_slope, covariance), limit_slope.T)
     weight = 3 * TURN_WEIGHT if declared else TURN_WEIGHT
     # while it sticks its friction stays the same: a long stick tells little more than a short one
-    held = ca.if_else(mask > 0, ca.if_else(stuck > 0.5, kept[drive] + 1, 0), kept[drive])
     sticking = STICK_WEIGHT if declared else ca.fmax(STICK_WEIGHT, held * held / STICK_WEIGHT)
     doubt = 0 if ideal else stuck * sticking + (1 - stuck) * (1 - direction**2) * weight
     sliding = TakenRow(

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.errors import EstimationError
 from distal.estimators.adaptive import AdaptiveFilter
-from distal.estimators.estimate import first_values, samples_of
+from distal.estimators.estimate import first_values, out_of_bounds, samples_of
 from distal.estimators.result import Estimate
 from distal.logs import Log, frozen
 from distal.rig import Rig
@@ -34,6 +35,8 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     rows, last = runner._rows(np.diff(log.time, prepend=log.time[0]), samples)
     carries, ys = runner.kernel.scan(belief.carry, rows, runner._p)
     n, m = belief.size, len(runner.measured)
+    if np.any(np.isinf(samples)) or len(out_of_bounds(carries[:, :n], carries[:, n : n + n * n].reshape(-1, n, n))):
+        raise EstimationError(f"{log.source}: the filter left all bounds; check the units of the log and the rig")
     means, covariances = carries[:, :n].copy(), carries[:, n : n + n * n].reshape(-1, n, n).copy()
     predicted, uncertain = ys[:, 2 * m : 2 * m + n], ys[:, 2 * m + n : 2 * m + n + n * n].reshape(-1, n, n)
     slopes = ys[:, 2 * m + n + n * n :].reshape(-1, 2, n)
