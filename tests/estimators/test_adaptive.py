@@ -20,6 +20,7 @@ from benchmarks.cases import (
 
 from distal import Estimate, Log, Rig, estimate, make_estimator
 from distal.analysis import lower_bound
+from distal.errors import EstimationError
 from distal.estimators import BAND, AdaptiveFilter, diagnose, smooth
 from distal.rig import build_rig
 from tests.helpers import rms_degrees
@@ -315,3 +316,66 @@ def test_undeclared_friction_is_named() -> None:
     text = diagnose(result_of("servo", "slider friction 1 N", 0)).text
     assert "friction that the rig does not have" in text
     assert "'left'" in text
+
+
+# ---- how a rig may be written -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["adaptive", "particle"])
+def test_a_force_belongs_to_its_sensor_whatever_the_order(name: str) -> None:
+    rig, log = paper_rig("as the rig"), log_of("servo", "as the rig", 0)
+    log = Log(log.time[:200], {k: v[:200] for k, v in log.channels.items()})
+    turned = rig.model_copy(update={"sensors": tuple(reversed(rig.sensors))})
+    one, other = estimate(log, rig, name), estimate(log, turned, name)
+    columns = [other.measured.index(sensor) for sensor in one.measured]
+    assert set(one.measured) == {"u1", "u2"}
+    # one force is taken after the other; 800 particles draw in another order
+    room = 3.0 if name == "particle" else 0.01
+    assert np.all(np.abs(one.theta - other.theta) < room * one.theta_std)
+    scale = np.sqrt(one.innovation_variances)
+    apart = np.abs((one.innovations - other.innovations[:, columns]) / scale)
+    assert np.median(apart) < (0.5 if name == "particle" else 0.01)
+
+
+def test_the_force_that_is_left_is_reported_under_its_name() -> None:
+    rig, log = without(paper_rig("as the rig"), "u1"), log_of("servo", "as the rig", 0)
+    rig = rig.with_values({"drives.left.nominal_force.std": 1.0})
+    whole = estimate(log, rig)
+    broken = changed(log, u2=np.where(log.time > 6.0, log.channels["u2"] + 20.0, log.channels["u2"]))
+    assert whole.measured == ("u2",)
+    jump = np.abs(estimate(broken, rig).innovations[:, 0] - whole.innovations[:, 0])
+    assert np.all(jump[log.time < 5.9] == 0.0)
+    assert jump[log.time > 6.0][0] == pytest.approx(20.0, abs=0.5)
+
+
+def test_a_force_sensors_bias_and_linearity_are_a_state() -> None:
+    rig = paper_rig("as the rig").with_values({"sensors.u1.bias.std": 1.0, "sensors.u2.linearity": 1.0})
+    made = make_estimator("adaptive", rig)
+    assert {"bias_u1", "bias_u2"} <= set(made.state_names)
+    log = log_of("servo", "as the rig", 0)
+    shifted = changed(log, u1=log.channels["u1"] + 1.0)
+    known, hidden = estimate(shifted, rig, made), estimate(shifted, paper_rig("as the rig"))
+    assert known.inside_band() > 0.9
+    assert rms_degrees(known.errors()) < rms_degrees(hidden.errors())
+
+
+def test_half_the_rate_is_no_other_filter() -> None:
+    """Every second sample left out: the error stays within the noise of half the samples, √2."""
+    rig = paper_rig("as the rig")
+    made = AdaptiveFilter(rig)
+    logs = [log_of(kind, "as the rig", seed) for kind in ("ramps", "servo") for seed in range(4)]
+    halves = [
+        Log(log.time[::2], {k: v[::2] for k, v in log.channels.items()}, {k: v[::2] for k, v in log.truth.items()})
+        for log in logs
+    ]
+    whole, half = (
+        pooled([estimate(log, rig, made) for log in logs]),
+        pooled([estimate(log, rig, made) for log in halves]),
+    )
+    assert half[0] < np.sqrt(2) * whole[0]
+    assert half[1] > 0.9
+
+
+def test_passes_are_for_the_papers_filters() -> None:
+    with pytest.raises(EstimationError, match="one pass"):
+        estimate(log_of("servo", "as the rig", 0), paper_rig("as the rig"), "adaptive", passes=2)

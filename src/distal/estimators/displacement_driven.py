@@ -13,7 +13,7 @@ import numpy as np
 
 from distal.estimators.augmented import AugmentedState
 from distal.estimators.channels import sensor_for
-from distal.estimators.force_update import force_update
+from distal.estimators.force_update import FOLLOWS, force_update
 from distal.estimators.kalman import symmetric
 from distal.estimators.motion import MEMORY, Motion, follow
 from distal.model import Kick, Mechanism, impulses, kick_and_drift, responses, soft_moments
@@ -24,9 +24,6 @@ BEND = 0.12
 
 UNMODELLED = 0.5
 """Random torque that the model does not know, as the standard deviation of ω that it makes in 1 s [rad/s]."""
-
-FOLLOWS = 0.05
-"""Time in which the joint follows a drive whose place is not known [s]."""
 
 FORCE_MEMORY = 1
 """Numbers remembered per drive by the update: the mean residual of its force, or for how long it has stuck."""

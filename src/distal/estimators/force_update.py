@@ -32,6 +32,12 @@ MEAN_TIME = 0.1
 STICK_STD = 0.42
 """Standard deviation of a tension within its friction's limits, as a share of the limit."""
 
+FOLLOWS = 0.05
+"""Time in which the joint follows a drive whose place is not known [s]."""
+
+ALONG = 20.0
+"""How many times the variance of a place that is lost is added where the joint went along."""
+
 NOMINAL_TIME = 1.0
 """Time over which an unmeasured pull's departure from its nominal value lasts [s]."""
 
@@ -90,7 +96,7 @@ def force_rows(augmented: AugmentedState, state: Any, motions: Any, speeds: Any,
     rows = []
     for i, drive in enumerate(mechanism.rig.drives):
         sensor, body = sensor_for(channels.forces, drive.name), nj + i
-        spread = noise[i] * pull_slopes[body, body] ** 2
+        spread = (noise[i] + _went_along(motions, i)) * pull_slopes[body, body] ** 2
         limit = limits[body]
         if i in augmented.friction_at:
             limit += state[augmented.friction_at[i]]
@@ -116,6 +122,16 @@ def force_rows(augmented: AugmentedState, state: Any, motions: Any, speeds: Any,
     # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
     names = [sensor.name for sensor in (*channels.forces, *channels.tensions)]
     return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))
+
+
+def _went_along(motions: Any, drive: int) -> Any:
+    """Return the variance to add to a place that has long been missing, so that its force does not speak of the joint.
+
+    The joint went where the drive went: its error and the place's are one, and cancel in the tension. The filter, to
+    which they are independent, would otherwise share the residual between them.
+    """
+    unknown, lost = motions[MEMORY * drive + 4], motions[MEMORY * drive + 5]
+    return ALONG * (lost / (lost + FOLLOWS)) ** 3 * unknown
 
 
 def _away_from_stops(augmented: AugmentedState, drive: int, place: Any) -> Any:
