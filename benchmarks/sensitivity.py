@@ -1,0 +1,176 @@
+"""What `adaptive` owes to its choices and to the rate of a log: `python -m benchmarks.sensitivity` prints tables.
+
+The prior of friction that the rig does not know of, against mid-range accuracy and against plants that have some; what
+declaring that friction gives; logs with samples left out. Errors are of the joint angle, pooled over 5 seeds.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import lru_cache
+
+import numpy as np
+from rich.progress import track
+
+from benchmarks.cases import HARD, INTO_STOPS, MID_RANGE, SCENARIOS, WITHIN, paper_log, paper_rig, spoiled
+from benchmarks.report import table
+from distal import Estimate, Log, estimate
+from distal.estimators import BAND, AdaptiveFilter, augmented, force_update
+
+SEEDS = 5
+PRIORS = ((0.7, 0.5), (0.7, 0.6), (0.7, 1.0), (1.0, 1.0), (1.0, 2.0))
+"""Standard deviation and random walk per √s of unknown friction, in σ of the force sensor."""
+ALONG = (0.0, 5.0, 20.0, 100.0)
+RATES = (1, 2, 5, 10)
+SPOILED = tuple((kind, plant) for kind in (*MID_RANGE, *INTO_STOPS) for plant in WITHIN[:3])
+
+
+@lru_cache(maxsize=16)
+def _filter(prior: tuple[float, float], along: float) -> AdaptiveFilter:
+    augmented.UNKNOWN_FRICTION, augmented.FRICTION_DRIFT = prior
+    force_update.ALONG = along
+    return AdaptiveFilter(paper_rig("as the rig"))
+
+
+USUAL = (augmented.UNKNOWN_FRICTION, augmented.FRICTION_DRIFT), force_update.ALONG
+
+
+def every(log: Log, n: int) -> Log:
+    """Return a log with every n-th sample."""
+    return Log(
+        log.time[::n],
+        {name: values[::n] for name, values in log.channels.items()},
+        {name: values[::n] for name, values in log.truth.items()},
+    )
+
+
+def one_slow(log: Log, n: int) -> Log:
+    """Return a log in which x2 is missing but for every n-th sample."""
+    values = np.full(len(log), np.nan)
+    values[::n] = log.channels["x2"][::n]
+    return Log(log.time, {**log.channels, "x2": values}, dict(log.truth))
+
+
+@lru_cache(maxsize=1)
+def _declared() -> AdaptiveFilter:
+    values = {f"drives.{i}.friction.constant": {"value": 0.5, "std": 0.5} for i in range(2)}
+    return AdaptiveFilter(paper_rig("as the rig").with_values(values))
+
+
+def run(job: tuple[str, str, str, int, tuple[float, float], float, int]) -> tuple[float, float, float, float]:
+    """Return mean square error, the same after 1 s, share inside the band, median std of one log."""
+    what, kind, plant, seed, prior, along, n = job
+    log = paper_log(kind, plant, seed)
+    if what in ("every", "x2"):
+        log = every(log, n) if what == "every" else one_slow(log, n)
+    used = _declared() if what == "declared" else _filter(prior, along)
+    result: Estimate = estimate(spoiled(log, seed) if what == "spoiled" else log, used.rig, used)
+    squares = result.errors() ** 2
+    late = float(np.mean(squares[result.time > 1.0]))
+    return float(np.mean(squares)), late, result.inside_band(), float(np.median(result.theta_std))
+
+
+def said(scores: Sequence[tuple[float, float, float, float]]) -> list[str]:
+    """Return the cells of pooled scores: RMS error, after 1 s, inside the band, half-width over RMS."""
+    square, late, inside, std = np.mean(np.array(scores), axis=0)
+    rms = np.sqrt(square)
+    return [
+        f"{np.rad2deg(rms):.2f}",
+        f"{np.rad2deg(np.sqrt(late)):.2f}",
+        f"{100 * inside:.0f} %",
+        f"{BAND * std / rms:.1f}",
+    ]
+
+
+def main() -> None:
+    """Print the tables."""
+    prior, along = USUAL
+    jobs = [
+        ("whole", kind, plant, seed, pair, along, 1)
+        for pair in PRIORS
+        for kind in SCENARIOS
+        for plant in (*WITHIN, *HARD)
+        for seed in range(SEEDS)
+    ]
+    jobs += [("spoiled", *case, seed, prior, a, 1) for a in ALONG for case in SPOILED for seed in range(SEEDS)]
+    jobs += [
+        (what, kind, "as the rig", seed, prior, along, n)
+        for what in ("every", "x2")
+        for n in RATES
+        for kind in MID_RANGE
+        for seed in range(SEEDS)
+    ]
+    jobs += [
+        ("declared", kind, plant, seed, prior, along, 1)
+        for kind in MID_RANGE
+        for plant in HARD
+        for seed in range(SEEDS)
+    ]
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        results = list(track(pool.map(run, jobs, chunksize=25), "logs", total=len(jobs), transient=True))
+    scores = dict(zip(jobs, results))
+
+    def chosen(**wanted: object) -> list[tuple[float, float, float, float]]:
+        names = ("what", "kind", "plant", "seed", "prior", "along", "n")
+        return [
+            score
+            for job, score in scores.items()
+            if all(
+                value in wanted[name] if isinstance(wanted.get(name), list) else wanted.get(name, value) == value
+                for name, value in zip(names, job)
+            )
+        ]
+
+    cells = ["RMS [°]", "after 1 s [°]", "inside", "half-width / RMS"]
+    cases = (
+        ("mid-range, within", list(MID_RANGE), list(WITHIN)),
+        ("into the stops, within", list(INTO_STOPS), list(WITHIN)),
+        ("beyond", list(SCENARIOS), list(HARD)),
+    )
+    table(
+        "sensitivity-priors",
+        "Friction that the rig does not know of: its prior and its random walk [σ, σ/√s of the force sensor]",
+        ["prior", "walk", "case", *cells],
+        [
+            [f"{pair[0]}", f"{pair[1]}", name, *said(chosen(what="whole", prior=pair, kind=kinds, plant=plants))]
+            for pair in PRIORS
+            for name, kinds, plants in cases
+        ],
+    )
+    table(
+        "sensitivity-declared",
+        "Friction of the drives declared as 0.5 ± 0.5 N, or not",
+        ["rig file", "plant", *cells],
+        [
+            [how, plant, *said(chosen(what=what, prior=prior, kind=list(MID_RANGE), plant=plant))]
+            for what, how in (("whole", "none"), ("declared", "0.5 ± 0.5 N"))
+            for plant in HARD
+        ],
+    )
+    table(
+        "sensitivity-lost",
+        "Spoiled logs: variance added to the force of a lost place, in variances of the place",
+        ["added", "scenario", *cells],
+        [
+            [f"{a:g}", kind, *said(chosen(what="spoiled", along=a, kind=kind))]
+            for a in ALONG
+            for kind in (*MID_RANGE, *INTO_STOPS)
+        ],
+    )
+    table(
+        "sensitivity-rates",
+        "Plant as the rig; samples left out",
+        ["what", "rate [Hz]", "scenario", *cells],
+        [
+            [name, f"{100 // n}", kind, *said(chosen(what=what, n=n, kind=kind))]
+            for what, name in (("every", "all sensors"), ("x2", "x2, the others at 100 Hz"))
+            for n in RATES
+            for kind in MID_RANGE
+        ],
+    )
+
+
+if __name__ == "__main__":
+    main()
