@@ -379,3 +379,14 @@ def test_half_the_rate_is_no_other_filter() -> None:
 def test_passes_are_for_the_papers_filters() -> None:
     with pytest.raises(EstimationError, match="one pass"):
         estimate(log_of("servo", "as the rig", 0), paper_rig("as the rig"), "adaptive", passes=2)
+
+
+def test_what_is_not_compared_is_said() -> None:
+    """A window of the stops that is far too small: forces count for nothing, and that is said."""
+    log, rig = log_of("servo", "as the rig", 0), paper_rig("as the rig")
+    narrow = rig.with_values({f"drives.{i}.stops": [0.0, 0.002] for i in range(2)})
+    result = estimate(log, narrow)
+    assert np.mean(np.isfinite(result.innovations)) < 0.5
+    text = diagnose(result).text
+    assert "could be compared" in text
+    assert "could be compared" not in diagnose(estimate(log, rig)).text

@@ -18,6 +18,9 @@ LARGE = 1.7
 WINDOW = 1.0
 """Length of the windows in which a channel is looked at [s]."""
 
+SELDOM = 0.5
+"""Share of a channel's samples that are compared, below which that is said."""
+
 MOST = 0.5
 """Share of the windows since then in which a channel that disagrees is larger than expected."""
 
@@ -70,7 +73,7 @@ def diagnose(estimate: Estimate) -> Diagnosis:
     ratios = tuple(_mean(scaled[settled, i] ** 2) for i in range(len(names)))
     correlations = tuple(_neighbours(scaled[settled, i]) for i in range(len(names)))
     since = tuple(_since(estimate.time, scaled[:, i]) for i in range(len(names)))
-    text = _text(names, ratios, correlations, since) + _undeclared(estimate)
+    text = _text(names, ratios, correlations, since) + _undeclared(estimate) + _hardly_compared(names, scaled)
     return Diagnosis(names, ratios, correlations, since, text)
 
 
@@ -85,6 +88,15 @@ def _undeclared(estimate: Estimate) -> str:
     if not found:
         return ""
     return f"; but friction that the rig does not have [SI]: {', '.join(found)} (set drives.*.friction, or a hand acts)"
+
+
+def _hardly_compared(names: tuple[str, ...], scaled: Floats) -> str:
+    """Return what to add where little of a channel could be compared: then little can disagree."""
+    shares = np.mean(np.isfinite(scaled), axis=0)
+    few = [f"{100 * share:.0f} % of {name}" for name, share in zip(names, shares) if share < SELDOM]
+    if not few:
+        return ""
+    return f"; but only {', '.join(few)} could be compared (missing, or the slider at a stop)"
 
 
 def _text(

@@ -222,7 +222,8 @@ def force_update(
         covariance = symmetric(
             covariance - ca.mtimes(gain, across.T) - ca.mtimes(across, gain.T) + ca.mtimes(gain, gain.T) * robust
         )
-        innovations.append(taken.innovation * mask)
+        # what is not compared (its slider at a stop) has no innovation
+        innovations.append(ca.if_else(mask > 0, taken.innovation, np.nan))
         spreads.append(spread)
     measured = [k for k, row in enumerate(rows) if row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))

@@ -78,7 +78,7 @@ class ParticleFilter(EnsembleFilter):
             [mean, covariance.ravel(), motions[: nd * MEMORY], np.zeros(nd), states.ravel(), kept.ravel(), logs]
         )
         measured = len(self.measured)
-        return following, (expected * masks[:, 0])[:measured], spread[:measured]
+        return following, np.where(masks[:, 0] > 0, expected, np.nan)[:measured], spread[:measured]
 
     def _again(
         self, states: Floats, kept: Floats, weights: Floats, mean: Floats, covariance: Floats, rng: np.random.Generator

@@ -35,7 +35,7 @@ class Estimate:
         means: (k, n), SI.
         covariances: (k, n, n).
         measured: names of the m channels with an innovation.
-        innovations: (k, m), NaN where missing.
+        innovations: (k, m), NaN where missing, or not compared (a force whose slider is at a stop).
         innovation_variances: (k, m).
         truth: true angle [rad], (k,), where it is known, else None.
     """

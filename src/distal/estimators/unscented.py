@@ -72,7 +72,7 @@ class UnscentedFilter(EnsembleFilter):
         covariance = (covariance + covariance.T) / 2
         following = np.concatenate([mean, covariance.ravel(), motions[: nd * MEMORY], after.mean(axis=1)])
         measured = len(self.measured)
-        return following, (expected * masks[:, 0])[:measured], spreads[:measured]
+        return following, np.where(masks[:, 0] > 0, expected, np.nan)[:measured], spreads[:measured]
 
     def _from_places(self, mean: Floats, before: Floats, motions: Floats, dt: float, noise: Floats) -> Floats:
         """Return the covariance of (θ, ω) that comes from the noise of the places, by differences."""
