@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import casadi as ca
@@ -23,7 +24,7 @@ from distal.sensors import variance
 Floats = NDArray[np.float64]
 
 
-class EnsembleFilter(KernelEstimator):
+class EnsembleFilter(KernelEstimator, ABC):
     """A filter that carries many states (particles, sigma points) through the model of `adaptive`.
 
     carry = (mean, covariance, memory of the drives, then what the filter itself remembers).
@@ -103,8 +104,9 @@ class EnsembleFilter(KernelEstimator):
     def _rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
         return with_places(*super()._rows(steps, samples), samples, len(self._channels.positions))
 
+    @abstractmethod
     def _advance(self, carry: Floats, row: Floats, key: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
-        raise NotImplementedError  # pragma: no cover
+        """Return the carry after a row, its innovations and their variances; random draws are seeded by `key`."""
 
     def _process_stds(self, dt: float) -> Floats:
         """Return the standard deviation that each state gains over an interval, (n,)."""

@@ -4,13 +4,13 @@ from distal.rig.drives import Capstan, CapstanFriction, Slider, SliderFriction, 
 from distal.rig.files import (
     build_rig,
     edited_text,
-    explain,
     load_rig,
     parse_toml,
     read_text,
     rig_text,
     shipped_rigs,
     template_text,
+    validated,
 )
 from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spring
 from distal.rig.overrides import parse_assignment, set_value
@@ -43,7 +43,6 @@ __all__ = [
     "build_rig",
     "edited_text",
     "effort_unit",
-    "explain",
     "inertia_of",
     "load_rig",
     "parse_assignment",
@@ -54,4 +53,5 @@ __all__ = [
     "set_value",
     "shipped_rigs",
     "template_text",
+    "validated",
 ]

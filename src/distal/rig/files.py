@@ -7,13 +7,15 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from distal.errors import DistalError, RigError, did_you_mean
 from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.rig import Rig
+
+Checked = TypeVar("Checked", bound=BaseModel)
 
 
 def shipped_rigs() -> tuple[str, ...]:
@@ -119,12 +121,24 @@ def build_rig(raw: Mapping[str, Any], source: str) -> Rig:
     Raises:
         RigError: something is wrong; one line that says where, what came and what is allowed.
     """
+    return validated(Rig, raw, source, RigError)
+
+
+def validated(kind: type[Checked], raw: Mapping[str, Any], source: str, error: type[DistalError]) -> Checked:
+    """Check a raw description of some kind; what is wrong is one line in an error of the kind's own.
+
+    Args:
+        kind: of description.
+        raw: as parsed.
+        source: its name in messages.
+        error: to raise.
+    """
     try:
-        return Rig.model_validate(raw)
+        return kind.model_validate(raw)
     except ValidationError as problem:
-        raise RigError(explain(problem, source, Rig)) from None
+        raise error(explain(problem, source, kind)) from None
     except RecursionError:
-        raise RigError(f"{source}: nested too deeply") from None
+        raise error(f"{source}: nested too deeply") from None
 
 
 def explain(problem: ValidationError, source: str, root: type[BaseModel]) -> str:

@@ -7,10 +7,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from distal.errors import RigError, ScenarioError, did_you_mean
-from distal.rig import Description, In, Rig, explain, load_rig, parse_assignment, parse_toml, read_text, set_value
+from distal.rig import Description, In, Rig, load_rig, parse_assignment, parse_toml, read_text, set_value, validated
 from distal.simulation.signals import Signal, SignalIn
 
 
@@ -139,10 +139,7 @@ def build_scenario(raw: Mapping[str, Any], source: str = "scenario") -> Scenario
     Raises:
         ScenarioError: something is wrong; one line that says where, what came and what is allowed.
     """
-    try:
-        return Scenario.model_validate(raw)
-    except ValidationError as problem:
-        raise ScenarioError(explain(problem, source, Scenario)) from None
+    return validated(Scenario, raw, source, ScenarioError)
 
 
 def scenario_rig(scenario: Scenario, assignments: Sequence[str] = ()) -> Rig:
