@@ -390,3 +390,32 @@ def test_what_is_not_compared_is_said() -> None:
     text = diagnose(result).text
     assert "could be compared" in text
     assert "could be compared" not in diagnose(estimate(log, rig)).text
+
+
+def test_a_drift_of_the_rig_file_is_how_a_parameter_walks() -> None:
+    """Friction that changes halfway is followed where it may walk, and kept where it may not."""
+
+    def rig(drift: float) -> Rig:
+        return paper_rig("as the rig").with_values({"joints.0.friction.coefficient.drift": drift})
+
+    name = "joints.0.friction.coefficient"
+    before, after = log_of("servo", "friction −20 %", 1), log_of("servo", "friction +20 %", 1)
+    log = Log(
+        np.concatenate([before.time, before.time[-1] + 0.01 + after.time]),
+        {key: np.concatenate([before.channels[key], after.channels[key]]) for key in before.channels},
+    )
+    kept, walked = (estimate(log, rig(drift)) for drift in (0.0, 0.1))
+    i = kept.state_names.index(name)
+    assert np.all(np.diff(kept.covariances[:, i, i]) <= 1e-12)
+    assert walked.covariances[-1, i, i] > 2 * kept.covariances[-1, i, i]
+    assert abs(walked.means[-1, i] - 0.6) < abs(kept.means[-1, i] - 0.6)
+
+
+def test_a_bias_may_walk_too() -> None:
+    log, base = log_of("servo", "as the rig", 0), paper_rig("as the rig")
+    ends = []
+    for drift in (0.0, 0.5):
+        result = estimate(log, base.with_values({"sensors.u1.bias": {"value": 0.0, "std": 1.0, "drift": drift}}))
+        i = result.state_names.index("bias_u1")
+        ends.append(result.covariances[-1, i, i])
+    assert ends[1] > 2 * ends[0]

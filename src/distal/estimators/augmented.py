@@ -32,7 +32,7 @@ FRICTION_DRIFT = 0.6
 """Its random walk, in standard deviations of the force sensor per √s."""
 
 DRIFT = 0.02
-"""Random walk of an uncertain parameter, in its standard deviations per √s."""
+"""Random walk of an uncertain parameter whose `drift` is not given, in its standard deviations per √s."""
 
 DIRTY = 0.1
 """A drive whose declared friction is below this at its nominal load [N, or N at the capstan's radius] is taken as clean."""
@@ -50,6 +50,7 @@ class ParameterState:
         factor: whether the state multiplies the parameters' values.
         mean: prior mean.
         std: prior standard deviation.
+        drift: random walk per √s.
         lowest: the state is kept at or above this.
     """
 
@@ -58,6 +59,7 @@ class ParameterState:
     factor: bool
     mean: float
     std: float
+    drift: float
     lowest: float
 
 
@@ -71,24 +73,26 @@ def parameter_states(mechanism: Mechanism, channels: Channels) -> tuple[Paramete
         channels: the sensors that are read.
     """
     p, states = mechanism.parameters, []
-    shared: dict[tuple[str, float], list[int]] = {}
+    shared: dict[tuple[str, float, float], list[int]] = {}
     for i, name in enumerate(p.names):
-        value, std = float(p.values[i]), float(p.stds[i])
+        value, std, drift = float(p.values[i]), float(p.stds[i]), float(p.drifts[i])
         if std == 0.0 or _without_effect(mechanism, channels, name, std):
             continue
         kind = name.split(".", 2)[2]
         if name.startswith("tendons.") and kind in ("stiffness", "damping") and value > 0.0:
-            shared.setdefault((kind, round(std / value, 9)), []).append(i)
+            walk = DRIFT * std if np.isnan(drift) else drift
+            shared.setdefault((kind, round(std / value, 9), round(walk / value, 9)), []).append(i)
             continue
         mean, spread, lowest = value, std, -np.inf
         if not name.endswith("angle"):
             mean, spread = cut_normal(value, std)
             lowest = 0.01 * spread
-        states.append(ParameterState(name, (i,), False, mean, spread, lowest))
-    for (kind, relative), indices in shared.items():
+        walk = DRIFT * spread if np.isnan(drift) else drift
+        states.append(ParameterState(name, (i,), False, mean, spread, walk, lowest))
+    for (kind, relative, walk), indices in shared.items():
         mean, spread = cut_normal(1.0, relative)
         name = p.names[indices[0]] if len(indices) == 1 else f"tendons.{kind}"
-        states.append(ParameterState(f"{name}.factor", tuple(indices), True, mean, spread, 0.05))
+        states.append(ParameterState(f"{name}.factor", tuple(indices), True, mean, spread, walk, 0.05))
     return tuple(states)
 
 
@@ -183,7 +187,7 @@ class AugmentedState:
             names, means, stds = [*names, "external_torque"], [*means, 0.0], [*stds, self.torque.std]
         self.parameters_at = len(names)
         for state in self.parameters:
-            self.drifts[len(names)] = DRIFT * state.std
+            self.drifts[len(names)] = state.drift
             names, means, stds = [*names, state.name], [*means, state.mean], [*stds, state.std]
         self.weights_at: dict[int, tuple[int, Floats]] = {}
         self.places_at: dict[int, int] = {}
@@ -212,6 +216,8 @@ class AugmentedState:
         for sensor in (*channels.forces, *channels.tensions):
             width = float(np.hypot(sensor.bias.std, np.sqrt(systematic_variance(sensor))))
             if width > 0.0:
+                if sensor.bias.drift is not None:
+                    self.drifts[len(names)] = sensor.bias.drift
                 self._biases[sensor.name] = len(names)
                 names, means, stds = [*names, f"bias_{sensor.name}"], [*means, 0.0], [*stds, width]
         self.names = tuple(names)

@@ -17,7 +17,9 @@ _NOT_DYNAMIC = frozenset({"initial", "nominal_force"})
 
 
 class Parameters:
-    """The numbers in the equations of motion: names (paths as in ``--set``), values, standard deviations, symbols.
+    """The numbers in the equations of motion: names (paths as in ``--set``), values, stds, drifts, symbols.
+
+    A drift that is not given is NaN.
 
     A parameter that is zero with ``std = 0``, and an exponent of exactly one, are constants of the expressions:
     what a rig does not have costs nothing.
@@ -31,6 +33,7 @@ class Parameters:
         names: list[str] = []
         values: list[float] = []
         stds: list[float] = []
+        drifts: list[float] = []
         for name, parameter in _walk(rig):
             if parameter.absent or (name.endswith(".exponent") and (parameter.value, parameter.std) == (1.0, 0.0)):
                 self._constants[name] = parameter.value
@@ -38,9 +41,11 @@ class Parameters:
                 names.append(name)
                 values.append(parameter.value)
                 stds.append(parameter.std)
+                drifts.append(np.nan if parameter.drift is None else parameter.drift)
         self.names = tuple(names)
         self.values: NDArray[np.float64] = np.array(values)
         self.stds: NDArray[np.float64] = np.array(stds)
+        self.drifts: NDArray[np.float64] = np.array(drifts)
         self.symbols: Any = ca.SX.sym("p", len(names))
         self._index = {name: i for i, name in enumerate(names)}
 

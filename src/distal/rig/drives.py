@@ -48,7 +48,7 @@ class Slider(Description):
     stop_damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(
         Parameter(value=3.0), description="viscous damping in the stops b_s"
     )
-    nominal_force: Annotated[Parameter, In("N")] = Field(
+    nominal_force: Annotated[Parameter, In("N", drifts=False)] = Field(
         Parameter(value=0.0), description="the usual pull, taken where no force is measured"
     )
 
@@ -76,7 +76,7 @@ class Capstan(Description):
     stop_damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
         Parameter(value=0.1), description="viscous damping in the stops"
     )
-    nominal_force: Annotated[Parameter, In("N m")] = Field(
+    nominal_force: Annotated[Parameter, In("N m", drifts=False)] = Field(
         Parameter(value=0.0), description="the usual torque, taken where no torque is measured"
     )
 

@@ -74,7 +74,7 @@ class Joint(Description):
     damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
         Parameter(value=0.0), description="viscous damping b_θ"
     )
-    initial: Annotated[Parameter, In("rad")] = Field(
+    initial: Annotated[Parameter, In("rad", drifts=False)] = Field(
         Parameter(value=0.0), description="angle at the log's first sample"
     )
     friction: JointFriction | None = Field(None, description="Coulomb friction at the axle")

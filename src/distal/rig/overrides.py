@@ -71,7 +71,7 @@ def set_value(raw: Any, path: str, value: object, error: type[DistalError]) -> N
 
 
 def _merged(old: object, new: object) -> object:
-    if isinstance(old, MutableMapping) and set(old) <= {"value", "std"} and "value" in old:
+    if isinstance(old, MutableMapping) and set(old) <= {"value", "std", "drift"} and "value" in old:
         if isinstance(new, MutableMapping) and new:
             return {**old, **new}
         old["value"] = new

@@ -25,13 +25,15 @@ class Description(BaseModel):
 
 
 class Parameter(Description):
-    """A physical parameter: value and the standard deviation of what is not known about it, both SI.
+    """A physical parameter: value, the standard deviation of what is not known about it, and its random walk, all SI.
 
+    The walk is `drift` per √s; None leaves its size to the estimator.
     A parameter that is exactly zero with ``std = 0`` does not exist for the model: its terms are left out.
     """
 
     value: float
     std: float = 0.0
+    drift: float | None = None
 
     @property
     def absent(self) -> bool:
@@ -43,12 +45,13 @@ class Parameter(Description):
 class In:
     """Annotation of a field: its SI unit and its bound; it reads bare numbers as SI and text with a unit.
 
-    On a `Parameter` it also reads ``{ value = …, std = … }`` (std may be a percentage of the value), on a pair
-    of floats an interval [low, high].
+    On a `Parameter` it also reads ``{ value = …, std = …, drift = … }`` (std and drift may be percentages of the
+    value), on a pair of floats an interval [low, high]. Where `drifts` is False the parameter cannot walk.
     """
 
     si: str
     bound: Bound = "any"
+    drifts: bool = True
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Put the reader in front of pydantic's own check of the field."""
@@ -67,24 +70,34 @@ class In:
 
     def _parameter(self, raw: object) -> object:
         if isinstance(raw, Parameter):
-            raw = {"value": raw.value, "std": raw.std}
+            raw = raw.model_dump()
         if not isinstance(raw, Mapping):
             return {"value": self._scalar(raw), "std": 0.0}
         for key in raw:
-            if key not in ("value", "std"):
-                raise UnitError(f"unknown key '{key}'{did_you_mean(str(key), ['value', 'std'])}")
+            if key not in ("value", "std", "drift"):
+                raise UnitError(f"unknown key '{key}'{did_you_mean(str(key), ['value', 'std', 'drift'])}")
         if "value" not in raw:
             raise UnitError("has no 'value'; write { value = …, std = … }")
-        value, std = self._scalar(raw["value"]), raw.get("std", 0.0)
-        if isinstance(std, str) and std.strip().endswith("%"):
-            spread = to_si(std, "") * abs(value)
+        value = self._scalar(raw["value"])
+        std, drift = self._spread("std", raw.get("std", 0.0), value), None
+        if raw.get("drift") is not None:
+            drift = self._spread("drift", raw["drift"], value)
+            if not self.drifts:
+                raise UnitError("has no drift: it is a start, or read only where nothing else is; remove 'drift'")
+            if std == 0.0 and drift > 0.0:
+                raise UnitError(f"drift needs a std: what is certain does not walk, drift = {drift:g} came without one")
+        return {"value": value, "std": std, "drift": drift}
+
+    def _spread(self, key: str, raw: object, value: float) -> float:
+        if isinstance(raw, str) and raw.strip().endswith("%"):
+            spread = to_si(raw, "") * abs(value)
         else:
-            spread = to_si(std, self.si)
+            spread = to_si(raw, self.si)
         if spread > LARGEST:
-            raise UnitError(f"std must be at most {LARGEST:g}, {spread:g} came")
+            raise UnitError(f"{key} must be at most {LARGEST:g}, {spread:g} came")
         if spread < 0.0:
-            raise UnitError(f"std must not be negative, {spread:g} came")
-        return {"value": value, "std": spread}
+            raise UnitError(f"{key} must not be negative, {spread:g} came")
+        return spread
 
     def _interval(self, raw: object) -> object:
         if not isinstance(raw, (list, tuple)) or len(raw) != 2:
