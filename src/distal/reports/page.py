@@ -7,7 +7,7 @@ from html import escape
 
 _STYLE = """
 :root { color-scheme: light; --ink: #1b1f24; --soft: #57606a; --line: #d8dee4; --yes: #00634a; --no: #a63c00; }
-body { font: 16px/1.55 Georgia, 'Times New Roman', serif; color: var(--ink); max-width: 60rem; margin: 2.5rem auto;
+body { font: 16px/1.55 Georgia, 'Times New Roman', serif; color: var(--ink); max-width: 64rem; margin: 2.5rem auto;
   padding: 0 1.2rem; background: #fff; }
 h1, h2 { font-family: system-ui, sans-serif; line-height: 1.25; } h1 { font-size: 1.7rem; margin-bottom: .3rem; }
 h2 { font-size: 1.2rem; margin-top: 2.4rem; } .lead { color: var(--soft); font-size: 1.05rem; }
@@ -16,7 +16,7 @@ table { border-collapse: collapse; width: 100%; font: .86rem/1.4 system-ui, sans
 th { text-align: left; border-bottom: 2px solid var(--ink); padding: .35rem .5rem; }
 td { border-bottom: 1px solid var(--line); padding: .35rem .5rem; vertical-align: top; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-.yes { color: var(--yes); } .no { color: var(--no); } .verdict { font-weight: 600; white-space: nowrap; }
+.yes { color: var(--yes); } .no { color: var(--no); } .verdict { font-weight: 600; display: inline-block; min-width: 8rem; }
 .why { color: var(--soft); } code { font-size: .9em; } .scroll { overflow-x: auto; }
 @media print { body { margin: 0; max-width: none; } h2 { break-after: avoid; } figure, tr { break-inside: avoid; } }
 """
