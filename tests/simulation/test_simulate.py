@@ -199,3 +199,11 @@ def test_a_rig_beside_the_scenario(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(rig_text("paper-2008")[0], encoding="utf-8")
     path = scenario(EXAMPLE.replace('"paper-2008"', '"mine.toml"'), tmp_path)
     assert scenario_rig(load_scenario(path)) == load_rig("paper-2008")
+
+
+def test_a_scenario_nested_too_deeply_is_one_line() -> None:
+    weight: list[object] = [0]
+    for _ in range(20_000):
+        weight = [weight]
+    with pytest.raises(ScenarioError, match=r"^scenario: nested too deeply$"):
+        build_scenario({"rig": "paper-2008", "duration": "1 s", "drives": {"left": {"weight": weight}}})
