@@ -79,7 +79,7 @@ def runge_kutta(mechanism: Mechanism, count: int, width: float = 0.01) -> Step:
     tensions = mechanism.tensions(q, v)
     widths = ca.DM([width, *(width * 9.53e-3 for _ in range(n - 1))])
     force = -ca.mtimes(mechanism.length_jacobian(q).T, tensions) + effort - mechanism.dampings() * v
-    force -= mechanism.friction_limits(tensions) * ca.tanh(v / widths)
+    force -= ca.vertcat(*(limit.mean for limit in mechanism.friction_limits(q, v, tensions))) * ca.tanh(v / widths)
     for i, body in enumerate(mechanism.bodies):
         if body.has_stops:
             path = body.path

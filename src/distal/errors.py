@@ -30,6 +30,10 @@ class EstimationError(DistalError):
     """An estimator cannot run on this rig or this sample."""
 
 
+class FitError(DistalError):
+    """A rig cannot be fitted to these logs."""
+
+
 class OutputError(DistalError):
     """A file could not be written; whatever stood there before is unchanged."""
 

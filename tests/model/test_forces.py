@@ -9,7 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from distal import Rig, load_rig
-from distal.model import Mechanism, angle_at, elongation, free_response, restitution, soft, stop_force
+from distal.model import (
+    Insertion,
+    Mechanism,
+    angle_at,
+    capstan_limit,
+    elongation,
+    free_response,
+    restitution,
+    soft,
+    stop_force,
+    stretched,
+    stribeck,
+)
 from tests.helpers import NaiveRig, finite_difference
 
 ANGLE = st.floats(-1.2, 1.2)
@@ -23,7 +35,7 @@ def evaluate(mechanism: Mechanism) -> ca.Function:
     outputs = [
         tensions,
         force,
-        mechanism.friction_limits(tensions),
+        ca.vertcat(*(limit.up for limit in mechanism.friction_limits(q, v, tensions))),
         mechanism.elongations(q),
         mechanism.passive_forces(q),
     ]
@@ -107,17 +119,15 @@ def test_capstan_winds_one_tendon_and_pays_out_the_other() -> None:
     np.testing.assert_allclose(tensions, [20 + k * (radius * s - r * theta), 20 - k * (radius * s - r * theta)])
 
 
-@given(ANGLE, PLACE, st.sampled_from([1, -1]), st.sampled_from(["pinned", "pulley"]))
+@given(ANGLE, PLACE, st.sampled_from([1, -1]), st.sampled_from(["pinned", "pulley", "linkage"]))
 def test_angle_at_is_the_inverse_of_elongation(theta: float, x: float, side: int, kind: str) -> None:
-    r, length = 9.53e-3, 0.375
-    stretched = float(ca.evalf(elongation(kind, ca.DM(theta), ca.DM(x), side, r, length)))
-    assert float(ca.evalf(ca.SX(angle_at(kind, stretched, ca.DM(x), side, r, length)))) == pytest.approx(
-        theta, abs=1e-9
-    )
+    insertion = Insertion(kind, side, 9.53e-3, 0.375, (0.3, 0.2, -0.1))  # type: ignore[arg-type]
+    longer = float(ca.evalf(elongation(insertion, ca.DM(theta), ca.DM(x))))
+    assert float(ca.evalf(ca.SX(angle_at(insertion, longer, ca.DM(x))))) == pytest.approx(theta, abs=1e-9)
 
 
 def test_an_impossible_length_gives_the_nearest_angle() -> None:
-    far = float(ca.evalf(ca.SX(angle_at("pinned", 0.0, ca.DM(0.05), 1, 9.53e-3, 0.375))))
+    far = float(ca.evalf(ca.SX(angle_at(Insertion("pinned", 1, 9.53e-3, 0.375), 0.0, ca.DM(0.05)))))
     assert np.isfinite(far)
     assert np.rad2deg(far) == pytest.approx(90.0, abs=3.0)
 
@@ -209,3 +219,59 @@ def test_soft_moments_are_those_of_a_normal_distribution(z: float, limit: float,
     assert float(moments.slope) == pytest.approx(float(np.sum(weights * (np.abs(z + std * x) > limit))), abs=2e-3)
     rest = float(np.sum(weights * (values - mean) ** 2)) - (float(moments.slope) * std) ** 2
     assert float(moments.rest) == pytest.approx(max(rest, 0.0), abs=1e-5)
+
+
+@given(st.floats(-4e-3, 12e-3), st.floats(1e-9, 800.0))
+def test_stiffness_grows_with_tension(delta: float, a: float) -> None:
+    """dT/dδ = k + a (T − T_pre) up to where the curve goes on straight, and T = k δ as a goes to 0."""
+    k, step = 2e4, 1e-7
+    tension = ca.Function("T", [x := ca.SX.sym("x")], [k * stretched(x, ca.SX(a))])
+    here, slope = float(tension(delta)), float(tension(delta + step) - tension(delta - step)) / (2 * step)
+    assert slope == pytest.approx(min(k + a * here, k * np.exp(2.0)), rel=2e-4)
+    if a < 1e-6:
+        assert here == pytest.approx(k * delta, rel=1e-6, abs=1e-12)
+
+
+@given(st.floats(-1.5, 1.5))
+def test_the_arm_of_a_linkage_is_the_slope_of_its_excursion(theta: float) -> None:
+    """r (1 + s u + c u²), and no excursion at θ = 0."""
+    r, centre, slope, curvature = 5e-3, 0.4, 0.3, -0.2
+    insertion = Insertion("linkage", 1, r, None, (centre, slope, curvature))
+    angle = ca.SX.sym("angle")
+    drawn = -elongation(insertion, angle, 0)
+    function = ca.Function("e", [angle], [drawn, ca.jacobian(drawn, angle)])
+    u = theta - centre
+    assert float(function(theta)[1]) == pytest.approx(r * (1 + slope * u + curvature * u * u), rel=1e-9)
+    assert float(function(0.0)[0]) == pytest.approx(0.0, abs=1e-15)
+
+
+@given(st.floats(0, 50), st.floats(0, 0.5), st.floats(0, 6))
+def test_friction_along_a_path_is_the_capstan_equation(tension: float, mu: float, wrap: float) -> None:
+    """The drive feels T e^{μβ} when it draws the tendon in, T e^{−μβ} when it lets it out."""
+    limit = capstan_limit(ca.DM(tension), mu, wrap)
+    assert tension + float(limit.up) == pytest.approx(tension * np.exp(mu * wrap))
+    assert tension - float(limit.down) == pytest.approx(tension * np.exp(-mu * wrap))
+
+
+def test_stiction_fades_with_speed() -> None:
+    assert float(stribeck(ca.DM(0.0), 0.4, 0.1)) == pytest.approx(1.4)
+    assert float(stribeck(ca.DM(0.1), 0.4, 0.1)) == pytest.approx(1 + 0.4 / np.e)
+    assert float(stribeck(ca.DM(-5.0), 0.4, 0.1)) == pytest.approx(1.0)
+
+
+def test_a_capstan_draws_in_one_tendon_and_lets_out_the_other() -> None:
+    """Friction along the paths at + is R (T₁ (e^{μβ} − 1) + T₂ (1 − e^{−μβ})), at − the other way round."""
+    path = {"friction": 0.1, "wrap": 3.0, "wrap_slope": 0.5}
+    values = {"tendons.0.path": path, "tendons.1.path": path, "drives.0.friction.load": 0.0}
+    mechanism = Mechanism(load_rig("capstan-joint").with_values({**values, "drives.0.friction.constant.value": 0.01}))
+    q, v, p = ca.SX.sym("q", 2), ca.SX.sym("v", 2), mechanism.parameters
+    tensions = mechanism.tensions(q, v)
+    limit = mechanism.friction_limits(q, v, tensions)[1]
+    function = ca.Function("limits", [q, v, p.symbols], [tensions, limit.up, limit.down])
+    t, up, down = (np.array(part).ravel() for part in function([0.2, 0.35], [0, 0], p.values))
+    rubs, radius = 0.1 * (3.0 + 0.5 * 0.2), 5e-3
+    load = float(p.values[p.names.index("drives.0.friction.load")]) if "drives.0.friction.load" in p.names else 0.0
+    own = 0.01 + load * radius * t.sum()
+    assert up[0] == pytest.approx(own + radius * (t[0] * np.expm1(rubs) - t[1] * np.expm1(-rubs)))
+    assert down[0] == pytest.approx(own + radius * (t[1] * np.expm1(rubs) - t[0] * np.expm1(-rubs)))
+    assert up[0] != pytest.approx(down[0])

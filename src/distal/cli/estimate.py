@@ -9,8 +9,8 @@ import numpy as np
 import typer
 
 from distal.cli.console import say, table
-from distal.cli.options import PlotOption, RigOption, SetOption
-from distal.errors import OutputError
+from distal.cli.options import PlotOption, RigOption, SetOption, seconds
+from distal.errors import EstimationError, OutputError
 
 if TYPE_CHECKING:
     from distal.estimators import Estimate
@@ -33,6 +33,10 @@ def estimate_command(
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Write the adaptive estimate smoothed over the whole log (offline).")
     ] = False,
+    homing: Annotated[
+        str | None,
+        typer.Option("--homing", help="Use the reference for so long (e.g. 3s), then only check against it."),
+    ] = None,
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log; where the truth is known, compare all estimators with it."""
@@ -47,15 +51,19 @@ def estimate_command(
     _describe(data, description)
     usual = [DEFAULT, *(name for name in ESTIMATORS if name not in SLOW)] if "theta" in data.truth else [DEFAULT]
     names = list(dict.fromkeys(estimator or usual))
-    results = [estimate(data, description, name, passes) for name in names]
+    home = seconds(homing) if homing is not None else None
+    results = [estimate(data, description, name, passes, homing=home) for name in names]
     if smooth:
+        if home is not None:
+            raise EstimationError("--smooth uses the whole log and --homing its beginning; give one of them")
         results.insert(0, smoothed(data, description))
     if out is not None:
         write_columns(results[0].columns(), out)
     if plot is not None:
         results[0].plot(plot) if estimator is None else _plot(results, plot)
     if "theta" in data.truth:
-        say(f"truth: {data.truth_source}")
+        used = f"; used for the first {home:g} s, compared with afterwards" if home is not None else ""
+        say(f"truth: {data.truth_source}{used}")
         _compare(results)
     final = results[0]
     half = np.rad2deg(1.96 * float(np.median(final.theta_std)))

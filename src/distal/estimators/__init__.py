@@ -1,13 +1,15 @@
 """Estimators behind one contract: belief and sample in, belief and innovation out."""
 
 from distal.estimators.adaptive import AdaptiveFilter
+from distal.estimators.augmented import parameter_states
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import Belief, Estimator, Innovation, KernelEstimator
 from distal.estimators.diagnosis import Diagnosis, diagnose
-from distal.estimators.estimate import estimate, first_values, samples_of
+from distal.estimators.estimate import HOMED, estimate, first_values, samples_of, with_channel
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise, state_units
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.particle import ParticleFilter
+from distal.estimators.reference import TRUTH_NOISE, with_reference
 from distal.estimators.registry import DEFAULT, ESTIMATORS, SLOW, make_estimator
 from distal.estimators.result import BAND, Estimate
 from distal.estimators.smoothing import smooth
@@ -20,7 +22,9 @@ __all__ = [
     "DASHES",
     "DEFAULT",
     "ESTIMATORS",
+    "HOMED",
     "SLOW",
+    "TRUTH_NOISE",
     "AdaptiveFilter",
     "Belief",
     "Channels",
@@ -42,6 +46,7 @@ __all__ = [
     "first_values",
     "make_estimator",
     "paper_noise",
+    "parameter_states",
     "plot_estimates",
     "plot_kind",
     "rig_noise",
@@ -49,4 +54,6 @@ __all__ = [
     "save_figure",
     "smooth",
     "state_units",
+    "with_channel",
+    "with_reference",
 ]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from copy import copy
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +16,7 @@ from distal.estimators.full_state import UNKNOWN_PLACE
 from distal.estimators.motion import MEMORY
 from distal.kernels import Kernel
 from distal.model import Mechanism
-from distal.rig import Rig
+from distal.rig import Rig, Sensor
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +73,8 @@ class AdaptiveFilter(KernelEstimator):
         ideal: leave out all that guards against a wrong model; for bounds.
         trace: keep what a smoother needs.
         name: of the estimator.
+        reference: a sensor of the joint's angle that is read too, while it is known (homing, fitting).
+        given: numbers of the description that are inputs of its kernel and no states (fitting).
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -83,13 +88,15 @@ class AdaptiveFilter(KernelEstimator):
         ideal: bool = False,
         trace: bool = False,
         name: str = "adaptive",
+        reference: Sensor | None = None,
+        given: Sequence[str] = (),
     ) -> None:
-        self._mechanism, self._channels = Mechanism(rig), channels_of(rig, name)
+        self._mechanism, self._channels = Mechanism(rig, given), channels_of(rig, name, reference)
         self._augmented = AugmentedState(self._mechanism, self._channels)
         interval = self._channels.interval
         count = max(1, int(np.ceil(interval / LONGEST_SUBSTEP - 1e-9)))
         function = adaptive_function(self._augmented, count, updates, ideal, trace)
-        forces = tuple(sensor.name for sensor in (*self._channels.forces, *self._channels.tensions))
+        forces = tuple(sensor.name for sensor in self._channels.compared)
         super().__init__(
             name,
             rig,
@@ -106,8 +113,62 @@ class AdaptiveFilter(KernelEstimator):
         return with_places(*super()._rows(steps, samples), samples, len(self._channels.positions))
 
     def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
-        augmented = self._augmented
-        return augmented.means, np.diag(augmented.stds**2), prior_memory(self.rig, self._channels, sample)
+        augmented, means = self._augmented, self._augmented.means.copy()
+        for i, at in augmented.transmitted_at.items():
+            sensor = sensor_for(self._channels.forces, self.rig.drives[i].name)
+            read = np.nan if sensor is None else sample[self._channels.names.index(sensor.name)] - sensor.bias.value
+            means[at] = read if np.isfinite(read) else means[at]
+        return means, np.diag(augmented.stds**2), prior_memory(self.rig, self._channels, sample)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the kernel's parameters, (n_p,)."""
+        return self._mechanism.parameters.names
+
+    @property
+    def parameter_values(self) -> Floats:
+        """Values of the kernel's parameters, (n_p,), a copy."""
+        return np.array(self._mechanism.parameters.values)
+
+    def rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
+        """Return the kernel's rows (dt, values, mask), bridges included, and the index of each sample's own row.
+
+        Args:
+            steps: intervals before the samples [s], (k,).
+            samples: values of `channels`, NaN where missing, (k, n_channels).
+        """
+        return self._rows(steps, samples)
+
+    def innovations(self, ys: Floats, samples: Floats) -> tuple[Floats, Floats]:
+        """Return innovations and variances, (k, m) each, from what the kernel put out.
+
+        Args:
+            ys: the kernel's output at the samples, (k, n_y).
+            samples: values of `channels`, (k, n_channels).
+        """
+        return self._innovations(ys, samples)
+
+    def with_prior(self, values: Mapping[str, float]) -> AdaptiveFilter:
+        """Return the same filter, kernel included, that begins where the rig with other values would.
+
+        Args:
+            values: path → number, as `Rig.with_values`.
+        """
+        rig = self.rig.with_values(values)
+        other = copy(self)
+        other.rig = rig
+        other._augmented = AugmentedState(Mechanism(rig, self._mechanism.parameters.given), self._channels_in(rig))
+        return other
+
+    def _channels_in(self, rig: Rig) -> Channels:
+        """Return the same channels with the sensors as another rig describes them."""
+        sensors = {sensor.name: sensor for sensor in rig.sensors}
+
+        def same(group: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
+            return tuple(sensors.get(sensor.name, sensor) for sensor in group)
+
+        held = self._channels
+        return Channels(same(held.positions), same(held.forces), same(held.tensions), same(held.angles))
 
     @property
     def prior_stds(self) -> Floats:

@@ -207,24 +207,114 @@ class AugmentedState:
             means, stds = [*means, *np.zeros(len(spread))], [*stds, *spread]
         for i, drive in enumerate(rig.drives):
             sensor = sensor_for(channels.forces, drive.name)
-            if sensor is not None and self.is_clean(i):
+            if sensor is not None and drive.hysteresis is None and self.is_clean(i):
                 self.friction_at[i] = len(names)
                 self.drifts[len(names)] = FRICTION_DRIFT * float(np.sqrt(variance(sensor)))
                 names, means = [*names, f"friction_{drive.name}"], [*means, 0.0]
                 stds = [*stds, UNKNOWN_FRICTION * float(np.sqrt(variance(sensor)))]
-        self._biases: dict[str, int] = {}
-        for sensor in (*channels.forces, *channels.tensions):
+        self.transmitted_at: dict[int, int] = {}
+        self.considered: dict[int, int] = {}
+        for i, drive in enumerate(rig.drives):
+            sensor = sensor_for(channels.forces, drive.name)
+            if sensor is not None and drive.hysteresis is not None:
+                self.transmitted_at[i] = len(names)
+                # the friction is anywhere within its limits: see `AdaptiveFilter`, which puts the first reading here
+                names, means = [*names, f"transmitted_{drive.name}"], [*means, drive.nominal_force.value]
+                stds = [*stds, float(np.hypot(self._hysteresis(i) / np.sqrt(3.0), np.sqrt(variance(sensor))))]
+                if drive.hysteresis.error > 0.0:
+                    self.considered[i] = len(names)
+                    names, means = [*names, f"transmission_error_{drive.name}"], [*means, 0.0]
+                    stds = [*stds, drive.hysteresis.error]
+        self.bias_at: dict[str, int] = {}
+        self.wandering: dict[int, Sensor] = {}
+        for sensor in channels.compared:
             width = float(np.hypot(sensor.bias.std, np.sqrt(systematic_variance(sensor))))
             if width > 0.0:
-                if sensor.bias.drift is not None:
+                if sensor.measures == "angle" and sensor.bias.drift:
+                    self.wandering[len(names)] = sensor
+                elif sensor.bias.drift is not None:
                     self.drifts[len(names)] = sensor.bias.drift
-                self._biases[sensor.name] = len(names)
+                self.bias_at[sensor.name] = len(names)
                 names, means, stds = [*names, f"bias_{sensor.name}"], [*means, 0.0], [*stds, width]
         self.names = tuple(names)
         self.means, self.stds = np.array(means), np.array(stds)
 
+    def _hysteresis(self, drive: int) -> float:
+        """Return the limit of a drive's hysteresis [N or N m] at pre-tension, with the joint where it starts."""
+        mechanism = self.mechanism
+        tensions = ca.DM([tendon.pretension.value for tendon in mechanism.rig.tendons])
+        q = ca.vertcat(mechanism.rig.joints[0].initial.value, ca.DM.zeros(mechanism.n_drives))
+        limit = mechanism.hysteresis_limit(drive, q, tensions)
+        p = mechanism.parameters
+        return float(ca.Function("limit", [p.symbols], [limit])(p.values))
+
     def __len__(self) -> int:
         return len(self.names)
+
+    def number(self, path: str, otherwise: float) -> Any:
+        """Return a number of the description: an input of the filter where it is given, else a constant.
+
+        Args:
+            path: of the number.
+            otherwise: its value.
+        """
+        p = self.mechanism.parameters
+        return p[path] if path in p.given else otherwise
+
+    def noise(self, sensor: Sensor) -> Any:
+        """Return the variance of a sensor's random error, σ² + Δ²/12.
+
+        Args:
+            sensor: one of the rig's.
+        """
+        sigma = self.number(f"{self._path(sensor)}.noise", sensor.noise)
+        return sigma * sigma + sensor.resolution**2 / 12.0
+
+    def offset(self, sensor: Sensor) -> Any:
+        """Return a sensor's constant offset as far as it is known.
+
+        Args:
+            sensor: one of the rig's.
+        """
+        return self.number(f"{self._path(sensor)}.bias", sensor.bias.value)
+
+    def _path(self, sensor: Sensor) -> str:
+        names = [each.name for each in self.mechanism.rig.sensors]
+        return f"sensors.{names.index(sensor.name)}"
+
+    def wander(self, sensor: Sensor) -> tuple[Any, Any]:
+        """Return std and drift of a reference's bias that wanders: a walk of `drift` per √s that stays within its std.
+
+        A first-order Gauss–Markov process: e^{−dt/τ} of it is left after dt, with τ = 2 σ²/drift². It is what the model's
+        angle and the joint's differ by, so that a moment's reference tells less than a long one.
+
+        Args:
+            sensor: one whose bias has a drift.
+        """
+        path = f"{self._path(sensor)}.bias"
+        std = self.number(f"{path}.std", float(np.hypot(sensor.bias.std, np.sqrt(systematic_variance(sensor)))))
+        return std, self.number(f"{path}.drift", sensor.bias.drift or 0.0)
+
+    def hysteresis_error(self, drive: int) -> tuple[Any, Any]:
+        """Return std and correlation time of what the play of a drive leaves out.
+
+        Args:
+            drive: its index.
+        """
+        path, hysteresis = f"drives.{drive}.hysteresis", self.mechanism.rig.drives[drive].hysteresis
+        assert hysteresis is not None  # else nothing is considered
+        error = self.number(f"{path}.error", hysteresis.error)
+        return error, self.number(f"{path}.error_time", hysteresis.error_time)
+
+    @property
+    def unmodelled(self) -> Any:
+        """Random torque that the model does not know, as the standard deviation of ω that it makes in 1 s [rad/s]."""
+        return self.number("joints.0.unmodelled", self.mechanism.rig.joints[0].unmodelled)
+
+    @property
+    def torque_std(self) -> Any:
+        """Standard deviation of the external torque [N m]."""
+        return self.number("joints.0.external_torque.std", self.mechanism.rig.joints[0].external_torque.std)
 
     def is_clean(self, drive: int) -> bool:
         """Return whether the rig declares so little friction at a drive that unknown friction must be looked for."""
@@ -243,7 +333,7 @@ class AugmentedState:
             sensor: its name.
             state: (n,).
         """
-        return state[self._biases[sensor]] if sensor in self._biases else ca.SX(0)
+        return state[self.bias_at[sensor]] if sensor in self.bias_at else ca.SX(0)
 
     def model_parameters(self, state: Any) -> Any:
         """Return the model's parameter vector at a state, (n_p,).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,22 +17,29 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Channels:
-    """The sensors of a rig by role; the joint's angle sensor is a reference and has none.
+    """The sensors of a rig by role; the joint's angle sensor has one only where a reference is asked for.
 
     Args:
         positions: of drives.
         forces: of drives (force or torque).
         tensions: of tendons.
+        angles: of joints; empty but while a reference is known (homing, fitting).
     """
 
     positions: tuple[Sensor, ...]
     forces: tuple[Sensor, ...]
     tensions: tuple[Sensor, ...]
+    angles: tuple[Sensor, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names in the order in which estimators read them: positions, tensions, forces."""
-        return tuple(sensor.name for sensor in (*self.positions, *self.tensions, *self.forces))
+        """Names in the order in which estimators read them: positions, tensions, forces, angles."""
+        return tuple(sensor.name for sensor in (*self.positions, *self.tensions, *self.forces, *self.angles))
+
+    @property
+    def compared(self) -> tuple[Sensor, ...]:
+        """The sensors whose values a displacement-driven filter compares: forces, tensions, angles."""
+        return (*self.forces, *self.tensions, *self.angles)
 
     @property
     def interval(self) -> float:
@@ -40,22 +47,25 @@ class Channels:
         return 1.0 / max(sensor.rate for sensor in (*self.positions, *self.tensions, *self.forces))
 
 
-def channels_of(rig: Rig, name: str) -> Channels:
+def channels_of(rig: Rig, name: str, reference: Sensor | None = None) -> Channels:
     """Return the sensors that estimators read.
 
     Args:
         rig: the description.
         name: of the estimator, for messages.
+        reference: a sensor of the joint's angle that is read too, while it is known.
 
     Raises:
         EstimationError: no drive's position is measured, two sensors measure the same, or a sensor has zero noise.
     """
     channels = Channels(rig.sensors_of("position"), rig.sensors_of("force"), rig.sensors_of("tension"))
+    if reference is not None:
+        channels = replace(channels, angles=(reference,))
     if not channels.positions:
         raise EstimationError(
             f"{name}: the rig '{rig.name}' has no sensor that measures the position of a drive; add one to [[sensors]]"
         )
-    for sensors in (channels.positions, channels.forces, channels.tensions):
+    for sensors in (channels.positions, channels.forces, channels.tensions, channels.angles):
         seen: dict[str, str] = {}
         for sensor in sensors:
             if sensor.of in seen:

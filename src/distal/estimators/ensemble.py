@@ -13,7 +13,7 @@ from distal.estimators.adaptive import LONGEST_SUBSTEP, prior_memory, with_place
 from distal.estimators.augmented import AugmentedState
 from distal.estimators.channels import channels_of, sensor_for
 from distal.estimators.contract import Belief, Innovation, KernelEstimator, innovation
-from distal.estimators.displacement_driven import UNMODELLED, follow_all
+from distal.estimators.displacement_driven import follow_all
 from distal.estimators.force_update import force_rows, friction_row
 from distal.estimators.motion import MEMORY
 from distal.logs import frozen
@@ -112,7 +112,7 @@ class EnsembleFilter(KernelEstimator, ABC):
         """Return the standard deviation that each state gains over an interval, (n,)."""
         augmented = self._augmented
         stds = np.zeros(len(augmented))
-        stds[1] = UNMODELLED * np.sqrt(dt)
+        stds[1] = augmented.mechanism.rig.joints[0].unmodelled * np.sqrt(dt)
         for i, drift in augmented.drifts.items():
             stds[i] = drift * np.sqrt(dt)
         if augmented.torque is not None:
@@ -243,7 +243,9 @@ def compare_function(augmented: AugmentedState) -> ca.Function:
             motions,
             row.residual,
             row.limit,
+            row.lean,
             row.variance,
+            flat,
             flat,
             flat,
             certain,

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
+from distal.estimators.adaptive import AdaptiveFilter
 from distal.estimators.contract import LARGEST_ANGLE, Belief, KernelEstimator
 from distal.estimators.full_state import FullStateFilter
+from distal.estimators.reference import check_homing, homed, with_reference
 from distal.estimators.registry import DEFAULT, make_estimator
 from distal.estimators.result import Estimate
 from distal.logs import Log, frozen, read_log
@@ -62,6 +64,7 @@ def estimate(
     passes: int = 1,
     truth: str | Path | None = None,
     compiled: bool = True,
+    homing: float | None = None,
 ) -> Estimate:
     """Estimate the joint angle over a log.
 
@@ -75,9 +78,11 @@ def estimate(
         passes: how often to filter; each pass starts with the last covariance of the one before, as in the 2008 paper.
         truth: where `log` is no `Log`: the true angle's column or file.
         compiled: compile kernels where possible.
+        homing: for how long the truth is a reference that is used [s]; afterwards it is only compared with. Filters of
+            the displacement-driven kind read it as a sensor, the others are shifted by their mean error.
 
     Raises:
-        EstimationError: the log lacks a sensor, or the estimator cannot run on this rig.
+        EstimationError: the log lacks a sensor, the estimator cannot run on this rig, or there is nothing to home by.
         LogError: the file cannot be read.
         RigError: the rig is unknown or wrong.
     """
@@ -87,13 +92,27 @@ def estimate(
     log = log if isinstance(log, Log) else read_log(log, rig, truth)
     if not isinstance(estimator, (str, KernelEstimator)):
         raise EstimationError(f"an estimator is a name or one from make_estimator, {estimator!r} came")
-    runner = make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
+    if homing is not None:
+        rig, reference = with_reference(rig, log)
+        check_homing(homing, log)
+    if homing is not None and estimator in HOMED:
+        runner: KernelEstimator = AdaptiveFilter(
+            rig, compiled, updates=HOMED[str(estimator)], name=str(estimator), reference=reference
+        )
+    else:
+        runner = make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
     if not isinstance(passes, int) or passes < 1:
         raise EstimationError(f"passes must be at least 1, {passes!r} came")
     if passes > 1 and not isinstance(runner, FullStateFilter):
         raise EstimationError(
             f"{runner.name} takes one pass; --passes is for the filters of the paper's kind (ekf-2008, ekf)"
         )
+    known = log.truth.get("theta")
+    if homing is not None and known is not None:
+        early = log.time - log.time[0] < homing
+        if estimator in HOMED:
+            log = with_channel(log, reference.name, np.where(early, known, np.nan))
+        known = np.where(early, np.nan, known)
     samples = samples_of(log, runner.channels, runner.name)
     belief = runner.initial(log.time[0], first_values(samples))
     for number in range(passes):
@@ -107,6 +126,11 @@ def estimate(
             )
         if number < passes - 1:
             belief = with_covariance(belief, covariances[-1])
+    if homing is not None and estimator not in HOMED:
+        means = means.copy()
+        means[:, 0] = homed(means[:, 0], log, homing)
+    # the reference is no sensor of the estimate: what it told is in the states
+    measured = runner.measured if homing is None or estimator not in HOMED else runner.measured[:-1]
     return Estimate(
         runner.name,
         rig.name,
@@ -114,11 +138,26 @@ def estimate(
         runner.state_names,
         frozen(means),
         frozen(covariances),
-        runner.measured,
-        frozen(innovations),
-        frozen(variances),
-        log.truth.get("theta"),
+        measured,
+        frozen(innovations[:, : len(measured)]),
+        frozen(variances[:, : len(measured)]),
+        known,
     )
+
+
+HOMED = {"adaptive": 1, "iterated": 3}
+"""Estimators that read a reference as a sensor, and how often they linearise an update."""
+
+
+def with_channel(log: Log, name: str, values: Floats) -> Log:
+    """Return the log with one more channel, or another one in its place.
+
+    Args:
+        log: the log.
+        name: of the channel.
+        values: SI, (k,).
+    """
+    return Log(log.time, {**log.channels, name: values}, log.truth, log.source, log.truth_source)
 
 
 def out_of_bounds(means: Floats, covariances: Floats) -> NDArray[np.intp]:

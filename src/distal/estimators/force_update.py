@@ -29,6 +29,9 @@ TURN_WEIGHT = 10.0
 MEAN_TIME = 0.1
 """Time constant of the mean residual of a force whose drive sticks [s]."""
 
+TIE = 0.3
+"""How closely the transmitted effort fits the tendons' pull, in standard deviations of the effort's sensor."""
+
 STICK_STD = 0.42
 """Standard deviation of a tension within its friction's limits, as a share of the limit."""
 
@@ -49,20 +52,24 @@ class ForceRow:
     Args:
         name: of its sensor, or of the drive where the pull is only nominal.
         residual: measured minus expected without friction.
-        limit: friction limit of the drive, 0 for a tension.
+        limit: friction limit of the drive, the mean of both directions, 0 for a tension.
+        lean: by how much the limit is larger against motion to +, and smaller against motion to −.
         variance: of the sensor.
         mask: 1 where it counts.
         drive: index of the drive, or None for a tension.
         measured: whether a sensor measures it; else the pull is nominal.
+        trusted: a reference, which is never taken as wild.
     """
 
     name: str
     residual: Any
     limit: Any
+    lean: Any
     variance: Any
     mask: Any
     drive: int | None
     measured: bool = True
+    trusted: bool = False
 
 
 def force_rows(augmented: AugmentedState, state: Any, motions: Any, speeds: Any, noise: Any, x: Any) -> list[ForceRow]:
@@ -89,15 +96,20 @@ def force_rows(augmented: AugmentedState, state: Any, motions: Any, speeds: Any,
     symbols = [ca.SX.sym("q", nb), ca.SX.sym("v", nb), p]
     tensions = mechanism.tensions(*symbols[:2])
     pulls = ca.mtimes(mechanism.length_jacobian(symbols[0]).T, tensions) + mechanism.dampings() * symbols[1]
-    outputs = [tensions, pulls, mechanism.friction_limits(tensions)]
+    friction = mechanism.friction_limits(symbols[0], symbols[1], tensions)
+    outputs = [
+        tensions,
+        pulls,
+        *(ca.vertcat(*(getattr(limit, part) for limit in friction)) for part in ("mean", "lean")),
+    ]
     outputs += [ca.jacobian(tensions, symbols[0]), ca.jacobian(pulls, symbols[0])]
     values = ca.Function("pulls", symbols, outputs)(q, v, augmented.model_parameters(state))
-    tensions, pulls, limits, tension_slopes, pull_slopes = values
+    tensions, pulls, limits, leans, tension_slopes, pull_slopes = values
     rows = []
     for i, drive in enumerate(mechanism.rig.drives):
         sensor, body = sensor_for(channels.forces, drive.name), nj + i
         spread = (noise[i] + _went_along(motions, i)) * pull_slopes[body, body] ** 2
-        limit = limits[body]
+        limit, lean = limits[body], leans[body]
         if i in augmented.friction_at:
             limit += state[augmented.friction_at[i]]
         free = _away_from_stops(augmented, i, motions[MEMORY * i])
@@ -106,21 +118,37 @@ def force_rows(augmented: AugmentedState, state: Any, motions: Any, speeds: Any,
             unsure = drive.nominal_force.std**2 * 2 * NOMINAL_TIME / dt
             known = float(drive.nominal_force.std > 0.0)
             residual = drive.nominal_force.value - pulls[body]
-            rows.append(ForceRow(drive.name, residual, limit, spread + unsure, known * free, i, measured=False))
+            rows.append(ForceRow(drive.name, residual, limit, lean, spread + unsure, known * free, i, measured=False))
             continue
         k = channels.names.index(sensor.name)
-        residual = x[1 + k] - sensor.bias.value - pulls[body] - augmented.bias(sensor.name, state)
-        own = variance(sensor)
-        rows.append(ForceRow(sensor.name, residual, limit, own + spread, x[1 + width + k] * free, i))
+        if i in augmented.transmitted_at:
+            damped = mechanism.dampings()[body] * speeds[i]
+            residual = state[augmented.transmitted_at[i]] - (pulls[body] - damped)
+            if i in augmented.considered:
+                residual += state[augmented.considered[i]]
+            own = TIE**2 * augmented.noise(sensor) + spread
+            rows.append(ForceRow(sensor.name, residual, ca.SX(0), ca.SX(0), own, x[1 + width + k] * free, None))
+            continue
+        residual = x[1 + k] - augmented.offset(sensor) - pulls[body] - augmented.bias(sensor.name, state)
+        own = augmented.noise(sensor)
+        rows.append(ForceRow(sensor.name, residual, limit, lean, own + spread, x[1 + width + k] * free, i))
     tendons = [tendon.name for tendon in mechanism.rig.tendons]
     for sensor in channels.tensions:
         k, t = channels.names.index(sensor.name), tendons.index(sensor.of)
         body = mechanism.drive_of[t]
-        own = variance(sensor) + tension_slopes[t, body] ** 2 * noise[body - nj]
-        residual = x[1 + k] - sensor.bias.value - tensions[t] - augmented.bias(sensor.name, state)
-        rows.append(ForceRow(sensor.name, residual, ca.SX(0), own, x[1 + width + k], None))
+        own = augmented.noise(sensor) + tension_slopes[t, body] ** 2 * noise[body - nj]
+        residual = x[1 + k] - augmented.offset(sensor) - tensions[t] - augmented.bias(sensor.name, state)
+        rows.append(ForceRow(sensor.name, residual, ca.SX(0), ca.SX(0), own, x[1 + width + k], None))
+    for sensor in channels.angles:
+        k = channels.names.index(sensor.name)
+        residual = x[1 + k] - augmented.offset(sensor) - state[0] - augmented.bias(sensor.name, state)
+        rows.append(
+            ForceRow(
+                sensor.name, residual, ca.SX(0), ca.SX(0), augmented.noise(sensor), x[1 + width + k], None, trusted=True
+            )
+        )
     # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
-    names = [sensor.name for sensor in (*channels.forces, *channels.tensions)]
+    names = [sensor.name for sensor in channels.compared]
     return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))
 
 
@@ -179,18 +207,18 @@ def force_update(
     symbol = ca.SX.sym("state", n)
     rows = force_rows(augmented, symbol, motions, speeds, noise, x)
     arguments = [symbol, motions, speeds, noise, x, augmented.mechanism.parameters.symbols]
-    values = ca.vertcat(*(ca.vertcat(row.residual, row.limit, row.variance, row.mask) for row in rows))
-    first = ca.vertcat(*(row.residual for row in rows)), ca.vertcat(*(row.limit for row in rows))
-    tables = ca.Function("rows", arguments, [values, ca.jacobian(first[0], symbol), ca.jacobian(first[1], symbol)])
+    values = ca.vertcat(*(ca.vertcat(row.residual, row.limit, row.lean, row.variance, row.mask) for row in rows))
+    first = [ca.vertcat(*(getattr(row, part) for row in rows)) for part in ("residual", "limit", "lean")]
+    tables = ca.Function("rows", arguments, [values, *(ca.jacobian(part, symbol) for part in first)])
 
     mean, kept = prior, [residuals[i] for i in range(nd)]
     innovations, spreads = [], []
     for k, row in enumerate(rows):
         point = prior
         for _ in range(updates):
-            table, slopes, limit_slopes = tables(point, *arguments[1:])
-            residual, limit, own, mask = (table[4 * k + j] for j in range(4))
-            slope, limit_slope = slopes[k, :], limit_slopes[k, :]
+            table, *slopes = tables(point, *arguments[1:])
+            residual, limit, lean, own, mask = (table[5 * k + j] for j in range(5))
+            slope, limit_slope, lean_slope = (part[k, :] for part in slopes)
             now = residual + ca.mtimes(slope, mean - point)
             allowed = ca.fmax(limit + ca.mtimes(limit_slope, mean - point), 0)
             taken = friction_row(
@@ -199,9 +227,11 @@ def force_update(
                 motions,
                 now,
                 allowed,
+                lean + ca.mtimes(lean_slope, mean - point),
                 own,
                 slope,
                 limit_slope,
+                lean_slope,
                 covariance,
                 kept,
                 mask,
@@ -210,9 +240,12 @@ def force_update(
             )
             across = ca.mtimes(covariance, taken.slope.T)
             spread = ca.mtimes(taken.slope, across) + taken.variance
-            robust = spread * (1 if ideal else ca.fmax(1, taken.innovation**2 / (WILD_FORCE * spread)))
-            point = mean + mask * across / robust * taken.innovation
-        gain = mask * across / robust
+            robust = spread * (1 if ideal or row.trusted else ca.fmax(1, taken.innovation**2 / (WILD_FORCE * spread)))
+            point = mean + ca.fmax(mask, 0) * across / robust * taken.innovation
+        # a mask of −1: compared, but not used
+        gain = ca.fmax(mask, 0) * across / robust
+        for at in augmented.considered.values():
+            gain[at] = 0  # considered, not estimated (Schmidt, 1966): what the model leaves out is no state to be found
         change = gain * taken.innovation
         if row.drive is not None:
             # a mean residual moves with the state; a count of samples does not
@@ -223,7 +256,7 @@ def force_update(
             covariance - ca.mtimes(gain, across.T) - ca.mtimes(across, gain.T) + ca.mtimes(gain, gain.T) * robust
         )
         # what is not compared (its slider at a stop) has no innovation
-        innovations.append(ca.if_else(mask > 0, taken.innovation, np.nan))
+        innovations.append(ca.if_else(mask != 0, taken.innovation, np.nan))
         spreads.append(spread)
     measured = [k for k, row in enumerate(rows) if row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
@@ -254,9 +287,11 @@ def friction_row(
     motions: Any,
     residual: Any,
     limit: Any,
+    lean: Any,
     own: Any,
     slope: Any,
     limit_slope: Any,
+    lean_slope: Any,
     covariance: Any,
     kept: list[Any],
     mask: Any,
@@ -270,10 +305,12 @@ def friction_row(
         drive: its index, None for a tension.
         motions: of all drives.
         residual: measured minus expected, without friction.
-        limit: friction limit.
+        limit: friction limit, the mean of both directions.
+        lean: by how much it is larger against motion to +.
         own: variance of the sensor.
         slope: of the residual with respect to the state, (1, n).
         limit_slope: of the limit, (1, n).
+        lean_slope: of the lean, (1, n).
         covariance: of the state, (n, n).
         kept: what is remembered of all drives' forces.
         mask: 1 where the force counts.
@@ -285,7 +322,7 @@ def friction_row(
         return TakenRow(residual, -slope, own + limit**2, held)
     sensor = sensor_for(augmented.channels.positions, augmented.mechanism.rig.drives[drive].name)
     assert sensor is not None  # else its place would be a state
-    read = variance(sensor)
+    read = augmented.noise(sensor)
     # motion over as long as the mean speed takes, against what noise alone would show
     span = MOTION_TIME / 2.5
     mean, square = span * motions[MEMORY * drive + 2], span**2 * motions[MEMORY * drive + 3]
@@ -309,8 +346,8 @@ def friction_row(
     sticking = STICK_WEIGHT if declared else ca.fmax(STICK_WEIGHT, held * held / STICK_WEIGHT)
     doubt = 0 if ideal else stuck * sticking + (1 - stuck) * (1 - direction**2) * weight
     sliding = TakenRow(
-        residual - direction * limit,
-        -(slope - direction * limit_slope),
+        residual - direction * limit - ca.fabs(direction) * lean,
+        -(slope - direction * limit_slope - ca.fabs(direction) * lean_slope),
         own + doubt * (limit**2 + unsure),
         ca.SX(0),
     )
@@ -318,16 +355,17 @@ def friction_row(
     average = ca.if_else(mask > 0, fade * kept[drive] + (1 - fade) * residual, kept[drive])
     if not declared:
         return TakenRow(sliding.innovation, sliding.slope, sliding.variance, held)
-    beyond = ca.fabs(average) > limit
     sign = ca.sign(average)
+    allowed = limit + sign * lean
+    beyond = ca.fabs(average) > allowed
     known = ca.mtimes(ca.mtimes(slope, covariance), slope.T)
     # inside the limits nothing moves the mean, but the tension is no less certain than the limits themselves
     bound = (STICK_STD * limit) ** 2 + own + unsure
     within = 1 / ca.fmax(1 / bound - 1 / ca.fmax(known, 1e-12), 1e-9)
     sticks = stuck > 0.5
-    clipped_slope = ca.if_else(beyond, -(slope - sign * limit_slope), -slope)
+    clipped_slope = ca.if_else(beyond, -(slope - sign * limit_slope - lean_slope), -slope)
     return TakenRow(
-        ca.if_else(sticks, ca.if_else(beyond, average - sign * limit, 0), sliding.innovation),
+        ca.if_else(sticks, ca.if_else(beyond, average - sign * allowed, 0), sliding.innovation),
         ca.if_else(sticks, clipped_slope, sliding.slope),
         ca.if_else(sticks, ca.if_else(beyond, own, within), sliding.variance),
         average,

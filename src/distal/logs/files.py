@@ -54,7 +54,8 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
     channels = {sensor.name: _in_si(sensor, table) for sensor in needed}
     known, origin = {}, ""
     if column is not None:
-        sensor, origin = references.get(column), f"column '{column}'"
+        sensor = references.get(column)
+        origin = f"column '{column}'" + (", the reference sensor" if sensor is not None else "")
         known["theta"] = table.columns[column] if sensor is None else _in_si(sensor, table)
     elif truth is not None:
         known["theta"], origin = read_truth(truth, time), str(truth)

@@ -8,17 +8,73 @@ from typing import Any
 import casadi as ca
 
 
+@dataclass(frozen=True)
+class Limit:
+    """What friction can take up: against motion to + and against motion to −, both ≥ 0.
+
+    They differ where a tendon rubs along its path: drawing it in takes more than letting it out gives back.
+
+    Args:
+        up: largest friction against positive velocity.
+        down: against negative velocity.
+    """
+
+    up: Any
+    down: Any
+
+    @property
+    def mean(self) -> Any:
+        """Return half the sum of both."""
+        return (self.up + self.down) / 2
+
+    @property
+    def lean(self) -> Any:
+        """Return half their difference: 0 where friction is the same in both directions."""
+        return (self.up - self.down) / 2
+
+    def times(self, factor: Any) -> Limit:
+        """Return both multiplied by a factor ≥ 0."""
+        return Limit(factor * self.up, factor * self.down)
+
+
 def soft(z: Any, limit: Any) -> Any:
-    """Return max(z − l, 0) + min(z + l, 0): the velocity left after friction of impulse l; zero means stick.
+    """Return max(z − l₊, 0) + min(z + l₋, 0): the velocity left after friction of impulse l; zero means stick.
 
     It is the exact solution v of z ∈ v + l · sgn(v) with the set-valued sgn(0) = [−1, 1]; its derivative is 0 in
     stick and 1 in slip. A stuck body does not creep, whatever the step.
 
     Args:
         z: velocity without friction.
-        limit: friction limit as a velocity, b · μN ≥ 0.
+        limit: friction limit as a velocity, b · μN ≥ 0; a `Limit` where it depends on the direction.
     """
-    return ca.fmax(z - limit, 0) + ca.fmin(z + limit, 0)
+    up, down = (limit.up, limit.down) if isinstance(limit, Limit) else (limit, limit)
+    return ca.fmax(z - up, 0) + ca.fmin(z + down, 0)
+
+
+def capstan_limit(tension: Any, coefficient: Any, wrap: Any) -> Limit:
+    """Return friction of a tendon along its path, by the capstan equation T_drive = T e^{±μβ} (Euler, Eytelwein).
+
+    Drawn in, the drive pulls T e^{μβ}: friction takes T (e^{μβ} − 1); let out, T e^{−μβ}: it takes T (1 − e^{−μβ}).
+
+    Args:
+        tension: at the joint's end, T [N].
+        coefficient: of friction between tendon and guide, μ.
+        wrap: sum of the angles through which the path bends, β [rad].
+    """
+    return Limit(tension * ca.expm1(coefficient * wrap), -tension * ca.expm1(-coefficient * wrap))
+
+
+def stribeck(speed: Any, excess: Any, characteristic: Any) -> Any:
+    """Return the factor 1 + e · exp(−(v/v_s)²) of Coulomb friction: stiction that fades as a body begins to move.
+
+    Stribeck's curve in the form of Armstrong-Hélouvry, Dupont and Canudas de Wit (Automatica 30, 1994).
+
+    Args:
+        speed: v.
+        excess: stiction beyond Coulomb friction, as a share of it, e ≥ 0.
+        characteristic: speed at which it has faded to 1/e of itself, v_s > 0.
+    """
+    return 1 + excess * ca.exp(-((speed / characteristic) ** 2))
 
 
 def free_response(damping: Any, inertia: Any, step: Any) -> tuple[Any, Any]:
@@ -70,16 +126,16 @@ class SoftMoments:
     rest: Any
 
 
-def soft_moments(z: Any, limit: Any, std: Any) -> SoftMoments:
-    """Return mean, slope and remaining variance of soft(z, l) for z normal with standard deviation s.
+def clip_moments(low: Any, high: Any, mean: Any, std: Any) -> ClipMoments:
+    """Return mean, slopes and remaining variance of clip(z, a, b) for z normal with standard deviation s.
 
-    With u = (z − l)/s, w = (z + l)/s: E = (z − l)Φ(u) + sφ(u) + (z + l)Φ(−w) − sφ(w), slope Φ(u) + Φ(−w). A stuck body
-    whose force is uncertain may slip: its linearisation alone says that it cannot. For filters only; simulation never
-    smooths.
+    With α = (a − m)/s, β = (b − m)/s: E = aΦ(α) + b(1 − Φ(β)) + m(Φ(β) − Φ(α)) + s(φ(α) − φ(β)); its slopes with respect
+    to a, m and b are Φ(α), Φ(β) − Φ(α) and 1 − Φ(β).
 
     Args:
-        z: mean of the velocity without friction.
-        limit: friction limit as a velocity.
+        low: a.
+        high: b ≥ a.
+        mean: m.
         std: s > 0.
     """
 
@@ -89,7 +145,57 @@ def soft_moments(z: Any, limit: Any, std: Any) -> SoftMoments:
     def density(x: Any) -> Any:
         return ca.exp(-x * x / 2) / ca.sqrt(2 * ca.pi)
 
-    up, down = z - limit, z + limit
+    alpha, beta = (low - mean) / std, (high - mean) / std
+    under, over = below(alpha), 1 - below(beta)
+    inside = 1 - under - over
+    # about the mean, so that nothing large is subtracted
+    a, b = low - mean, high - mean
+    shift = a * under + b * over + std * (density(alpha) - density(beta))
+    square = a * a * under + b * b * over + std * std * inside + std * (a * density(alpha) - b * density(beta))
+    rest = ca.fmax(square - shift * shift - (inside * std) ** 2, 0)
+    return ClipMoments(mean + shift, under, inside, over, rest)
+
+
+@dataclass(frozen=True)
+class ClipMoments:
+    """What a play operator makes of a normal distribution.
+
+    Args:
+        mean: E[clip(z, a, b)].
+        by_low: its slope with respect to a: the chance to be held by it.
+        by_mean: with respect to the mean of z: the chance to be free.
+        by_high: with respect to b.
+        rest: variance beyond by_mean² · σ².
+    """
+
+    mean: Any
+    by_low: Any
+    by_mean: Any
+    by_high: Any
+    rest: Any
+
+
+def soft_moments(z: Any, limit: Any, std: Any) -> SoftMoments:
+    """Return mean, slope and remaining variance of soft(z, l) for z normal with standard deviation s.
+
+    With u = (z − l₊)/s, w = (z + l₋)/s: E = (z − l₊)Φ(u) + sφ(u) + (z + l₋)Φ(−w) − sφ(w), slope Φ(u) + Φ(−w). A stuck body
+    whose force is uncertain may slip: its linearisation alone says that it cannot. For filters only; simulation never
+    smooths.
+
+    Args:
+        z: mean of the velocity without friction.
+        limit: friction limit as a velocity; a `Limit` where it depends on the direction.
+        std: s > 0.
+    """
+
+    def below(x: Any) -> Any:
+        return (1 + ca.erf(x / ca.sqrt(2))) / 2
+
+    def density(x: Any) -> Any:
+        return ca.exp(-x * x / 2) / ca.sqrt(2 * ca.pi)
+
+    both = limit if isinstance(limit, Limit) else Limit(limit, limit)
+    up, down = z - both.up, z + both.down
     u, w = up / std, down / std
     mean = up * below(u) + std * density(u) + down * below(-w) - std * density(w)
     square = (up * up + std * std) * below(u) + up * std * density(u)

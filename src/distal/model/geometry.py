@@ -2,49 +2,98 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
+NEWTON_STEPS = 12
+"""Iterations of the inverse of a linkage's excursion: it is nearly a straight line."""
 
-def elongation(kind: str, angle: Any, displacement: Any, side: int, radius: Any, free_length: Any = None) -> Any:
+
+@dataclass(frozen=True)
+class Insertion:
+    """How a tendon meets its joint, with symbols or numbers for its sizes.
+
+    Args:
+        kind: ``"pinned"``, ``"pulley"`` or ``"linkage"``.
+        side: +1 pulls the joint to +θ, −1 to −θ.
+        radius: r [m].
+        free_length: l [m], of a pinned tendon.
+        shape: (centre θ_c [rad], slope s [1/rad], curvature c [1/rad²]) of a linkage.
+    """
+
+    kind: str
+    side: int
+    radius: Any
+    free_length: Any = None
+    shape: tuple[Any, ...] = ()
+
+
+def excursion(insertion: Insertion, angle: Any) -> Any:
+    """Return how far a linkage draws its tendon from θ = 0 to θ: r [u + s u²/2 + c u³/3], u = θ − θ_c, less that at 0.
+
+    Its moment arm is r (1 + s u + c u²): what a jaw driven by a linkage, or a pulley that is not round, has.
+
+    Args:
+        insertion: of kind linkage.
+        angle: θ [rad].
+    """
+    centre, slope, curvature = insertion.shape
+
+    def drawn(u: Any) -> Any:
+        return u * (1 + u * (slope / 2 + u * curvature / 3))
+
+    return insertion.radius * (drawn(angle - centre) - drawn(-centre))
+
+
+def elongation(insertion: Insertion, angle: Any, displacement: Any) -> Any:
     """Return ℓ − l, what the joint's angle and the drive's displacement add to a tendon's free length.
 
     `pinned`: ℓ = sqrt(r²(1 − cos θ)² + (l + x − side · r sin θ)²), equations (4) and (5) of the 2008 paper.
     Mend: the paper prints "− r sin θ" for both tendons; the second insertion is opposite, so it moves the other way.
     `pulley`: ℓ = l + x − side · r θ, the tendon wraps round the joint.
+    `linkage`: ℓ = l + x − side · e(θ), see `excursion`.
 
     Args:
-        kind: ``"pinned"`` or ``"pulley"``.
+        insertion: how the tendon meets the joint.
         angle: joint angle θ [rad].
         displacement: of the tendon's proximal end, away from the joint, x [m].
-        side: +1 pulls the joint to +θ, −1 to −θ.
-        radius: r [m].
-        free_length: l [m], of a pinned tendon.
     """
-    if kind == "pulley":
+    side, radius, free_length = insertion.side, insertion.radius, insertion.free_length
+    if insertion.kind == "pulley":
         return displacement - side * radius * angle
+    if insertion.kind == "linkage":
+        return displacement - side * excursion(insertion, angle)
     along = free_length + displacement - side * radius * ca.sin(angle)
     across = radius * (1 - ca.cos(angle))
     return ca.sqrt(across * across + along * along) - free_length
 
 
-def angle_at(kind: str, elongated: Any, displacement: Any, side: int, radius: Any, free_length: Any = None) -> Any:
+def angle_at(insertion: Insertion, elongated: Any, displacement: Any) -> Any:
     """Return the joint angle θ [rad] at which a tendon has the given ℓ − l: the inverse of `elongation`.
 
     For `pinned`, squaring (4) gives r cos θ + side · A sin θ = (2r² + A² − ℓ²)/(2r) with A = l + x, a shifted sine.
     Where no angle fits (the drive moved further than the insertion can follow), the nearest one is returned.
 
     Args:
-        kind: ``"pinned"`` or ``"pulley"``.
+        insertion: how the tendon meets the joint.
         elongated: ℓ − l [m].
         displacement: x [m].
-        side: +1 or −1.
-        radius: r [m].
-        free_length: l [m], of a pinned tendon.
     """
-    if kind == "pulley":
+    side, radius, free_length = insertion.side, insertion.radius, insertion.free_length
+    if insertion.kind == "pulley":
         return side * (displacement - elongated) / radius
+    if insertion.kind == "linkage":
+        wanted = side * (displacement - elongated)
+        centre, slope, curvature = insertion.shape
+        angle = centre + (wanted - excursion(insertion, centre)) / radius
+        for _ in range(NEWTON_STEPS):
+            u = angle - centre
+            # the arm is kept away from zero, where no angle fits
+            arm = radius * ca.fmax(1 + u * (slope + u * curvature), 0.2)
+            angle = angle + (wanted - excursion(insertion, angle)) / arm
+        return angle
     along = free_length + displacement
     length = free_length + elongated
     level = (2 * radius * radius + along * along - length * length) / (2 * radius)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
-from distal.model.friction import load_dependent_limit
-from distal.model.geometry import angle_at, elongation
+from distal.model.elasticity import stretched
+from distal.model.friction import Limit, capstan_limit, load_dependent_limit, stribeck
+from distal.model.geometry import Insertion, angle_at, elongation
 from distal.model.parameters import Parameters
 from distal.rig import Joint, Rig
 
@@ -38,11 +40,12 @@ class Mechanism:
 
     Args:
         rig: the description.
+        given: numbers of the description that stay inputs whatever their values; see `Parameters`.
     """
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, given: Sequence[str] = ()) -> None:
         self.rig = rig
-        self.parameters = Parameters(rig)
+        self.parameters = Parameters(rig, given)
         self.bodies = tuple(
             Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
             for kind in ("joints", "drives")
@@ -72,8 +75,7 @@ class Mechanism:
         """Return ℓ_i(q) − l_i of all tendons, (n_tendons,) [m]."""
         lengths = []
         for i in range(self.n_tendons):
-            kind, side, radius, free_length = self._insertion(i)
-            lengths.append(elongation(kind, q[self.joint_of[i]], self.displacement(i, q), side, radius, free_length))
+            lengths.append(elongation(self._insertion(i), q[self.joint_of[i]], self.displacement(i, q)))
         return ca.vertcat(*lengths)
 
     def angle_at(self, tendon: int, elongated: Any, q: Any) -> Any:
@@ -84,14 +86,14 @@ class Mechanism:
             elongated: ℓ − l [m].
             q: coordinates, (n_bodies,); the joint's own is not used.
         """
-        kind, *sizes = self._insertion(tendon)
-        return angle_at(kind, elongated, self.displacement(tendon, q), *sizes)
+        return angle_at(self._insertion(tendon), elongated, self.displacement(tendon, q))
 
-    def _insertion(self, tendon: int) -> tuple[Any, ...]:
+    def _insertion(self, tendon: int) -> Insertion:
         part, p = self.rig.tendons[tendon], self.parameters
-        path = f"tendons.{tendon}.insertion"
-        length = p[f"{path}.free_length"] if part.insertion.kind == "pinned" else None
-        return part.insertion.kind, part.side, p[f"{path}.radius"], length
+        path, kind = f"tendons.{tendon}.insertion", part.insertion.kind
+        length = p[f"{path}.free_length"] if kind == "pinned" else None
+        shape = tuple(p[f"{path}.{name}"] for name in ("centre", "slope", "curvature")) if kind == "linkage" else ()
+        return Insertion(kind, part.side, p[f"{path}.radius"], length, shape)
 
     def length_jacobian(self, q: Any) -> Any:
         """Return ∂ℓ/∂q, (n_tendons, n_bodies): the moment arms, with minus the sign of the torque."""
@@ -110,18 +112,31 @@ class Mechanism:
             q: coordinates, (n_bodies,) [rad, m].
             v: velocities, (n_bodies,).
         """
-        p, stretched = self.parameters, self.elongations(q)
+        p, elastic = self.parameters, self.elastic_forces(q)
         rates = ca.mtimes(self.length_jacobian(q), v)
         tensions = []
         for i in range(self.n_tendons):
             path = f"tendons.{i}"
-            elastic = p[f"{path}.stiffness"] * stretched[i] + p[f"{path}.pretension"]
             if p.has(f"{path}.damping"):
-                damped = ca.fmax(elastic + p[f"{path}.damping"] * rates[i], 0)
-                tensions.append(ca.if_else(elastic > 0, damped, 0))
+                damped = ca.fmax(elastic[i] + p[f"{path}.damping"] * rates[i], 0)
+                tensions.append(ca.if_else(elastic[i] > 0, damped, 0))
             else:
-                tensions.append(ca.fmax(elastic, 0))
+                tensions.append(ca.fmax(elastic[i], 0))
         return ca.vertcat(*tensions)
+
+    def elastic_forces(self, q: Any) -> Any:
+        """Return T_pre + k δ of all tendons, (n_tendons,) [N], negative where slack; with stiffening, see `stretched`.
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+        """
+        p, elongated, forces = self.parameters, self.elongations(q), []
+        for i in range(self.n_tendons):
+            path, stretch = f"tendons.{i}", elongated[i]
+            if p.has(f"{path}.stiffening"):
+                stretch = stretched(stretch, p[f"{path}.stiffening"])
+            forces.append(p[f"{path}.stiffness"] * stretch + p[f"{path}.pretension"])
+        return ca.vertcat(*forces)
 
     def tendon_damping(self, q: Any, tensions: Any) -> Any:
         """Return Σ c (∂ℓ/∂q_j)² over the taut tendons, (n_bodies,): each body's own part of the tendons' damping.
@@ -152,26 +167,89 @@ class Mechanism:
             torque -= moment * ca.sin(q[index] - p[f"{path}.gravity.hanging_angle"])
         return torque
 
-    def friction_limits(self, tensions: Any) -> Any:
-        """Return the Coulomb limits of all bodies, (n_bodies,): equations (12) and (13), reconstructed, general form."""
-        return ca.vertcat(*(self._friction_limit(i, tensions) for i in range(self.n_bodies)))
+    def friction_limits(self, q: Any, v: Any, tensions: Any) -> list[Limit]:
+        """Return the Coulomb limits of all bodies: equations (12) and (13), reconstructed, in their general form.
 
-    def _friction_limit(self, body: int, tensions: Any) -> Any:
+        At the joint μ r_a (T0 + Σ T); at a drive constant + load · R Σ T, and the friction along its tendons' paths
+        (`capstan_limit`); each times Stribeck's factor where it is given.
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+            v: velocities, (n_bodies,).
+            tensions: of all tendons, (n_tendons,) [N].
+        """
+        limits = []
+        for i, body in enumerate(self.bodies):
+            limit = self._joint_friction(i, tensions) if body.is_joint else self._drive_friction(i, q, tensions)
+            name = f"{body.path}.friction.stribeck"
+            if f"{name}.excess" in self.parameters:
+                p = self.parameters
+                limit = limit.times(stribeck(v[i], p[f"{name}.excess"], p[f"{name}.speed"]))
+            limits.append(limit)
+        return limits
+
+    def _joint_friction(self, body: int, tensions: Any) -> Limit:
         p, path = self.parameters, self.bodies[body].path
-        if self.bodies[body].is_joint:
-            if f"{path}.friction.coefficient" not in p:
-                return ca.SX(0)
-            tension = sum((tensions[i] for i in range(self.n_tendons) if self.joint_of[i] == body), ca.SX(0))
-            return load_dependent_limit(
-                p[f"{path}.friction.coefficient"],
-                p[f"{path}.friction.radius"],
-                p[f"{path}.friction.preload"] + tension,
-                p[f"{path}.friction.reference"],
-                p[f"{path}.friction.exponent"],
-            )
-        tension = sum((tensions[i] for i in range(self.n_tendons) if self.drive_of[i] == body), ca.SX(0))
+        if f"{path}.friction.coefficient" not in p:
+            return Limit(ca.SX(0), ca.SX(0))
+        tension = sum((tensions[i] for i in range(self.n_tendons) if self.joint_of[i] == body), ca.SX(0))
+        limit = load_dependent_limit(
+            p[f"{path}.friction.coefficient"],
+            p[f"{path}.friction.radius"],
+            p[f"{path}.friction.preload"] + tension,
+            p[f"{path}.friction.reference"],
+            p[f"{path}.friction.exponent"],
+        )
+        return Limit(limit, limit)
+
+    def _drive_friction(self, body: int, q: Any, tensions: Any) -> Limit:
+        """Return friction of the drive itself and along the paths of its tendons, drawn in or let out."""
+        p, path = self.parameters, self.bodies[body].path
+        own = [i for i in range(self.n_tendons) if self.drive_of[i] == body]
         lever = self._drive_radius(body)
-        return p[f"{path}.friction.constant"] + p[f"{path}.friction.load"] * lever * tension
+        tension = sum((tensions[i] for i in own), ca.SX(0))
+        limit = p[f"{path}.friction.constant"] + p[f"{path}.friction.load"] * lever * tension
+        up, down = limit, limit
+        for i in own:
+            name = f"tendons.{i}.path"
+            if not p.has(f"{name}.friction"):
+                continue
+            wrap = p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[self.joint_of[i]]
+            rubs = capstan_limit(tensions[i], p[f"{name}.friction"], ca.fmax(wrap, 0)).times(lever)
+            # a capstan's positive angle lets out the tendons of side −1
+            drawn = self.rig.tendons[i].side if self.rig.drives[body - self.n_joints].kind == "capstan" else 1
+            up, down = (up + rubs.up, down + rubs.down) if drawn > 0 else (up + rubs.down, down + rubs.up)
+        return Limit(up, down)
+
+    def stretch(self, drive: int, q: Any) -> Any:
+        """Return the stretch of a drive's tendons in the drive's own coordinate, Σ h_i ℓ_i/Σ h_i², h_i = ∂ℓ_i/∂s.
+
+        For a capstan with two pulleys it is φ − r θ/R, for a slider with one tendon ℓ.
+
+        Args:
+            drive: its index among the drives.
+            q: coordinates, (n_bodies,) [rad, m].
+        """
+        body, elongations = self.n_joints + drive, self.elongations(q)
+        levers = self.length_jacobian(q)[:, body]
+        own = [i for i in range(self.n_tendons) if self.drive_of[i] == body]
+        total = sum((levers[i] * elongations[i] for i in own), ca.SX(0))
+        return total / sum((levers[i] ** 2 for i in own), ca.SX(0))
+
+    def hysteresis_limit(self, drive: int, q: Any, tensions: Any) -> Any:
+        """Return the limit h = (constant + load · R Σ T)(1 + slope · θ) of the play in a drive's transmission, ≥ 0.
+
+        Args:
+            drive: its index among the drives.
+            q: coordinates, (n_bodies,) [rad, m].
+            tensions: of all tendons, (n_tendons,) [N].
+        """
+        p, body = self.parameters, self.n_joints + drive
+        path = f"{self.bodies[body].path}.hysteresis"
+        own = [i for i in range(self.n_tendons) if self.drive_of[i] == body]
+        tension = sum((tensions[i] for i in own), ca.SX(0))
+        limit = p[f"{path}.constant"] + p[f"{path}.load"] * self._drive_radius(body) * tension
+        return ca.fmax(limit * (1 + p[f"{path}.slope"] * q[self.joint_of[own[0]]]), 0)
 
     def _drive_radius(self, body: int) -> Any:
         """Return the capstan's radius, or 1 for a slider."""

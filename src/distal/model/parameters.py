@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import casadi as ca
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from distal.errors import RigError
 from distal.rig import Parameter, Rig
 
 # not part of the equations of motion: the start, and what stands in for a missing force sensor
@@ -26,22 +27,39 @@ class Parameters:
 
     Args:
         rig: the description.
+        given: paths that stay symbols whatever their values, because they will be changed: parameters, and other numbers
+            of the description (a sensor's noise), which are put behind the parameters. They have std 0.
+
+    Raises:
+        RigError: a path is not a number of the rig.
     """
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, given: Sequence[str] = ()) -> None:
+        self.given = tuple(given)
         self._constants: dict[str, float] = {}
         names: list[str] = []
         values: list[float] = []
         stds: list[float] = []
         drifts: list[float] = []
         for name, parameter in _walk(rig):
-            if parameter.absent or (name.endswith(".exponent") and (parameter.value, parameter.std) == (1.0, 0.0)):
+            if name in self.given:
+                names.append(name)
+                values.append(parameter.value)
+                stds.append(0.0)
+                drifts.append(np.nan)
+            elif parameter.absent or (name.endswith(".exponent") and (parameter.value, parameter.std) == (1.0, 0.0)):
                 self._constants[name] = parameter.value
             else:
                 names.append(name)
                 values.append(parameter.value)
                 stds.append(parameter.std)
                 drifts.append(np.nan if parameter.drift is None else parameter.drift)
+        for name in self.given:
+            if name not in names:
+                names.append(name)
+                values.append(number_at(rig, name))
+                stds.append(0.0)
+                drifts.append(np.nan)
         self.names = tuple(names)
         self.values: NDArray[np.float64] = np.array(values)
         self.stds: NDArray[np.float64] = np.array(stds)
@@ -68,6 +86,31 @@ class Parameters:
     def has(self, name: str) -> bool:
         """Return whether the parameter exists and is not a constant zero."""
         return name in self._index or self._constants.get(name, 0.0) != 0.0
+
+
+def number_at(rig: Rig, path: str) -> float:
+    """Return the number (a parameter's value) at a path of the description.
+
+    Args:
+        rig: the description.
+        path: keys and indices joined by dots, as in ``--set``.
+
+    Raises:
+        RigError: there is none.
+    """
+    part: Any = rig
+    for key in path.split("."):
+        if isinstance(part, tuple):
+            part = part[int(key)] if key.isdigit() and int(key) < len(part) else None
+        else:
+            part = getattr(part, key, None)
+    if isinstance(part, Parameter):
+        return part.value
+    if part is None and path.endswith(".drift"):
+        return 0.0
+    if isinstance(part, (int, float)):
+        return float(part)
+    raise RigError(f"{rig.name}: '{path}' is not a number of the rig")
 
 
 def _walk(rig: Rig) -> Iterator[tuple[str, Parameter]]:

@@ -93,7 +93,8 @@ def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Any, Any, Any]:
     if kick.implicit is not None:
         force, damping = force + kick.implicit[:, 0], damping + kick.implicit[:, 1]
     a, b = kick.response[:, 0], kick.response[:, 1]
-    return a * kick.v + b * force, b * mechanism.friction_limits(tensions), damping
+    limits = mechanism.friction_limits(kick.q, kick.v, tensions)
+    return a * kick.v + b * force, [limit.times(b[i]) for i, limit in enumerate(limits)], damping
 
 
 def _stop(mechanism: Mechanism, body: int, response: Any, rebounds: bool) -> Stop:

@@ -1,6 +1,17 @@
 """The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
 
-from distal.rig.drives import Capstan, CapstanFriction, Slider, SliderFriction, effort_unit, inertia_of, position_unit
+from distal.rig.drives import (
+    Capstan,
+    CapstanFriction,
+    Hysteresis,
+    Slider,
+    SliderFriction,
+    SliderHysteresis,
+    SliderStribeck,
+    effort_unit,
+    inertia_of,
+    position_unit,
+)
 from distal.rig.files import (
     build_rig,
     edited_text,
@@ -12,12 +23,13 @@ from distal.rig.files import (
     template_text,
     validated,
 )
-from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spring
+from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spring, Stribeck
+from distal.rig.numbers import Number, number
 from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import LogFormat, Rig, Stepping
 from distal.rig.sensors import Sensor, SensorBase
-from distal.rig.tendons import Pinned, Pulley, Tendon
+from distal.rig.tendons import Linkage, Path, Pinned, Pulley, Tendon
 
 __all__ = [
     "Capstan",
@@ -25,11 +37,15 @@ __all__ = [
     "Description",
     "ExternalTorque",
     "Gravity",
+    "Hysteresis",
     "In",
     "Joint",
     "JointFriction",
+    "Linkage",
     "LogFormat",
+    "Number",
     "Parameter",
+    "Path",
     "Pinned",
     "Pulley",
     "Rig",
@@ -37,14 +53,18 @@ __all__ = [
     "SensorBase",
     "Slider",
     "SliderFriction",
+    "SliderHysteresis",
+    "SliderStribeck",
     "Spring",
     "Stepping",
+    "Stribeck",
     "Tendon",
     "build_rig",
     "edited_text",
     "effort_unit",
     "inertia_of",
     "load_rig",
+    "number",
     "parse_assignment",
     "parse_toml",
     "position_unit",

@@ -6,7 +6,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from distal.rig.joints import Stribeck
 from distal.rig.quantities import Description, In, Name, Parameter
+
+
+class SliderStribeck(Description):
+    """Stiction that fades with speed: Coulomb friction times 1 + excess · exp(−(v/speed)²)."""
+
+    excess: Annotated[Parameter, In("", "nonnegative")] = Field(description="stiction beyond Coulomb friction, a share")
+    speed: Annotated[Parameter, In("m/s", "positive")] = Field(description="speed at which it fades")
 
 
 class SliderFriction(Description):
@@ -18,6 +26,7 @@ class SliderFriction(Description):
     load: Annotated[Parameter, In("", "nonnegative")] = Field(
         Parameter(value=0.0), description="part per newton of tension, μ_x"
     )
+    stribeck: SliderStribeck | None = Field(None, description="stiction that fades with speed")
 
 
 class CapstanFriction(Description):
@@ -29,6 +38,50 @@ class CapstanFriction(Description):
     load: Annotated[Parameter, In("", "nonnegative")] = Field(
         Parameter(value=0.0), description="part per newton of tension at the capstan's radius"
     )
+    stribeck: Stribeck | None = Field(None, description="stiction that fades with speed")
+
+
+class SliderHysteresis(Description):
+    """Dry friction inside the transmission, limit = (constant + load · Σ T)(1 + slope · θ); see `Hysteresis`."""
+
+    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(
+        Parameter(value=0.0), description="part that is always there"
+    )
+    load: Annotated[Parameter, In("", "nonnegative")] = Field(
+        Parameter(value=0.0), description="part per newton of tension"
+    )
+    slope: Annotated[Parameter, In("1/rad")] = Field(
+        Parameter(value=0.0), description="its growth with the joint's angle, as a share per radian"
+    )
+    error: Annotated[float, In("N", "nonnegative")] = Field(
+        0.0,
+        description="what this play leaves out, its standard deviation; estimators consider it, they do not estimate it",
+    )
+    error_time: Annotated[float, In("s", "positive")] = Field(1.0, description="for how long that lasts")
+
+
+class Hysteresis(Description):
+    """Dry friction inside the transmission, limit h = (constant + load · radius · Σ T)(1 + slope · θ).
+
+    What reaches the tendons' springs, z, follows the measured effort U by a play operator, z⁺ = clip(z, U − h, U + h)
+    (Prandtl, 1928; Visintin, Differential Models of Hysteresis, 1994): strands of a rope that rub, a cable in its
+    sheath. It is moved by the effort, not by the drive's motion: a stroke may pass before it has turned over.
+    """
+
+    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(
+        Parameter(value=0.0), description="part that is always there"
+    )
+    load: Annotated[Parameter, In("", "nonnegative")] = Field(
+        Parameter(value=0.0), description="part per newton of tension at the capstan's radius"
+    )
+    slope: Annotated[Parameter, In("1/rad")] = Field(
+        Parameter(value=0.0), description="its growth with the joint's angle, as a share per radian"
+    )
+    error: Annotated[float, In("N m", "nonnegative")] = Field(
+        0.0,
+        description="what this play leaves out, its standard deviation; estimators consider it, they do not estimate it",
+    )
+    error_time: Annotated[float, In("s", "positive")] = Field(1.0, description="for how long that lasts")
 
 
 class Slider(Description):
@@ -41,6 +94,7 @@ class Slider(Description):
         Parameter(value=0.0), description="viscous damping b_x"
     )
     friction: SliderFriction = Field(SliderFriction(), description="Coulomb friction")
+    hysteresis: SliderHysteresis | None = Field(None, description="dry friction inside the transmission")
     stops: Annotated[tuple[float, float], In("m")] | None = Field(None, description="range of the slider [x_L, x_H]")
     stop_stiffness: Annotated[Parameter, In("N/m", "positive")] = Field(
         Parameter(value=1e5), description="stiffness of the stops k_s"
@@ -69,6 +123,7 @@ class Capstan(Description):
         Parameter(value=0.0), description="viscous damping"
     )
     friction: CapstanFriction = Field(CapstanFriction(), description="Coulomb friction")
+    hysteresis: Hysteresis | None = Field(None, description="dry friction inside the transmission")
     stops: Annotated[tuple[float, float], In("rad")] | None = Field(None, description="range of the capstan's angle")
     stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(
         Parameter(value=100.0), description="stiffness of the stops"

@@ -160,7 +160,7 @@ SHOWN = 3
 
 
 def _finding(finding: Any, root: type[BaseModel]) -> str:
-    tags = {"slider", "capstan", "pinned", "pulley", "m", "rad", "N", "N m", "SliderServo", "CapstanServo"}
+    tags = {"slider", "capstan", "pinned", "pulley", "linkage", "m", "rad", "N", "N m", "SliderServo", "CapstanServo"}
     location = list(finding["loc"])
     # a tag of a union follows an index or stands for the union itself; it is no key of the user's
     keys = [k for i, k in enumerate(location) if not (k in tags and i > 0)]

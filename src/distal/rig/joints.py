@@ -9,6 +9,13 @@ from pydantic import Field, model_validator
 from distal.rig.quantities import Description, In, Name, Parameter
 
 
+class Stribeck(Description):
+    """Stiction that fades with speed: Coulomb friction times 1 + excess · exp(−(v/speed)²)."""
+
+    excess: Annotated[Parameter, In("", "nonnegative")] = Field(description="stiction beyond Coulomb friction, a share")
+    speed: Annotated[Parameter, In("rad/s", "positive")] = Field(description="speed at which it fades")
+
+
 class JointFriction(Description):
     """Coulomb friction at the joint's axle, limit = μ r_a N_ref (N/N_ref)^e with N = T0 + Σ T.
 
@@ -27,6 +34,7 @@ class JointFriction(Description):
     reference: Annotated[float, In("N", "positive")] | None = Field(
         None, description="load N_ref at which the exponent changes nothing; default: N at nominal forces"
     )
+    stribeck: Stribeck | None = Field(None, description="stiction that fades with speed")
 
     @model_validator(mode="after")
     def _smooth(self) -> Self:
@@ -86,5 +94,8 @@ class Joint(Description):
     )
     stop_damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
         Parameter(value=0.1), description="viscous damping in the joint's stops"
+    )
+    unmodelled: Annotated[float, In("rad/s", "nonnegative")] = Field(
+        0.5, description="torque the model does not know, as the random change of speed that it makes in 1 s (1σ)"
     )
     external_torque: ExternalTorque = Field(ExternalTorque(), description="a torque nobody measures")

@@ -56,7 +56,7 @@ class AngleSensor(SensorBase):
         0.0, description="largest systematic deviation over the travel, a smooth curve"
     )
     resolution: Annotated[float, In("rad", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
-    bias: Annotated[Parameter, In("rad", drifts=False)] = Field(Parameter(value=0.0), description="constant offset")
+    bias: Annotated[Parameter, In("rad")] = Field(Parameter(value=0.0), description="constant offset")
 
 
 class ForceSensor(SensorBase):

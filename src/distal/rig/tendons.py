@@ -24,11 +24,43 @@ class Pulley(Description):
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the pulley, r")
 
 
-Insertion = Annotated[Pinned | Pulley, Field(discriminator="kind")]
+class Linkage(Description):
+    """A linkage, or a pulley that is not round: its moment arm is r (1 + s u + c u²) with u = θ − θ_c.
+
+    ℓ = l + x ∓ r [u + s u²/2 + c u³/3], less the same at θ = 0: the transmission ratio varies with the angle.
+    """
+
+    kind: Literal["linkage"]
+    radius: Annotated[Parameter, In("m", "positive")] = Field(description="moment arm at the centre, r")
+    centre: Annotated[Parameter, In("rad", drifts=False)] = Field(
+        Parameter(value=0.0), description="angle about which the arm is described, θ_c"
+    )
+    slope: Annotated[Parameter, In("1/rad")] = Field(
+        Parameter(value=0.0), description="s, change of the arm per radian"
+    )
+    curvature: Annotated[Parameter, In("1/rad^2")] = Field(Parameter(value=0.0), description="c, its second order")
+
+
+Insertion = Annotated[Pinned | Pulley | Linkage, Field(discriminator="kind")]
+
+
+class Path(Description):
+    """Friction along the tendon's way, by the capstan equation T_drive = T e^{±μβ}; it acts on the drive's side."""
+
+    friction: Annotated[Parameter, In("", "nonnegative")] = Field(
+        description="friction coefficient against its guides, μ"
+    )
+    wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="sum of the bends of its path, β")
+    wrap_slope: Annotated[Parameter, In("")] = Field(
+        Parameter(value=0.0), description="change of β per radian of the joint"
+    )
 
 
 class Tendon(Description):
-    """A tendon from a drive to a joint; T = max(k δ + c δ̇, 0) for a stretch δ > 0, else 0."""
+    """A tendon from a drive to a joint; T = max(k δ + c δ̇, 0) for a stretch δ > 0, else 0.
+
+    With `stiffening` a, T = T_pre + k (e^{aδ} − 1)/a: its stiffness is k + a (T − T_pre).
+    """
 
     name: Name
     joint: str = Field(description="name of the joint that it moves")
@@ -40,3 +72,7 @@ class Tendon(Description):
     pretension: Annotated[Parameter, In("N", "nonnegative")] = Field(
         Parameter(value=0.0), description="tension at zero angle and zero drive displacement"
     )
+    stiffening: Annotated[Parameter, In("1/m", "nonnegative")] = Field(
+        Parameter(value=0.0), description="growth of stiffness with tension, a"
+    )
+    path: Path | None = Field(None, description="friction along its way")

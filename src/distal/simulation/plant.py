@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -17,26 +19,87 @@ Floats = NDArray[np.float64]
 def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of the plant over one interval of `count` sub-steps.
 
-    carry = (q, v); x = (effort, added inertia, servo, dt); y = (q, v, tensions, pull on each drive), the pull being
-    what a load cell or torque sensor between the source and the drive reads: U = W − (W/g) ẍ for a hung weight.
+    carry = (q, v, friction inside each drive's transmission); x = (effort, added inertia, servo, dt); y = (q, v, tensions,
+    pull on each drive), the pull being what a load cell or torque sensor between the source and the drive reads:
+    U = W − (W/g) ẍ for a hung weight.
 
     Args:
         mechanism: the plant's equations.
         count: sub-steps per interval.
     """
-    n = mechanism.n_bodies
+    n, inside = mechanism.n_bodies, hysteretic(mechanism)
     step = interval_step(mechanism, count, with_servo=True)
     q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
     tensions = ca.Function("tensions", [q, v, mechanism.parameters.symbols], [mechanism.tensions(q, v)])
-    carry = ca.MX.sym("carry", 2 * n)
+    carry = ca.MX.sym("carry", 2 * n + len(inside))
     x, p = ca.MX.sym("x", 5 * n + 1), ca.MX.sym("p", len(mechanism.parameters))
-    before, dt = carry[n:], x[5 * n]
+    before, dt = carry[n : 2 * n], x[5 * n]
     effort, added, servo = x[:n], x[n : 2 * n], ca.reshape(x[2 * n : 5 * n], n, 3)
-    q_next, v_next = step(carry[:n], before, effort, added, servo, dt, p)
+    friction = internal_friction(mechanism, inside)
+    acting = effort + friction.force(carry[:n], carry[2 * n :], p) if inside else effort
+    q_next, v_next = step(carry[:n], before, acting, added, servo, dt, p)
     acceleration = (v_next - before) / dt
     pull = effort - added * acceleration + servo[:, 0] * (servo[:, 1] - q_next) - servo[:, 2] * v_next
     y = ca.vertcat(q_next, v_next, tensions(q_next, v_next, p), pull[mechanism.n_joints :])
-    return ca.Function("plant", [carry, x, p], [ca.vertcat(q_next, v_next), y], ["carry", "x", "p"], ["next", "y"])
+    kept = friction.follow(carry[:n], q_next, v_next, carry[2 * n :], dt, p) if inside else ca.MX(0, 1)
+    following = ca.vertcat(q_next, v_next, kept)
+    return ca.Function("plant", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+
+
+def hysteretic(mechanism: Mechanism) -> list[int]:
+    """Return the indices of the drives whose transmission has hysteresis."""
+    return [i for i, drive in enumerate(mechanism.rig.drives) if drive.hysteresis is not None]
+
+
+PRESLIDING = 20.0
+"""Stiffness of friction that has not yet slipped, in those of the tendons: nearly a jump."""
+
+RESOLVED = 0.5
+"""Largest product of that spring's frequency and the interval."""
+
+
+@dataclass(frozen=True)
+class InternalFriction:
+    """Friction inside the transmissions, as functions.
+
+    Args:
+        force: (q, f, p) → what it does to the bodies, −(∂σ/∂q)ᵀ f.
+        follow: (q, q⁺, v⁺, f, dt, p) → f⁺ = clip(f + k_s (σ⁺ − σ), −h, h).
+    """
+
+    force: ca.Function
+    follow: ca.Function
+
+
+def internal_friction(mechanism: Mechanism, drives: list[int]) -> InternalFriction:
+    """Return friction beside the tendons' springs: a stop operator of the stretch σ (Prandtl, 1928).
+
+    With it, what the springs feel follows the drive's effort by the play operator that `Hysteresis` describes; the
+    friction is reached within a stretch of h/k_s, a twentieth of that at which the springs alone would carry it.
+
+    Args:
+        mechanism: the plant's equations.
+        drives: those with hysteresis.
+    """
+    n, p = mechanism.n_bodies, mechanism.parameters
+    q, after, v = ca.SX.sym("q", n), ca.SX.sym("after", n), ca.SX.sym("v", n)
+    f, dt = ca.SX.sym("f", len(drives)), ca.SX.sym("dt")
+    forces, kept = ca.SX(n, 1), []
+    tensions, inertias = mechanism.tensions(after, v), mechanism.inertias()
+    for k, i in enumerate(drives):
+        body = mechanism.n_joints + i
+        stretch = mechanism.stretch(i, q)
+        forces -= ca.jacobian(stretch, q).T * f[k]
+        levers = mechanism.length_jacobian(after)[:, body]
+        spring = sum((levers[j] ** 2 * p[f"tendons.{j}.stiffness"] for j in range(mechanism.n_tendons)), start=ca.SX(0))
+        stiffness = ca.fmin(PRESLIDING * spring, (RESOLVED / dt) ** 2 * inertias[body])
+        limit = mechanism.hysteresis_limit(i, after, tensions)
+        moved = mechanism.stretch(i, after) - stretch
+        kept.append(ca.fmin(ca.fmax(f[k] + stiffness * moved, -limit), limit))
+    force = ca.Function("internal_force", [q, f, p.symbols], [ca.densify(forces)])
+    return InternalFriction(
+        force, ca.Function("internal_friction", [q, after, v, f, dt, p.symbols], [ca.vertcat(*kept)])
+    )
 
 
 def run_plant(mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float, count: int) -> dict[str, Floats]:
@@ -58,7 +121,7 @@ def run_plant(mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float
     xs = np.hstack([inputs.effort, inputs.added_inertia, servo, np.full((len(inputs.effort), 1), dt)])
     p = mechanism.parameters.values
     # the first row is the start itself: a tiny interval gives tensions and pulls there
-    still = np.concatenate([start, np.zeros(n)])
+    still = np.concatenate([start, np.zeros(n + len(hysteretic(mechanism)))])
     first = xs[:1].copy()
     first[0, -1] = 1e-12
     _, y_start = kernel.scan(still, first, p)
@@ -93,12 +156,7 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
 
     p = mechanism.parameters
     q = ca.SX.sym("q", mechanism.n_bodies)
-    elastic = ca.vertcat(
-        *(
-            p[f"tendons.{i}.stiffness"] * mechanism.elongations(q)[i] + p[f"tendons.{i}.pretension"]
-            for i in range(mechanism.n_tendons)
-        )
-    )
+    elastic = mechanism.elastic_forces(q)
     force = ca.Function("force", [q, p.symbols], [-ca.mtimes(mechanism.length_jacobian(q).T, elastic)])
     place = np.concatenate([angles, np.zeros(mechanism.n_drives)])
     servo = inputs.servo[0]

@@ -1,0 +1,70 @@
+"""Numbers of a description by their path, with what is allowed for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+
+from distal.errors import RigError, did_you_mean
+from distal.rig.quantities import In, Parameter
+from distal.rig.rig import Rig
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of a description.
+
+    Args:
+        path: keys and indices joined by dots, names of parts replaced by their indices.
+        value: SI.
+        std: what is not known of it; 0 where it has none.
+        quantity: its unit and bound.
+        is_parameter: whether it has a std at all.
+    """
+
+    path: str
+    value: float
+    std: float
+    quantity: In
+    is_parameter: bool
+
+
+def number(rig: Rig, path: str) -> Number:
+    """Return a number of a description by its path.
+
+    Args:
+        rig: the description.
+        path: as in ``--set``; parts by index or by name.
+
+    Raises:
+        RigError: the path leads nowhere, or not to a number.
+    """
+    part: Any = rig
+    owner: type[BaseModel] | None = None
+    field, keys = "", []
+    for key in path.split("."):
+        if isinstance(part, tuple):
+            names = [str(getattr(item, "name", "")) for item in part]
+            index = int(key) if key.isdigit() else (names.index(key) if key in names else -1)
+            if not 0 <= index < len(part):
+                raise RigError(f"'{path}': there is no '{key}'{did_you_mean(key, names)}")
+            part, key = part[index], str(index)
+        elif isinstance(part, BaseModel) and not isinstance(part, Parameter):
+            if key not in type(part).model_fields:
+                raise RigError(f"'{path}': there is no '{key}'{did_you_mean(key, type(part).model_fields)}")
+            owner, field, part = type(part), key, getattr(part, key)
+        else:
+            raise RigError(f"'{path}': '{'.'.join(keys)}' is a plain value and has no '{key}'")
+        keys.append(key)
+    quantity = None
+    if owner is not None:
+        quantity = next((m for m in owner.model_fields[field].metadata if isinstance(m, In)), None)
+    if quantity is None or not isinstance(part, (Parameter, int, float)):
+        raise RigError(
+            f"'{path}' is not a number with a unit; give the path of one, e.g. joints.0.friction.coefficient"
+        )
+    if isinstance(part, Parameter):
+        return Number(".".join(keys), part.value, part.std, quantity, True)
+    return Number(".".join(keys), float(part), 0.0, quantity, False)
