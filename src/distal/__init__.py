@@ -11,6 +11,7 @@ from distal.estimators import (
     make_estimator,
     plot_estimates,
 )
+from distal.identification import Fit, cross_validate, fit, observability
 from distal.logs import Log, read_log, write_log
 from distal.rig import Rig, load_rig, shipped_rigs
 from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate
@@ -22,14 +23,18 @@ __all__ = [
     "DistalWarning",
     "Estimate",
     "Estimator",
+    "Fit",
     "Innovation",
     "Log",
     "Rig",
     "Scenario",
+    "cross_validate",
     "estimate",
+    "fit",
     "load_rig",
     "load_scenario",
     "make_estimator",
+    "observability",
     "plot_estimates",
     "read_log",
     "scenario_rig",

@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from distal.cli import doctor, estimate, reproduce, rigs, simulate
+from distal.cli import doctor, estimate, fit, reproduce, rigs, simulate
 from distal.cli.console import show_warnings
 from distal.errors import DistalError
 
@@ -25,6 +25,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("estimate")(estimate.estimate_command)
+app.command("fit")(fit.fit_command)
 app.command("simulate")(simulate.simulate_command)
 app.command("reproduce")(reproduce.reproduce_command)
 app.command("rigs")(rigs.list_command)

@@ -14,7 +14,13 @@ from rich.table import Table
 
 def out() -> Console:
     """Return the console for results."""
-    return Console(highlight=False, soft_wrap=True)
+    # a file or a pipe has no edge: numbers are not cut there
+    width = None if sys.stdout is not None and sys.stdout.isatty() else WIDTH
+    return Console(highlight=False, soft_wrap=True, width=width)
+
+
+WIDTH = 120
+"""Columns where the output is no terminal."""
 
 
 def err() -> Console:

@@ -6,10 +6,11 @@ from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import Belief, Estimator, Innovation, KernelEstimator
 from distal.estimators.diagnosis import Diagnosis, diagnose
 from distal.estimators.estimate import HOMED, estimate, first_values, samples_of, with_channel
+from distal.estimators.force_update import WILD_FORCE
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise, state_units
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.particle import ParticleFilter
-from distal.estimators.reference import TRUTH_NOISE, with_reference
+from distal.estimators.reference import TRUTH_NOISE, added_reference, check_homing, with_reference
 from distal.estimators.registry import DEFAULT, ESTIMATORS, SLOW, make_estimator
 from distal.estimators.result import BAND, Estimate
 from distal.estimators.smoothing import smooth
@@ -25,6 +26,7 @@ __all__ = [
     "HOMED",
     "SLOW",
     "TRUTH_NOISE",
+    "WILD_FORCE",
     "AdaptiveFilter",
     "Belief",
     "Channels",
@@ -38,7 +40,9 @@ __all__ = [
     "Noise",
     "ParticleFilter",
     "UnscentedFilter",
+    "added_reference",
     "channels_of",
+    "check_homing",
     "diagnose",
     "draw_estimate",
     "estimate",

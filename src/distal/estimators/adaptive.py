@@ -75,6 +75,7 @@ class AdaptiveFilter(KernelEstimator):
         name: of the estimator.
         reference: a sensor of the joint's angle that is read too, while it is known (homing, fitting).
         given: numbers of the description that are inputs of its kernel and no states (fitting).
+        suspicious: look for friction at drives that the rig does not know of; a fit takes what the rig says.
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -90,9 +91,10 @@ class AdaptiveFilter(KernelEstimator):
         name: str = "adaptive",
         reference: Sensor | None = None,
         given: Sequence[str] = (),
+        suspicious: bool = True,
     ) -> None:
         self._mechanism, self._channels = Mechanism(rig, given), channels_of(rig, name, reference)
-        self._augmented = AugmentedState(self._mechanism, self._channels)
+        self._augmented = AugmentedState(self._mechanism, self._channels, suspicious)
         interval = self._channels.interval
         count = max(1, int(np.ceil(interval / LONGEST_SUBSTEP - 1e-9)))
         function = adaptive_function(self._augmented, count, updates, ideal, trace)
@@ -130,6 +132,11 @@ class AdaptiveFilter(KernelEstimator):
         """Values of the kernel's parameters, (n_p,), a copy."""
         return np.array(self._mechanism.parameters.values)
 
+    @property
+    def places(self) -> int:
+        """Number of displacements, the first of the channels."""
+        return len(self._channels.positions)
+
     def rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Return the kernel's rows (dt, values, mask), bridges included, and the index of each sample's own row.
 
@@ -157,7 +164,8 @@ class AdaptiveFilter(KernelEstimator):
         rig = self.rig.with_values(values)
         other = copy(self)
         other.rig = rig
-        other._augmented = AugmentedState(Mechanism(rig, self._mechanism.parameters.given), self._channels_in(rig))
+        mechanism = Mechanism(rig, self._mechanism.parameters.given)
+        other._augmented = AugmentedState(mechanism, self._channels_in(rig), bool(self._augmented.friction_at))
         return other
 
     def _channels_in(self, rig: Rig) -> Channels:

@@ -173,9 +173,10 @@ class AugmentedState:
     Args:
         mechanism: the rig's equations.
         channels: the sensors that are read.
+        suspicious: whether friction that the rig does not know of is looked for at clean drives.
     """
 
-    def __init__(self, mechanism: Mechanism, channels: Channels) -> None:
+    def __init__(self, mechanism: Mechanism, channels: Channels, suspicious: bool = True) -> None:
         self.mechanism, self.channels = mechanism, channels
         rig = mechanism.rig
         self.torque = rig.joints[0].external_torque if rig.joints[0].external_torque.std > 0.0 else None
@@ -207,7 +208,7 @@ class AugmentedState:
             means, stds = [*means, *np.zeros(len(spread))], [*stds, *spread]
         for i, drive in enumerate(rig.drives):
             sensor = sensor_for(channels.forces, drive.name)
-            if sensor is not None and drive.hysteresis is None and self.is_clean(i):
+            if sensor is not None and suspicious and drive.hysteresis is None and self.is_clean(i):
                 self.friction_at[i] = len(names)
                 self.drifts[len(names)] = FRICTION_DRIFT * float(np.sqrt(variance(sensor)))
                 names, means = [*names, f"friction_{drive.name}"], [*means, 0.0]

@@ -43,13 +43,22 @@ def with_reference(rig: Rig, log: Log) -> tuple[Rig, Sensor]:
             rig = rig.with_values({path: TRUTH_NOISE})
             sensor = rig.sensors_of("angle")[0]
         return rig, sensor
-    names = {sensor.name for sensor in rig.sensors}
+    return added_reference(rig, 1.0 / float(np.median(np.diff(log.time))) if len(log) > 1 else 100.0)
+
+
+def added_reference(rig: Rig, rate: float) -> tuple[Rig, Sensor]:
+    """Return the rig with one more sensor of the joint's angle, and that sensor.
+
+    Args:
+        rig: the description.
+        rate: of the sensor [Hz].
+    """
+    own, names = rig.sensors_of("angle"), {sensor.name for sensor in rig.sensors}
     name = next(n for n in ("reference", "reference_angle", "reference_angle_2") if n not in names)
     raw = rig.model_dump()
     added = {"name": name, "measures": "angle", "of": rig.joints[0].name, "noise": TRUTH_NOISE}
     if own:
         added["bias"] = own[0].bias.model_dump()  # how far the model's angle and the joint's may be apart
-    rate = 1.0 / float(np.median(np.diff(log.time))) if len(log) > 1 else 100.0
     raw["sensors"] = [*raw["sensors"], {**added, "rate": float(np.clip(rate, 1e-3, 1e6))}]
     described = build_rig(raw, rig.name)
     return described, described.sensors[-1]

@@ -1,5 +1,6 @@
 """Logs: time series of sensors, read, checked and written."""
 
+from distal.logs.datasets import da_vinci_grasper
 from distal.logs.files import read_log, read_truth, write_columns, write_log
 from distal.logs.frames import pandas_frame
 from distal.logs.log import Log, check_stamps, frozen
@@ -11,6 +12,7 @@ __all__ = [
     "Table",
     "check_stamps",
     "check_writable",
+    "da_vinci_grasper",
     "frozen",
     "pandas_frame",
     "read_log",

@@ -47,12 +47,12 @@ class Parameters:
                 values.append(parameter.value)
                 stds.append(0.0)
                 drifts.append(np.nan)
-            elif parameter.absent or (name.endswith(".exponent") and (parameter.value, parameter.std) == (1.0, 0.0)):
+            elif parameter.absent or (name.endswith(".exponent") and (parameter.value, parameter.unsure) == (1.0, 0.0)):
                 self._constants[name] = parameter.value
             else:
                 names.append(name)
                 values.append(parameter.value)
-                stds.append(parameter.std)
+                stds.append(parameter.unsure)
                 drifts.append(np.nan if parameter.drift is None else parameter.drift)
         for name in self.given:
             if name not in names:
@@ -61,6 +61,7 @@ class Parameters:
                 stds.append(0.0)
                 drifts.append(np.nan)
         self.names = tuple(names)
+        self.all_names = tuple(name for name, _ in _walk(rig))
         self.values: NDArray[np.float64] = np.array(values)
         self.stds: NDArray[np.float64] = np.array(stds)
         self.drifts: NDArray[np.float64] = np.array(drifts)

@@ -22,6 +22,7 @@ class Number:
         std: what is not known of it; 0 where it has none.
         quantity: its unit and bound.
         is_parameter: whether it has a std at all.
+        hold: whether its std is for fitting only.
     """
 
     path: str
@@ -29,6 +30,7 @@ class Number:
     std: float
     quantity: In
     is_parameter: bool
+    hold: bool = False
 
 
 def number(rig: Rig, path: str) -> Number:
@@ -43,7 +45,8 @@ def number(rig: Rig, path: str) -> Number:
     """
     part: Any = rig
     owner: type[BaseModel] | None = None
-    field, keys = "", []
+    field = ""
+    keys: list[str] = []
     for key in path.split("."):
         if isinstance(part, tuple):
             names = [str(getattr(item, "name", "")) for item in part]
@@ -66,5 +69,5 @@ def number(rig: Rig, path: str) -> Number:
             f"'{path}' is not a number with a unit; give the path of one, e.g. joints.0.friction.coefficient"
         )
     if isinstance(part, Parameter):
-        return Number(".".join(keys), part.value, part.std, quantity, True)
+        return Number(".".join(keys), part.value, part.std, quantity, True, part.hold)
     return Number(".".join(keys), float(part), 0.0, quantity, False)

@@ -8,6 +8,7 @@ from collections.abc import MutableMapping
 from typing import Any
 
 from distal.errors import DistalError, did_you_mean
+from distal.rig.quantities import KEYS
 
 _LOOSE_QUANTITY = re.compile(r"^[-+]?[0-9.][0-9.eE+-]*\s*[A-Za-z%°µμ][^\"'\[\]{}=]*$")
 
@@ -71,7 +72,7 @@ def set_value(raw: Any, path: str, value: object, error: type[DistalError]) -> N
 
 
 def _merged(old: object, new: object) -> object:
-    if isinstance(old, MutableMapping) and set(old) <= {"value", "std", "drift"} and "value" in old:
+    if isinstance(old, MutableMapping) and set(old) <= set(KEYS) and "value" in old:
         if isinstance(new, MutableMapping) and new:
             return {**old, **new}
         old["value"] = new

@@ -15,6 +15,9 @@ from distal.units import to_si
 SMALLEST, LARGEST = 1e-20, 1e12
 """Sizes beyond which a number in a description is a mistake, and squares of it would leave what a computer can hold."""
 
+KEYS = ("value", "std", "drift", "hold")
+"""Keys of a parameter that is written as a table."""
+
 Bound = Literal["any", "nonnegative", "positive"]
 
 
@@ -27,25 +30,32 @@ class Description(BaseModel):
 class Parameter(Description):
     """A physical parameter: value, the standard deviation of what is not known about it, and its random walk, all SI.
 
-    The walk is `drift` per √s; None leaves its size to the estimator.
+    The walk is `drift` per √s; None leaves its size to the estimator. With `hold` the std is a prior for fitting only:
+    estimators take the value as it is.
     A parameter that is exactly zero with ``std = 0`` does not exist for the model: its terms are left out.
     """
 
     value: float
     std: float = 0.0
     drift: float | None = None
+    hold: bool = False
 
     @property
     def absent(self) -> bool:
         """Whether the parameter is zero for certain."""
-        return self.value == 0.0 and self.std == 0.0
+        return self.value == 0.0 and self.unsure == 0.0
+
+    @property
+    def unsure(self) -> float:
+        """The std that estimators go by: none where the value is held."""
+        return 0.0 if self.hold else self.std
 
 
 @dataclass(frozen=True)
 class In:
     """Annotation of a field: its SI unit and its bound; it reads bare numbers as SI and text with a unit.
 
-    On a `Parameter` it also reads ``{ value = …, std = …, drift = … }`` (std and drift may be percentages of the
+    On a `Parameter` it also reads ``{ value = …, std = …, drift = …, hold = … }`` (std and drift may be percentages of the
     value), on a pair of floats an interval [low, high]. Where `drifts` is False the parameter cannot walk.
     """
 
@@ -74,8 +84,8 @@ class In:
         if not isinstance(raw, Mapping):
             return {"value": self._scalar(raw), "std": 0.0}
         for key in raw:
-            if key not in ("value", "std", "drift"):
-                raise UnitError(f"unknown key '{key}'{did_you_mean(str(key), ['value', 'std', 'drift'])}")
+            if key not in KEYS:
+                raise UnitError(f"unknown key '{key}'{did_you_mean(str(key), KEYS)}")
         if "value" not in raw:
             raise UnitError("has no 'value'; write { value = …, std = … }")
         value = self._scalar(raw["value"])
@@ -86,7 +96,10 @@ class In:
                 raise UnitError("has no drift: it is a start, or read only where nothing else is; remove 'drift'")
             if std == 0.0 and drift > 0.0:
                 raise UnitError(f"drift needs a std: what is certain does not walk, drift = {drift:g} came without one")
-        return {"value": value, "std": std, "drift": drift}
+        hold = raw.get("hold", False)
+        if not isinstance(hold, bool):
+            raise UnitError(f"hold must be true or false, {hold!r} came")
+        return {"value": value, "std": std, "drift": drift, "hold": hold}
 
     def _spread(self, key: str, raw: object, value: float) -> float:
         if isinstance(raw, str) and raw.strip().endswith("%"):

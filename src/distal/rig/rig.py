@@ -195,4 +195,4 @@ def _distinct(names: Sequence[str], what: str) -> None:
 
 
 def _is_one(parameter: Any) -> bool:
-    return bool(parameter.value == 1.0 and parameter.std == 0.0)
+    return bool(parameter.value == 1.0 and parameter.unsure == 0.0)

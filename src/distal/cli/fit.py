@@ -1,0 +1,164 @@
+"""`distal fit`: a rig's parameters and noise from its own logs."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from distal.cli.console import err, say, table
+from distal.cli.options import RigOption, SetOption, seconds
+from distal.errors import DistalWarning, FitError, OutputError
+
+if TYPE_CHECKING:
+    from distal.identification import CrossValidation, Fit
+
+
+def fit_command(
+    logs: Annotated[
+        list[Path], typer.Argument(help="CSV or Parquet logs; some with the joint's angle, or all, or none.")
+    ],
+    rig: RigOption,
+    out: Annotated[Path | None, typer.Option("--out", help="Where to write the fitted rig (TOML).")] = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option("--free", metavar="PATH", help="What is varied; repeatable. Default: all that have a std."),
+    ] = None,
+    per_log: Annotated[
+        list[str] | None,
+        typer.Option("--per-log", metavar="PATH", help="What each log has its own of, e.g. tendons.*.pretension."),
+    ] = None,
+    homing: Annotated[
+        str | None,
+        typer.Option("--homing", help="Fit to this use: the reference is known for so long (e.g. 3s), then predicted."),
+    ] = None,
+    truth: Annotated[str | None, typer.Option("--truth", help="True joint angle: a column of the logs.")] = None,
+    noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Fit the noise too.")] = True,
+    holdout: Annotated[
+        str | None,
+        typer.Option(
+            "--holdout", help="Cross-validate: 'log' leaves out each log, a regular expression groups them: 'run_(.)'."
+        ),
+    ] = None,
+    report: Annotated[Path | None, typer.Option("--report", help="Folder for a page on the fit.")] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Threads.")] = 2,
+    set_: SetOption = None,
+) -> None:
+    """Fit a rig's parameters and noise to logs, say what they can tell, and write a rig that estimates well on the next."""
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    from distal.identification import cross_validate
+    from distal.identification import fit as fitted_to
+    from distal.logs import read_log
+    from distal.reports import fit_report
+    from distal.rig import edited_text, load_rig
+
+    _check_outputs(logs, rig, out, report)
+    home = seconds(homing) if homing is not None else None
+    description = load_rig(rig, set_ or ())
+    read = [read_log(path, description, truth) for path in logs]
+    options: dict[str, Any] = {
+        "free": free or (),
+        "per_log": per_log or (),
+        "noise": noise,
+        "seed": seed,
+        "workers": jobs,
+    }
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    validation = None
+    with Progress(*columns, console=err(), transient=True) as progress, warnings.catch_warnings():
+        task = progress.add_task("reading")
+
+        def told(stage: str, iteration: int, cost: float) -> None:
+            progress.update(task, description=f"{stage}: iteration {iteration}, −ln p = {cost:.1f}")
+
+        result = fitted_to(read, description, homing=home, progress=told, **options)
+        # what it warns of was said of the fit to all logs
+        warnings.simplefilter("ignore", DistalWarning)
+        if holdout is not None and not result.interrupted:
+            pattern = None if holdout == "log" else holdout
+            validation = cross_validate(read, description, pattern, home, progress=told, **options)
+    _say(result)
+    if validation is not None:
+        _say_held_out(validation)
+    if out is not None:
+        result.save(out, edited_text(rig, set_ or ()))
+    if report is not None:
+        with Progress(*columns, console=err(), transient=True) as progress:
+            progress.add_task("drawing")
+            page = fit_report(result, read, report, validation)
+    if out is not None:
+        say(f"wrote {out}")
+    if report is not None:
+        say(f"wrote {page}")
+
+
+def _check_outputs(logs: list[Path], rig: str, out: Path | None, report: Path | None) -> None:
+    """Refuse, before anything is computed, outputs that cannot be written or would replace an input."""
+    from distal.logs import check_writable
+
+    if out is not None:
+        check_writable(out)
+        if out.suffix != ".toml":
+            raise OutputError(f"{out}: a rig file ends in .toml")
+        if out.resolve() in [path.resolve() for path in (*logs, Path(rig))]:
+            raise OutputError(f"{out}: is an input of this command; give another name")
+    if report is not None and report.exists() and not report.is_dir():
+        raise OutputError(f"{report}: is a file; give the name of a folder")
+    names = [path.resolve() for path in logs]
+    for path in names:
+        if names.count(path) > 1:
+            raise FitError(f"{path}: came more than once; a log that counts twice makes the fit too sure of itself")
+
+
+def _say(result: Fit) -> None:
+    rows = [
+        (
+            part.name,
+            f"{part.start:.5g}" + ("" if np.isnan(part.prior_std) else f" ± {part.prior_std:.2g}"),
+            f"{part.value:.5g} ± {part.error:.2g}",
+            f"{part.si}, {part.origin}".lstrip(", "),
+        )
+        for part in result.fitted
+    ]
+    table(
+        f"fitted to {len(result.logs)} log{'s' if len(result.logs) > 1 else ''}, {result.duration:.0f} s",
+        ["number", "start ± prior std", "value ± standard error", "unit, from"],
+        rows,
+    )
+    for part in result.fitted:
+        for name, value in part.per_log.items():
+            say(f"  {part.name} in {Path(name).name}: {value:.5g} {part.si}")
+    for line in result.combinations:
+        say(f"these logs tell {line}")
+    ratios = ", ".join(
+        f"{name} {before:.2f} → {after:.2f}"
+        for name, before, after in zip(result.channels, result.nis_before, result.nis_after)
+        if np.isfinite(after)
+    )
+    say(f"normalised innovations ν²/S (1 is expected): {ratios}")
+    if result.interrupted:
+        say("interrupted: these are the best values so far")
+    elif not result.converged:
+        say("the search stopped before it converged; start closer, or fix what the logs cannot tell")
+
+
+def _say_held_out(validation: CrossValidation) -> None:
+    rows = [
+        (
+            Path(one.log).name,
+            f"{np.rad2deg(one.before.rms_error()):.3f}",
+            f"{np.rad2deg(one.after.rms_error()):.3f}",
+            f"{100 * one.after.inside_band():.0f} %",
+        )
+        for one in validation.held_out
+    ]
+    table("logs that were not fitted", ["log", "RMS before [°]", "RMS after [°]", "inside 95 % band"], rows)
+    say(
+        f"held out: mean RMS {np.rad2deg(validation.mean_rms):.3f}°, worst {np.rad2deg(validation.worst_rms):.3f}°, "
+        f"{100 * validation.inside_band:.0f} % inside the band"
+    )

@@ -1,0 +1,19 @@
+"""A rig's parameters and noise from its own logs, and what the logs can tell."""
+
+from distal.identification.crossvalidation import CrossValidation, HeldOut, cross_validate
+from distal.identification.fit import fit
+from distal.identification.free import Free
+from distal.identification.observability import Observability, observability
+from distal.identification.result import Fit, Fitted
+
+__all__ = [
+    "CrossValidation",
+    "Fit",
+    "Fitted",
+    "Free",
+    "HeldOut",
+    "Observability",
+    "cross_validate",
+    "fit",
+    "observability",
+]

@@ -1,0 +1,258 @@
+"""`fit`: a rig's parameters and noise from its own logs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import FitError
+from distal.estimators import added_reference, check_homing, with_reference
+from distal.identification.checks import check_logs
+from distal.identification.fitted_file import assignments
+from distal.identification.free import Free
+from distal.identification.likelihood import Likelihood
+from distal.identification.result import Fit, Fitted
+from distal.identification.search import Found, search
+from distal.identification.selection import choose
+from distal.identification.uncertainty import Uncertainty, uncertainty
+from distal.logs import Log, read_log
+from distal.rig import Rig, Sensor, load_rig
+
+Floats = NDArray[np.float64]
+
+STARTS = 6
+"""Points drawn from the priors that are tried as starts beside the priors' mean."""
+
+UNKNOWN_SPREAD = 2.0
+"""Spread of those points where there is no prior, in units of the coordinate (a tenth of the value)."""
+
+DISAGREE = 2.0
+"""Logs contradict each other if the innovations of one are this much larger than with parameters of its own."""
+
+Progress = Callable[[str, int, float], None]
+
+
+def fit(
+    logs: Sequence[Any],
+    rig: Rig | str | Path,
+    free: Sequence[str] = (),
+    per_log: Sequence[str] = (),
+    homing: float | None = None,
+    noise: bool = True,
+    truth: str | None = None,
+    seed: int = 0,
+    workers: int = 2,
+    compiled: bool = True,
+    progress: Progress | None = None,
+) -> Fit:
+    """Fit a rig\'s parameters and noise to logs, by the likelihood of the filter\'s innovations.
+
+    −ln p = ½ Σ (ν²/S + ln 2πS) − ln prior, over all logs and channels (prediction-error method; Ljung, 1999, ch. 7); the
+    truth of a log that has one is one more sensor. With `homing` it is a sensor for that long only, and what is
+    predicted afterwards is what counts: the fit is to the use.
+
+    Args:
+        logs: each a `Log`, a path or a frame (see `read_log`).
+        rig: the description where the fit starts; its values and stds are the priors.
+        free: paths of what is varied, ``*`` for all parts of a kind; default every parameter with a std.
+        per_log: paths of which each log has its own (pre-tension, zero offsets).
+        homing: for how long the reference is used [s]; None for wherever it is.
+        noise: whether noise is varied too.
+        truth: where logs are read: the true angle\'s column.
+        seed: of the starts.
+        workers: threads; one log each.
+        compiled: compile the kernel where possible.
+        progress: called with the stage, the iteration and −ln p.
+
+    Raises:
+        FitError: the logs cannot be fitted; says which and why.
+        LogError: a log cannot be read.
+        RigError: the rig is unknown or wrong.
+    """
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    read = [log if isinstance(log, Log) else read_log(log, rig, truth) for log in logs]
+    check_logs(read, rig)
+    known = [log for log in read if "theta" in log.truth]
+    if homing is not None:
+        for log in read:
+            if "theta" not in log.truth:
+                raise FitError(f"{log.source}: has no truth, which a fit with homing needs on every log")
+            check_homing(homing, log)
+    described, reference = with_reference(rig, known[0]) if known else added_reference(rig, read[0].rate)
+    parts = choose(described, reference, free, per_log, noise, homing is not None)
+    if not known:
+        parts = tuple(part for part in parts if not _of_reference(described, reference, part))
+
+    def made(chosen: Sequence[Free], group: Sequence[Log]) -> Likelihood:
+        return Likelihood(described, reference, chosen, group, homing, compiled, workers)
+
+    likelihood = made(parts, read)
+    before = likelihood.cost(np.zeros(likelihood.size))
+    if not np.isfinite(before):
+        raise FitError(
+            f"{rig.name}: the filter leaves all bounds on these logs; check the units of logs and rig (distal estimate)"
+        )
+    found = _best_of_starts(likelihood, seed, progress)
+    told = uncertainty(likelihood.derivatives(found.z), found.z, likelihood.parts())
+    kept = _untold(likelihood, told)
+    if kept and len(kept) < len(parts) and not found.interrupted:
+        # what the logs cannot tell stays at its prior, and the others are fitted to that
+        rest = tuple(part for part in parts if part not in kept)
+        smaller = made(rest, read)
+        start = np.array([found.z[k] for k, (part, _) in enumerate(likelihood.parts()) if part not in kept])
+        found = search(smaller, start, _staged(progress, "what the logs tell"))
+        final, told_now = smaller, uncertainty(smaller.derivatives(found.z), found.z, smaller.parts())
+    else:
+        final, told_now = likelihood, told
+    if len(read) > 1 and not found.interrupted:
+        _check_agreement(final, found, made, read, progress)
+    fitted = _fitted(final, found.z, told_now) + [_kept(part) for part in kept]
+    values = assignments(fitted, described)
+    result = described.with_values(values) if values else described
+    if described is not rig and reference.name not in {sensor.name for sensor in rig.sensors}:
+        added = f"sensors.{len(rig.sensors)}."
+        result = rig.with_values({path: value for path, value in values.items() if not path.startswith(added)})
+    return Fit(
+        rig=result,
+        start=rig,
+        fitted=tuple(part for part in fitted if not part.name.startswith(f"sensors.{len(rig.sensors)}.")),
+        logs=tuple(log.source for log in read),
+        duration=float(sum(log.time[-1] - log.time[0] for log in read)),
+        samples=sum(len(log) for log in read),
+        homing=homing,
+        correlations=told_now.correlations,
+        combinations=told.combinations,
+        channels=final.measured,
+        nis_before=_nis(likelihood, np.zeros(likelihood.size)),
+        nis_after=_nis(final, found.z),
+        cost_before=before,
+        cost_after=found.cost,
+        iterations=found.iterations,
+        converged=found.converged,
+        interrupted=found.interrupted,
+        evaluations=likelihood.evaluations + (final.evaluations if final is not likelihood else 0),
+    )
+
+
+def _of_reference(rig: Rig, reference: Sensor, part: Free) -> bool:
+    at = [sensor.name for sensor in rig.sensors].index(reference.name)
+    return all(path.startswith(f"sensors.{at}.") for path in part.paths)
+
+
+def _staged(progress: Progress | None, stage: str) -> Callable[[int, float], None] | None:
+    return None if progress is None else lambda iteration, cost: progress(stage, iteration, cost)
+
+
+def _best_of_starts(likelihood: Likelihood, seed: int, progress: Progress | None) -> Found:
+    """Return the best of two searches: from the priors\' mean, and from the best of some points drawn from the priors."""
+    rng = np.random.default_rng(seed)
+    spreads = np.array(
+        [0.0 if part.noise else part.spread if part.has_prior else UNKNOWN_SPREAD for part, _ in likelihood.parts()]
+    )
+    bounds = np.array([part.bounds for part, _ in likelihood.parts()])
+    drawn = [np.clip(spreads * rng.normal(size=likelihood.size), *bounds.T) for _ in range(STARTS)]
+    first = search(likelihood, np.zeros(likelihood.size), _staged(progress, "from the priors"))
+    if first.interrupted:
+        return first
+    costs = [likelihood.cost(z) for z in drawn]
+    other = search(likelihood, drawn[int(np.argmin(costs))], _staged(progress, "from another start"))
+    best = other if other.cost < first.cost else first
+    return replace(best, interrupted=other.interrupted, iterations=first.iterations + other.iterations)
+
+
+def _untold(likelihood: Likelihood, told: Uncertainty) -> list[Free]:
+    """Return the shared parameters that the logs do not tell and that have a prior to stay at."""
+    return [
+        part
+        for (part, log), known in zip(likelihood.parts(), told.told)
+        if not known and log is None and part.has_prior and not part.noise
+    ]
+
+
+def _fitted(likelihood: Likelihood, z: Floats, told: Uncertainty) -> list[Fitted]:
+    fitted = []
+    coordinates = [likelihood.columns(j) for j in range(len(likelihood.data))]
+    for k, part in enumerate(likelihood.free):
+        places = sorted({columns[k] for columns in coordinates})
+        each = np.array([part.value(z[place]) for place in places])
+        errors = np.array([told.errors[place] * part.slope(z[place]) for place in places])
+        names = [data.log.source for data in likelihood.data]
+        mean = float(each.mean())
+        spread = float(np.sqrt(each.var(ddof=1) + np.mean(errors**2))) if len(each) > 1 else float(errors[0])
+        share = 1.0 if part.start == 0.0 or len(set(part.starts)) == 1 else 1.0 / part.start
+        values = tuple(mean if len(set(part.starts)) == 1 else mean * start * share for start in part.starts)
+        fitted.append(
+            Fitted(
+                part.name,
+                part.paths,
+                part.si,
+                part.start,
+                part.std,
+                mean,
+                spread,
+                bool(part.noise or part.per_log or not part.has_prior or told.told[places[0]]),
+                part.noise,
+                values,
+                dict(zip(names, map(float, each))) if part.per_log else {},
+            )
+        )
+    return fitted
+
+
+def _kept(part: Free) -> Fitted:
+    return Fitted(part.name, part.paths, part.si, part.start, part.std, part.start, part.std, False, False, part.starts)
+
+
+def _nis(likelihood: Likelihood, z: Floats) -> tuple[float, ...]:
+    """Return the mean of ν²/S per channel over all logs."""
+    told = likelihood.each(z, likelihood.run)
+    ratios = np.vstack([values**2 / variances for values, variances in told])
+    means = [float(np.nanmean(column)) if np.isfinite(column).any() else float("nan") for column in ratios.T]
+    return tuple(means)
+
+
+def _check_agreement(
+    likelihood: Likelihood,
+    found: Found,
+    made: Callable[[Sequence[Free], Sequence[Log]], Likelihood],
+    logs: Sequence[Log],
+    progress: Progress | None,
+) -> None:
+    """Refuse logs that only parameters of their own explain.
+
+    Raises:
+        FitError: a log\'s innovations are `DISAGREE` times larger with shared parameters than with its own.
+    """
+    parts = tuple(replace(part, per_log=False) for part in likelihood.free if not part.noise)
+    at = [k for k, part in enumerate(likelihood.free) if not part.noise]
+    worst: tuple[float, str, str] = (0.0, "", "")
+    for j, log in enumerate(logs):
+        own = made(parts, [log])
+        shared = found.z[likelihood.columns(j)]
+        start = shared[at]
+        alone = search(own, start, _staged(progress, f"does {Path(log.source).name} agree"))
+        if alone.interrupted:
+            return
+        together, apart = _sizes(own, start), _sizes(own, alone.z)
+        ratio = float(np.nanmax(together / apart))
+        moved = int(np.argmax(np.abs(alone.z - start) * [1.0 / p.spread if p.has_prior else 1.0 for p in parts]))
+        if ratio > worst[0]:
+            wanted = f"{parts[moved].name} = {parts[moved].value(alone.z[moved]):.4g} {parts[moved].si}".rstrip()
+            worst = (ratio, log.source, f"{wanted}, all logs together {parts[moved].value(start[moved]):.4g}")
+    if worst[0] > DISAGREE:
+        raise FitError(
+            f"contradictory logs: {worst[1]} fits {worst[0]:.1f} times better with parameters of its own ({worst[2]}); was "
+            "something changed between the logs? Fit them apart, or give each its own with --per-log"
+        )
+
+
+def _sizes(likelihood: Likelihood, z: Floats) -> Floats:
+    """Return the RMS innovation per channel of a likelihood of one log."""
+    values, variances = likelihood.run(0, z)
+    limited = np.minimum(values**2, 9.0 * variances)
+    return np.array([np.sqrt(np.nanmean(c)) if np.isfinite(c).any() else np.nan for c in limited.T])

@@ -1,0 +1,121 @@
+"""What a fit varies: a number of the rig, or several by a common factor, with prior and bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Free:
+    """A number that is varied, or several that are varied by a common factor.
+
+    Its coordinate z is ln(value/start) where it is `logarithmic`, else (value − start)/scale.
+
+    Args:
+        name: for tables.
+        paths: of the numbers in the description.
+        starts: their values where the fit starts, which is the mean of the prior.
+        std: of the prior, in the unit of the first one; NaN where there is none.
+        scale: of the coordinate, in the unit of the first one.
+        low: lower bound of the first one.
+        high: upper bound.
+        si: unit of the first one.
+        logarithmic: whether the coordinate is a logarithm; the prior is then on it, with std ln(1 + std/start).
+        per_log: whether each log has its own.
+        noise: whether it is a noise, no parameter.
+    """
+
+    name: str
+    paths: tuple[str, ...]
+    starts: tuple[float, ...]
+    std: float
+    scale: float
+    low: float
+    high: float
+    si: str = ""
+    logarithmic: bool = False
+    per_log: bool = False
+    noise: bool = False
+
+    @property
+    def start(self) -> float:
+        """Where the first of the numbers starts."""
+        return self.starts[0]
+
+    @property
+    def has_prior(self) -> bool:
+        """Whether there is a prior."""
+        return not np.isnan(self.std)
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the prior in the coordinate; NaN where there is none."""
+        if not self.has_prior:
+            return float("nan")
+        return float(np.log1p(self.std / self.start)) if self.logarithmic else self.std / self.scale
+
+    def value(self, z: float) -> float:
+        """Return the first number at a coordinate, within its bounds.
+
+        Args:
+            z: the coordinate.
+        """
+        low, high = self.bounds
+        z = float(np.clip(z, low, high))
+        return float(self.start * np.exp(z)) if self.logarithmic else self.start + self.scale * z
+
+    def values(self, z: float) -> tuple[float, ...]:
+        """Return all numbers at a coordinate.
+
+        Args:
+            z: the coordinate.
+        """
+        first = self.value(z)
+        if len(set(self.starts)) == 1:
+            return (first,) * len(self.starts)
+        return tuple(first * start / self.start for start in self.starts)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of the coordinate."""
+        if self.logarithmic:
+            return float(np.log(self.low / self.start)), float(np.log(self.high / self.start))
+        return (self.low - self.start) / self.scale, (self.high - self.start) / self.scale
+
+    def prior_residual(self, z: float) -> float:
+        """Return z/σ, 0 where there is no prior.
+
+        Args:
+            z: the coordinate; 0 is the prior's mean.
+        """
+        return z / self.spread if self.has_prior else 0.0
+
+    def neighbours(self, z: float, step: float) -> tuple[float, float, float]:
+        """Return two coordinates about z, a step away or at a bound, and how far apart they are.
+
+        Args:
+            z: the coordinate.
+            step: half of the distance.
+        """
+        low, high = self.bounds
+        up, down = min(z + step, high), max(z - step, low)
+        return up, down, up - down
+
+    def slope(self, z: float) -> float:
+        """Return d value/dz.
+
+        Args:
+            z: the coordinate.
+        """
+        return self.value(z) if self.logarithmic else self.scale
+
+
+def prior_changes(path: str) -> bool:
+    """Return whether a number of the description is part of the filter's prior, not only of its model.
+
+    Args:
+        path: of the number.
+    """
+    return path.startswith("sensors.") or path.endswith((".initial", "external_torque.std", "hysteresis.error"))

@@ -1,0 +1,339 @@
+"""The likelihood of innovations of many logs, as a function of a rig's parameters, and its derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators import WILD_FORCE, AdaptiveFilter, first_values, samples_of
+from distal.identification.free import Free, prior_changes
+from distal.identification.resampling import refined, steps_per_sample
+from distal.logs import Log
+from distal.rig import Rig, Sensor
+from distal.sensors import variance
+
+Floats = NDArray[np.float64]
+Result = TypeVar("Result")
+
+STEP = 1e-3
+"""Step of the central differences, in units of the coordinates (a relative change, or a share of the prior's std).
+
+Friction has kinks: a step that is too small sees one side of them only. See docs/identification.md for the table.
+"""
+
+
+@dataclass(frozen=True)
+class Data:
+    """A log, ready for the filter.
+
+    Args:
+        log: as read.
+        samples: values of the filter's channels, (k, n_channels); the reference is the last.
+        first: the first value of each channel.
+        rows: what the kernel takes.
+        last: index of each sample's own row.
+    """
+
+    log: Log
+    samples: Floats
+    first: Floats
+    rows: Floats
+    last: NDArray[np.intp]
+
+
+class Likelihood:
+    """Innovations ν and their variances S of logs at parameters z: −ln p = ½ Σ (ν²/S + ln 2πS) + prior.
+
+    The prediction-error method (Ljung, System Identification, 1999, ch. 7; Åström, Automatica 16, 1980): hidden states,
+    missing samples and sensor noise are treated as in use, because it is the filter that is used. A wild innovation
+    counts as in the filter: beyond ν² = 9 S its variance grows with it.
+
+    Args:
+        rig: the description at which the fit starts.
+        reference: the sensor of the joint's angle.
+        free: what is varied.
+        logs: with the reference as truth, NaN or absent where it is not known.
+        homing: None to use the reference wherever it is; else for how long it is used [s]. What follows is compared with
+            what the filter predicts, and only that counts: the fit is to the use.
+        compiled: compile the kernel where possible.
+        workers: threads.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        reference: Sensor,
+        free: Sequence[Free],
+        logs: Sequence[Log],
+        homing: float | None = None,
+        compiled: bool = True,
+        workers: int = 2,
+    ) -> None:
+        self.rig, self.reference, self.free = rig, reference, tuple(free)
+        given = [path for part in self.free for path in part.paths]
+        self._filter = AdaptiveFilter(rig, compiled, name="fit", reference=reference, given=given, suspicious=False)
+        names = self._filter.parameter_names
+        self._index = [[names.index(path) for path in part.paths] for part in self.free]
+        self._base = self._filter.parameter_values
+        self.measured = self._filter.measured
+        self.state_names = self._filter.state_names
+        self._homing = homing
+        self.data = tuple(self._prepared(log) for log in logs)
+        self._workers = workers
+        self._per_log = [k for k, part in enumerate(self.free) if part.per_log]
+        self._shared = [k for k, part in enumerate(self.free) if not part.per_log]
+        self.evaluations = 0
+
+    def _prepared(self, log: Log) -> Data:
+        runner = self._filter
+        proximal = samples_of(log, runner.channels[:-1], "fit")
+        truth = log.truth.get("theta", np.full(len(log), np.nan))
+        samples = np.column_stack([proximal, truth])
+        positions = [sensor for sensor in self.rig.sensors if sensor.name in runner.channels[: runner.places]]
+        noise = np.sqrt([variance(sensor) for sensor in positions])
+        steps = steps_per_sample(log.time, samples[:, : runner.places], noise)
+        times, fine, own = refined(log.time, samples, runner.places, steps)
+        rows, last = runner.rows(np.diff(times, prepend=times[0]), fine)
+        last = last[own]
+        if self._homing is not None:
+            late = last[log.time - log.time[0] >= self._homing]
+            rows[late, 2 * len(runner.channels)] *= -1.0  # a mask of −1: compared, but not used
+        return Data(log, samples, first_values(samples), rows, last)
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates: shared ones, then those of each log."""
+        return len(self._shared) + len(self._per_log) * len(self.data)
+
+    def columns(self, log: int) -> list[int]:
+        """Return for each free parameter the coordinate that holds it in a log.
+
+        Args:
+            log: its index.
+        """
+        places = [0] * len(self.free)
+        for i, k in enumerate(self._shared):
+            places[k] = i
+        start = len(self._shared) + log * len(self._per_log)
+        for i, k in enumerate(self._per_log):
+            places[k] = start + i
+        return places
+
+    def parts(self) -> list[tuple[Free, int | None]]:
+        """Return the free parameter, and the log where it is one log's own, of each coordinate."""
+        shared: list[tuple[Free, int | None]] = [(self.free[k], None) for k in self._shared]
+        return shared + [(self.free[k], j) for j in range(len(self.data)) for k in self._per_log]
+
+    def run(self, log: int, z: Floats) -> tuple[Floats, Floats]:
+        """Return innovations and variances of one log, (k, m) each, NaN where nothing was compared.
+
+        Args:
+            log: its index.
+            z: that log's coordinates, one for each free parameter.
+        """
+        values, variances, _ = self._scan(log, z)
+        return values, variances
+
+    def _scan(self, log: int, z: Floats) -> tuple[Floats, Floats, Floats]:
+        data, p = self.data[log], self._base.copy()
+        changed = {}
+        for part, places, coordinate in zip(self.free, self._index, z):
+            for place, path, value in zip(places, part.paths, part.values(float(coordinate))):
+                p[place] = value
+                if prior_changes(path):
+                    changed[path] = value
+        runner = self._filter if not changed else self._filter.with_prior(changed)
+        carry = runner.initial(data.log.time[0], data.first).carry
+        carries, ys = self._filter.kernel.scan(carry, data.rows, p)
+        values, variances = self._filter.innovations(ys[data.last], data.samples)
+        if self._homing is not None:
+            values = values.copy()
+            values[:, :-1] = np.nan
+            values[data.log.time - data.log.time[0] < self._homing] = np.nan
+        return values, variances, carries[data.last]
+
+    def estimates(self, log: int, z: Floats) -> tuple[Floats, Floats]:
+        """Return means (k, n) and variances (k, n) of the filter's states along a log.
+
+        Args:
+            log: its index.
+            z: that log's coordinates.
+        """
+        _, _, carries = self._scan(log, z)
+        n = len(self.state_names)
+        covariances = carries[:, n : n + n * n].reshape(-1, n, n)
+        return carries[:, :n], np.diagonal(covariances, axis1=1, axis2=2)
+
+    def each(self, z: Floats, job: Callable[[int, Floats], Result]) -> list[Result]:
+        """Return job(log, its coordinates) of all logs, in threads: kernels run without the interpreter's lock.
+
+        Args:
+            z: all coordinates, (size,).
+            job: what to do.
+        """
+        tasks = [(j, z[self.columns(j)]) for j in range(len(self.data))]
+        if self._workers < 2 or len(tasks) < 2:
+            return [job(*task) for task in tasks]
+        with ThreadPoolExecutor(self._workers) as pool:
+            return list(pool.map(lambda task: job(*task), tasks))
+
+    def cost(self, z: Floats) -> float:
+        """Return −ln p of all logs and of the prior, less constants; infinite where the filter left all bounds.
+
+        Args:
+            z: all coordinates, (size,).
+        """
+        self.evaluations += 1
+        costs = self.each(z, lambda j, own: cost_of(*self.run(j, own)))
+        return float(np.sum(costs)) + 0.5 * float(np.sum(self.prior_residuals(z) ** 2))
+
+    def prior_residuals(self, z: Floats) -> Floats:
+        """Return z/σ of each coordinate, 0 where it has no prior, (size,).
+
+        Args:
+            z: all coordinates, (size,).
+        """
+        return np.array([part.prior_residual(float(value)) for (part, _), value in zip(self.parts(), z)])
+
+    def derivatives(self, z: Floats) -> Derivatives:
+        """Return cost, gradient and Fisher information at z, by central differences of ν and ln S.
+
+        Args:
+            z: all coordinates, (size,).
+        """
+        self.evaluations += 1 + 2 * len(self.free)
+        told = self.each(z, self._log_derivatives)
+        n = self.size
+        cost, gradient, information, meat = 0.0, np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
+        for j, part in enumerate(told):
+            places = self.columns(j)
+            cost += part.cost
+            gradient[places] += part.gradient
+            information[np.ix_(places, places)] += part.information
+            meat[np.ix_(places, places)] += part.meat
+        residuals = self.prior_residuals(z)
+        weights = np.array([1.0 / part.spread if part.has_prior else 0.0 for part, _ in self.parts()])
+        cost += 0.5 * float(np.sum(residuals**2))
+        return Derivatives(cost, gradient + weights * residuals, information, np.diag(weights**2), meat)
+
+    def _log_derivatives(self, log: int, z: Floats) -> LogDerivatives:
+        values, variances = self.run(log, z)
+        there = np.isfinite(values)
+        nu, spread = values[there], variances[there]
+        slopes, log_slopes = np.zeros((len(z), len(nu))), np.zeros((len(z), len(nu)))
+        for k, part in enumerate(self.free):
+            up, down, width = part.neighbours(float(z[k]), STEP)
+            ends = []
+            for coordinate in (up, down):
+                moved = z.copy()
+                moved[k] = coordinate
+                ends.append([each[there] for each in self.run(log, moved)])
+            slopes[k] = (ends[0][0] - ends[1][0]) / width
+            log_slopes[k] = np.log(ends[0][1] / ends[1][1]) / width
+        # what is compared may change at the ends (a slider at a stop): such a sample has no slope
+        slopes[~np.isfinite(slopes)] = 0.0
+        log_slopes[~np.isfinite(log_slopes)] = 0.0
+        ratio = nu * nu / spread
+        wild = np.maximum(1.0, ratio / np.broadcast_to(tolerance(values), values.shape)[there])
+        # with S' = S · wild the terms beyond 9 S are ln ν²: no slope in S, a bounded one in ν
+        calm = wild <= 1.0
+        # score of each sample, calm: ν ν'/S + ½ (ln S)' (1 − ν²/S); wild: ν'/ν
+        pull = np.where(calm, nu / spread, 1.0 / np.where(nu == 0.0, 1.0, nu))
+        scores = slopes * pull + 0.5 * log_slopes * np.where(calm, 1.0 - ratio, 0.0)
+        root = slopes / np.sqrt(spread * wild)
+        spreads = np.sqrt(0.5) * log_slopes * calm
+        information = root @ root.T + spreads @ spreads.T
+        times = np.broadcast_to(self.data[log].log.time[:, None], values.shape)[there]
+        return LogDerivatives(
+            cost_of(values, variances), scores.sum(axis=1), information, long_run_covariance(scores, times)
+        )
+
+
+@dataclass(frozen=True)
+class LogDerivatives:
+    """What one log tells; see `Derivatives`.
+
+    Args:
+        cost: −ln p.
+        gradient: of it, (n,).
+        information: Fisher information, (n, n).
+        meat: long-run covariance of the scores, (n, n).
+    """
+
+    cost: float
+    gradient: Floats
+    information: Floats
+    meat: Floats
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """Cost and its derivatives at a point.
+
+    Args:
+        cost: −ln p.
+        gradient: of it, (n,).
+        information: Fisher information of the logs, (n, n).
+        prior: information of the prior, (n, n).
+        meat: long-run covariance of the scores, (n, n): equal to the information where the model is right.
+    """
+
+    cost: float
+    gradient: Floats
+    information: Floats
+    prior: Floats
+    meat: Floats
+
+
+def cost_of(values: Floats, variances: Floats) -> float:
+    """Return ½ Σ (ν²/S + ln S) over what was compared, with S grown for wild innovations.
+
+    Args:
+        values: innovations ν, NaN where nothing was compared.
+        variances: S.
+    """
+    there = np.isfinite(values)
+    nu, spread = values[there], variances[there]
+    if not np.all(np.isfinite(spread)) or np.any(spread <= 0.0):
+        return float("inf")
+    ratio = nu * nu / spread
+    wild = np.maximum(1.0, ratio / np.broadcast_to(tolerance(values), values.shape)[there])
+    return 0.5 * float(np.sum(ratio / wild + np.log(spread * wild)))
+
+
+def tolerance(values: Floats) -> Floats:
+    """Return ν²/S beyond which an innovation is wild, (m,): never for the reference, which is the last channel.
+
+    Args:
+        values: innovations, (k, m).
+    """
+    limits = np.full(values.shape[1], WILD_FORCE)
+    limits[-1] = np.inf
+    return limits
+
+
+CORRELATED = 1.0
+"""Scores that are this far apart in time are taken as independent [s]."""
+
+
+def long_run_covariance(scores: Floats, times: Floats) -> Floats:
+    """Return Σ s sᵀ of scores summed over spans of `CORRELATED` s: their covariance with what is correlated in time.
+
+    Where the model is wrong, innovations are correlated and Fisher's information is too large; what the scores really
+    do is in this matrix (White, Econometrica 50, 1982; Newey and West, Econometrica 55, 1987).
+
+    Args:
+        scores: of each sample, (n, k).
+        times: of the samples [s], (k,).
+    """
+    spans = np.floor((times - times.min()) / CORRELATED).astype(int)
+    sums = np.zeros((scores.shape[0], int(spans.max()) + 1))
+    for k in range(scores.shape[0]):
+        sums[k] = np.bincount(spans, scores[k], minlength=sums.shape[1])
+    covariance: Floats = sums @ sums.T
+    return covariance

@@ -1,0 +1,78 @@
+"""Displacements between samples, offline: a fit knows what comes next, so they need not go in straight lines."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+FINEST = 4
+"""At most so many steps per sample."""
+
+
+def steps_per_sample(times: Floats, places: Floats, noise: Floats) -> int:
+    """Return how many steps per sample keep straight lines within the sensors\' noise, 1, 2 or `FINEST`.
+
+    A chord leaves out ẍ dt²/8: where sliders swing, that much tension is missing at every crest, and stiffness would be
+    fitted too large by (ω dt)²/12. With n steps it is n² times less.
+
+    Args:
+        times: stamps [s], (k,).
+        places: displacements, (k, m), NaN where missing.
+        noise: of the sensors, (m,).
+    """
+    bends = np.abs(np.diff(places, n=2, axis=0)) / 8.0
+    missed = [float(np.sqrt(np.nanmean(b**2))) if np.isfinite(b).any() else 0.0 for b in bends.T]
+    # noise bends too: its second difference has a variance of 6 σ²
+    own = np.sqrt(6.0) / 8.0 * noise
+    excess = max((np.sqrt(max(m**2 - o**2, 0.0)) / n for m, o, n in zip(missed, own, noise)), default=0.0)
+    for steps in (1, 2):
+        if excess < 0.5 * steps**2:
+            return steps
+    return FINEST
+
+
+def refined(times: Floats, samples: Floats, places: int, steps: int) -> tuple[Floats, Floats, NDArray[np.intp]]:
+    """Return stamps, samples and the original samples\' rows, with displacements interpolated between them.
+
+    Each interval is cut in `steps`; displacements follow the cubic through the four samples about it (Catmull and Rom,
+    1974), a straight line where one of them is missing or the stamps have a gap. All other channels are missing there.
+
+    Args:
+        times: stamps [s], (k,).
+        samples: (k, n_channels), NaN where missing; displacements come first.
+        places: number of displacements.
+        steps: per interval.
+    """
+    k = len(times)
+    if steps == 1 or k < 4:
+        return times, samples, np.arange(k)
+    parts = np.arange(1, steps) / steps
+    interval = np.diff(times)
+    even = interval < 1.5 * np.median(interval)
+    rows = [np.arange(k) * steps]
+    fine_times = np.empty((k - 1) * steps + 1)
+    fine = np.full((len(fine_times), samples.shape[1]), np.nan)
+    fine_times[rows[0]], fine[rows[0]] = times, samples
+    x = samples[:, :places]
+    before, after = np.vstack([x[:1], x[:-2]]), np.vstack([x[2:], x[-1:]])
+    first, last = x[:-1], x[1:]
+    smooth = np.isfinite(before + after) & even[:, None]
+    smooth &= (np.r_[True, even[:-1]] & np.r_[even[1:], True])[:, None]
+    left = np.where(smooth, (last - before) / 2, last - first)
+    right = np.where(smooth, (after - first) / 2, last - first)
+    for j, s in enumerate(parts, start=1):
+        fine_times[j::steps] = times[:-1] + s * interval
+        fine[j::steps, :places] = (
+            (2 * s**3 - 3 * s**2 + 1) * first
+            + (s**3 - 2 * s**2 + s) * left
+            + (3 * s**2 - 2 * s**3) * last
+            + (s**3 - s**2) * right
+        )
+    # gaps are bridged by the filter itself
+    keep = np.ones(len(fine_times), dtype=bool)
+    for j in range(1, steps):
+        keep[j::steps] = even & np.isfinite(fine[j::steps, :places]).all(axis=1)
+    kept = np.cumsum(keep) - 1
+    return fine_times[keep], fine[keep], kept[rows[0]]

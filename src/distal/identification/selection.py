@@ -1,0 +1,182 @@
+"""Which numbers of a rig a fit varies: what has a std, what is asked for, and the noise."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from distal.errors import FitError, RigError
+from distal.estimators import channels_of, parameter_states
+from distal.identification.free import Free
+from distal.model import Mechanism
+from distal.rig import Number, Rig, Sensor, number
+
+NOISE_RANGE = 25.0
+"""A noise stays within this factor of where it starts: a model that is trusted wholly has standard errors of nothing."""
+
+NOISE_PRIOR = 1.0
+"""Standard deviation of a noise's prior, as a share of where it starts: a factor of two either way."""
+
+SMALLEST = 1e-3
+"""A positive parameter stays above this share of where it starts."""
+
+
+def choose(
+    rig: Rig, reference: Sensor, asked: Sequence[str], per_log: Sequence[str], noise: bool, homing: bool
+) -> tuple[Free, ...]:
+    """Return what a fit varies.
+
+    Without a wish it is every parameter with a std that has an effect on the joint, tendons that err together by one
+    factor (as the filter has them), and the noise of the sensors that are compared, of the unmodelled torque and of the
+    hysteresis.
+
+    Args:
+        rig: the description; must hold the reference.
+        reference: the sensor of the joint's angle.
+        asked: paths, ``*`` for all parts of a kind; empty for every parameter with a std.
+        per_log: paths of which each log has its own.
+        noise: whether the noise is varied too.
+        homing: whether the fit is to what is predicted after homing: then sensors' own noise is left as it is.
+
+    Raises:
+        FitError: nothing is free, or a path cannot be.
+    """
+    free = [_asked(rig, path, False) for path in asked] if asked else list(_uncertain(rig, reference, per_log))
+    free += [_asked(rig, path, True) for path in per_log]
+    if noise:
+        free += _noises(rig, reference, homing)
+    seen: dict[str, str] = {}
+    for part in free:
+        for path in part.paths:
+            if path in seen:
+                raise FitError(f"'{path}' is asked for twice, by '{seen[path]}' and '{part.name}'; name it once")
+            seen[path] = part.name
+    if not any(not part.noise for part in free):
+        raise FitError(
+            f"{rig.name}: no parameter has a std, so there is nothing to fit; give the unknown ones one "
+            "(--set joints.0.friction.coefficient.std=0.1) or name them with --free"
+        )
+    return tuple(free)
+
+
+def _uncertain(rig: Rig, reference: Sensor, per_log: Sequence[str]) -> list[Free]:
+    mechanism = Mechanism(rig)
+    own = {path for wanted in per_log for path in _paths(rig, wanted)}
+    free = []
+    for state in parameter_states(mechanism, channels_of(rig, "fit", reference)):
+        paths = [mechanism.parameters.names[i] for i in state.indices]
+        if not own.intersection(paths):
+            numbers = [number(rig, path) for path in paths]
+            name = paths[0] if len(paths) == 1 else f"{paths[0].split('.')[0]}.*.{paths[0].split('.', 2)[2]}"
+            free.append(_free(rig, name, numbers, False))
+    taken = {path for part in free for path in part.paths} | own
+    alike: dict[tuple[str, float, float], list[str]] = {}
+    for path in _held(rig):
+        if path not in taken:
+            held = number(rig, path)
+            # one pulley serves all its tendons: insertions with the same number are varied together
+            shared = re.sub(r"\.\d+\.", ".*.", path, count=1) if ".insertion." in path else path
+            key = (shared, held.value, held.std)
+            alike.setdefault(key, []).append(path)
+    for (name, _, _), paths in alike.items():
+        numbers = [number(rig, path) for path in paths]
+        free.append(_free(rig, paths[0] if len(paths) == 1 else name, numbers, False))
+    return free
+
+
+def _held(rig: Rig) -> list[str]:
+    """Return the paths of what estimators take as it is, but a fit may vary: held parameters and hysteresis."""
+    names = Mechanism(rig, ()).parameters.all_names
+    held = []
+    for path in names:
+        try:
+            one = number(rig, path)
+        except RigError:
+            continue  # stops and what follows from other numbers
+        if one.std > 0.0 and (one.hold or ".hysteresis." in path):
+            held.append(path)
+    return held
+
+
+def _paths(rig: Rig, wanted: str) -> list[str]:
+    """Return the paths that a wish names; ``*`` stands for all parts of a kind."""
+    head, star, tail = wanted.partition(".*.")
+    if not star:
+        return [number(rig, wanted).path]
+    parts = getattr(rig, head, None)
+    if not isinstance(parts, tuple):
+        raise FitError(f"'{wanted}': '*' stands for all joints, drives, tendons or sensors, e.g. tendons.*.stiffness")
+    return [number(rig, f"{head}.{i}.{tail}").path for i in range(len(parts))]
+
+
+def _asked(rig: Rig, wanted: str, per_log: bool) -> Free:
+    try:
+        numbers = [number(rig, path) for path in _paths(rig, wanted)]
+    except RigError as problem:
+        raise FitError(f"--free {problem}") from None
+    return _free(rig, wanted, numbers, per_log)
+
+
+def _free(rig: Rig, name: str, numbers: Sequence[Number], per_log: bool) -> Free:
+    first = numbers[0]
+    if not first.is_parameter:
+        return _noise(name, numbers)
+    if first.value == 0.0 and first.std == 0.0:
+        raise FitError(
+            f"'{first.path}' is zero without a std, so its size is unknown; give it one "
+            f"(--set {first.path}.std=…) to say how large it may be"
+        )
+    if per_log and first.std == 0.0:
+        raise FitError(f"'{first.path}' has no std; what differs from log to log needs one (--set {first.path}.std=…)")
+    low = {"any": -np.inf, "nonnegative": 0.0, "positive": SMALLEST * first.value}[first.quantity.bound]
+    if len(numbers) > 1 and any(one.value == 0.0 for one in numbers) and len({one.value for one in numbers}) > 1:
+        raise FitError(f"'{name}' varies its numbers by one factor, but some are zero; name them one by one")
+    scale = first.std if first.std > 0.0 else 0.1 * abs(first.value)
+    std = first.std if first.std > 0.0 else float("nan")
+    starts = tuple(one.value for one in numbers)
+    paths = tuple(one.path for one in numbers)
+    return Free(name, paths, starts, std, scale, low, np.inf, first.quantity.si, per_log=per_log)
+
+
+def _noise(name: str, numbers: Sequence[Number], prior: bool = True) -> Free:
+    first = numbers[0]
+    if first.value <= 0.0:
+        raise FitError(f"'{first.path}' is zero; a noise that is fitted needs a size to start from")
+    return Free(
+        name,
+        tuple(one.path for one in numbers),
+        tuple(one.value for one in numbers),
+        NOISE_PRIOR * first.value if prior else float("nan"),
+        first.value,
+        first.value / NOISE_RANGE,
+        first.value * NOISE_RANGE,
+        first.quantity.si,
+        logarithmic=True,
+        noise=True,
+    )
+
+
+def _noises(rig: Rig, reference: Sensor, homing: bool) -> list[Free]:
+    """Return the noises: of sensors alike by one factor, of the reference, of what no model knows."""
+    groups: dict[tuple[str, str, float], list[int]] = {}
+    for i, sensor in enumerate(rig.sensors):
+        if sensor.name != reference.name and sensor.measures != "angle" and sensor.noise > 0.0:
+            groups.setdefault((sensor.measures, sensor.si, sensor.noise), []).append(i)
+    at = next(i for i, sensor in enumerate(rig.sensors) if sensor.name == reference.name)
+    if homing:
+        return []  # what is predicted after homing tells nothing of a sensor's own noise
+    free = []
+    for indices in groups.values():
+        paths = [f"sensors.{i}.noise" for i in indices]
+        name = paths[0] if len(paths) == 1 else f"noise of {', '.join(rig.sensors[i].name for i in indices)}"
+        free.append(_noise(name, [number(rig, path) for path in paths]))
+    if reference.noise > 0.0:
+        free.append(_noise(f"sensors.{at}.noise", [number(rig, f"sensors.{at}.noise")], prior=False))
+    paths = [f"drives.{i}.hysteresis.error" for i, d in enumerate(rig.drives) if d.hysteresis is not None]
+    paths = [path for path in paths if number(rig, path).value > 0.0]
+    if rig.joints[0].unmodelled > 0.0:
+        paths.append("joints.0.unmodelled")
+    free += [_noise(path, [number(rig, path)]) for path in paths]
+    return free

@@ -1,0 +1,165 @@
+"""Public logs of real instruments, fetched once and checked."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import LogError
+from distal.logs.output import write_whole
+
+Floats = NDArray[np.float64]
+
+SOURCE = (
+    "https://raw.githubusercontent.com/MRDLab/mis-tool-characterization/"
+    "03658b2ccefef9adceebc38dd4a17bd6e190cd2e/data/Tool_4_Maryland_L_2/{run}.TXT"
+)
+"""Medical Robotics and Devices Lab Data Repository, Open Database License 1.0."""
+
+LICENCE = """Logs of a da Vinci Maryland grasper from the Medical Robotics and Devices Lab Data Repository
+(MRDLab/mis-tool-characterization, commit 03658b2, folder data/Tool_4_Maryland_L_2), made available under the Open
+Database License 1.0 (opendatacommons.org/licenses/odbl/1-0); contents under the Database Contents License 1.0.
+Altered: counts turned into units, every fifth row kept (1 kHz to 200 Hz), columns named.
+"""
+
+FINGERPRINTS = {
+    "00": "1f6bcb7e187a16dc715688b045637a5769be630541517e94fb2c66bea4c13f60",
+    "01": "94e9785413e2658f965386543604b630ad92e5bcc5df65149ce4d2170ebfbc68",
+    "02": "70a5764e59b921507249509b00a8ed39a0689980c49209cdac0281b440a47993",
+    "03": "60cf4e1417c83f568fc71c34ba48a031652e5afbbd342c75421eefd8adf6a525",
+    "20": "56933bb4dac8261b579a51dd1cdedea09bcaed9394a2c3c6efa90284c1a04b69",
+    "21": "2858aee86807c57579752bff0c38bbfb1c7df78558299451037cb00b703017e3",
+    "22": "3100710dc5c1577c32a73ce6e9f531146f8640963d4052791e5e45f5142db350",
+    "23": "41a27d8a98b71da27251c1bde333e4efc5a2b7c4db389f44e9b7b21f8ea595cc",
+    "40": "a4537d05f55fdff074eeecf4ddf1b8510a45777f8c40b57fe1cffc24f9d9b5a3",
+    "41": "3b500b2d1d383a2402ba80ff80b19efc1f206900c271a7d78c9966affdd57ca3",
+    "42": "11134bb6e82b80f240a27332a56e3e8702f65f89f43b017d39b0caea4bf83c4f",
+    "43": "06691aec2acfe5e2f1d74aee60f7de80770d256bfd9427adbe1fc449a8f053a3",
+}
+"""Run → SHA-256 of what is used of it: stamps [ms] and counts of every fifth row."""
+
+NEEDS = "fetching needs pooch; `pip install 'distal[data]'`, or set DISTAL_DATA"
+
+TORQUE = 0.04872866 / 1224
+"""Torque per count of both sensors [N m]."""
+
+FACTORS = (1e-3, 360.0 / 8192.0, TORQUE, 1e-3, 0.09, TORQUE)
+COLUMNS = ("t_s", "theta_prox_deg", "tau_prox_Nm", "i_motor_A", "theta_true_deg", "tau_true_Nm")
+RAW = (0, 1, 2, 3, 4, 5)
+"""Columns of the raw files: time, proximal encoder and torque, motor current, jaw encoder and torque."""
+
+
+def da_vinci_grasper(folder: str | Path | None = None) -> tuple[Path, ...]:
+    """Return the paths of 12 logs of a da Vinci grasper (CSV), fetched where they are not there yet.
+
+    Run XY: X = motion frequency class, Y = resistive torque class; 20 s each. Columns are those that the shipped rig
+    ``da-vinci-grasper`` names. Where $DISTAL_DATA is set, the logs are taken from its folder ``da_vinci_grasper`` and
+    nothing is fetched.
+
+    Args:
+        folder: where to keep them; default the user\'s cache.
+
+    Raises:
+        LogError: they cannot be fetched, or are not what they were when distal was made.
+    """
+    given = os.environ.get("DISTAL_DATA")
+    if given and folder is None:
+        paths = tuple(Path(given) / "da_vinci_grasper" / f"run_{run}.csv" for run in FINGERPRINTS)
+        missing = [path for path in paths if not path.is_file()]
+        if missing:
+            raise LogError(f"{missing[0]}: is not there; DISTAL_DATA must be the folder that holds da_vinci_grasper")
+        return paths
+    kept = Path(folder) if folder is not None else _cache()
+    paths = tuple(kept / f"run_{run}.csv" for run in FINGERPRINTS)
+    for run, path in zip(FINGERPRINTS, paths):
+        if not path.is_file():
+            counts = counts_of(_fetched(run, kept))
+            check_fingerprint(run, counts)
+            write_whole(path, csv_of(counts))
+    write_whole(kept / "LICENCE.txt", LICENCE)
+    return paths
+
+
+def _cache() -> Path:
+    try:
+        import pooch
+    except ImportError:
+        raise LogError(NEEDS) from None
+    return Path(pooch.os_cache("distal")) / "da_vinci_grasper"
+
+
+def _fetched(run: str, folder: Path) -> str:
+    """Return the text of a raw file, by way of pooch\'s cache."""
+    try:
+        import pooch
+    except ImportError:
+        raise LogError(NEEDS) from None
+    url = SOURCE.format(run=run)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # what is used of the file is checked by its own fingerprint
+        path = pooch.retrieve(url, known_hash=None, fname=f"{run}.TXT", path=folder / "raw", progressbar=False)
+        return Path(path).read_text(encoding="utf-8", errors="replace")
+    except Exception as problem:  # pooch hands on whatever its downloader raises
+        raise LogError(f"{url}: cannot be fetched ({type(problem).__name__}); are you online?") from None
+
+
+def counts_of(text: str) -> NDArray[np.int64]:
+    """Return stamps [ms] and counts of every fifth row of a raw file, (n, 6).
+
+    Args:
+        text: of the file; lines that begin with % are comments.
+
+    Raises:
+        LogError: it is not such a file.
+    """
+    lines = [line for line in text.splitlines() if line and not line.startswith("%")]
+    try:
+        rows = np.array([[float(cell) for cell in line.split(",")[:6]] for line in lines[::5]])
+        scaled = rows[:, RAW] * np.array([1e3, 1.0, 1.0, 1e3, 1.0, 1.0])
+    except (ValueError, IndexError):
+        raise LogError("the fetched file is not a table of numbers; the source has changed") from None
+    counts: NDArray[np.int64] = np.round(scaled).astype(np.int64)
+    return counts
+
+
+def fingerprint(counts: NDArray[np.int64]) -> str:
+    """Return the SHA-256 of a run\'s counts.
+
+    Args:
+        counts: of `counts_of`.
+    """
+    return hashlib.sha256(np.ascontiguousarray(counts, dtype="<i8").tobytes()).hexdigest()
+
+
+def check_fingerprint(run: str, counts: NDArray[np.int64]) -> None:
+    """Refuse a run that is not what it was when distal was made.
+
+    Args:
+        run: its number.
+        counts: of `counts_of`.
+
+    Raises:
+        LogError: the fingerprints differ.
+    """
+    found = fingerprint(counts)
+    if found != FINGERPRINTS[run]:
+        raise LogError(
+            f"run {run}: the fetched file is not the one that is known (its counts have SHA-256 {found[:16]}…, not "
+            f"{FINGERPRINTS[run][:16]}…); nothing was kept"
+        )
+
+
+def csv_of(counts: NDArray[np.int64]) -> str:
+    """Return a run as CSV, in the columns\' units.
+
+    Args:
+        counts: of `counts_of`.
+    """
+    values = counts * np.array(FACTORS)
+    rows = [",".join(f"{value:.8g}" for value in row) for row in values]
+    return "\n".join([",".join(COLUMNS), *rows]) + "\n"

@@ -1,0 +1,199 @@
+"""The page of a fit: what was found, how sure it is, and what it changes."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from distal.estimators import Estimate, estimate
+from distal.identification import CrossValidation, Fit, Observability, observability
+from distal.logs import Log, write_whole
+from distal.reports.fitting_figures import draw_residuals, draw_traces
+from distal.reports.page import heading, html_table, page, paragraph, picture
+from distal.reports.reproduction import make_folder
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_TRACES = 8
+"""So many logs are drawn; all are in the table."""
+
+
+def fit_report(
+    fit: Fit,
+    logs: Sequence[Log],
+    out: str | Path,
+    validation: CrossValidation | None = None,
+    advance: Callable[[], None] = lambda: None,
+) -> Path:
+    """Write one self-contained page on a fit, ``index.html``, and return where it is.
+
+    Args:
+        fit: the outcome.
+        logs: that it was fitted to.
+        out: folder, made if need be.
+        validation: cross-validation, where it was done.
+        advance: called after each of 2 len(logs) + 2 steps.
+
+    Raises:
+        OutputError: the folder or the page cannot be written.
+    """
+    folder = make_folder(out)
+    before, after = [], []
+    for log in logs:
+        before.append(estimate(log, fit.start, homing=fit.homing))
+        advance()
+        after.append(estimate(log, fit.rig, homing=fit.homing))
+        advance()
+    parts = [*_parameters(fit), *_errors(logs, before, after)]
+    if validation is not None:
+        parts += _held_out(validation)
+    parts += [heading("Along the logs")]
+    for log, one, other in list(zip(logs, before, after))[:MOST_TRACES]:
+        caption = "Estimate with the rig as it came and with the fitted one, its 95 % band shaded; below, their errors."
+        parts.append(picture(_svg(draw_traces(log, one, other)), caption))
+    parts += [
+        heading("What is left, against angle, speed and load"),
+        paragraph("Median and the middle 80 % of the errors. A curve that is not flat is physics that the rig lacks."),
+        picture(_svg(draw_residuals(logs, before, after, fit.rig)), "Errors of all logs, before and after the fit."),
+    ]
+    advance()
+    longest = max(logs, key=len)
+    parts += _seen(longest, observability(longest, fit.rig, homing=fit.homing))
+    advance()
+    use = "" if fit.homing is None else f" A reference is used for the first {fit.homing:g} s, then only compared with."
+    lead = (
+        f"{fit.samples} samples of {len(fit.logs)} log{'s' if len(fit.logs) > 1 else ''} ({fit.duration:.0f} s), "
+        f"fitted by the likelihood of the filter's innovations.{use}"
+    )
+    path = folder / "index.html"
+    write_whole(path, page(f"Fit of {fit.start.name}", lead, parts))
+    return path
+
+
+def _svg(made: Figure) -> str:
+    buffer = io.StringIO()
+    made.savefig(buffer, format="svg", metadata={"Date": None})
+    return buffer.getvalue()
+
+
+def _parameters(fit: Fit) -> list[str]:
+    rows = []
+    for part in fit.fitted:
+        mark = "yes" if part.told else "no"
+        prior = "–" if np.isnan(part.prior_std) else f"{part.prior_std:.3g}"
+        rows.append(
+            (
+                f"<code>{escape(part.name)}</code>",
+                f"{part.start:.5g}",
+                prior,
+                f"<b>{part.value:.5g}</b>",
+                f"{part.error:.2g}",
+                escape(part.si),
+                f"<span class='{mark}'>{escape(part.origin)}</span>",
+            )
+        )
+    columns = ("number", "start", "prior std", "value", "standard error", "unit", "from")
+    parts = [heading("What was found"), html_table(columns, rows, numbers=(1, 2, 3, 4))]
+    if fit.combinations:
+        parts.append(paragraph("These logs tell " + "; ".join(fit.combinations) + "."))
+    own = [
+        (f"<code>{escape(part.name)}</code>", escape(Path(name).name), f"{value:.5g}", escape(part.si))
+        for part in fit.fitted
+        for name, value in part.per_log.items()
+    ]
+    if own:
+        parts.append(html_table(("number", "log", "value", "unit"), own, numbers=(2,)))
+    strong = [
+        f"{fit.fitted[i].name} and {fit.fitted[j].name}: {fit.correlations[i, j]:+.2f}"
+        for i in range(len(fit.correlations))
+        for j in range(i)
+        if i < len(fit.fitted) and abs(fit.correlations[i, j]) > 0.8 and fit.fitted[i].told and fit.fitted[j].told
+    ]
+    if strong and not any(part.per_log for part in fit.fitted):
+        parts.append(paragraph("Errors that go together (correlation): " + "; ".join(strong) + "."))
+    ratios = [
+        (escape(name), _ratio(before), _ratio(after))
+        for name, before, after in zip(fit.channels, fit.nis_before, fit.nis_after)
+        if np.isfinite(after)
+    ]
+    parts += [
+        paragraph(
+            "Normalised innovations, mean of ν²/S; 1 is expected, more means that the filter is too sure of itself."
+        ),
+        html_table(("sensor", "before", "after"), ratios, numbers=(1, 2)),
+    ]
+    ended = "was interrupted" if fit.interrupted else "converged" if fit.converged else "stopped before it converged"
+    parts.append(
+        paragraph(
+            f"−ln p from {fit.cost_before:.1f} to {fit.cost_after:.1f} in {fit.iterations} iterations, {fit.evaluations} "
+            f"runs of the filter over the logs; the search {ended}."
+        )
+    )
+    return parts
+
+
+def _ratio(value: float) -> str:
+    return f"{value:.2f}" if value < 100 else f"{value:.0f}"
+
+
+def _errors(logs: Sequence[Log], before: Sequence[Estimate], after: Sequence[Estimate]) -> list[str]:
+    rows = [
+        (escape(Path(log.source).name), *_error(one), *_error(other))
+        for log, one, other in zip(logs, before, after)
+        if other.truth is not None
+    ]
+    if not rows:
+        return []
+    columns = ("log", "RMS before [°]", "in the band", "RMS after [°]", "in the band")
+    return [
+        heading("Errors on the logs that were fitted"),
+        html_table(columns, rows, numbers=(1, 2, 3, 4)),
+    ]
+
+
+def _error(result: Estimate) -> tuple[str, str]:
+    return f"{np.rad2deg(result.rms_error()):.3f}", f"{100 * result.inside_band():.0f} %"
+
+
+def _held_out(validation: CrossValidation) -> list[str]:
+    rows = [
+        (escape(Path(one.log).name), escape(Path(one.group).name), *_error(one.before), *_error(one.after))
+        for one in validation.held_out
+    ]
+    columns = ("log", "held out with", "RMS before [°]", "in the band", "RMS after [°]", "in the band")
+    text = (
+        f"Each group of logs was estimated with a rig that was fitted to the others only: mean RMS "
+        f"{np.rad2deg(validation.mean_rms):.3f}°, worst {np.rad2deg(validation.worst_rms):.3f}°, "
+        f"{100 * validation.inside_band:.0f} % inside the 95 % band."
+    )
+    return [heading("On logs that were not fitted"), paragraph(text), html_table(columns, rows, numbers=(2, 3, 4, 5))]
+
+
+def _seen(log: Log, seen: Observability) -> list[str]:
+    rows = [
+        (
+            f"{low:.1f} to {high:.1f}",
+            f"{np.rad2deg(std):.3f}",
+            f"{np.rad2deg(found):.3f}",
+            f"<span class='{'yes' if word == 'seen' else 'no'}'>{word}</span>",
+        )
+        for low, high, std, found, word in seen.table()
+    ]
+    text = (
+        f"Along {Path(log.source).name}: how sure the angle is; and how sure it is again after {seen.window:g} s if it was "
+        "lost by 10°. Where it is not found, friction, slack or a stop hides the joint, and only memory holds the angle."
+    )
+    return [
+        heading("Where the joint is seen"),
+        paragraph(text),
+        picture(
+            _svg(seen.plot()), "Estimate with its band; below, its standard deviation, and where it is found again."
+        ),
+        html_table(("time [s]", "std [°]", "found again to [°]", ""), rows, numbers=(1, 2)),
+    ]

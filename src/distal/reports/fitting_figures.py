@@ -1,0 +1,162 @@
+"""Figures of a fit: before and after along each log, and what is left against angle, speed and load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators import BAND, COLOURS, DASHES, Estimate, figure
+from distal.logs import Log
+from distal.rig import Rig
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+
+POINTS = 1200
+"""So many points are drawn along a log."""
+
+BINS = 16
+"""Bins of the residuals."""
+
+FEWEST = 12
+"""A bin with fewer samples is not drawn."""
+
+
+def draw_traces(log: Log, before: Estimate, after: Estimate) -> Figure:
+    """Return truth, estimate before and after the fit with its band, and their errors, over one log.
+
+    Args:
+        log: the log.
+        before: estimate with the rig as it came.
+        after: with the fitted one.
+    """
+    # a page with a dozen logs stays small: no more points than a printed line can show
+    some = slice(None, None, max(1, len(log) // POINTS))
+    log, before, after = log.select(some), _some(before, some), _some(after, some)
+    truth = log.truth.get("theta")
+    rows = 2 if truth is not None else 1
+    with figure(rows, 1, (6.8, 4.4 if rows == 2 else 2.8), sharex=True, height_ratios=[1.6, 1][:rows]) as (made, axes):
+        top = axes[0]
+        if truth is not None:
+            top.plot(log.time, np.rad2deg(truth), color="black", lw=1.6, label="truth")
+        for i, (name, result) in enumerate((("before", before), ("after", after))):
+            _trace(top, result, i, name)
+        top.set_ylabel("joint angle θ [°]")
+        top.set_title(Path(log.source).name[:80], fontsize=9, loc="left")
+        top.legend(loc="best", fontsize=8, ncols=2)
+        if truth is not None:
+            for i, result in enumerate((before, after)):
+                error = np.rad2deg(result.theta - truth)
+                axes[1].plot(log.time, error, color=COLOURS[1 - i], ls=DASHES[1 - i], lw=1.0)
+            half = np.rad2deg(BAND * after.theta_std)
+            axes[1].fill_between(log.time, -half, half, color=COLOURS[0], alpha=0.18, lw=0)
+            axes[1].axhline(0.0, color="black", lw=0.6)
+            limit = 1.15 * float(np.nanquantile(np.abs(np.r_[half, np.rad2deg(after.theta - truth)]), 0.995))
+            worst = 1.15 * float(np.nanquantile(np.abs(np.rad2deg(before.theta - truth)), 0.98))
+            limit = max(limit, min(worst, 4.0 * limit))
+            axes[1].set_ylim(-limit, limit)
+            axes[1].set_ylabel("error [°]")
+        axes[-1].set_xlabel("time [s]")
+    return made
+
+
+def _some(result: Estimate, rows: slice) -> Estimate:
+    return replace(result, time=result.time[rows], means=result.means[rows], covariances=result.covariances[rows])
+
+
+def _trace(axes: Axes, result: Estimate, index: int, name: str) -> None:
+    colour, dash = COLOURS[1 - index], DASHES[1 - index]
+    theta, half = np.rad2deg(result.theta), np.rad2deg(BAND * result.theta_std)
+    axes.plot(result.time, theta, color=colour, ls=dash, lw=1.2, label=name)
+    if index == 1:
+        axes.fill_between(
+            result.time, theta - half, theta + half, color=colour, alpha=0.18, lw=0, label="95 % band, after"
+        )
+
+
+def draw_residuals(logs: Sequence[Log], before: Sequence[Estimate], after: Sequence[Estimate], rig: Rig) -> Figure:
+    """Return the errors against angle, speed and load: median and the middle 80 %, before and after the fit.
+
+    A curve that is not flat is physics that the rig does not have. Where no log has a truth, the innovations of the first
+    compared sensor stand for the errors.
+
+    Args:
+        logs: with or without truth.
+        before: estimates with the rig as it came.
+        after: with the fitted one.
+        rig: the description.
+    """
+    force = next(iter(rig.sensors_of("force") or rig.sensors_of("tension")), None)
+    known = [i for i, log in enumerate(logs) if "theta" in log.truth]
+    chosen = known or list(range(len(logs)))
+    against: list[tuple[str, list[Floats]]] = [("angle θ [°]", []), ("speed [°/s]", [])]
+    if force is not None:
+        against.append((f"{force.name} [{force.si}]", []))
+    for i in chosen:
+        angle = np.rad2deg(logs[i].truth["theta"] if known else after[i].theta)
+        against[0][1].append(angle)
+        against[1][1].append(smooth_speed(logs[i].time, angle))
+        if force is not None:
+            against[2][1].append(logs[i].channels[force.name])
+    with figure(1, len(against), (7.2, 2.9), sharey=True) as (made, axes):
+        for name, group, i in (("before", before, 1), ("after", after, 0)):
+            left = [_left(logs[j], group[j], bool(known)) for j in chosen]
+            for place, (label, values) in zip(axes, against):
+                _binned(place, np.concatenate(values), np.concatenate(left), i, name)
+                place.set_xlabel(label)
+        axes[0].set_ylabel("error [°]" if known else f"innovation / its std, {after[0].measured[0]}")
+        for place in axes:
+            place.axhline(0.0, color="black", lw=0.6)
+        axes[0].legend(loc="best", fontsize=8)
+    return made
+
+
+def _left(log: Log, result: Estimate, known: bool) -> Floats:
+    if known:
+        left: Floats = np.rad2deg(result.theta - log.truth["theta"])
+        return left
+    ratio: Floats = result.innovations[:, 0] / np.sqrt(result.innovation_variances[:, 0])
+    return ratio
+
+
+def smooth_speed(time: Floats, angle: Floats) -> Floats:
+    """Return the slope of an angle over a tenth of a second, (k,).
+
+    Args:
+        time: stamps [s], (k,).
+        angle: (k,).
+    """
+    there = np.isfinite(angle)
+    filled = np.interp(time, time[there], angle[there]) if there.any() else np.zeros_like(time)
+    half = 0.05
+    speed: Floats = (np.interp(time + half, time, filled) - np.interp(time - half, time, filled)) / (2 * half)
+    return speed
+
+
+def _binned(axes: Axes, x: Floats, y: Floats, index: int, name: str) -> None:
+    there = np.isfinite(x) & np.isfinite(y)
+    x, y = x[there], y[there]
+    if len(x) < FEWEST:
+        return
+    low, high = np.quantile(x, [0.005, 0.995])
+    edges = np.linspace(low, high, BINS + 1) if high > low else np.array([low - 0.5, low + 0.5])
+    number = np.clip(np.digitize(x, edges) - 1, 0, len(edges) - 2)
+    centres, middle = [], []
+    for k in range(len(edges) - 1):
+        inside = y[number == k]
+        if len(inside) >= FEWEST:
+            centres.append((edges[k] + edges[k + 1]) / 2)
+            middle.append(np.quantile(inside, [0.1, 0.5, 0.9]))
+    if not centres:
+        return
+    table = np.array(middle)
+    axes.fill_between(centres, table[:, 0], table[:, 2], color=COLOURS[index], alpha=0.18, lw=0)
+    axes.plot(centres, table[:, 1], color=COLOURS[index], ls=DASHES[index], lw=1.4, marker="o", ms=2.5, label=name)

@@ -1,0 +1,216 @@
+"""Fitting: what a plant is, is found; what logs cannot tell is said; bad logs are named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal import Log, Rig, estimate, fit, load_rig
+from distal.errors import FitError
+from distal.identification import cross_validate, observability
+from distal.identification.crossvalidation import groups_of
+from tests.identification.helpers import FREE, drawn_plant, logs_of, start_rig, without_truth
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return start_rig()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_stiffness_friction_and_damping_are_found(rig: Rig, seed: int) -> None:
+    """From three logs of 10 s with truth: within 3 standard errors each (2 for most of 40 seeds in `make accuracy`)."""
+    plant, true = drawn_plant(seed)
+    found = fit(logs_of(rig, plant, seed), rig, FREE)
+    for name, value in zip(FREE, true):
+        part = found[name]
+        assert abs(part.value - value) < 3.0 * part.error, name
+        assert part.error < 0.02 * value  # and it is worth something
+    assert found.converged
+    assert not found.interrupted
+    assert found.rig.tendons[0].stiffness.value == pytest.approx(found[FREE[0]].value, rel=1e-6)
+    assert found.cost_after < found.cost_before
+
+
+def test_the_same_seed_gives_the_same_fit(rig: Rig) -> None:
+    plant, _ = drawn_plant(3)
+    log = logs_of(rig, plant, 3, ("ramps",), 4.0)
+    one, other = (fit(log, rig, FREE, seed=5) for _ in range(2))
+    assert [part.value for part in one.fitted] == [part.value for part in other.fitted]
+    assert one.rig == other.rig
+
+
+@pytest.mark.slow
+def test_without_truth_the_next_log_is_estimated_as_with_the_true_rig(rig: Rig) -> None:
+    plant, _ = drawn_plant(4)
+    found = fit([without_truth(log) for log in logs_of(rig, plant, 4)], rig)
+    held = logs_of(rig, plant, 77, ("ramps", "servo"))
+    exact = rig.with_values(plant)
+    ours = np.sqrt(np.mean([estimate(log, found.rig).rms_error() ** 2 for log in held]))
+    best = np.sqrt(np.mean([estimate(log, exact).rms_error() ** 2 for log in held]))
+    assert ours <= 1.2 * best
+
+
+def test_what_the_logs_cannot_tell_stays_at_its_prior(rig: Rig, tmp_path: Path) -> None:
+    """A joint that is only pulled, quasi-statically, tells its damping to nobody: it is marked, and not changed."""
+    described = rig.with_values({"joints.0.damping": {"value": 1e-5, "std": 1e-6}})
+    plant, _ = drawn_plant(5)
+    found = fit(
+        logs_of(described, {**plant, "joints.0.damping": 1e-5}, 5, ("ramps",), 5.0), described, FREE, noise=False
+    )
+    part = found["joints.0.damping"]
+    assert not part.told
+    assert part.value == 1e-5
+    assert found.rig.joints[0].damping.value == 1e-5
+    found.save(tmp_path / "fitted.toml")
+    line = next(x for x in (tmp_path / "fitted.toml").read_text().splitlines() if "joints.0.damping" in x)
+    assert "prior (these logs cannot tell)" in line
+    assert load_rig(tmp_path / "fitted.toml") == found.rig
+
+
+def test_a_product_is_named(rig: Rig) -> None:
+    """Stiffness and force sensor's scale show as a product: so do, here, friction coefficient and axle radius."""
+    described = rig.with_values({"joints.0.friction.radius": {"value": 3.18e-3, "std": 3e-4}})
+    plant, _ = drawn_plant(6)
+    found = fit(
+        logs_of(described, plant, 6, ("ramps",), 6.0),
+        described,
+        ("joints.0.friction.coefficient", "joints.0.friction.radius"),
+        noise=False,
+    )
+    assert any("only as a product" in line and "friction.radius" in line for line in found.combinations)
+
+
+def test_each_log_may_have_its_own(pulley_rig: Rig) -> None:
+    from tests.identification.helpers import logs_of as simulated
+
+    described = pulley_rig.with_values({"tendons.0.stiffness.std": 0.0, "tendons.1.stiffness.std": 0.0})
+    described = described.with_values({f"tendons.{i}.pretension": {"value": 0.0, "std": 1.0} for i in (0, 1)})
+    described = described.with_values({"drives.0.stops": ["-5 mm", "15 mm"], "drives.1.stops": ["-5 mm", "15 mm"]})
+    logs = [
+        log
+        for i, own in enumerate((0.2, 0.8))
+        for log in simulated(described, {f"tendons.{j}.pretension": own for j in (0, 1)}, 20 + i, ("servo",), 6.0)
+    ]
+    found = fit(logs, described, ("joints.0.friction.coefficient",), per_log=("tendons.*.pretension",), noise=False)
+    own = list(found["tendons.*.pretension"].per_log.values())
+    assert own[1] - own[0] == pytest.approx(0.6, abs=0.15)
+
+
+def test_interrupted_it_keeps_the_best_so_far(rig: Rig) -> None:
+    plant, _ = drawn_plant(7)
+    logs = logs_of(rig, plant, 7, ("ramps",), 4.0)
+
+    def stop(stage: str, iteration: int, cost: float) -> None:
+        if iteration >= 2:
+            raise KeyboardInterrupt
+
+    found = fit(logs, rig, FREE, progress=stop)
+    assert found.interrupted
+    assert found.cost_after < found.cost_before
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return logs_of(start_rig(), drawn_plant(8)[0], 8, ("servo",), 5.0)[0]
+
+
+class TestBadLogs:
+    @staticmethod
+    def changed(log: Log, channels: dict[str, np.ndarray] | None = None, truth: np.ndarray | None = None) -> Log:
+        theta = log.truth["theta"] if truth is None else truth
+        return Log(log.time, {**log.channels, **(channels or {})}, {"theta": theta}, "bad.csv", "column 'angle'")
+
+    def test_without_motion(self, rig: Rig, log: Log) -> None:
+        still = {name: np.full(len(log), 4e-3) for name in ("x1", "x2")}
+        with pytest.raises(FitError, match=r"bad\.csv: nothing moves"):
+            fit([self.changed(log, still)], rig)
+
+    def test_a_constant_sensor(self, rig: Rig, log: Log) -> None:
+        with pytest.raises(FitError, match=r"bad\.csv: sensor 'u1' is constant"):
+            fit([self.changed(log, {"u1": np.full(len(log), 2.0)})], rig)
+
+    def test_a_truth_in_degrees(self, rig: Rig, log: Log) -> None:
+        with pytest.raises(FitError, match="looks like degrees read as radians"):
+            fit([self.changed(log, truth=np.rad2deg(log.truth["theta"]))], rig)
+
+    def test_a_truth_of_the_wrong_sign(self, rig: Rig, log: Log) -> None:
+        with pytest.raises(FitError, match="its sign is wrong"):
+            fit([self.changed(log, truth=-log.truth["theta"])], rig)
+
+    def test_a_dead_encoder(self, rig: Rig, log: Log) -> None:
+        with pytest.raises(FitError, match="is constant while the drives move"):
+            fit([self.changed(log, truth=np.zeros(len(log)))], rig)
+
+    def test_contradictory_logs(self, rig: Rig) -> None:
+        """The same rig with threads of half the stiffness is another rig."""
+        logs = [
+            *logs_of(rig, {}, 9, ("servo",), 5.0),
+            *logs_of(rig, {"tendons.0.stiffness": 403.0, "tendons.1.stiffness": 403.0}, 10, ("servo",), 5.0),
+        ]
+        with pytest.raises(FitError, match=r"contradictory logs: servo .*--per-log"):
+            fit(logs, rig, FREE, noise=False)
+
+    def test_nothing_to_fit(self, rig: Rig, log: Log) -> None:
+        sure = rig.with_values(
+            {
+                "joints.0.friction.coefficient.std": 0.0,
+                "tendons.0.stiffness.std": 0.0,
+                "tendons.1.stiffness.std": 0.0,
+                "drives.0.friction.load.std": 0.0,
+                "drives.1.friction.load.std": 0.0,
+            }
+        )
+        with pytest.raises(FitError, match="no parameter has a std"):
+            fit([log], sure)
+        with pytest.raises(FitError, match=r"there is no 'frictoin'"):
+            fit([log], rig, ("joints.0.frictoin.coefficient",))
+        with pytest.raises(FitError, match="asked for twice"):
+            fit([log], rig, ("tendons.*.stiffness", "tendons.0.stiffness"))
+        with pytest.raises(FitError, match="is zero without a std"):
+            fit([log], rig, ("tendons.0.stiffening",))
+        with pytest.raises(FitError, match="no log came"):
+            fit([], rig)
+
+
+def test_groups_are_whole_logs() -> None:
+    names = ["a/run_00.csv", "a/run_01.csv", "a/run_20.csv"]
+    assert groups_of(names, r"run_(.)") == ["0", "0", "2"]
+    assert groups_of(names, None) == names
+    for pattern, said in (("run_(.", "not a regular expression"), ("run_.", "parenthesis"), ("x(.)", "does not match")):
+        with pytest.raises(FitError, match=said):
+            groups_of(names, pattern)
+    with pytest.raises(FitError, match="at least two groups"):
+        groups_of(names[:1], None)
+
+
+def test_cross_validation_estimates_logs_it_has_not_seen(rig: Rig) -> None:
+    plant = {"joints.0.friction.coefficient": 0.62, "tendons.0.stiffness": 740.0, "tendons.1.stiffness": 740.0}
+    logs = logs_of(rig, plant, 11, ("ramps", "servo"), 6.0)
+    told = cross_validate(logs, rig, noise=False)
+    assert [one.log for one in told.held_out] == [log.source for log in logs]
+    assert all(
+        set(found.logs) == {log.source for log in logs if log.source != one.group}
+        for found, one in zip(told.fits, told.held_out)
+    )
+    assert told.worst_rms >= told.mean_rms > 0.0
+    assert told.mean_rms < np.mean([one.before.rms_error() for one in told.held_out])
+    with pytest.raises(FitError, match="has no truth"):
+        cross_validate([without_truth(log) for log in logs], rig)
+
+
+def test_a_joint_is_seen_where_forces_tell_of_it(rig: Rig) -> None:
+    """Lost, it is found again while the forces are measured; once they fall silent, it stays lost."""
+    log = logs_of(rig, {}, 12, ("ramps",), 8.0)[0]
+    seen = observability(log, rig)
+    assert [line[-1] for line in seen.table(4)].count("seen") >= 3
+    deaf = Log(log.time, {n: np.where(log.time > 4, np.nan, v) if n[0] == "u" else v for n, v in log.channels.items()})
+    hidden = observability(deaf, rig.with_values({f"drives.{i}.nominal_force.std": 0.0 for i in (0, 1)}))
+    late = hidden.found[deaf.time > 5]
+    assert np.median(late) > np.deg2rad(3.0)
+    assert hidden.table(8)[-1][-1] != "seen"
+    with pytest.raises(FitError, match="the window must be"):
+        observability(log, rig, window=20.0)
