@@ -41,6 +41,7 @@ bench: $(STAMP)
 
 accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.accuracy
+	$(BIN)/python -m benchmarks.fitting
 
 clean:
 	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache

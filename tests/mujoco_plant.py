@@ -71,11 +71,19 @@ def run(
     return dict(zip(("theta", "x1", "x2", "u1", "u2"), motion))
 
 
-def log(seed: int, **plant: float) -> Log:
-    """Return a log of the plant with the sensors of the pulley rig (5 µm, linearity ±0.1 mm; 0.2 N)."""
+def log(seed: int, sensors: int | None = None, **plant: float) -> Log:
+    """Return a log of the plant with the sensors of the pulley rig (5 µm, linearity ±0.1 mm; 0.2 N).
+
+    `sensors` is the seed of the sensors' curves, so that several logs are of the same ones; default `seed`.
+    """
     motion = run(targets(seed), **plant)
     rig = load_rig("pulley-antagonist")
     channels = {}
-    for sensor, rng in zip(rig.sensors, np.random.default_rng(seed).spawn(len(rig.sensors))):
-        channels[sensor.name] = measure(sensor, motion[sensor.name], (-8e-3, 16e-3), rng)
+    own = np.random.default_rng(seed).spawn(len(rig.sensors))
+    same = np.random.default_rng(seed if sensors is None else sensors).spawn(len(rig.sensors))
+    for sensor, noise, curve in zip(rig.sensors, own, same):
+        exact = sensor.model_copy(update={"noise": 0.0})
+        random = sensor.model_copy(update={"linearity": 0.0})
+        bent = measure(exact, motion[sensor.name], (-8e-3, 16e-3), curve)
+        channels[sensor.name] = measure(random, bent, (-8e-3, 16e-3), noise)
     return Log(0.01 * np.arange(len(motion["theta"])), channels, {"theta": motion["theta"]}, f"MuJoCo, seed {seed}")

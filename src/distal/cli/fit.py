@@ -37,6 +37,12 @@ def fit_command(
     ] = None,
     truth: Annotated[str | None, typer.Option("--truth", help="True joint angle: a column of the logs.")] = None,
     noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Fit the noise too.")] = True,
+    curves: Annotated[
+        bool,
+        typer.Option(
+            "--curves", help="Learn the position sensors' systematic curves: for the same sensors, left in place."
+        ),
+    ] = False,
     holdout: Annotated[
         str | None,
         typer.Option(
@@ -65,12 +71,15 @@ def fit_command(
         "free": free or (),
         "per_log": per_log or (),
         "noise": noise,
+        "curves": curves,
         "seed": seed,
         "workers": jobs,
     }
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    # a file or a pipe shows no progress
+    shown: dict[str, Any] = {"console": err(), "transient": True, "disable": not err().is_terminal}
     validation = None
-    with Progress(*columns, console=err(), transient=True) as progress, warnings.catch_warnings():
+    with Progress(*columns, **shown) as progress, warnings.catch_warnings():
         task = progress.add_task("reading")
 
         def told(stage: str, iteration: int, cost: float) -> None:
@@ -88,7 +97,7 @@ def fit_command(
     if out is not None:
         result.save(out, edited_text(rig, set_ or ()))
     if report is not None:
-        with Progress(*columns, console=err(), transient=True) as progress:
+        with Progress(*columns, **shown) as progress:
             progress.add_task("drawing")
             page = fit_report(result, read, report, validation)
     if out is not None:

@@ -179,6 +179,11 @@ class AdaptiveFilter(KernelEstimator):
         return Channels(same(held.positions), same(held.forces), same(held.tensions), same(held.angles))
 
     @property
+    def prior_means(self) -> Floats:
+        """Means of the states before the first sample, (n,)."""
+        return self._augmented.means
+
+    @property
     def prior_stds(self) -> Floats:
         """Standard deviations of the states before the first sample, (n,)."""
         return self._augmented.stds

@@ -205,7 +205,10 @@ class AugmentedState:
             spread = basis_stds(sensor)
             self.weights_at[i] = (len(names), spread)
             names += [f"linearity_{sensor.name}_{j}" for j in range(len(spread))]
-            means, stds = [*means, *np.zeros(len(spread))], [*stds, *spread]
+            known = np.zeros(len(spread))
+            curve = getattr(sensor, "curve", ())[: len(spread)]
+            known[: len(curve)] = curve
+            means, stds = [*means, *known], [*stds, *spread]
         for i, drive in enumerate(rig.drives):
             sensor = sensor_for(channels.forces, drive.name)
             if sensor is not None and suspicious and drive.hysteresis is None and self.is_clean(i):
@@ -221,7 +224,7 @@ class AugmentedState:
                 self.transmitted_at[i] = len(names)
                 # the friction is anywhere within its limits: see `AdaptiveFilter`, which puts the first reading here
                 names, means = [*names, f"transmitted_{drive.name}"], [*means, drive.nominal_force.value]
-                stds = [*stds, float(np.hypot(self._hysteresis(i) / np.sqrt(3.0), np.sqrt(variance(sensor))))]
+                stds = [*stds, float(np.hypot(self.hysteresis(i) / np.sqrt(3.0), np.sqrt(variance(sensor))))]
                 if drive.hysteresis.error > 0.0:
                     self.considered[i] = len(names)
                     names, means = [*names, f"transmission_error_{drive.name}"], [*means, 0.0]
@@ -240,8 +243,12 @@ class AugmentedState:
         self.names = tuple(names)
         self.means, self.stds = np.array(means), np.array(stds)
 
-    def _hysteresis(self, drive: int) -> float:
-        """Return the limit of a drive's hysteresis [N or N m] at pre-tension, with the joint where it starts."""
+    def hysteresis(self, drive: int) -> float:
+        """Return the limit of a drive's hysteresis [N or N m] at pre-tension, with the joint where it starts.
+
+        Args:
+            drive: its index.
+        """
         mechanism = self.mechanism
         tensions = ca.DM([tendon.pretension.value for tendon in mechanism.rig.tendons])
         q = ca.vertcat(mechanism.rig.joints[0].initial.value, ca.DM.zeros(mechanism.n_drives))

@@ -14,9 +14,10 @@ import numpy as np
 from distal.estimators.augmented import AugmentedState
 from distal.estimators.channels import sensor_for
 from distal.estimators.force_update import FOLLOWS, force_update
+from distal.estimators.hysteresis import calmed, revert, transmit
 from distal.estimators.kalman import symmetric
 from distal.estimators.motion import MEMORY, Motion, follow
-from distal.model import Kick, Mechanism, clip_moments, impulses, kick_and_drift, responses, soft_moments
+from distal.model import Kick, Mechanism, impulses, kick_and_drift, responses, soft_moments
 
 BEND = 0.12
 """Share of the bend between samples that a straight line may miss."""
@@ -227,76 +228,6 @@ def _lost_places(augmented: AugmentedState, motions: Any, held: Any) -> Any:
     return total
 
 
-def revert(state: Any, covariance: Any, at: int, fade: Any, std: Any) -> None:
-    """Let a state fade towards zero over an interval, in place: x⁺ = f x + noise of variance σ² (1 − f²).
-
-    Args:
-        state: (n,).
-        covariance: (n, n).
-        at: index of the state.
-        fade: what is left of it, f.
-        std: that it has in the long run, σ.
-    """
-    state[at] *= fade
-    row = fade * covariance[at, :]
-    covariance[at, :], covariance[:, at] = row, row.T
-    covariance[at, at] = fade * row[at] + std**2 * (1 - fade**2)
-
-
-def transmit(
-    augmented: AugmentedState, drive: int, state: Any, covariance: Any, motions: Any, speeds: Any, x: Any
-) -> tuple[Any, Any]:
-    """Return state and covariance after what a drive transmits has followed the measured effort by its play.
-
-    z⁺ = clip(z, U − b ṡ − h, U − b ṡ + h) of a normal z (`clip_moments`): where it is free, it and its uncertainty stay;
-    where it is held at a limit, it is as certain as the limit. Noise of U does not wear it down.
-
-    Args:
-        augmented: the layout of the state.
-        drive: its index.
-        state: predicted, (n,).
-        covariance: predicted, (n, n).
-        motions: of the drives.
-        speeds: of the drives, (n_drives,).
-        x: the sample.
-    """
-    mechanism, channels = augmented.mechanism, augmented.channels
-    n, at, width = len(augmented), augmented.transmitted_at[drive], len(channels.names)
-    sensor = sensor_for(channels.forces, mechanism.rig.drives[drive].name)
-    assert sensor is not None  # else nothing is transmitted
-    k = channels.names.index(sensor.name)
-    symbol = ca.SX.sym("state", n)
-    places = [
-        symbol[augmented.places_at[i]]
-        if i in augmented.places_at
-        else motions[MEMORY * i] - augmented.systematic_error(i, motions[MEMORY * i], symbol)
-        for i in range(mechanism.n_drives)
-    ]
-    q, still, p = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies), mechanism.parameters.symbols
-    limit = mechanism.hysteresis_limit(drive, q, mechanism.tensions(q, still))
-    limit = ca.Function("limit", [q, p], [limit])(ca.vertcat(symbol[0], *places), augmented.model_parameters(symbol))
-    given = [symbol, motions, p]
-    held, slope = ca.Function("limits", given, [limit, ca.jacobian(limit, symbol)])(state, motions, p)
-    effort = x[1 + k] - augmented.offset(sensor) - augmented.bias(sensor.name, state)
-    effort -= mechanism.dampings()[mechanism.n_joints + drive] * speeds[drive]
-    std = ca.sqrt(ca.fmax(covariance[at, at], 0)) + 1e-9
-    moments = clip_moments(effort - held, effort + held, state[at], std)
-    row = (moments.by_high - moments.by_low) * slope
-    row[0, at] += moments.by_mean
-    ends = moments.by_low + moments.by_high
-    if sensor.name in augmented.bias_at:
-        row[0, augmented.bias_at[sensor.name]] -= ends
-    there = x[1 + width + k] > 0
-    following, spread = ca.SX(state), ca.SX(covariance)
-    following[at] = ca.if_else(there, moments.mean, state[at])
-    across = ca.mtimes(row, covariance)
-    own = ca.mtimes(across, row.T) + moments.rest + ends**2 * augmented.noise(sensor)
-    across[0, at] = own
-    across = ca.if_else(there, across, covariance[at, :])
-    spread[at, :], spread[:, at] = across, across.T
-    return following, spread
-
-
 def update_function(augmented: AugmentedState, updates: int, ideal: bool) -> ca.Function:
     """Return prediction of mean and covariance, and the update with the forces, as one scalar function.
 
@@ -336,10 +267,12 @@ def update_function(augmented: AugmentedState, updates: int, ideal: bool) -> ca.
         std, time = augmented.hysteresis_error(i)
         revert(state, predicted, at, ca.exp(-dt / time), std)
     predicted = symmetric(predicted)
+    remembered = [held[nd * MEMORY + i] for i in range(nd)]
     for i in augmented.transmitted_at:
-        state, predicted = transmit(augmented, i, state, predicted, motions, speeds, x)
+        remembered[i] = calmed(augmented, i, remembered[i], x)
+        state, predicted = transmit(augmented, i, state, predicted, motions, speeds, remembered[i], x)
     after, spread, kept, y = force_update(
-        augmented, state, predicted, motions, speeds, noise, held[nd * MEMORY :], x, updates, ideal
+        augmented, state, predicted, motions, speeds, noise, ca.vertcat(*remembered), x, updates, ideal
     )
     for k, part in enumerate(augmented.parameters):
         at = augmented.parameters_at + k

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from distal.errors import FitError
 from distal.estimators import added_reference, check_homing, with_reference
 from distal.identification.checks import check_logs
+from distal.identification.curves import curves as curves_of
 from distal.identification.fitted_file import assignments
 from distal.identification.free import Free
 from distal.identification.likelihood import Likelihood
@@ -44,6 +45,7 @@ def fit(
     per_log: Sequence[str] = (),
     homing: float | None = None,
     noise: bool = True,
+    curves: bool = False,
     truth: str | None = None,
     seed: int = 0,
     workers: int = 2,
@@ -63,6 +65,8 @@ def fit(
         per_log: paths of which each log has its own (pre-tension, zero offsets).
         homing: for how long the reference is used [s]; None for wherever it is.
         noise: whether noise is varied too.
+        curves: whether the position sensors' systematic curves are learned from logs with truth; only where the same
+            sensors, mounted the same way, will be read again.
         truth: where logs are read: the true angle\'s column.
         seed: of the starts.
         workers: threads; one log each.
@@ -112,7 +116,8 @@ def fit(
     if len(read) > 1 and not found.interrupted:
         _check_agreement(final, found, made, read, progress)
     fitted = _fitted(final, found.z, told_now) + [_kept(part) for part in kept]
-    values = assignments(fitted, described)
+    learned = curves_of(final, found.z) if curves else {}
+    values = {**assignments(fitted, described), **learned}
     result = described.with_values(values) if values else described
     if described is not rig and reference.name not in {sensor.name for sensor in rig.sensors}:
         added = f"sensors.{len(rig.sensors)}."
@@ -135,6 +140,7 @@ def fit(
         iterations=found.iterations,
         converged=found.converged,
         interrupted=found.interrupted,
+        curves=learned,
         evaluations=likelihood.evaluations + (final.evaluations if final is not likelihood else 0),
     )
 

@@ -35,6 +35,9 @@ def assignments(fitted: Sequence[Fitted], start: Rig) -> dict[str, Any]:
         for path, value in zip(part.paths, part.values):
             before = number(start, path)
             rounded = float(f"{value:.{DIGITS}g}")
+            if path.endswith(".unmodelled"):
+                # what these logs did not need, the next may: a filter that trusts its model wholly is not honest
+                rounded = max(rounded, before.value)
             if not before.is_parameter or before.std == 0.0:
                 changed[path] = rounded
                 continue
@@ -58,7 +61,7 @@ def fitted_text(fit: Fit, text: str | None) -> str:
 
     source = text if text is not None else tomlkit.dumps(plain(fit.start.model_dump(exclude_defaults=True)))
     document = tomlkit.parse(_without_old_head(source))
-    for path, value in assignments(fit.fitted, fit.start).items():
+    for path, value in {**assignments(fit.fitted, fit.start), **fit.curves}.items():
         set_value(document, path, value, RigError)
     written = head(fit) + tomlkit.dumps(document)
     if build_rig(parse_toml(written, "fitted rig", RigError), "fitted rig") != fit.rig:
@@ -112,5 +115,9 @@ def head(fit: Fit) -> str:
         rows.append((part.name, f"{part.value:.5g} {part.si}".strip(), error, f"{part.start:.5g}{prior}", part.origin))
     widths = [max(len(row[i]) for row in rows) for i in range(4)]
     lines += ["#   " + "  ".join([*(row[i].ljust(widths[i]) for i in range(4)), row[4]]) for row in rows]
+    if fit.curves:
+        lines.append(
+            "# Learned too: the systematic curves of the position sensors (curve), and what linearity is left."
+        )
     lines += [f"# These logs tell {line}." for line in fit.combinations]
     return "\n".join(lines) + "\n\n"

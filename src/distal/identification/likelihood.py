@@ -158,7 +158,7 @@ class Likelihood:
         return values, variances, carries[data.last]
 
     def estimates(self, log: int, z: Floats) -> tuple[Floats, Floats]:
-        """Return means (k, n) and variances (k, n) of the filter's states along a log.
+        """Return means (k, n) and covariances (k, n, n) of the filter's states along a log.
 
         Args:
             log: its index.
@@ -166,8 +166,11 @@ class Likelihood:
         """
         _, _, carries = self._scan(log, z)
         n = len(self.state_names)
-        covariances = carries[:, n : n + n * n].reshape(-1, n, n)
-        return carries[:, :n], np.diagonal(covariances, axis1=1, axis2=2)
+        return carries[:, :n], carries[:, n : n + n * n].reshape(-1, n, n)
+
+    def prior_state(self) -> tuple[Floats, Floats]:
+        """Return mean and std of the filter's states before the first sample, (n,) each."""
+        return self._filter.prior_means, self._filter.prior_stds
 
     def each(self, z: Floats, job: Callable[[int, Floats], Result]) -> list[Result]:
         """Return job(log, its coordinates) of all logs, in threads: kernels run without the interpreter's lock.
@@ -209,17 +212,18 @@ class Likelihood:
         self.evaluations += 1 + 2 * len(self.free)
         told = self.each(z, self._log_derivatives)
         n = self.size
-        cost, gradient, information, meat = 0.0, np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
+        cost, gradient, information, meat, spans = 0.0, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0
         for j, part in enumerate(told):
             places = self.columns(j)
             cost += part.cost
             gradient[places] += part.gradient
             information[np.ix_(places, places)] += part.information
             meat[np.ix_(places, places)] += part.meat
+            spans += part.spans
         residuals = self.prior_residuals(z)
         weights = np.array([1.0 / part.spread if part.has_prior else 0.0 for part, _ in self.parts()])
         cost += 0.5 * float(np.sum(residuals**2))
-        return Derivatives(cost, gradient + weights * residuals, information, np.diag(weights**2), meat)
+        return Derivatives(cost, gradient + weights * residuals, information, np.diag(weights**2), meat, spans)
 
     def _log_derivatives(self, log: int, z: Floats) -> LogDerivatives:
         values, variances = self.run(log, z)
@@ -250,7 +254,7 @@ class Likelihood:
         information = root @ root.T + spreads @ spreads.T
         times = np.broadcast_to(self.data[log].log.time[:, None], values.shape)[there]
         return LogDerivatives(
-            cost_of(values, variances), scores.sum(axis=1), information, long_run_covariance(scores, times)
+            cost_of(values, variances), scores.sum(axis=1), information, *long_run_covariance(scores, times)
         )
 
 
@@ -263,12 +267,14 @@ class LogDerivatives:
         gradient: of it, (n,).
         information: Fisher information, (n, n).
         meat: long-run covariance of the scores, (n, n).
+        spans: how many spans of time it is the sum of.
     """
 
     cost: float
     gradient: Floats
     information: Floats
     meat: Floats
+    spans: int
 
 
 @dataclass(frozen=True)
@@ -281,6 +287,7 @@ class Derivatives:
         information: Fisher information of the logs, (n, n).
         prior: information of the prior, (n, n).
         meat: long-run covariance of the scores, (n, n): equal to the information where the model is right.
+        spans: how many spans of time it is the sum of.
     """
 
     cost: float
@@ -288,6 +295,7 @@ class Derivatives:
     information: Floats
     prior: Floats
     meat: Floats
+    spans: int
 
 
 def cost_of(values: Floats, variances: Floats) -> float:
@@ -321,8 +329,10 @@ CORRELATED = 1.0
 """Scores that are this far apart in time are taken as independent [s]."""
 
 
-def long_run_covariance(scores: Floats, times: Floats) -> Floats:
-    """Return Σ s sᵀ of scores summed over spans of `CORRELATED` s: their covariance with what is correlated in time.
+def long_run_covariance(scores: Floats, times: Floats) -> tuple[Floats, int]:
+    """Return Σ s sᵀ of scores summed over spans of `CORRELATED` s, and the number of spans.
+
+    It is their covariance with what is correlated in time.
 
     Where the model is wrong, innovations are correlated and Fisher's information is too large; what the scores really
     do is in this matrix (White, Econometrica 50, 1982; Newey and West, Econometrica 55, 1987).
@@ -335,5 +345,4 @@ def long_run_covariance(scores: Floats, times: Floats) -> Floats:
     sums = np.zeros((scores.shape[0], int(spans.max()) + 1))
     for k in range(scores.shape[0]):
         sums[k] = np.bincount(spans, scores[k], minlength=sums.shape[1])
-    covariance: Floats = sums @ sums.T
-    return covariance
+    return sums @ sums.T, sums.shape[1]

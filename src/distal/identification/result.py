@@ -50,6 +50,8 @@ class Fitted:
         """Where the value comes from, in a word or two."""
         if not self.told:
             return "prior (these logs cannot tell)"
+        if self.paths[0].endswith(".unmodelled") and self.value < self.start:
+            return "fitted; the file keeps the start"
         return "mean over the logs" if self.per_log else "fitted"
 
 
@@ -76,6 +78,7 @@ class Fit:
         converged: whether the search ended by itself.
         interrupted: whether the user stopped it.
         evaluations: runs of the filter over all logs.
+        curves: path → value of what was learned of the position sensors' systematic errors.
     """
 
     rig: Rig
@@ -96,6 +99,7 @@ class Fit:
     converged: bool
     interrupted: bool
     evaluations: int
+    curves: Mapping[str, object] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Fitted:
         """Return a fitted number by its name or one of its paths.
@@ -127,4 +131,4 @@ class Fit:
         """Return path → value (with its std, where it had one) of what changed, as for `Rig.with_values`."""
         from distal.identification.fitted_file import assignments
 
-        return assignments(self.fitted, self.start)
+        return {**assignments(self.fitted, self.start), **self.curves}

@@ -159,10 +159,13 @@ def _noise(name: str, numbers: Sequence[Number], prior: bool = True) -> Free:
 
 
 def _noises(rig: Rig, reference: Sensor, homing: bool) -> list[Free]:
-    """Return the noises: of sensors alike by one factor, of the reference, of what no model knows."""
+    """Return the noises: of sensors alike by one factor, of the reference, of what no model knows.
+
+    Displacements are inputs: their noise shows only within that of the forces, and is left as it is.
+    """
     groups: dict[tuple[str, str, float], list[int]] = {}
     for i, sensor in enumerate(rig.sensors):
-        if sensor.name != reference.name and sensor.measures != "angle" and sensor.noise > 0.0:
+        if sensor.name != reference.name and sensor.measures in ("force", "tension") and sensor.noise > 0:
             groups.setdefault((sensor.measures, sensor.si, sensor.noise), []).append(i)
     at = next(i for i, sensor in enumerate(rig.sensors) if sensor.name == reference.name)
     if homing:

@@ -16,6 +16,9 @@ Floats = NDArray[np.float64]
 TOLD = 0.9
 """A parameter whose standard error is above this share of its prior's std was not told by the logs."""
 
+STEPPING = 1e-3
+"""Share of a value that the model's time step and the lines between samples leave uncertain, however long the logs."""
+
 VAGUE = 0.5
 """The same for one without a prior: standard error as a share of its value."""
 
@@ -32,7 +35,7 @@ class Uncertainty:
 
     Args:
         covariance: of the coordinates' errors, (n, n): H⁻¹ (J + P) H⁻¹ with H = I + P, I Fisher's information, P the
-            prior's and J the long-run covariance of the scores; H⁻¹ where the model is right.
+            prior's and J the long-run covariance of the scores, but no less than H⁻¹; `STEPPING` added.
         told: whether the logs told each coordinate more than its prior, (n,).
         combinations: plain lines on combinations that the logs do not tell.
     """
@@ -66,10 +69,14 @@ def uncertainty(here: Derivatives, z: Floats, parts: Sequence[tuple[Free, int | 
     # a whisper of a prior keeps what nothing tells from dividing by zero
     hessian = here.information + here.prior + 1e-12 * np.eye(n)
     inverse = np.linalg.pinv(hessian, hermitian=True)
-    sandwich = inverse @ (here.meat + here.prior) @ inverse
+    # few spans of time tell too small a variance (MacKinnon and White, J. Econometrics 29, 1985)
+    few = here.spans / max(here.spans - n, 1)
+    sandwich = inverse @ (few * here.meat + here.prior) @ inverse
     covariance = np.where(np.eye(n) > 0, np.maximum(np.diag(sandwich), np.diag(inverse)), 0.0)
     scale = np.sqrt(np.diag(covariance) / np.maximum(np.diag(inverse), 1e-300))
     covariance = inverse * np.outer(scale, scale)
+    numeric = [STEPPING * abs(part.value(c)) / max(part.slope(c), 1e-300) for (part, _), c in zip(parts, z)]
+    covariance += np.diag(np.square(numeric))
     told = []
     for (part, _), coordinate, error in zip(parts, z, np.sqrt(np.diag(inverse))):
         known = (

@@ -161,5 +161,5 @@ def csv_of(counts: NDArray[np.int64]) -> str:
         counts: of `counts_of`.
     """
     values = counts * np.array(FACTORS)
-    rows = [",".join(f"{value:.8g}" for value in row) for row in values]
+    rows = [",".join(f"{value:.8f}".rstrip("0").rstrip(".") for value in row) for row in values]
     return "\n".join([",".join(COLUMNS), *rows]) + "\n"

@@ -15,7 +15,7 @@ from distal.errors import DistalWarning, LogError
 from distal.logs.log import Log, check_stamps
 from distal.logs.output import write_whole
 from distal.logs.tables import Table, open_table, read_table, table_of
-from distal.rig import Capstan, Rig, Sensor
+from distal.rig import Capstan, Rig, Sensor, log_factor
 from distal.units import unit_factor
 
 Floats = NDArray[np.float64]
@@ -111,8 +111,7 @@ def read_truth(path: str | Path, time: Floats) -> Floats:
 
 
 def _in_si(sensor: Sensor, table: Table) -> Floats:
-    factor = unit_factor(sensor.unit or sensor.si, sensor.si)
-    values: Floats = sensor.sign * factor * table.columns[sensor.log_column]
+    values: Floats = sensor.sign * log_factor(sensor) * table.columns[sensor.log_column]
     return values
 
 
@@ -180,8 +179,7 @@ def write_log(log: Log, rig: Rig, path: str | Path) -> None:
     columns = {rig.log.time.column: log.time / unit_factor(rig.log.time.unit, "s")}
     for sensor in rig.sensors:
         if sensor.name in log.channels:
-            factor = unit_factor(sensor.unit or sensor.si, sensor.si)
-            columns[sensor.log_column] = sensor.sign * log.channels[sensor.name] / factor
+            columns[sensor.log_column] = sensor.sign * log.channels[sensor.name] / log_factor(sensor)
     columns.update({f"true_{name}": values for name, values in log.truth.items()})
     write_columns(columns, path)
 

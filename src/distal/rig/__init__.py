@@ -28,7 +28,7 @@ from distal.rig.numbers import Number, number
 from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import LogFormat, Rig, Stepping
-from distal.rig.sensors import Sensor, SensorBase
+from distal.rig.sensors import Sensor, SensorBase, log_factor
 from distal.rig.tendons import Linkage, Path, Pinned, Pulley, Tendon
 
 __all__ = [
@@ -64,6 +64,7 @@ __all__ = [
     "effort_unit",
     "inertia_of",
     "load_rig",
+    "log_factor",
     "number",
     "parse_assignment",
     "parse_toml",

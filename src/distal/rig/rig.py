@@ -11,7 +11,7 @@ from distal.errors import RigError, did_you_mean
 from distal.rig.drives import Capstan, Drive, Slider, effort_unit, position_unit
 from distal.rig.joints import Joint
 from distal.rig.quantities import Description, In
-from distal.rig.sensors import Sensor
+from distal.rig.sensors import Sensor, log_factor
 from distal.rig.tendons import Tendon
 from distal.units import unit_factor
 
@@ -88,7 +88,7 @@ class Rig(Description):
     def _log_units(cls, sensors: tuple[Any, ...]) -> tuple[Any, ...]:
         for i, sensor in enumerate(sensors):
             try:
-                unit_factor(sensor.unit or sensor.si, sensor.si)
+                log_factor(sensor)
             except ValueError as error:
                 raise ValueError(f"{i}.unit: {error}") from None
         return sensors

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from distal.rig.quantities import Description, In, Name, Parameter
+from distal.units import unit_factor
 
 Measurand = Literal["position", "force", "tension", "angle"]
 
@@ -43,6 +44,9 @@ class LengthSensor(SensorBase):
     linearity: Annotated[float, In("m", "nonnegative")] = Field(
         0.0, description="largest systematic deviation over the travel, a smooth curve"
     )
+    curve: tuple[float, ...] = Field(
+        (), max_length=6, description="known systematic deviation: weights of cos(π j ξ), j = 0.., over the travel [SI]"
+    )
     resolution: Annotated[float, In("m", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
     bias: Annotated[Parameter, In("m", drifts=False)] = Field(Parameter(value=0.0), description="constant offset")
 
@@ -54,6 +58,9 @@ class AngleSensor(SensorBase):
     noise: Annotated[float, In("rad", "nonnegative")] = Field(0.0, description="standard deviation, random error")
     linearity: Annotated[float, In("rad", "nonnegative")] = Field(
         0.0, description="largest systematic deviation over the travel, a smooth curve"
+    )
+    curve: tuple[float, ...] = Field(
+        (), max_length=6, description="known systematic deviation: weights of cos(π j ξ), j = 0.., over the travel [SI]"
     )
     resolution: Annotated[float, In("rad", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
     bias: Annotated[Parameter, In("rad")] = Field(Parameter(value=0.0), description="constant offset")
@@ -72,9 +79,12 @@ class ForceSensor(SensorBase):
 
 
 class TorqueSensor(SensorBase):
-    """A sensor of a torque [N m]."""
+    """A sensor of a torque [N m], or of a motor's current where a torque constant K_t is given: τ = K_t i."""
 
     si: Literal["N m"]
+    torque_constant: Annotated[float, In("N m/A", "positive")] | None = Field(
+        None, description="K_t at the capstan, where the log holds a current; its unit is then one of current"
+    )
     noise: Annotated[float, In("N m", "nonnegative")] = Field(0.0, description="standard deviation, random error")
     linearity: Annotated[float, In("N m", "nonnegative")] = Field(
         0.0, description="largest systematic deviation over the range, a smooth curve"
@@ -84,3 +94,18 @@ class TorqueSensor(SensorBase):
 
 
 Sensor = Annotated[LengthSensor | AngleSensor | ForceSensor | TorqueSensor, Field(discriminator="si")]
+
+
+def log_factor(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) -> float:
+    """Return by what a log's numbers are multiplied to be SI, its sign left out.
+
+    Args:
+        sensor: whose unit, and torque constant where it has one, say so.
+
+    Raises:
+        UnitError: the unit is unknown or has the wrong dimension.
+    """
+    constant = getattr(sensor, "torque_constant", None)
+    if constant is not None:
+        return float(constant * unit_factor(sensor.unit or "A", "A"))
+    return unit_factor(sensor.unit or sensor.si, sensor.si)

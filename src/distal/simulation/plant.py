@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -41,7 +42,7 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     acceleration = (v_next - before) / dt
     pull = effort - added * acceleration + servo[:, 0] * (servo[:, 1] - q_next) - servo[:, 2] * v_next
     y = ca.vertcat(q_next, v_next, tensions(q_next, v_next, p), pull[mechanism.n_joints :])
-    kept = friction.follow(carry[:n], q_next, v_next, carry[2 * n :], dt, p) if inside else ca.MX(0, 1)
+    kept = friction.follow(carry[:n], q_next, v_next, carry[2 * n :], p) if inside else ca.MX(0, 1)
     following = ca.vertcat(q_next, v_next, kept)
     return ca.Function("plant", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
 
@@ -58,13 +59,41 @@ RESOLVED = 0.5
 """Largest product of that spring's frequency and the interval."""
 
 
+def presliding_stiffness(mechanism: Mechanism, drive: int) -> Any:
+    """Return the stiffness of a drive's internal friction before it slips, in the drive's coordinate.
+
+    Args:
+        mechanism: the plant's equations.
+        drive: its index.
+    """
+    p, body = mechanism.parameters, mechanism.n_joints + drive
+    levers = mechanism.length_jacobian(ca.SX.zeros(mechanism.n_bodies))[:, body]
+    stiffness = (levers[j] ** 2 * p[f"tendons.{j}.stiffness"] for j in range(mechanism.n_tendons))
+    return PRESLIDING * sum(stiffness, start=ca.SX(0))
+
+
+def longest_interval(mechanism: Mechanism) -> float:
+    """Return the longest interval [s] that resolves the friction inside the transmissions; infinite where there is none.
+
+    Args:
+        mechanism: the plant's equations.
+    """
+    q, p, longest = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters, float("inf")
+    for i in hysteretic(mechanism):
+        slopes = ca.jacobian(mechanism.stretch(i, q), q)
+        square = presliding_stiffness(mechanism, i) * ca.sum2(slopes**2 / mechanism.inertias().T)
+        value = ca.Function("square", [q, p.symbols], [square])(np.zeros(mechanism.n_bodies), p.values)
+        longest = min(longest, RESOLVED / float(np.sqrt(float(value))))
+    return longest
+
+
 @dataclass(frozen=True)
 class InternalFriction:
     """Friction inside the transmissions, as functions.
 
     Args:
         force: (q, f, p) → what it does to the bodies, −(∂σ/∂q)ᵀ f.
-        follow: (q, q⁺, v⁺, f, dt, p) → f⁺ = clip(f + k_s (σ⁺ − σ), −h, h).
+        follow: (q, q⁺, v⁺, f, p) → f⁺ = clip(f + k_s (σ⁺ − σ), −h, h).
     """
 
     force: ca.Function
@@ -83,23 +112,18 @@ def internal_friction(mechanism: Mechanism, drives: list[int]) -> InternalFricti
     """
     n, p = mechanism.n_bodies, mechanism.parameters
     q, after, v = ca.SX.sym("q", n), ca.SX.sym("after", n), ca.SX.sym("v", n)
-    f, dt = ca.SX.sym("f", len(drives)), ca.SX.sym("dt")
+    f = ca.SX.sym("f", len(drives))
     forces, kept = ca.SX(n, 1), []
-    tensions, inertias = mechanism.tensions(after, v), mechanism.inertias()
+    tensions = mechanism.tensions(after, v)
     for k, i in enumerate(drives):
-        body = mechanism.n_joints + i
         stretch = mechanism.stretch(i, q)
         forces -= ca.jacobian(stretch, q).T * f[k]
-        levers = mechanism.length_jacobian(after)[:, body]
-        spring = sum((levers[j] ** 2 * p[f"tendons.{j}.stiffness"] for j in range(mechanism.n_tendons)), start=ca.SX(0))
-        stiffness = ca.fmin(PRESLIDING * spring, (RESOLVED / dt) ** 2 * inertias[body])
+        stiffness = presliding_stiffness(mechanism, i)
         limit = mechanism.hysteresis_limit(i, after, tensions)
         moved = mechanism.stretch(i, after) - stretch
         kept.append(ca.fmin(ca.fmax(f[k] + stiffness * moved, -limit), limit))
     force = ca.Function("internal_force", [q, f, p.symbols], [ca.densify(forces)])
-    return InternalFriction(
-        force, ca.Function("internal_friction", [q, after, v, f, dt, p.symbols], [ca.vertcat(*kept)])
-    )
+    return InternalFriction(force, ca.Function("internal_friction", [q, after, v, f, p.symbols], [ca.vertcat(*kept)]))
 
 
 def run_plant(mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float, count: int) -> dict[str, Floats]:

@@ -14,7 +14,7 @@ from distal.model import Mechanism, substeps
 from distal.rig import Rig, Sensor, load_rig
 from distal.sensors import measure
 from distal.simulation.inputs import body_inputs, initial_angles
-from distal.simulation.plant import equilibrium, run_plant
+from distal.simulation.plant import equilibrium, longest_interval, run_plant
 from distal.simulation.scenario import Scenario, load_scenario
 
 Floats = NDArray[np.float64]
@@ -48,7 +48,7 @@ def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int =
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
     plant = Mechanism(scenario.plant_rig(rig))
     fastest = max((sensor.rate for sensor in plant.rig.sensors), default=100.0)
-    dt = 1.0 / fastest / ceil(1.0 / fastest / LONGEST_INTERVAL - 1e-9)
+    dt = 1.0 / fastest / ceil(1.0 / fastest / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
     if scenario.duration * fastest < 1.0 - 1e-9:
         raise ScenarioError(f"duration: {scenario.duration:g} s is shorter than one sample")
     if scenario.duration / dt > MOST_STEPS:

@@ -1,0 +1,205 @@
+"""How well a fit finds a plant, with and without truth, on another simulator, and on a real instrument.
+
+`python -m benchmarks.fitting` (part of `make accuracy`); the tables are saved in out/bench.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.cases import WINDOW, scenario
+from benchmarks.report import table
+from distal import Log, Rig, cross_validate, estimate, fit, load_rig, simulate
+from distal.errors import DistalError
+
+FREE = ("tendons.*.stiffness", "joints.0.friction.coefficient", "joints.0.damping")
+KINDS = ("ramps", "weights", "servo")
+START = Path("examples/da_vinci/start.toml")
+
+
+def start_rig() -> Rig:
+    """Return the paper's rig in a wide window; its preload is known, so that friction has one unknown."""
+    return load_rig("paper-2008").with_values({**WINDOW, "joints.0.friction.preload.std": 0.0})
+
+
+def drawn_plant(seed: int) -> tuple[dict[str, Any], tuple[float, float, float]]:
+    """Return a plant within ±10 % in k, ±20 % in μ and ±30 % in b, and these three."""
+    rng = np.random.default_rng([seed, 44])
+    k = 806.0 * (1 + 0.1 * rng.uniform(-1, 1))
+    mu = 0.5 * (1 + 0.2 * rng.uniform(-1, 1))
+    b = 8e-3 * (1 + 0.3 * rng.uniform(-1, 1))
+    names = ("tendons.0.stiffness", "tendons.1.stiffness", "joints.0.friction.coefficient", "joints.0.damping")
+    return dict(zip(names, (k, k, mu, b))), (k, mu, b)
+
+
+def logs_of(
+    rig: Rig, plant: dict[str, Any], seed: int, kinds: tuple[str, ...] = KINDS, duration: float = 10.0
+) -> list[Log]:
+    """Return a log of each kind of scenario, drawn from a seed."""
+    logs = []
+    for i, kind in enumerate(kinds):
+        drawn = scenario(kind, "as the rig", 100 * seed + i)
+        named = drawn.model_copy(update={"plant": plant, "duration": duration, "name": f"{kind} {seed}"})
+        logs.append(simulate(rig, named, 100 * seed + i))
+    return logs
+
+
+def without_truth(log: Log) -> Log:
+    """Return the log as one has it without an encoder."""
+    channels = {name: values for name, values in log.channels.items() if name != "encoder"}
+    return Log(log.time, channels, {}, log.source)
+
+
+def with_truth(seed: int) -> list[tuple[float, float, float]]:
+    """Return (value, standard error, truth) of k, μ and b, fitted to three logs with truth."""
+    rig = start_rig()
+    plant, true = drawn_plant(seed)
+    found = fit(logs_of(rig, plant, seed), rig, FREE, workers=1)
+    return [(found[name].value, found[name].error, value) for name, value in zip(FREE, true)]
+
+
+def blind(seed: int) -> tuple[float, float, float]:
+    """Return the RMS error on two new logs [°]: rig as it came, fitted without truth, true rig."""
+    rig = start_rig()
+    plant, _ = drawn_plant(seed)
+    found = fit([without_truth(log) for log in logs_of(rig, plant, seed)], rig, workers=1)
+    held = logs_of(rig, plant, seed + 1000, ("ramps", "servo"))
+    rigs = (rig, found.rig, rig.with_values(plant))
+    errors = [np.sqrt(np.mean([estimate(log, each).rms_error() ** 2 for log in held])) for each in rigs]
+    return tuple(float(np.rad2deg(error)) for error in errors)  # type: ignore[return-value]
+
+
+def parameters(seeds: int, processes: int) -> None:
+    """Print how well k, μ and b are found, and how honest their standard errors are."""
+    with ProcessPoolExecutor(processes) as pool:
+        told = np.array(list(pool.map(with_truth, range(seeds))))
+    rows = []
+    for i, name in enumerate(("stiffness k", "friction coefficient μ", "damping b")):
+        value, error, true = told[:, i, :].T
+        z = (value - true) / error
+        rows.append(
+            [
+                name,
+                f"{100 * np.mean(np.abs(z) < 2):.0f} %",
+                f"{np.sqrt(np.mean(z**2)):.2f}",
+                f"{np.std(z):.2f}",
+                f"{np.mean(z):+.2f}",
+                f"{100 * np.sqrt(np.mean((value / true - 1) ** 2)):.2f} %",
+                f"{100 * np.mean(error / true):.2f} %",
+            ]
+        )
+    columns = [
+        "",
+        "within 2 errors",
+        "RMS error / std. error",
+        "spread / std. error",
+        "mean / std. error",
+        "RMS",
+        "std. error",
+    ]
+    table("fit-parameters", f"Three 10 s logs with truth, {seeds} plants and seeds (`distal fit`)", columns, rows)
+
+
+def next_log(seeds: int, processes: int) -> None:
+    """Print the errors on new logs after a fit without truth."""
+    with ProcessPoolExecutor(processes) as pool:
+        told = np.array(list(pool.map(blind, range(seeds))))
+    pooled = np.sqrt(np.mean(told**2, axis=0))
+    ratio = told[:, 1] / told[:, 2]
+    row = [*(f"{value:.3f}" for value in pooled), f"{pooled[1] / pooled[2]:.2f}", f"{ratio.max():.2f}"]
+    columns = ["rig as it came [°]", "fitted [°]", "true rig [°]", "fitted / true", "worst seed"]
+    table("fit-blind", f"Fitted to three logs without truth, RMS on new logs, {seeds} plants", columns, [row])
+
+
+def other_simulator() -> None:
+    """Print errors on MuJoCo logs after a fit to one of them."""
+    try:
+        from tests import mujoco_plant
+    except ImportError:
+        print("MuJoCo is not installed: its table is left out")
+        return
+    rig, rows = load_rig("pulley-antagonist"), []
+    for share, sensors in ((0.8, 50), (1.0, 51), (1.2, 52)):
+        made = partial(mujoco_plant.log, sensors=sensors, link_friction=share * mujoco_plant.LINK_FRICTION)
+        try:
+            logs = [made(seed) for seed in range(6)]
+        except ImportError:
+            print("MuJoCo is not installed: its table is left out")
+            return
+        cells = [f"friction × {share:g}"]
+        for each in (rig, fit(logs[:1], rig).rig, fit(logs[:1], rig, curves=True).rig):
+            told = [estimate(log, each) for log in logs[1:]]
+            rms = np.sqrt(np.mean([one.rms_error() ** 2 for one in told]))
+            cells += [f"{np.rad2deg(rms):.3f}", f"{100 * np.mean([one.inside_band() for one in told]):.0f} %"]
+        rows.append(cells)
+    columns = ["plant", "as it came [°]", "band", "fitted [°]", "band", "fitted with --curves [°]", "band"]
+    table("fit-mujoco", "MuJoCo: fitted to one servo log, RMS on five others of the same sensors", columns, rows)
+
+
+def instrument() -> None:
+    """Print the errors on a real instrument, one motion class left out at a time."""
+    from distal.logs import da_vinci_grasper, read_log
+
+    try:
+        paths = da_vinci_grasper()
+    except DistalError as problem:
+        print(f"the da Vinci logs are left out: {problem}")
+        return
+    rig = load_rig(START)
+    logs = [read_log(path, rig) for path in paths]
+    started = time.perf_counter()
+    whole = fit(logs, rig, homing=3.0)
+    took = time.perf_counter() - started
+    told = cross_validate(logs, rig, r"run_(.)", homing=3.0)
+    rows, point = [], []
+    for one, fitted in ((one, f) for f in told.fits for one in told.held_out if one.log not in f.logs):
+        log = next(log for log in logs if log.source == one.log)
+        near = estimate(log, fitted.rig, homing=0.2)
+        point.append(near)
+        rows.append(
+            [
+                Path(one.log).stem,
+                *(f"{np.rad2deg(e.rms_error()):.3f}" for e in (one.before, one.after, near)),
+                *(f"{100 * e.inside_band():.0f} %" for e in (one.after, near)),
+            ]
+        )
+    errors = np.rad2deg([one.rms_error() for one in point])
+    mean = ["mean", f"{np.rad2deg(np.mean([one.before.rms_error() for one in told.held_out])):.3f}"]
+    mean += [f"{np.rad2deg(told.mean_rms):.3f}", f"{errors.mean():.3f}", f"{100 * told.inside_band:.0f} %"]
+    rows += [[*mean, f"{100 * np.mean([one.inside_band() for one in point]):.0f} %"]]
+    worst = np.rad2deg(max(one.before.rms_error() for one in told.held_out))
+    rows += [["worst", f"{worst:.3f}", f"{np.rad2deg(told.worst_rms):.3f}", f"{errors.max():.3f}", "", ""]]
+    columns = ["run", "move, before [°]", "homing move [°]", "homing point [°]", "band, move", "band, point"]
+    title = (
+        f"da Vinci grasper, fitted without the run's motion class (all {len(logs)} runs at once: {took:.0f} s, "
+        f"{len(whole.fitted)} numbers)"
+    )
+    table("fit-da-vinci", title, columns, rows)
+
+
+def main() -> None:
+    """Run, print and save."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=40)
+    parser.add_argument("--blind-seeds", type=int, default=12)
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    arguments = parser.parse_args()
+    started = time.perf_counter()
+    fit(logs_of(start_rig(), {}, 0, ("ramps",), 2.0), start_rig(), FREE, workers=1)  # compiled once
+    parameters(arguments.seeds, arguments.processes)
+    next_log(arguments.blind_seeds, arguments.processes)
+    other_simulator()
+    instrument()
+    print(f"{time.perf_counter() - started:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,102 @@
+"""`distal fit` and homing, as a user runs them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal import Log, load_rig, write_log
+from tests.cli.test_cli import Ran, refused, run  # noqa: F401
+from tests.identification.helpers import drawn_plant, logs_of, start_rig, without_truth
+
+SET = (
+    "--set", 'drives.0.stops=["-5 mm","15 mm"]',
+    "--set", 'drives.1.stops=["-5 mm","15 mm"]',
+    "--set", "joints.0.friction.preload.std=0",
+)  # fmt: skip
+FREE = ("--free", "tendons.*.stiffness", "--free", "joints.0.friction.coefficient")
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder, rig = tmp_path_factory.mktemp("logs"), start_rig()
+    plant, _ = drawn_plant(30)
+    paths = []
+    for i, log in enumerate(logs_of(rig, plant, 30, ("ramps", "servo"), 5.0)):
+        paths.append(folder / f"log_{i}.csv")
+        write_log(log, rig, paths[-1])
+    return paths
+
+
+def test_fit_writes_a_rig_that_the_other_commands_take(run, logs: list[Path], tmp_path: Path) -> None:  # noqa: F811
+    out, report = tmp_path / "fitted.toml", tmp_path / "report"
+    ran = run("fit", *logs, "--rig", "paper-2008", *SET, *FREE, "--holdout", "log", "--out", out, "--report", report)
+    assert ran.code == 0, ran.err
+    for said in ("tendons.*.stiffness", "fitted", "normalised innovations", "logs that were not fitted", "wrote"):
+        assert said in ran.out
+    text = out.read_text()
+    assert text.startswith("# Fitted by `distal fit` to 2 logs (10 s)")
+    assert "# moment of inertia" in text or "# " in text.split("\n\n", 1)[1]  # the file's own comments stay
+    fitted = load_rig(out)
+    assert fitted.tendons[0].stiffness.value != 806.0
+    assert fitted.drives[0].stops == (-5e-3, 15e-3)
+    page = (report / "index.html").read_text()
+    assert page.count("<svg") >= 4
+    assert "What was found" in page
+    assert "On logs that were not fitted" in page
+    assert not re.search(r'(?:src|href)\s*=\s*["\']https?:', page)  # nothing is fetched
+    assert run("estimate", logs[0], "--rig", out).code == 0
+    again = tmp_path / "again.toml"
+    assert run("fit", logs[0], "--rig", out, "--no-noise", "--out", again).code == 0
+    assert again.read_text().count("# Fitted by") == 1
+
+
+def test_what_cannot_be_fitted_is_one_line_and_nothing_is_written(run, logs: list[Path], tmp_path: Path) -> None:  # noqa: F811
+    out, rig = tmp_path / "fitted.toml", ("--rig", "paper-2008", *SET)
+    out.write_text("what stood here")
+    refused(run("fit", logs[0], logs[0], *rig, "--out", out), "came more than once")
+    refused(run("fit", logs[0], *rig, "--free", "tendons.*.stifness", "--out", out), "there is no 'stifness'")
+    refused(run("fit", logs[0], *rig, "--out", tmp_path / "fitted.csv"), "a rig file ends in .toml")
+    refused(run("fit", logs[0], *rig, "--holdout", "log", "--out", out), "at least two groups")
+    refused(run("fit", logs[0], *rig, "--homing", "3 apples", "--out", out), "apples")
+    refused(run("fit", logs[0], *rig, "--homing", "30s", "--out", out), "shorter than the log")
+    still = tmp_path / "still.csv"
+    rows = logs[0].read_text().splitlines()
+    still.write_text("\n".join([rows[0], *(f"{0.01 * i:.2f},{rows[1].split(',', 1)[1]}" for i in range(300))]))
+    refused(run("fit", still, *rig, "--out", out), "still.csv: nothing moves")
+    assert out.read_text() == "what stood here"
+
+
+def test_homing_uses_the_reference_for_a_while(run, logs: list[Path], tmp_path: Path) -> None:  # noqa: F811
+    ran = run("estimate", logs[1], "--rig", "paper-2008", *SET, "--homing", "1s", "--out", tmp_path / "e.csv")
+    assert ran.code == 0
+    assert "used for the first 1 s, compared with afterwards" in ran.out
+    assert "consistent" in ran.out
+    rig = start_rig()
+    bare = without_truth(logs_of(rig, {}, 31, ("servo",), 3.0)[0])
+    write_log(bare, rig, tmp_path / "bare.csv")
+    refused(run("estimate", tmp_path / "bare.csv", "--rig", "paper-2008", *SET, "--homing", "1s"), "homing needs")
+    refused(run("estimate", logs[1], "--rig", "paper-2008", *SET, "--homing", "99s"), "shorter than the log")
+    refused(run("estimate", logs[1], "--rig", "paper-2008", *SET, "--homing", "1s", "--smooth"), "give one of them")
+
+
+def test_a_reference_helps_and_does_not_leak() -> None:
+    """With homing the first second is known; what follows does not depend on the truth that is only compared with."""
+    from distal import estimate
+
+    rig = start_rig()
+    log = logs_of(rig, {"joints.0.friction.coefficient": 0.6}, 32, ("servo",), 6.0)[0]
+    blind, homed = estimate(log, rig), estimate(log, rig, homing=1.0)
+    first = log.time < 0.9
+    assert np.max(homed.theta_std[first]) < 0.5 * np.max(blind.theta_std[first])
+    assert np.isnan(homed.truth[first]).all()
+    lying = {"theta": np.where(log.time < 1.0, log.truth["theta"], log.truth["theta"] + 1.0)}
+    other = estimate(Log(log.time, log.channels, lying, log.source, log.truth_source), rig, homing=1.0)
+    np.testing.assert_array_equal(homed.theta, other.theta)
+    for name in ("inextensible", "elastic", "ekf"):
+        shifted = estimate(log, rig, name, homing=1.0)
+        early = estimate(log, rig, name).theta[log.time < 1.0] - log.truth["theta"][log.time < 1.0]
+        np.testing.assert_allclose(shifted.theta, estimate(log, rig, name).theta - early.mean(), atol=1e-12)

@@ -1,0 +1,136 @@
+"""Hysteresis of a transmission: the play operator, its moments, the plant, and the filter."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from distal import Rig, estimate, load_rig, simulate
+from distal.errors import RigError
+from distal.model import clip_moments
+from distal.simulation import build_scenario
+from tests.helpers import rms_degrees
+
+
+@given(st.floats(-3, 3), st.floats(0.1, 2), st.floats(-2, 2), st.floats(0.05, 2))
+def test_moments_of_a_clipped_normal(low: float, width: float, mean: float, std: float) -> None:
+    """Against quadrature; slopes are the chances to be held and to be free."""
+    x = np.linspace(-9, 9, 20001)
+    weight = np.exp(-x * x / 2)
+    weight /= weight.sum()
+    clipped = np.clip(mean + std * x, low, low + width)
+    told = clip_moments(ca.DM(low), ca.DM(low + width), ca.DM(mean), ca.DM(std))
+    expected = float(weight @ clipped)
+    assert float(told.mean) == pytest.approx(expected, abs=1e-5)
+    inside = float(weight @ ((mean + std * x > low) & (mean + std * x < low + width)))
+    assert float(told.by_mean) == pytest.approx(inside, abs=2e-3)
+    assert float(told.by_low + told.by_mean + told.by_high) == pytest.approx(1.0)
+    whole = float(weight @ (clipped - expected) ** 2)
+    assert float(told.rest) + (float(told.by_mean) * std) ** 2 == pytest.approx(
+        max(whole, (inside * std) ** 2), abs=2e-3
+    )
+
+
+LIMIT = 0.03
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    """A capstan joint whose only friction is inside its transmission, and whose joint a spring holds."""
+    values = {
+        "drives.0.hysteresis": {"constant": LIMIT, "error": 2e-3},
+        "drives.0.friction.constant": {"value": 0.0, "std": 0.0},
+        "drives.0.friction.load": {"value": 0.0, "std": 0.0},
+        "joints.0.friction.coefficient": {"value": 0.0, "std": 0.0},
+        "joints.0.damping": 2e-2,
+        "joints.0.spring": {"stiffness": 0.3},
+        "joints.0.external_torque.std": 0.1,
+        **{f"tendons.{i}.{name}.std": 0.0 for i in (0, 1) for name in ("stiffness", "pretension")},
+    }
+    return load_rig("capstan-joint").with_values(values)
+
+
+def slow(rig: Rig, seed: int = 1, **plant: object):
+    """Return a log of the capstan turned to and fro, slowly: the spring loads the transmission both ways."""
+    servo = {"angle": {"amplitude": 0.7, "frequency": 0.1}, "stiffness": 40.0, "damping": 0.5}
+    raw = {"rig": "capstan-joint", "duration": 20.0, "drives": {"motor": {"servo": servo}}, "plant": plant}
+    return simulate(rig, build_scenario(raw, "slow"), seed)
+
+
+def test_the_plant_is_a_play_operator(rig: Rig) -> None:
+    """Quasi-static, what the tendons carry is clip(z, U − h, U + h) of the drive's torque, to 5 % of h."""
+    log = slow(rig)
+    torque = log.truth["force_motor"] - 2e-3 * np.gradient(log.truth["position_motor"], log.time)
+    carried = 5e-3 * (log.truth["tension_flexor"] - log.truth["tension_extensor"])
+    play, z = [], float(carried[0])
+    for u in torque:
+        z = min(max(z, u - LIMIT), u + LIMIT)
+        play.append(z)
+    settled = log.time > 2.0
+    assert np.ptp(carried) > 3 * LIMIT  # it turns over both ways
+    assert np.max(np.abs(np.array(play) - carried)[settled]) < 0.05 * LIMIT + 0.02 * np.ptp(carried)
+    # without hysteresis the tendons carry the torque itself
+    free = slow(rig.with_values({"drives.0.hysteresis": {"constant": 1e-9}}))
+    direct = 5e-3 * (free.truth["tension_flexor"] - free.truth["tension_extensor"])
+    u = free.truth["force_motor"] - 2e-3 * np.gradient(free.truth["position_motor"], free.time)
+    assert np.max(np.abs(direct - u)[settled]) < 0.1 * LIMIT
+
+
+def test_the_filter_sees_through_the_hysteresis(rig: Rig) -> None:
+    """With a moment of reference, the angle is found to 0.15°; a rig that does not know of the hysteresis is worse."""
+    log = slow(rig)
+    known = estimate(log, rig, homing=1.0)
+    ignorant = estimate(log, rig.with_values({"drives.0.hysteresis": {"constant": 1e-9}}), homing=1.0)
+    late = log.time > 1.0
+    error = rms_degrees((known.theta - log.truth["theta"])[late])
+    assert error < 0.15
+    assert error < 0.5 * rms_degrees((ignorant.theta - log.truth["theta"])[late])
+    assert known.inside_band() > 0.85
+
+
+def test_noise_does_not_wear_it_down(rig: Rig) -> None:
+    """At rest what is transmitted stays, however long noise shakes the torque: a play forgets nothing."""
+    log = slow(rig)
+    turned = int(np.argmax(log.truth["force_motor"]))
+    rows = np.r_[np.arange(turned), np.full(4000, turned)]
+    channels = {name: np.array(values[rows]) for name, values in log.channels.items()}
+    rng = np.random.default_rng(3)
+    channels["motor_torque"][turned:] += 5e-3 * rng.normal(size=4000) - 0.4 * LIMIT
+    time = np.arange(len(rows)) / 200.0
+    from distal import Log
+
+    told = estimate(Log(time, channels), rig)
+    z = told.means[:, told.state_names.index("transmitted_motor")]
+    assert abs(z[-1] - z[turned + 50]) < 0.1 * LIMIT
+
+
+def test_a_held_value_is_taken_as_it_is(rig: Rig) -> None:
+    """`hold` keeps a std for fitting: the filter has no state for it, and a zero that is held costs nothing."""
+    sure = load_rig("capstan-joint")
+    held = sure.with_values({"tendons.0.stiffness.hold": True, "tendons.1.stiffness.hold": True})
+    log = slow(sure)
+    assert "tendons.stiffness.factor" in estimate(log, sure).state_names
+    assert not any("stiffness" in name for name in estimate(log, held).state_names)
+    with pytest.raises(RigError, match="hold must be true or false"):
+        sure.with_values({"tendons.0.stiffness": {"value": 1e4, "hold": "yes"}})
+
+
+def test_a_current_is_a_torque(tmp_path) -> None:
+    """With K_t, a log may hold the motor's current: τ = K_t i, there and back."""
+    from distal import read_log, write_log
+
+    rig = load_rig("capstan-joint").with_values(
+        {"sensors.motor_torque.torque_constant": "50 mN m/A", "sensors.motor_torque.unit": "mA"}
+    )
+    log = slow(load_rig("capstan-joint"))
+    write_log(log, rig, tmp_path / "log.csv")
+    header, first = (tmp_path / "log.csv").read_text().splitlines()[:2]
+    column = header.split(",").index("motor_torque")
+    assert float(first.split(",")[column]) == pytest.approx(log.channels["motor_torque"][0] / 0.05 * 1e3)
+    again = read_log(tmp_path / "log.csv", rig)
+    np.testing.assert_allclose(again.channels["motor_torque"], log.channels["motor_torque"], rtol=1e-12)
+    with pytest.raises(RigError, match="unit"):
+        rig.with_values({"sensors.motor_torque.unit": "N m"})
