@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -90,6 +91,19 @@ TABLES = {
     "accuracy-mujoco": lambda: bench("accuracy-mujoco"),
     "accuracy-rivals": lambda: bench("accuracy-rivals"),
     "speed": lambda: bench("speed"),
+    **{
+        name: partial(bench, name)
+        for name in (
+            "fit-derivatives",
+            "fit-steps",
+            "fit-optimisers",
+            "fit-parameters",
+            "fit-blind",
+            "fit-mujoco",
+            "fit-da-vinci",
+            "hysteresis",
+        )
+    },
 }
 
 
@@ -98,10 +112,10 @@ def main() -> None:
     for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
         text = page.read_text(encoding="utf-8")
         for name, table in TABLES.items():
-            marker = rf"(<!-- table: {name} -->\n).*?(\n<!-- end of table -->)"
+            marker = rf"(<!-- table: {name} -->\n).*?(\n?<!-- end of table -->)"
             if re.search(marker, text, flags=re.S):
                 made = table()
-                text = re.sub(marker, lambda m, made=made: m[1] + made + m[2], text, flags=re.S)  # type: ignore[misc]
+                text = re.sub(marker, lambda m, made=made: m[1] + made + "\n" + m[2].lstrip(), text, flags=re.S)  # type: ignore[misc]
         page.write_text(text, encoding="utf-8")
     for source, name in FIGURES.items():
         shutil.copyfile(ROOT / source, ROOT / "docs" / "figures" / name)

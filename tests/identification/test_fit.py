@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -214,3 +217,59 @@ def test_a_joint_is_seen_where_forces_tell_of_it(rig: Rig) -> None:
     assert hidden.table(8)[-1][-1] != "seen"
     with pytest.raises(FitError, match="the window must be"):
         observability(log, rig, window=20.0)
+
+
+@pytest.mark.slow
+def test_a_real_instrument(data: Path, tmp_path: Path) -> None:
+    """The example on three runs: better on the class left out than a linear elastic model of all twelve (0.46°)."""
+    root = Path(__file__).parents[2]
+    words = [
+        sys.executable,
+        str(root / "examples/da_vinci/grasper.py"),
+        "--runs",
+        "01",
+        "22",
+        "43",
+        "--out",
+        str(tmp_path),
+    ]
+    ran = subprocess.run(words, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    found = re.search(r"mean ([\d.]+)°, worst ([\d.]+)°, (\d+) % inside", ran.stdout)
+    assert found is not None
+    assert float(found[1]) < 0.46
+    assert float(found[2]) < 0.78  # the worst run of that model
+    assert (tmp_path / "jaw.png").stat().st_size > 10_000
+    assert load_rig(tmp_path / "fitted.toml").drives[0].hysteresis is not None
+
+
+@pytest.mark.slow
+def test_the_shipped_instrument(data: Path) -> None:
+    """The goals: homing move 0.28° in the mean and 0.6° at worst, homing point 0.55° and 1.2°, 88 to 98 % in the band."""
+    from distal.logs import da_vinci_grasper
+
+    for homing, mean, worst in ((3.0, 0.28, 0.6), (0.2, 0.55, 1.2)):
+        told = [estimate(path, "da-vinci-grasper", homing=homing) for path in da_vinci_grasper()]
+        errors = np.rad2deg([one.rms_error() for one in told])
+        assert errors.mean() <= mean
+        assert errors.max() <= worst
+        assert 0.88 <= np.mean([one.inside_band() for one in told]) <= 0.98
+
+
+@pytest.mark.slow
+def test_on_another_simulator() -> None:
+    """Fitted to one servo log with the sensors' curves, five others of the same sensors are right to 0.25°."""
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'distal[test]'")
+    from tests import mujoco_plant
+
+    described = load_rig("pulley-antagonist")
+    logs = [mujoco_plant.log(s, sensors=60, link_friction=0.8 * mujoco_plant.LINK_FRICTION) for s in range(4)]
+    found = fit(logs[:1], described, curves=True)
+    assert found["joints.0.friction.coefficient"].value == pytest.approx(0.4, rel=0.02)
+    told = [estimate(log, found.rig) for log in logs[1:]]
+    assert np.rad2deg(np.sqrt(np.mean([one.rms_error() ** 2 for one in told]))) <= 0.25
+    other = mujoco_plant.log(9, sensors=61, link_friction=0.8 * mujoco_plant.LINK_FRICTION)
+    with pytest.raises(FitError, match="was it mounted anew"):
+        fit([logs[0], other], described, curves=True)
+    with pytest.raises(FitError, match="curves need a log with truth"):
+        fit([without_truth(logs[0])], described, curves=True)

@@ -20,6 +20,7 @@ def test_shipped_rigs_load() -> None:
         "paper-2008-observed",
         "pulley-antagonist",
         "capstan-joint",
+        "da-vinci-grasper",
     }
     for name in shipped_rigs():
         assert isinstance(load_rig(name), Rig)

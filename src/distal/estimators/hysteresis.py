@@ -29,14 +29,15 @@ def revert(state: Any, covariance: Any, at: int, fade: Any, std: Any) -> None:
     covariance[at, at] = fade * row[at] + std**2 * (1 - fade**2)
 
 
-CALM = 20.0
+CALM = 8.0
 """The effort that moves a play is smoothed until its noise is below this part of the play's limit."""
+
+CREST = 2.0
+"""A play is moved by the crests of the noise: its limits are wider by this many of its standard deviations."""
 
 
 def calming(augmented: AugmentedState, drive: int) -> float:
     """Return the weight of a new reading of a drive's effort, 1 where its noise is small against the hysteresis.
-
-    A play is moved by the crests of the noise: unsmoothed it would seem narrower by two or three σ.
 
     Args:
         augmented: the layout of the state.
@@ -110,6 +111,9 @@ def transmit(
     held, slope = ca.Function("limits", given, [limit, ca.jacobian(limit, symbol)])(state, motions, p)
     effort = effort - augmented.bias(sensor.name, state)
     effort -= mechanism.dampings()[mechanism.n_joints + drive] * speeds[drive]
+    share = calming(augmented, drive)
+    left = share / (2 - share) * augmented.noise(sensor)
+    held += CREST * ca.sqrt(left)
     std = ca.sqrt(ca.fmax(covariance[at, at], 0)) + 1e-9
     moments = clip_moments(effort - held, effort + held, state[at], std)
     row = (moments.by_high - moments.by_low) * slope
@@ -120,8 +124,8 @@ def transmit(
     there = x[1 + width + k] > 0
     following, spread = ca.SX(state), ca.SX(covariance)
     following[at] = ca.if_else(there, moments.mean, state[at])
-    across, share = ca.mtimes(row, covariance), calming(augmented, drive)
-    own = ca.mtimes(across, row.T) + moments.rest + ends**2 * share / (2 - share) * augmented.noise(sensor)
+    across = ca.mtimes(row, covariance)
+    own = ca.mtimes(across, row.T) + moments.rest + ends**2 * left
     across[0, at] = own
     across = ca.if_else(there, across, covariance[at, :])
     spread[at, :], spread[:, at] = across, across.T

@@ -325,8 +325,8 @@ def tolerance(values: Floats) -> Floats:
     return limits
 
 
-CORRELATED = 1.0
-"""Scores that are this far apart in time are taken as independent [s]."""
+CORRELATED = 2.0
+"""Scores that are this far apart in time are taken as independent [s]: sensors' curves last for a stroke."""
 
 
 def long_run_covariance(scores: Floats, times: Floats) -> tuple[Floats, int]:
