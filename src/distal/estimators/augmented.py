@@ -177,7 +177,7 @@ class AugmentedState:
     """
 
     def __init__(self, mechanism: Mechanism, channels: Channels, suspicious: bool = True) -> None:
-        self.mechanism, self.channels = mechanism, channels
+        self.mechanism, self.channels, self.suspicious = mechanism, channels, suspicious
         rig = mechanism.rig
         self.torque = rig.joints[0].external_torque if rig.joints[0].external_torque.std > 0.0 else None
         self.parameters = parameter_states(mechanism, channels)
@@ -332,6 +332,10 @@ class AugmentedState:
         load = max(abs(part.nominal_force.value) / lever, sum(t.pretension.value for t in tendons), 1.0)
         constant, growing = part.friction.constant, part.friction.load
         known = (constant.value + constant.std) / lever + (growing.value + growing.std) * load
+        for tendon in tendons:
+            if tendon.path is not None:
+                rubs = tendon.path.friction
+                known += load * float(np.expm1((rubs.value + rubs.std) * tendon.path.wrap.value))
         return bool(known < DIRTY)
 
     def bias(self, sensor: str, state: Any) -> Any:

@@ -256,7 +256,7 @@ def force_update(
             covariance - ca.mtimes(gain, across.T) - ca.mtimes(across, gain.T) + ca.mtimes(gain, gain.T) * robust
         )
         # what is not compared (its slider at a stop) has no innovation
-        innovations.append(ca.if_else(mask != 0, taken.innovation, np.nan))
+        innovations.append(ca.if_else(ca.logic_and(mask != 0, taken.counts), taken.innovation, np.nan))
         spreads.append(spread)
     measured = [k for k, row in enumerate(rows) if row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
@@ -273,12 +273,15 @@ class TakenRow:
         variance: of the innovation without the state's.
         memory: what is remembered of the drive: its mean residual where the rig declares friction, else its last clear
             direction times the samples since then.
+        counts: 1 where its innovation belongs to a likelihood: a guess at the friction of a drive that hardly moves does
+            not, since its variance is part of the guess.
     """
 
     innovation: Any
     slope: Any
     variance: Any
     memory: Any
+    counts: Any = 1
 
 
 def friction_row(
@@ -344,7 +347,12 @@ def friction_row(
     weight = 3 * TURN_WEIGHT if declared else TURN_WEIGHT
     # while it sticks its friction stays the same: a long stick tells little more than a short one
     sticking = STICK_WEIGHT if declared else ca.fmax(STICK_WEIGHT, held * held / STICK_WEIGHT)
+    clear = ca.logic_and(stuck < 0.15, ca.fabs(direction) > 0.9)
     doubt = 0 if ideal else stuck * sticking + (1 - stuck) * (1 - direction**2) * weight
+    counts: Any = 1
+    if declared and not augmented.suspicious:
+        # a fit goes by the drives that clearly move: there friction is what it is
+        doubt, counts = ca.if_else(clear, 0, doubt), clear
     sliding = TakenRow(
         residual - direction * limit - ca.fabs(direction) * lean,
         -(slope - direction * limit_slope - ca.fabs(direction) * lean_slope),
@@ -369,4 +377,5 @@ def friction_row(
         ca.if_else(sticks, clipped_slope, sliding.slope),
         ca.if_else(sticks, ca.if_else(beyond, own, within), sliding.variance),
         average,
+        counts,
     )
