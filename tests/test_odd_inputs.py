@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 
 from distal import estimate, load_rig, make_estimator, read_log
-from distal.errors import DistalError, EstimationError, LogError, RigError
+from distal.errors import DistalError, DistalWarning, EstimationError, LogError, RigError
 from distal.units import unit_factor
 
 GOOD = "t,x1,u1,x2,u2\n" + "".join(f"{0.01 * i},{1e-4 * i},2.0,1e-3,2.0\n" for i in range(30))
@@ -132,7 +132,10 @@ def test_odd_stamps(log: Path, paper_rig) -> None:
         with pytest.raises(EstimationError, match=r"gap of .* too long"):
             estimate(wide, paper_rig)
     slow = pl.DataFrame({"t": 900.0 * np.arange(30), **{c: frame[c] for c in ("x1", "u1", "x2", "u2")}})
-    with pytest.raises(EstimationError, match="set the sensors' rate to the log's"):
+    with (
+        pytest.warns(DistalWarning, match=r"stamps are 900 s apart, .* every 0\.01 s"),
+        pytest.raises(EstimationError, match="set the sensors' rate to the log's"),
+    ):
         estimate(slow, paper_rig)
     epoch = frame.with_columns(t=1.7e9 + pl.when(pl.col("t") == 0.05).then(0.01).otherwise(pl.col("t")))
     with pytest.raises(LogError, match=r"1700000000\.01 s after 1700000000\.04 s"):

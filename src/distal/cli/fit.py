@@ -57,13 +57,15 @@ def fit_command(
     """Fit a rig's parameters and noise to logs, say what they can tell, and write a rig that estimates well on the next."""
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from distal.identification import cross_validate
+    from distal.identification import cross_validate, groups_of
     from distal.identification import fit as fitted_to
     from distal.logs import read_log
     from distal.reports import fit_report
     from distal.rig import edited_text, load_rig
 
     _check_outputs(logs, rig, out, report)
+    if holdout is not None:
+        groups_of([str(path) for path in logs], None if holdout == "log" else holdout)
     home = seconds(homing) if homing is not None else None
     description = load_rig(rig, set_ or ())
     read = [read_log(path, description, truth) for path in logs]
@@ -104,11 +106,14 @@ def fit_command(
         say(f"wrote {out}")
     if report is not None:
         say(f"wrote {page}")
+    if result.interrupted:
+        raise typer.Exit(130)
 
 
 def _check_outputs(logs: list[Path], rig: str, out: Path | None, report: Path | None) -> None:
     """Refuse, before anything is computed, outputs that cannot be written or would replace an input."""
     from distal.logs import check_writable
+    from distal.reports import make_folder
 
     if out is not None:
         check_writable(out)
@@ -116,8 +121,12 @@ def _check_outputs(logs: list[Path], rig: str, out: Path | None, report: Path | 
             raise OutputError(f"{out}: a rig file ends in .toml")
         if out.resolve() in [path.resolve() for path in (*logs, Path(rig))]:
             raise OutputError(f"{out}: is an input of this command; give another name")
-    if report is not None and report.exists() and not report.is_dir():
-        raise OutputError(f"{report}: is a file; give the name of a folder")
+    if report is not None:
+        if out is not None and out.resolve() == report.resolve():
+            raise OutputError(f"{out}: is asked for twice, by --out and --report; give a file and a folder")
+        if report.exists() and not report.is_dir():
+            raise OutputError(f"{report}: is a file; give the name of a folder")
+        make_folder(report)
     names = [path.resolve() for path in logs]
     for path in names:
         if names.count(path) > 1:

@@ -51,6 +51,8 @@ def _toml(value: object) -> str:
     """Return a value as TOML, on one line."""
     import tomlkit
 
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
     return tomlkit.item(value).as_string()
 
 

@@ -15,13 +15,18 @@ from distal.estimators.displacement_driven import adaptive_function
 from distal.estimators.full_state import UNKNOWN_PLACE
 from distal.estimators.motion import MEMORY
 from distal.kernels import Kernel
-from distal.model import Mechanism
+from distal.model import RESOLUTION, Mechanism, joint_frequency
 from distal.rig import Rig, Sensor
 
 Floats = NDArray[np.float64]
 
 LONGEST_SUBSTEP = 2.5e-3
 """Longest sub-step of the joint alone [s]: its own modes are slow."""
+
+FINE = 0.2
+"""Largest product of sub-step and the joint's own frequency in a fit: its errors must not look like parameters."""
+
+MOST_JOINT_SUBSTEPS = 50
 
 
 def with_places(rows: Floats, last: NDArray[np.intp], samples: Floats, places: int) -> tuple[Floats, NDArray[np.intp]]:
@@ -96,7 +101,9 @@ class AdaptiveFilter(KernelEstimator):
         self._mechanism, self._channels = Mechanism(rig, given), channels_of(rig, name, reference)
         self._augmented = AugmentedState(self._mechanism, self._channels, suspicious)
         interval = self._channels.interval
-        count = max(1, int(np.ceil(interval / LONGEST_SUBSTEP - 1e-9)))
+        resolution = RESOLUTION if suspicious else FINE
+        longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(self._mechanism), 1e-12))
+        count = min(max(1, int(np.ceil(interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
         function = adaptive_function(self._augmented, count, updates, ideal, trace)
         forces = tuple(sensor.name for sensor in self._channels.compared)
         super().__init__(

@@ -1,6 +1,6 @@
 """A rig's parameters and noise from its own logs, and what the logs can tell."""
 
-from distal.identification.crossvalidation import CrossValidation, HeldOut, cross_validate
+from distal.identification.crossvalidation import CrossValidation, HeldOut, cross_validate, groups_of
 from distal.identification.fit import fit
 from distal.identification.free import Free
 from distal.identification.observability import Observability, observability
@@ -15,5 +15,6 @@ __all__ = [
     "Observability",
     "cross_validate",
     "fit",
+    "groups_of",
     "observability",
 ]

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import FitError
+from distal.errors import DistalWarning, FitError
 from distal.estimators import estimate
+from distal.identification.likelihood import Likelihood
+from distal.identification.result import Fitted
 from distal.logs import Log
 from distal.rig import Capstan, Rig, Sensor
 from distal.sensors import variance
@@ -27,6 +30,18 @@ DEAD_TURN = np.deg2rad(20.0)
 FITS = 0.8
 """Correlation of truth and drives from which on their ratio can be judged."""
 
+RATES = 20.0
+"""Stamps may be further apart, or closer, than the sensors' rate by this factor."""
+
+MISFIT = 5.0
+"""Mean ν²/S from which on a log does not look like its rig."""
+
+GROWN = 5.0
+"""A sensor's noise that has to grow by this factor is none of its own."""
+
+FAR = 4.0
+"""A value this many standard deviations of its prior away is worth a word."""
+
 UNIT_RANGE = (1 / 12, 12.0)
 """Ratio of the truth's motion to that which the drives make, within which units can be right."""
 
@@ -43,11 +58,90 @@ def check_logs(logs: Sequence[Log], rig: Rig) -> None:
     """
     if not logs:
         raise FitError("no log came; a fit needs at least one")
-    for log in logs:
+    for i, log in enumerate(logs):
+        _check_stamps(log, rig)
+        for other in logs[:i]:
+            if _same(log, other):
+                raise FitError(
+                    f"{log.source} holds the same as {other.source}; a log that counts twice makes a fit too sure of itself"
+                )
         _check_motion(log, rig)
         _check_sensors(log, rig)
         if "theta" in log.truth:
             _check_truth(log, rig)
+
+
+def _same(log: Log, other: Log) -> bool:
+    return np.array_equal(log.time, other.time) and all(
+        name in other.channels and np.array_equal(values, other.channels[name], equal_nan=True)
+        for name, values in log.channels.items()
+    )
+
+
+def _check_stamps(log: Log, rig: Rig) -> None:
+    rate = max(sensor.rate for sensor in rig.sensors)
+    step = float(np.median(np.diff(log.time)))
+    if not 1.0 / RATES < step * rate < RATES:
+        raise FitError(
+            f"{log.source}: the stamps are {step:g} s apart, the rig's sensors give a value every {1 / rate:g} s; is "
+            "the unit of time right (--set 'log.time.unit=\"ms\"'), or the sensors' rate?"
+        )
+
+
+def check_outcome(likelihood: Likelihood, z: Floats, nis: Sequence[float]) -> None:
+    """Refuse a fit after which the logs still do not look like the rig: a wrong unit, sign or column.
+
+    Args:
+        likelihood: at its end.
+        z: coordinates there, (n,).
+        nis: mean ν²/S per channel there.
+
+    Raises:
+        FitError: innovations are much larger than expected, or a sensor's noise had to grow far beyond its own.
+    """
+    advice = (
+        "check the columns, units and signs of the log's sensors (distal estimate says which disagrees), then the rig"
+    )
+    for name, ratio in zip(likelihood.measured, nis):
+        if ratio > MISFIT:
+            raise FitError(
+                f"the logs do not look like this rig: innovations of '{name}' are {np.sqrt(ratio):.3g} times larger than "
+                f"expected even after the fit; {advice}"
+            )
+    for k, (part, _) in enumerate(likelihood.parts()):
+        sensor = part.noise and part.paths[0].startswith("sensors.") and not part.kept_by_file
+        grown = part.value(float(z[k])) / part.start if sensor and part.has_prior else 0.0
+        if grown > GROWN:
+            raise FitError(
+                f"the logs do not look like this rig: {part.name} would have to be {grown:.1f} times what the rig says; "
+                f"{advice}, or say that the sensor is so noisy (--set {part.paths[0]}=…)"
+            )
+
+
+def warn_of(fitted: Sequence[Fitted], likelihood: Likelihood) -> None:
+    """Warn of values far from their priors, or at a bound.
+
+    Args:
+        fitted: the outcome.
+        likelihood: that it came from.
+    """
+    bounds = {part.name: (part.low, part.high) for part in likelihood.free}
+    for part in fitted:
+        low, high = bounds.get(part.name, (-np.inf, np.inf))
+        away = abs(part.value - part.start) / part.prior_std if part.prior_std > 0.0 else 0.0
+        if not part.noise and away > FAR:
+            warnings.warn(
+                f"{part.name} = {part.value:.4g} {part.si} is {away:.1f} standard deviations from what the rig file "
+                f"expected ({part.start:.4g} ± {part.prior_std:.2g}); is a unit or a radius wrong, or the std too small?",
+                DistalWarning,
+                stacklevel=3,
+            )
+        elif not part.noise and (part.value <= low or part.value >= high):
+            warnings.warn(
+                f"{part.name} = {part.value:.4g} {part.si} is at its bound; another number of the rig may be wrong",
+                DistalWarning,
+                stacklevel=3,
+            )
 
 
 def _span(values: Floats) -> float:

@@ -117,6 +117,7 @@ def cross_validate(
         FitError: as `fit`; fewer than two groups; a log without truth.
     """
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    logs = [logs] if isinstance(logs, (Log, str, Path)) else list(logs)
     read = [log if isinstance(log, Log) else read_log(log, rig, truth) for log in logs]
     for log in read:
         if "theta" not in log.truth:

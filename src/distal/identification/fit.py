@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from distal.errors import FitError
 from distal.estimators import added_reference, check_homing, with_reference
-from distal.identification.checks import check_logs
+from distal.identification.checks import check_logs, check_outcome, warn_of
 from distal.identification.curves import curves as curves_of
 from distal.identification.fitted_file import assignments
 from distal.identification.free import Free
@@ -52,7 +52,7 @@ def fit(
     compiled: bool = True,
     progress: Progress | None = None,
 ) -> Fit:
-    """Fit a rig\'s parameters and noise to logs, by the likelihood of the filter\'s innovations.
+    """Fit a rig's parameters and noise to logs, by the likelihood of the filter's innovations.
 
     −ln p = ½ Σ (ν²/S + ln 2πS) − ln prior, over all logs and channels (prediction-error method; Ljung, 1999, ch. 7); the
     truth of a log that has one is one more sensor. With `homing` it is a sensor for that long only, and what is
@@ -67,7 +67,7 @@ def fit(
         noise: whether noise is varied too.
         curves: whether the position sensors' systematic curves are learned from logs with truth; only where the same
             sensors, mounted the same way, will be read again.
-        truth: where logs are read: the true angle\'s column.
+        truth: where logs are read: the true angle's column.
         seed: of the starts.
         workers: threads; one log each.
         compiled: compile the kernel where possible.
@@ -79,6 +79,12 @@ def fit(
         RigError: the rig is unknown or wrong.
     """
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    logs = [logs] if isinstance(logs, (Log, str, Path)) else list(logs)
+    free, per_log = _listed(free), _listed(per_log)
+    if not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise FitError(f"seed must be a whole number from 0, {seed!r} came")
+    if homing is not None and not isinstance(homing, (int, float)):
+        raise FitError(f"homing is a number of seconds, {homing!r} came")
     read = [log if isinstance(log, Log) else read_log(log, rig, truth) for log in logs]
     check_logs(read, rig)
     known = [log for log in read if "theta" in log.truth]
@@ -102,20 +108,25 @@ def fit(
             f"{rig.name}: the filter leaves all bounds on these logs; check the units of logs and rig (distal estimate)"
         )
     found = _best_of_starts(likelihood, seed, progress)
-    told = uncertainty(likelihood.derivatives(found.z), found.z, likelihood.parts())
-    kept = _untold(likelihood, told)
-    if kept and len(kept) < len(parts) and not found.interrupted:
-        # what the logs cannot tell stays at its prior, and the others are fitted to that
-        rest = tuple(part for part in parts if part not in kept)
-        smaller = made(rest, read)
-        start = np.array([found.z[k] for k, (part, _) in enumerate(likelihood.parts()) if part not in kept])
-        found = search(smaller, start, _staged(progress, "what the logs tell"))
-        final, told_now = smaller, uncertainty(smaller.derivatives(found.z), found.z, smaller.parts())
-    else:
-        final, told_now = likelihood, told
     if len(read) > 1 and not found.interrupted:
-        _check_agreement(final, found, made, read, progress)
-    fitted = _fitted(final, found.z, told_now) + [_kept(part) for part in kept]
+        _check_agreement(likelihood, found, made, read, progress)
+    told = uncertainty(likelihood.derivatives(found.z), found.z, likelihood.parts())
+    final, told_now, kept = likelihood, told, list[Free]()
+    while not found.interrupted:
+        # what the logs cannot tell stays at its prior, and the others are fitted to that
+        untold = _untold(final, told_now)
+        if not untold or len(untold) == len(final.free):
+            break
+        kept += untold
+        start = np.array([found.z[k] for k, (part, _) in enumerate(final.parts()) if part not in untold])
+        final = made([part for part in final.free if part not in untold], read)
+        found = search(final, start, _staged(progress, "what the logs tell"))
+        told_now = uncertainty(final.derivatives(found.z), found.z, final.parts())
+    nis_after = _nis(final, found.z)
+    if not found.interrupted:
+        check_outcome(final, found.z, nis_after)
+    fitted = _fitted(final, found.z, told_now, found.interrupted) + [_kept(part) for part in kept]
+    warn_of(fitted, final)
     learned = curves_of(final, found.z) if curves else {}
     values = {**assignments(fitted, described), **learned}
     result = described.with_values(values) if values else described
@@ -134,7 +145,7 @@ def fit(
         combinations=told.combinations,
         channels=final.measured,
         nis_before=_nis(likelihood, np.zeros(likelihood.size)),
-        nis_after=_nis(final, found.z),
+        nis_after=nis_after,
         cost_before=before,
         cost_after=found.cost,
         iterations=found.iterations,
@@ -143,6 +154,10 @@ def fit(
         curves=learned,
         evaluations=likelihood.evaluations + (final.evaluations if final is not likelihood else 0),
     )
+
+
+def _listed(paths: Sequence[str] | str) -> tuple[str, ...]:
+    return (paths,) if isinstance(paths, str) else tuple(paths)
 
 
 def _of_reference(rig: Rig, reference: Sensor, part: Free) -> bool:
@@ -155,7 +170,7 @@ def _staged(progress: Progress | None, stage: str) -> Callable[[int, float], Non
 
 
 def _best_of_starts(likelihood: Likelihood, seed: int, progress: Progress | None) -> Found:
-    """Return the best of two searches: from the priors\' mean, and from the best of some points drawn from the priors."""
+    """Return the best of two searches: from the priors' mean, and from the best of some points drawn from the priors."""
     rng = np.random.default_rng(seed)
     spreads = np.array(
         [0.0 if part.noise else part.spread if part.has_prior else UNKNOWN_SPREAD for part, _ in likelihood.parts()]
@@ -180,7 +195,7 @@ def _untold(likelihood: Likelihood, told: Uncertainty) -> list[Free]:
     ]
 
 
-def _fitted(likelihood: Likelihood, z: Floats, told: Uncertainty) -> list[Fitted]:
+def _fitted(likelihood: Likelihood, z: Floats, told: Uncertainty, interrupted: bool) -> list[Fitted]:
     fitted = []
     coordinates = [likelihood.columns(j) for j in range(len(likelihood.data))]
     for k, part in enumerate(likelihood.free):
@@ -190,6 +205,8 @@ def _fitted(likelihood: Likelihood, z: Floats, told: Uncertainty) -> list[Fitted
         names = [data.log.source for data in likelihood.data]
         mean = float(each.mean())
         spread = float(np.sqrt(each.var(ddof=1) + np.mean(errors**2))) if len(each) > 1 else float(errors[0])
+        if interrupted and part.has_prior:
+            spread = max(spread, part.std)  # on the way, slopes say nothing of how far it still is
         share = 1.0 if part.start == 0.0 or len(set(part.starts)) == 1 else 1.0 / part.start
         values = tuple(mean if len(set(part.starts)) == 1 else mean * start * share for start in part.starts)
         fitted.append(
@@ -205,6 +222,7 @@ def _fitted(likelihood: Likelihood, z: Floats, told: Uncertainty) -> list[Fitted
                 part.noise,
                 values,
                 dict(zip(names, map(float, each))) if part.per_log else {},
+                part.kept_by_file,
             )
         )
     return fitted
@@ -232,7 +250,7 @@ def _check_agreement(
     """Refuse logs that only parameters of their own explain.
 
     Raises:
-        FitError: a log\'s innovations are `DISAGREE` times larger with shared parameters than with its own.
+        FitError: a log's innovations are `DISAGREE` times larger with shared parameters than with its own.
     """
     parts = tuple(replace(part, per_log=False) for part in likelihood.free if not part.noise)
     at = [k for k, part in enumerate(likelihood.free) if not part.noise]

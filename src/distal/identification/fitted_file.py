@@ -35,7 +35,7 @@ def assignments(fitted: Sequence[Fitted], start: Rig) -> dict[str, Any]:
         for path, value in zip(part.paths, part.values):
             before = number(start, path)
             rounded = float(f"{value:.{DIGITS}g}")
-            if path.endswith(".unmodelled"):
+            if only_grows(path, start):
                 # what these logs did not need, the next may: a filter that trusts its model wholly is not honest
                 rounded = max(rounded, before.value)
             if not before.is_parameter or before.std == 0.0:
@@ -45,6 +45,17 @@ def assignments(fitted: Sequence[Fitted], start: Rig) -> dict[str, Any]:
             std = max(part.error * share, SMALLEST_STD * abs(value))
             changed[path] = {"value": rounded, "std": float(f"{std:.3g}")}
     return changed
+
+
+def only_grows(path: str, rig: Rig) -> bool:
+    """Return whether a noise is never written smaller than it was: what the model does not know, and displacements'.
+
+    Args:
+        path: of the number.
+        rig: the description.
+    """
+    places = [f"sensors.{i}.noise" for i, sensor in enumerate(rig.sensors) if sensor.measures == "position"]
+    return path.endswith(".unmodelled") or path in places
 
 
 def fitted_text(fit: Fit, text: str | None) -> str:

@@ -25,6 +25,7 @@ class Free:
         logarithmic: whether the coordinate is a logarithm; the prior is then on it, with std ln(1 + std/start).
         per_log: whether each log has its own.
         noise: whether it is a noise, no parameter.
+        kept_by_file: whether a fitted file keeps the start where less was found.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Free:
     logarithmic: bool = False
     per_log: bool = False
     noise: bool = False
+    kept_by_file: bool = False
 
     @property
     def start(self) -> float:
@@ -97,9 +99,12 @@ class Free:
 
         Args:
             z: the coordinate.
-            step: half of the distance.
+            step: half of the distance, as a share of the value; of the scale where there is no value to take a share of.
         """
         low, high = self.bounds
+        if not self.logarithmic and self.low >= 0.0 and self.start > 0.0:
+            # by the same share for all: what shows only as a product is then seen as one, kinks and all
+            step *= max(self.value(z) / self.scale, 0.1)
         up, down = min(z + step, high), max(z - step, low)
         return up, down, up - down
 

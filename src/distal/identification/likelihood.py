@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from distal.estimators import WILD_FORCE, AdaptiveFilter, first_values, samples_of
 from distal.identification.free import Free, prior_changes
-from distal.identification.resampling import refined, steps_per_sample
+from distal.identification.resampling import refined, smoothed, steps_per_sample
 from distal.logs import Log
 from distal.rig import Rig, Sensor
 from distal.sensors import variance
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 Result = TypeVar("Result")
 
 STEP = 1e-3
-"""Step of the central differences, in units of the coordinates (a relative change, or a share of the prior's std).
+"""Step of the central differences, as a share of the value, or of the scale of what may be zero.
 
 Friction has kinks: a step that is too small sees one side of them only. See docs/identification.md for the table.
 """
@@ -97,7 +97,9 @@ class Likelihood:
         positions = [sensor for sensor in self.rig.sensors if sensor.name in runner.channels[: runner.places]]
         noise = np.sqrt([variance(sensor) for sensor in positions])
         steps = steps_per_sample(log.time, samples[:, : runner.places], noise)
-        times, fine, own = refined(log.time, samples, runner.places, steps)
+        calm = samples.copy()
+        calm[:, : runner.places] = smoothed(log.time, samples[:, : runner.places], noise)
+        times, fine, own = refined(log.time, calm, runner.places, steps)
         rows, last = runner.rows(np.diff(times, prepend=times[0]), fine)
         last = last[own]
         if self._homing is not None:

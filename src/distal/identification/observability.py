@@ -127,6 +127,8 @@ def observability(log: Log, rig: Rig, window: float = WINDOW, homing: float | No
         FitError: the window does not fit the log.
         EstimationError: as `estimate`.
     """
+    if not isinstance(log, Log):
+        raise FitError(f"observability takes one Log (see read_log), {type(log).__name__} came")
     span = float(log.time[-1] - log.time[0])
     if not 0.0 < window < span:
         raise FitError(f"the window must be longer than 0 s and shorter than the log ({span:g} s), {window:g} s came")

@@ -12,7 +12,7 @@ FINEST = 4
 
 
 def steps_per_sample(times: Floats, places: Floats, noise: Floats) -> int:
-    """Return how many steps per sample keep straight lines within the sensors\' noise, 1, 2 or `FINEST`.
+    """Return how many steps per sample keep straight lines within the sensors' noise, 1, 2 or `FINEST`.
 
     A chord leaves out ẍ dt²/8: where sliders swing, that much tension is missing at every crest, and stiffness would be
     fitted too large by (ω dt)²/12. With n steps it is n² times less.
@@ -34,7 +34,7 @@ def steps_per_sample(times: Floats, places: Floats, noise: Floats) -> int:
 
 
 def refined(times: Floats, samples: Floats, places: int, steps: int) -> tuple[Floats, Floats, NDArray[np.intp]]:
-    """Return stamps, samples and the original samples\' rows, with displacements interpolated between them.
+    """Return stamps, samples and the original samples' rows, with displacements interpolated between them.
 
     Each interval is cut in `steps`; displacements follow the cubic through the four samples about it (Catmull and Rom,
     1974), a straight line where one of them is missing or the stamps have a gap. All other channels are missing there.
@@ -76,3 +76,41 @@ def refined(times: Floats, samples: Floats, places: int, steps: int) -> tuple[Fl
         keep[j::steps] = even & np.isfinite(fine[j::steps, :places]).all(axis=1)
     kept = np.cumsum(keep) - 1
     return fine_times[keep], fine[keep], kept[rows[0]]
+
+
+WINDOWS = (9, 7, 5)
+"""Samples over which displacements are smoothed, the longest that leaves nothing but noise."""
+
+
+def smoothed(times: Floats, places: Floats, noise: Floats) -> Floats:
+    """Return displacements without most of their noise, offline: cubics over up to nine samples (Savitzky and Golay, 1964).
+
+    Noise of a displacement shakes a joint that friction holds: it slips a little with every crest, so that friction would
+    be fitted too large, or stiffness too small. A window is used where what it takes away is no more than noise; a
+    sample beside a missing one, a gap or a jump stays as it is.
+
+    Args:
+        times: stamps [s], (k,).
+        places: displacements, (k, m), NaN where missing.
+        noise: of the sensors, (m,).
+    """
+    from scipy.signal import savgol_filter
+
+    calm = places.copy()
+    even = np.abs(np.diff(times) / np.median(np.diff(times)) - 1.0) < 0.1
+    for column, sigma in enumerate(noise):
+        x = places[:, column]
+        there = np.isfinite(x)
+        if there.sum() < 2 * WINDOWS[0]:
+            continue
+        filled = np.interp(times, times[there], x[there])
+        for window in WINDOWS:
+            fitted = savgol_filter(filled, window, 3)
+            taken = filled - fitted
+            if np.sqrt(np.mean(np.clip(taken, -5 * sigma, 5 * sigma) ** 2)) > 1.2 * sigma:
+                continue
+            bad = ~there | (np.abs(taken) > 5 * sigma) | ~np.r_[True, even] | ~np.r_[even, True]
+            near = np.convolve(bad, np.ones(window), "same") > 0
+            calm[:, column] = np.where(near, x, fitted)
+            break
+    return calm

@@ -31,6 +31,7 @@ class Fitted:
         noise: whether it is a noise.
         values: of all `paths`.
         per_log: value by log, where each log has its own.
+        kept: whether the file keeps the start where the fit found less.
     """
 
     name: str
@@ -44,13 +45,14 @@ class Fitted:
     noise: bool
     values: tuple[float, ...]
     per_log: Mapping[str, float] = field(default_factory=dict)
+    kept: bool = False
 
     @property
     def origin(self) -> str:
         """Where the value comes from, in a word or two."""
         if not self.told:
             return "prior (these logs cannot tell)"
-        if self.paths[0].endswith(".unmodelled") and self.value < self.start:
+        if self.kept and self.value < self.start:
             return "fitted; the file keeps the start"
         return "mean over the logs" if self.per_log else "fitted"
 

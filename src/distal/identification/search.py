@@ -47,7 +47,7 @@ Progress = Callable[[int, float], None]
 def search(likelihood: Likelihood, start: Floats, progress: Progress | None = None) -> Found:
     """Return the local minimum of −ln p that damped Fisher scoring leads to from a start.
 
-    Each step solves (H + λ diag H) d = −g within the bounds (a bounded linear least squares), with Fisher\'s information
+    Each step solves (H + λ diag H) d = −g within the bounds (a bounded linear least squares), with Fisher's information
     H and the exact gradient g (Levenberg 1944, Marquardt 1963; Gupta and Mehra, IEEE TAC 19, 1974). A step that does not
     lower −ln p is shortened. An interruption (Ctrl-C) ends it with the best so far.
 

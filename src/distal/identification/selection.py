@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,9 @@ NOISE_RANGE = 25.0
 
 NOISE_PRIOR = 1.0
 """Standard deviation of a noise's prior, as a share of where it starts: a factor of two either way."""
+
+EXACT = np.deg2rad(0.02)
+"""No truth is taken as better than this [rad]: the model's own steps are not."""
 
 SMALLEST = 1e-3
 """A positive parameter stays above this share of where it starts."""
@@ -46,17 +50,18 @@ def choose(
     free = [_asked(rig, path, False) for path in asked] if asked else list(_uncertain(rig, reference, per_log))
     free += [_asked(rig, path, True) for path in per_log]
     if noise:
-        free += _noises(rig, reference, homing)
+        own = {path for part in free for path in part.paths}
+        free += [part for part in _noises(rig, reference, homing) if not own.intersection(part.paths)]
     seen: dict[str, str] = {}
     for part in free:
         for path in part.paths:
             if path in seen:
                 raise FitError(f"'{path}' is asked for twice, by '{seen[path]}' and '{part.name}'; name it once")
             seen[path] = part.name
-    if not any(not part.noise for part in free):
+    if not asked and not any(not part.noise for part in free):
         raise FitError(
-            f"{rig.name}: no parameter has a std, so there is nothing to fit; give the unknown ones one "
-            "(--set joints.0.friction.coefficient.std=0.1) or name them with --free"
+            f"{rig.name}: no parameter that shows in these sensors has a std, so there is nothing to fit; give the "
+            "unknown ones one (--set joints.0.friction.coefficient.std=0.1) or name them with --free"
         )
     return tuple(free)
 
@@ -161,11 +166,12 @@ def _noise(name: str, numbers: Sequence[Number], prior: bool = True) -> Free:
 def _noises(rig: Rig, reference: Sensor, homing: bool) -> list[Free]:
     """Return the noises: of sensors alike by one factor, of the reference, of what no model knows.
 
-    Displacements are inputs: their noise shows only within that of the forces, and is left as it is.
+    Displacements are smoothed before a fit, so that what is left of their noise is less than a filter will meet: the file
+    keeps that, as it keeps what the model does not know.
     """
     groups: dict[tuple[str, str, float], list[int]] = {}
     for i, sensor in enumerate(rig.sensors):
-        if sensor.name != reference.name and sensor.measures in ("force", "tension") and sensor.noise > 0:
+        if sensor.name != reference.name and sensor.measures != "angle" and sensor.noise > 0.0:
             groups.setdefault((sensor.measures, sensor.si, sensor.noise), []).append(i)
     at = next(i for i, sensor in enumerate(rig.sensors) if sensor.name == reference.name)
     if homing:
@@ -174,12 +180,14 @@ def _noises(rig: Rig, reference: Sensor, homing: bool) -> list[Free]:
     for indices in groups.values():
         paths = [f"sensors.{i}.noise" for i in indices]
         name = paths[0] if len(paths) == 1 else f"noise of {', '.join(rig.sensors[i].name for i in indices)}"
-        free.append(_noise(name, [number(rig, path) for path in paths]))
+        place = rig.sensors[indices[0]].measures == "position"
+        free.append(replace(_noise(name, [number(rig, path) for path in paths]), kept_by_file=place))
     if reference.noise > 0.0:
-        free.append(_noise(f"sensors.{at}.noise", [number(rig, f"sensors.{at}.noise")], prior=False))
+        told = _noise(f"sensors.{at}.noise", [number(rig, f"sensors.{at}.noise")], prior=False)
+        free.append(replace(told, low=min(max(told.low, EXACT), told.start)))
     paths = [f"drives.{i}.hysteresis.error" for i, d in enumerate(rig.drives) if d.hysteresis is not None]
     paths = [path for path in paths if number(rig, path).value > 0.0]
     if rig.joints[0].unmodelled > 0.0:
         paths.append("joints.0.unmodelled")
-    free += [_noise(path, [number(rig, path)]) for path in paths]
+    free += [replace(_noise(path, [number(rig, path)]), kept_by_file=path.endswith(".unmodelled")) for path in paths]
     return free

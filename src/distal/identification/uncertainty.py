@@ -77,8 +77,12 @@ def uncertainty(here: Derivatives, z: Floats, parts: Sequence[tuple[Free, int | 
     covariance = inverse * np.outer(scale, scale)
     numeric = [STEPPING * abs(part.value(c)) / max(part.slope(c), 1e-300) for (part, _), c in zip(parts, z)]
     covariance += np.diag(np.square(numeric))
+    # what is known after a log is no less than what was known before it
+    limit = np.array([part.spread if part.has_prior else np.inf for part, _ in parts])
+    shrink = np.minimum(1.0, limit / np.maximum(np.sqrt(np.diag(covariance)), 1e-300))
+    covariance *= np.outer(shrink, shrink)
     told = []
-    for (part, _), coordinate, error in zip(parts, z, np.sqrt(np.diag(inverse))):
+    for (part, _), coordinate, error in zip(parts, z, np.sqrt(np.diag(covariance))):
         known = (
             part.spread if part.has_prior else VAGUE * abs(part.value(coordinate)) / max(part.slope(coordinate), 1e-300)
         )

@@ -61,7 +61,7 @@ def da_vinci_grasper(folder: str | Path | None = None) -> tuple[Path, ...]:
     nothing is fetched.
 
     Args:
-        folder: where to keep them; default the user\'s cache.
+        folder: where to keep them; default the user's cache.
 
     Raises:
         LogError: they cannot be fetched, or are not what they were when distal was made.
@@ -93,7 +93,7 @@ def _cache() -> Path:
 
 
 def _fetched(run: str, folder: Path) -> str:
-    """Return the text of a raw file, by way of pooch\'s cache."""
+    """Return the text of a raw file, by way of pooch's cache."""
     try:
         import pooch
     except ImportError:
@@ -128,7 +128,7 @@ def counts_of(text: str) -> NDArray[np.int64]:
 
 
 def fingerprint(counts: NDArray[np.int64]) -> str:
-    """Return the SHA-256 of a run\'s counts.
+    """Return the SHA-256 of a run's counts.
 
     Args:
         counts: of `counts_of`.
@@ -155,7 +155,7 @@ def check_fingerprint(run: str, counts: NDArray[np.int64]) -> None:
 
 
 def csv_of(counts: NDArray[np.int64]) -> str:
-    """Return a run as CSV, in the columns\' units.
+    """Return a run as CSV, in the columns' units.
 
     Args:
         counts: of `counts_of`.

@@ -140,6 +140,15 @@ def _warn_of_units(log: Log, rig: Rig) -> None:
                 DistalWarning,
                 stacklevel=3,
             )
+    rate = max((sensor.rate for sensor in rig.sensors), default=0.0)
+    step = float(np.median(np.diff(log.time)))
+    if rate > 0.0 and not 0.05 < step * rate < 20.0:
+        warnings.warn(
+            f"{log.source}: the stamps are {step:g} s apart, the rig's sensors give a value every {1 / rate:g} s; is "
+            "the unit of time right? (--set 'log.time.unit=\"ms\"', or the sensors' rate)",
+            DistalWarning,
+            stacklevel=3,
+        )
     for sensor in rig.sensors_of("angle"):
         theta = log.truth.get("theta")
         if theta is not None and np.isfinite(theta).any() and float(np.nanmax(np.abs(theta))) > 20.0:

@@ -17,12 +17,23 @@ from distal.model.geometry import Insertion, angle_at, elongation, excursion
 from distal.model.intervals import interval_step
 from distal.model.mechanism import GRAVITY, Body, Mechanism
 from distal.model.parameters import Parameters, number_at
-from distal.model.stepping import Kick, impulses, kick_and_drift, last_kick, responses, stiffest_frequency, substeps
+from distal.model.stepping import (
+    RESOLUTION,
+    Kick,
+    impulses,
+    joint_frequency,
+    kick_and_drift,
+    last_kick,
+    responses,
+    stiffest_frequency,
+    substeps,
+)
 from distal.model.stops import restitution, stop_force
 from distal.model.tangents import tangent_step
 
 __all__ = [
     "GRAVITY",
+    "RESOLUTION",
     "Body",
     "ClipMoments",
     "Insertion",
@@ -39,6 +50,7 @@ __all__ = [
     "free_response",
     "impulses",
     "interval_step",
+    "joint_frequency",
     "kick_and_drift",
     "last_kick",
     "load_dependent_limit",

@@ -177,6 +177,20 @@ def stiffest_frequency(mechanism: Mechanism) -> float:
     return float(np.sqrt(max(np.linalg.eigvalsh(scaled).max(), 0.0)))
 
 
+def joint_frequency(mechanism: Mechanism) -> float:
+    """Return the natural frequency [rad/s] of the first joint on its taut tendons, the drives held, at zero.
+
+    Args:
+        mechanism: the rig's equations.
+    """
+    p = mechanism.parameters
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    stiffness = ca.vertcat(*(p[f"tendons.{i}.stiffness"] for i in range(mechanism.n_tendons)))
+    square = ca.dot(mechanism.length_jacobian(q)[:, 0] ** 2, stiffness) / mechanism.inertias()[0]
+    value = ca.Function("square", [q, p.symbols], [square])(np.zeros(mechanism.n_bodies), p.values)
+    return float(np.sqrt(max(float(value), 0.0)))
+
+
 def substeps(mechanism: Mechanism, interval: float) -> int:
     """Return how many sub-steps an interval [s] needs: the rig's `largest_step`, or RESOLUTION/ω of its stiffest mode.
 
