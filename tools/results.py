@@ -114,11 +114,16 @@ def main() -> None:
         for name, table in TABLES.items():
             marker = rf"(<!-- table: {name} -->\n).*?(\n?<!-- end of table -->)"
             if re.search(marker, text, flags=re.S):
-                made = table()
+                try:
+                    made = table()
+                except FileNotFoundError as missing:
+                    print(f"{page.name}: table {name} left as it is, {missing.filename} is not there")
+                    continue
                 text = re.sub(marker, lambda m, made=made: m[1] + made + "\n" + m[2].lstrip(), text, flags=re.S)  # type: ignore[misc]
         page.write_text(text, encoding="utf-8")
     for source, name in FIGURES.items():
-        shutil.copyfile(ROOT / source, ROOT / "docs" / "figures" / name)
+        if (ROOT / source).exists():
+            shutil.copyfile(ROOT / source, ROOT / "docs" / "figures" / name)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from distal import Log, Rig, estimate, fit, load_rig
 from distal.errors import DistalWarning, FitError
 from distal.identification import cross_validate, observability
 from distal.identification.crossvalidation import groups_of
+from distal.identification.selection import choose
 from tests.identification.helpers import FREE, drawn_plant, logs_of, start_rig, without_truth
 
 
@@ -315,3 +316,14 @@ def test_on_another_simulator() -> None:
         fit([logs[0], other], described, curves=True)
     with pytest.raises(FitError, match="curves need a log with truth"):
         fit([without_truth(logs[0])], described, curves=True)
+
+
+def test_an_effort_that_moves_a_play_keeps_its_noise() -> None:
+    """It is smoothed, not compared: a fit would only make it too small, and the play with it too sure."""
+    plain = load_rig("capstan-joint")
+    playing = plain.with_values({"drives.0.hysteresis.constant": {"value": 0.03, "std": 0.01}})
+    reference = plain.sensors[-1]
+    torque = next(i for i, sensor in enumerate(plain.sensors) if sensor.measures == "force")
+    names = [{part.name for part in choose(rig, reference, (), (), True, False)} for rig in (plain, playing)]
+    assert f"sensors.{torque}.noise" in names[0] - names[1]
+    assert "drives.0.hysteresis.constant" in names[1]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from distal.estimators import WILD_FORCE, AdaptiveFilter, first_values, samples_of
 from distal.identification.free import Free, prior_changes
-from distal.identification.resampling import refined, smoothed, steps_per_sample
+from distal.identification.resampling import refined, steps_per_sample
 from distal.logs import Log
 from distal.rig import Rig, Sensor
 from distal.sensors import variance
@@ -97,9 +97,7 @@ class Likelihood:
         positions = [sensor for sensor in self.rig.sensors if sensor.name in runner.channels[: runner.places]]
         noise = np.sqrt([variance(sensor) for sensor in positions])
         steps = steps_per_sample(log.time, samples[:, : runner.places], noise)
-        calm = samples.copy()
-        calm[:, : runner.places] = smoothed(log.time, samples[:, : runner.places], noise)
-        times, fine, own = refined(log.time, calm, runner.places, steps)
+        times, fine, own = refined(log.time, samples, runner.places, steps)
         rows, last = runner.rows(np.diff(times, prepend=times[0]), fine)
         last = last[own]
         if self._homing is not None:

@@ -166,12 +166,15 @@ def _noise(name: str, numbers: Sequence[Number], prior: bool = True) -> Free:
 def _noises(rig: Rig, reference: Sensor, homing: bool) -> list[Free]:
     """Return the noises: of sensors alike by one factor, of the reference, of what no model knows.
 
-    Displacements are smoothed before a fit, so that what is left of their noise is less than a filter will meet: the file
-    keeps that, as it keeps what the model does not know.
+    Displacements are inputs: their noise shows only in what it shakes, and comes out too small; the file keeps what it had,
+    as it keeps what the model does not know. An effort that moves a play is smoothed and nothing that is compared: its
+    noise stays.
     """
+    playing = {drive.name for drive in rig.drives if drive.hysteresis is not None}
     groups: dict[tuple[str, str, float], list[int]] = {}
     for i, sensor in enumerate(rig.sensors):
-        if sensor.name != reference.name and sensor.measures != "angle" and sensor.noise > 0.0:
+        smooth = sensor.measures == "force" and sensor.of in playing
+        if sensor.name != reference.name and sensor.measures != "angle" and sensor.noise > 0.0 and not smooth:
             groups.setdefault((sensor.measures, sensor.si, sensor.noise), []).append(i)
     at = next(i for i, sensor in enumerate(rig.sensors) if sensor.name == reference.name)
     if homing:
