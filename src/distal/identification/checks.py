@@ -36,8 +36,11 @@ RATES = 20.0
 MISFIT = 5.0
 """Mean ν²/S from which on a log does not look like its rig."""
 
-GROWN = 5.0
+GROWN = 4.0
 """A sensor's noise that has to grow by this factor is none of its own."""
+
+ASTRAY = 10.0
+"""Unmodelled motion that has to grow by this factor is most of the motion."""
 
 FAR = 4.0
 """A value this many standard deviations of its prior away is worth a word."""
@@ -109,9 +112,15 @@ def check_outcome(likelihood: Likelihood, z: Floats, nis: Sequence[float]) -> No
                 f"expected even after the fit; {advice}"
             )
     for k, (part, _) in enumerate(likelihood.parts()):
-        sensor = part.noise and part.paths[0].startswith("sensors.") and not part.kept_by_file
-        grown = part.value(float(z[k])) / part.start if sensor and part.has_prior else 0.0
-        if grown > GROWN:
+        if not (part.noise and part.has_prior):
+            continue
+        grown = part.value(float(z[k])) / part.start
+        if part.paths[0].endswith(".unmodelled") and grown > ASTRAY:
+            raise FitError(
+                f"the logs do not look like this rig: {part.name} would have to be {grown:.1f} times what the rig says, so "
+                f"that the joint hardly follows the model; {advice}, or say that it is so (--set {part.paths[0]}=…)"
+            )
+        if part.paths[0].startswith("sensors.") and not part.kept_by_file and grown > GROWN:
             raise FitError(
                 f"the logs do not look like this rig: {part.name} would have to be {grown:.1f} times what the rig says; "
                 f"{advice}, or say that the sensor is so noisy (--set {part.paths[0]}=…)"
