@@ -8,13 +8,14 @@ from distal.estimators import (
     Estimator,
     Innovation,
     estimate,
+    estimate_batch,
     make_estimator,
     plot_estimates,
 )
 from distal.identification import Fit, cross_validate, fit, observability
 from distal.logs import Log, read_log, write_log
 from distal.rig import Rig, load_rig, shipped_rigs
-from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate
+from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate, simulate_batch
 
 __all__ = [
     "ESTIMATORS",
@@ -30,6 +31,7 @@ __all__ = [
     "Scenario",
     "cross_validate",
     "estimate",
+    "estimate_batch",
     "fit",
     "load_rig",
     "load_scenario",
@@ -41,5 +43,6 @@ __all__ = [
     "shipped_rigs",
     "shipped_scenarios",
     "simulate",
+    "simulate_batch",
     "write_log",
 ]

@@ -180,7 +180,7 @@ def test_bad_rigs_and_options(run, log: Path, tmp_path: Path) -> None:
         (("estimate", log, "--rig", "paper-2008", "--plot", tmp_path / "a.xyz"), ("cannot be 'xyz'",)),
         (("estimate", tmp_path / "none.csv", "--rig", "paper-2008"), ("cannot be read",)),
         (("estimate", log), ("--rig",)),
-        (("estimate",), ("'log'",)),
+        (("estimate",), ("'LOG...'",)),
         (("simulate", "series-9", "--out", missing), ("unknown scenario",)),
         (("simulate", "series-2", "--out", missing), ("does not exist",)),
         (("simulate", "series-2", "--out", tmp_path), ("is a folder",)),

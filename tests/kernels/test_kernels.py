@@ -176,3 +176,21 @@ def test_source_depends_on_the_structure_not_on_the_values(paper_rig: Rig) -> No
 
 def test_digest_separates_its_parts() -> None:
     assert digest("ab", "c") != digest("a", "bc")
+
+
+def test_threads_may_share_a_kernel() -> None:
+    """Compiled or interpreted: eight threads get what one gets."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    carry, x, p = ca.SX.sym("carry", 2), ca.SX.sym("x"), ca.SX.sym("p")
+    function = ca.Function("shared", [carry, x, p], [ca.vertcat(carry[1] + p, ca.sin(carry[0]) + x), carry[0] * x])
+    rng = np.random.default_rng(1)
+    starts, xs = rng.normal(size=(16, 2)), rng.normal(size=(16, 300, 1))
+    for compiled in (True, False):
+        kernel = Kernel(function, compiled)
+        alone = [kernel.scan(a, b, np.ones(1)) for a, b in zip(starts, xs)]
+        with ThreadPoolExecutor(8) as pool:
+            together = list(pool.map(kernel.scan, starts, xs, [np.ones(1)] * len(xs)))
+        for one, other in zip(alone, together):
+            np.testing.assert_array_equal(one[0], other[0])
+            np.testing.assert_array_equal(one[1], other[1])

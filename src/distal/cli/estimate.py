@@ -19,9 +19,15 @@ if TYPE_CHECKING:
 
 
 def estimate_command(
-    log: Annotated[Path, typer.Argument(help="CSV or Parquet, with the columns that the rig's sensors name.")],
+    logs: Annotated[
+        list[Path],
+        typer.Argument(metavar="LOG...", help="CSV or Parquet, with the columns that the rig's sensors name."),
+    ],
     rig: RigOption,
-    out: Annotated[Path | None, typer.Option("--out", help="Where to write the estimate (CSV or Parquet).")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Where to write the estimate (CSV or Parquet); of several logs, a folder."),
+    ] = None,
     estimator: Annotated[
         list[str] | None, typer.Option("--estimator", "-e", help="Which one; repeatable, the first is written.")
     ] = None,
@@ -39,12 +45,21 @@ def estimate_command(
     ] = None,
     set_: SetOption = None,
 ) -> None:
-    """Estimate the joint angle over a log; where the truth is known, compare all estimators with it."""
+    """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
     from distal.estimators import DEFAULT, ESTIMATORS, SLOW, diagnose, estimate
     from distal.estimators import smooth as smoothed
     from distal.logs import read_log, write_columns
     from distal.rig import load_rig
 
+    if len(logs) > 1:
+        if plot is not None or smooth or passes > 1 or len(estimator or ()) > 1:
+            raise EstimationError("of several logs: no --plot, --smooth, --passes, and one --estimator; give one log")
+        from distal.cli.batch import estimate_many
+
+        home = seconds(homing) if homing is not None else None
+        estimate_many(logs, load_rig(rig, set_ or ()), (estimator or [DEFAULT])[0], truth, home, out)
+        return
+    log = logs[0]
     _check_outputs(log, truth, out, plot)
     description = load_rig(rig, set_ or ())
     data = read_log(log, description, truth)

@@ -18,8 +18,11 @@ app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
 
 def simulate_command(
     scenario: Annotated[str, typer.Argument(help="A shipped scenario's name (see `distal scenarios`) or a TOML file.")],
-    out: Annotated[Path, typer.Option("--out", help="Where to write the log (CSV or Parquet).")],
+    out: Annotated[Path, typer.Option("--out", help="Where to write the log (CSV or Parquet); with --runs, a folder.")],
     seed: SeedOption = 0,
+    runs: Annotated[
+        int | None, typer.Option("--runs", min=1, help="Simulate with so many seeds, from --seed on, each to a file.")
+    ] = None,
     set_: SetOption = None,
 ) -> None:
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
@@ -30,6 +33,11 @@ def simulate_command(
 
     description = load_scenario(scenario)
     rig = scenario_rig(description, set_ or ())
+    if runs is not None:
+        from distal.cli.batch import simulate_many
+
+        simulate_many(rig, description, seed, runs, out, ".csv")
+        return
     log = simulate(rig, description, seed)
     write_log(log, rig, out)
     theta = np.rad2deg(log.truth["theta"])

@@ -2,6 +2,7 @@
 
 from distal.estimators.adaptive import AdaptiveFilter
 from distal.estimators.augmented import parameter_states
+from distal.estimators.batch import estimate_batch
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import Belief, Estimator, Innovation, KernelEstimator
 from distal.estimators.diagnosis import Diagnosis, diagnose
@@ -46,6 +47,7 @@ __all__ = [
     "diagnose",
     "draw_estimate",
     "estimate",
+    "estimate_batch",
     "figure",
     "first_values",
     "make_estimator",

@@ -153,15 +153,6 @@ class AdaptiveFilter(KernelEstimator):
         """
         return self._rows(steps, samples)
 
-    def innovations(self, ys: Floats, samples: Floats) -> tuple[Floats, Floats]:
-        """Return innovations and variances, (k, m) each, from what the kernel put out.
-
-        Args:
-            ys: the kernel's output at the samples, (k, n_y).
-            samples: values of `channels`, (k, n_channels).
-        """
-        return self._innovations(ys, samples)
-
     def with_prior(self, values: Mapping[str, float]) -> AdaptiveFilter:
         """Return the same filter, kernel included, that begins where the rig with other values would.
 

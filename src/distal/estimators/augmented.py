@@ -363,6 +363,8 @@ class AugmentedState:
     def basis(self, drive: int, place: Any) -> Any:
         """Return the basis functions cos(π j ξ) of a drive's sensor at a place, (n,).
 
+        By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ): one cosine for all (Chebyshev).
+
         Args:
             drive: index of the drive.
             place: what the sensor reads.
@@ -370,7 +372,10 @@ class AugmentedState:
         low, high = travel(self.mechanism, drive)
         fraction = (place - low) / (high - low)
         count = len(self.weights_at[drive][1])
-        return ca.vertcat(*(ca.cos(ca.pi * j * fraction) for j in range(count))) if count else ca.SX(0, 1)
+        terms = [ca.SX(1), ca.cos(ca.pi * fraction)]
+        while len(terms) < count:
+            terms.append(2 * terms[1] * terms[-1] - terms[-2])
+        return ca.vertcat(*terms[:count]) if count else ca.SX(0, 1)
 
     def systematic_error(self, drive: int, place: Any, state: Any) -> Any:
         """Return a position sensor's systematic error Σ w_j cos(π j ξ) at a place.

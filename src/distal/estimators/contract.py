@@ -199,6 +199,23 @@ class KernelEstimator:
         Raises:
             EstimationError: stamps do not rise, or a value is infinite.
         """
+        rows, last = self.checked_rows(belief, times, samples)
+        carries, ys = self.kernel.scan(belief.carry, rows, self._p)
+        carries, n = carries[last], belief.size
+        values, variances = self._innovations(ys[last], np.asarray(samples, dtype=np.float64))
+        return carries[:, :n].copy(), carries[:, n : n + n * n].reshape(-1, n, n).copy(), values, variances
+
+    def checked_rows(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
+        """Return the kernel's rows of a whole log and the index of each sample's own row.
+
+        Args:
+            belief: before the first sample.
+            times: stamps [s], rising, (k,).
+            samples: values of `channels`, (k, n_channels).
+
+        Raises:
+            EstimationError: stamps do not rise, or a value is infinite.
+        """
         times, samples = np.asarray(times, dtype=np.float64), np.asarray(samples, dtype=np.float64)
         if samples.shape != (len(times), len(self.channels)):
             raise EstimationError(
@@ -210,11 +227,21 @@ class KernelEstimator:
         steps = np.diff(times, prepend=belief.time)
         for i in np.flatnonzero(~(steps > 0)):
             _check_time(self.name, times[i] - steps[i], times[i], bool(i == 0 and belief.samples == 0))
-        rows, last = self._rows(steps, samples)
-        carries, ys = self.kernel.scan(belief.carry, rows, self._p)
-        carries, n = carries[last], belief.size
-        values, variances = self._innovations(ys[last], samples)
-        return carries[:, :n].copy(), carries[:, n : n + n * n].reshape(-1, n, n).copy(), values, variances
+        return self._rows(steps, samples)
+
+    @property
+    def numbers(self) -> Floats:
+        """The kernel's parameters, (n_p,)."""
+        return self._p
+
+    def told(self, ys: Floats, samples: Floats) -> tuple[Floats, Floats]:
+        """Return innovations and variances, (k, m) each, from what the kernel put out.
+
+        Args:
+            ys: the kernel's output at the samples, (k, n_y).
+            samples: values of `channels`, (k, n_channels).
+        """
+        return self._innovations(ys, samples)
 
     def _accepted(self, belief: Belief, time: float, sample: Floats) -> tuple[Floats, float]:
         """Return sample and stamp as they should be, or raise."""

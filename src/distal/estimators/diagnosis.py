@@ -81,8 +81,8 @@ def _undeclared(estimate: Estimate) -> str:
     """Return what to add where the filter found friction at a drive that the rig does not declare."""
     found = []
     for i, name in enumerate(estimate.state_names):
-        value, std = estimate.means[-1, i], np.sqrt(estimate.covariances[-1, i, i])
-        prior = np.sqrt(estimate.covariances[0, i, i])
+        value, std = estimate.means[-1, i], np.sqrt(estimate.variances[-1, i])
+        prior = np.sqrt(estimate.variances[0, i])
         if name.startswith("friction_") and value > 0.25 * prior and value > 3.0 * std:
             found.append(f"{value:.2g} at '{name.removeprefix('friction_')}'")
     if not found:

@@ -163,7 +163,7 @@ def prepare_function(augmented: AugmentedState, count: int, ideal: bool = False)
         torque_std = ca.sqrt(ca.fmax(covariance[augmented.torque_at, augmented.torque_at], 0))
     outputs = [ca.vertcat(*starts), ca.vertcat(*speeds), parameters, seeds, ca.vertcat(*kept, *bends)]
     outputs += [response, ca.vertcat(*noise), torque_std]
-    return ca.Function("prepare", [mean, covariance, held, x, p], [ca.densify(entry) for entry in outputs])
+    return ca.Function("prepare", [mean, covariance, held, x, p], ca.cse([ca.densify(entry) for entry in outputs]))
 
 
 def substep_function(augmented: AugmentedState) -> ca.Function:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -90,58 +91,158 @@ def estimate(
     if isinstance(log, Log) and truth is not None:
         raise EstimationError("truth is for logs that are read; a Log has its own (Log(…, truth={'theta': …}))")
     log = log if isinstance(log, Log) else read_log(log, rig, truth)
-    if not isinstance(estimator, (str, KernelEstimator)):
-        raise EstimationError(f"an estimator is a name or one from make_estimator, {estimator!r} came")
-    if homing is not None:
-        rig, reference = with_reference(rig, log)
-        check_homing(homing, log)
-    if homing is not None and estimator in HOMED:
-        runner: KernelEstimator = AdaptiveFilter(
-            rig, compiled, updates=HOMED[str(estimator)], name=str(estimator), reference=reference
-        )
-    else:
-        runner = make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
+    runner = runner_for(log, rig, estimator, compiled, homing)
     if not isinstance(passes, int) or passes < 1:
         raise EstimationError(f"passes must be at least 1, {passes!r} came")
     if passes > 1 and not isinstance(runner, FullStateFilter):
         raise EstimationError(
             f"{runner.name} takes one pass; --passes is for the filters of the paper's kind (ekf-2008, ekf)"
         )
-    known = log.truth.get("theta")
-    if homing is not None and known is not None:
-        early = log.time - log.time[0] < homing
-        if estimator in HOMED:
-            log = with_channel(log, reference.name, np.where(early, known, np.nan))
-        known = np.where(early, np.nan, known)
-    samples = samples_of(log, runner.channels, runner.name)
-    belief = runner.initial(log.time[0], first_values(samples))
+    run = prepared(log, runner, homing)
+    belief = run.start
     for number in range(passes):
-        means, covariances, innovations, variances = runner.scan(belief, log.time, samples)
-        bad = out_of_bounds(means, covariances)
-        if len(bad):
-            row = int(bad[0])
-            raise EstimationError(
-                f"{log.source}: {runner.name} left all bounds at {log.time[row]:g} s; check the units of the log and "
-                "the rig's stiffness and masses, or shorten stepping.largest_step"
-            )
+        means, covariances, innovations, variances = runner.scan(belief, log.time, run.samples)
+        spreads = np.diagonal(covariances, axis1=1, axis2=2)
+        check_bounds(run, means, spreads)
         if number < passes - 1:
             belief = with_covariance(belief, covariances[-1])
-    if homing is not None and estimator not in HOMED:
-        means = means.copy()
-        means[:, 0] = homed(means[:, 0], log, homing)
+    return finished(run, means, spreads, innovations, variances, covariances)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A log, ready for an estimator.
+
+    Args:
+        log: as it came.
+        runner: the estimator.
+        samples: values of its channels, (k, n_channels).
+        start: what it believes before the first sample.
+        homing: for how long the truth is used [s], or None.
+    """
+
+    log: Log
+    runner: KernelEstimator
+    samples: Floats
+    start: Belief
+    homing: float | None
+
+    @property
+    def reads_reference(self) -> bool:
+        """Whether homing is a sensor of the estimator."""
+        return self.homing is not None and reads_reference(self.runner)
+
+
+def reads_reference(runner: KernelEstimator) -> bool:
+    """Return whether an estimator has a sensor of the joint's angle, as its last channel.
+
+    Args:
+        runner: the estimator.
+    """
+    return any(sensor.name in runner.channels for sensor in runner.rig.sensors_of("angle"))
+
+
+def runner_for(
+    log: Log, rig: Rig, estimator: str | KernelEstimator, compiled: bool = True, homing: float | None = None
+) -> KernelEstimator:
+    """Return the estimator to run over a log, one that reads the reference where there is homing.
+
+    Args:
+        log: the log, or one like it.
+        rig: the description.
+        estimator: a name or a ready one.
+        compiled: compile kernels where possible.
+        homing: for how long the truth is used [s], or None.
+
+    Raises:
+        EstimationError: it is no estimator, or cannot run on this rig, or there is nothing to home by.
+    """
+    if not isinstance(estimator, (str, KernelEstimator)):
+        raise EstimationError(f"an estimator is a name or one from make_estimator, {estimator!r} came")
+    if homing is not None:
+        rig, reference = with_reference(rig, log)
+        check_homing(homing, log)
+        if estimator in HOMED:
+            name = str(estimator)
+            return AdaptiveFilter(rig, compiled, updates=HOMED[name], name=name, reference=reference)
+    return make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
+
+
+def prepared(log: Log, runner: KernelEstimator, homing: float | None = None) -> Run:
+    """Return a log, ready for an estimator.
+
+    Args:
+        log: the log.
+        runner: the estimator; see `runner_for`.
+        homing: for how long the truth is used [s], or None.
+
+    Raises:
+        EstimationError: the log lacks a sensor.
+    """
+    read = log
+    if homing is not None:
+        check_homing(homing, log)
+        if reads_reference(runner):
+            early = log.time - log.time[0] < homing
+            read = with_channel(log, runner.channels[-1], np.where(early, log.truth["theta"], np.nan))
+    samples = samples_of(read, runner.channels, runner.name)
+    return Run(log, runner, samples, runner.initial(log.time[0], first_values(samples)), homing)
+
+
+def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
+    """Refuse an estimate that left all bounds.
+
+    Args:
+        run: of which.
+        means: (k, n).
+        spreads: variances, (k, n).
+
+    Raises:
+        EstimationError: see above; says from when on.
+    """
+    bad = out_of_bounds(means, spreads)
+    if len(bad):
+        row = int(bad[0])
+        raise EstimationError(
+            f"{run.log.source}: {run.runner.name} left all bounds at {run.log.time[row]:g} s; check the units of the log "
+            "and the rig's stiffness and masses, or shorten stepping.largest_step"
+        )
+
+
+def finished(
+    run: Run, means: Floats, spreads: Floats, innovations: Floats, variances: Floats, covariances: Floats | None = None
+) -> Estimate:
+    """Return the estimate of a run.
+
+    Args:
+        run: of which.
+        means: (k, n).
+        spreads: variances of the states, (k, n).
+        innovations: (k, m).
+        variances: of the innovations, (k, m).
+        covariances: (k, n, n), or None where they are not kept.
+    """
+    log, runner = run.log, run.runner
+    known = log.truth.get("theta")
+    if run.homing is not None and known is not None:
+        known = np.where(log.time - log.time[0] < run.homing, np.nan, known)
+        if not run.reads_reference:
+            means = means.copy()
+            means[:, 0] = homed(means[:, 0], log, run.homing)
     # the reference is no sensor of the estimate: what it told is in the states
-    measured = runner.measured if homing is None or estimator not in HOMED else runner.measured[:-1]
+    measured = runner.measured[:-1] if run.reads_reference else runner.measured
     return Estimate(
         runner.name,
-        rig.name,
+        runner.rig.name,
         log.time,
         runner.state_names,
         frozen(means),
-        frozen(covariances),
+        frozen(spreads),
         measured,
         frozen(innovations[:, : len(measured)]),
         frozen(variances[:, : len(measured)]),
         known,
+        None if covariances is None else frozen(covariances),
     )
 
 
@@ -160,15 +261,17 @@ def with_channel(log: Log, name: str, values: Floats) -> Log:
     return Log(log.time, {**log.channels, name: values}, log.truth, log.source, log.truth_source)
 
 
-def out_of_bounds(means: Floats, covariances: Floats) -> NDArray[np.intp]:
+def out_of_bounds(means: Floats, spreads: Floats) -> NDArray[np.intp]:
     """Return the rows that are not finite, have a negative variance, or an angle that no joint has.
 
     Args:
         means: (k, n).
-        covariances: (k, n, n).
+        spreads: variances, (k, n).
     """
-    spreads = np.diagonal(covariances, axis1=1, axis2=2)
-    fine = np.isfinite(means).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2)) & (spreads >= 0.0).all(axis=1)
+    # one pass where all is well: sums are finite only if all terms are
+    if np.isfinite(means.sum()) and np.isfinite(spreads.sum()) and spreads.min() >= 0.0:
+        return np.flatnonzero(np.abs(means[:, 0]) > LARGEST_ANGLE)
+    fine = np.isfinite(means).all(axis=1) & np.isfinite(spreads).all(axis=1) & (spreads >= 0.0).all(axis=1)
     return np.flatnonzero(~(fine & (np.abs(means[:, 0]) <= LARGEST_ANGLE)))
 
 

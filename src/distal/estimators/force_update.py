@@ -252,9 +252,12 @@ def force_update(
             moved = 0 if augmented.is_clean(row.drive) else ca.mtimes(slope, change)
             kept[row.drive] = taken.memory + moved
         mean = mean + change
-        covariance = symmetric(
-            covariance - ca.mtimes(gain, across.T) - ca.mtimes(across, gain.T) + ca.mtimes(gain, gain.T) * robust
-        )
+        # with the optimal gain K = a/S, P − K aᵀ − a Kᵀ + K S Kᵀ is P − K aᵀ; with another one it is P − K dᵀ − d Kᵀ
+        half = across - gain * (robust / 2)
+        lost = ca.mtimes(gain, across.T)
+        if augmented.considered:
+            lost = ca.mtimes(gain, half.T) + ca.mtimes(half, gain.T)
+        covariance = symmetric(covariance - lost)
         # what is not compared (its slider at a stop) has no innovation
         innovations.append(ca.if_else(ca.logic_and(mask != 0, taken.counts), taken.innovation, np.nan))
         spreads.append(spread)

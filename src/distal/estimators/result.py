@@ -33,11 +33,12 @@ class Estimate:
         time: stamps [s], (k,).
         state_names: names of the n states, ``theta`` [rad] first.
         means: (k, n), SI.
-        covariances: (k, n, n).
+        variances: of the states' errors, (k, n).
         measured: names of the m channels with an innovation.
         innovations: (k, m), NaN where missing, or not compared (a force whose slider is at a stop).
         innovation_variances: (k, m).
         truth: true angle [rad], (k,), where it is known, else None.
+        covariances: (k, n, n); None from a batch, where they would fill the memory.
     """
 
     estimator: str
@@ -45,11 +46,12 @@ class Estimate:
     time: Floats
     state_names: tuple[str, ...]
     means: Floats
-    covariances: Floats
+    variances: Floats
     measured: tuple[str, ...]
     innovations: Floats
     innovation_variances: Floats
     truth: Floats | None = None
+    covariances: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -62,13 +64,12 @@ class Estimate:
     @property
     def theta_std(self) -> Floats:
         """Standard deviation of the joint angle's error [rad], (k,)."""
-        return np.sqrt(self.covariances[:, 0, 0])
+        return np.sqrt(self.variances[:, 0])
 
     @property
     def stds(self) -> Floats:
         """Standard deviations of all states, (k, n)."""
-        stds: Floats = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2))
-        return stds
+        return np.sqrt(self.variances)
 
     @property
     def nis(self) -> Floats:

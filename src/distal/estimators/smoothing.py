@@ -35,7 +35,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     rows, last = runner._rows(np.diff(log.time, prepend=log.time[0]), samples)
     carries, ys = runner.kernel.scan(belief.carry, rows, runner._p)
     n, m = belief.size, len(runner.measured)
-    if np.any(np.isinf(samples)) or len(out_of_bounds(carries[:, :n], carries[:, n : n + n * n].reshape(-1, n, n))):
+    if np.any(np.isinf(samples)) or len(out_of_bounds(carries[:, :n], carries[:, n : n + n * n : n + 1])):
         raise EstimationError(f"{log.source}: the filter left all bounds; check the units of the log and the rig")
     means, covariances = carries[:, :n].copy(), carries[:, n : n + n * n].reshape(-1, n, n).copy()
     predicted, uncertain = ys[:, 2 * m : 2 * m + n], ys[:, 2 * m + n : 2 * m + n + n * n].reshape(-1, n, n)
@@ -63,9 +63,10 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         log.time,
         runner.state_names,
         frozen(means[last]),
-        frozen(covariances[last]),
+        frozen(spreads[last]),
         runner.measured,
         frozen(values),
         frozen(variances),
         log.truth.get("theta"),
+        frozen(covariances[last]),
     )

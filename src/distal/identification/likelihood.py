@@ -150,7 +150,7 @@ class Likelihood:
         runner = self._filter if not changed else self._filter.with_prior(changed)
         carry = runner.initial(data.log.time[0], data.first).carry
         carries, ys = self._filter.kernel.scan(carry, data.rows, p)
-        values, variances = self._filter.innovations(ys[data.last], data.samples)
+        values, variances = self._filter.told(ys[data.last], data.samples)
         if self._homing is not None:
             values = values.copy()
             values[:, :-1] = np.nan

@@ -106,7 +106,21 @@ def compiled_library(function: ca.Function) -> Path:
     compiler = find_compiler()
     if isinstance(compiler, str):
         raise CompileError(compiler)
-    source = c_source(function)
+    return compiled_source(c_source(function))
+
+
+def compiled_source(source: str) -> Path:
+    """Return the shared library of C source, from the cache or built now.
+
+    Args:
+        source: one file of C.
+
+    Raises:
+        CompileError: no compiler, it failed, or the cache cannot be written.
+    """
+    compiler = find_compiler()
+    if isinstance(compiler, str):
+        raise CompileError(compiler)
     key = digest(source, compiler.version, " ".join(compiler.command), " ".join(FLAGS), cpu(), ca.__version__)
     cache = Cache(cache_folder())
     found = cache.find(key)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import threading
 import warnings
 from typing import Any, Literal
 
@@ -12,10 +13,12 @@ from numpy.typing import NDArray
 
 from distal.errors import KernelWarning
 from distal.kernels.compiler import CompileError, compiled_library, find_compiler
+from distal.kernels.lanes import LaneKernel
 
 Floats = NDArray[np.float64]
 Backend = Literal["compiled", "interpreted"]
 _said: set[str] = set()
+_building = threading.Lock()
 
 
 class Kernel:
@@ -33,6 +36,9 @@ class Kernel:
         self.backend: Backend = "interpreted"
         self.reason = "asked for"
         self._scan: Any = None
+        self._lanes: LaneKernel | None = None
+        self._laned = not compiled
+        self._lock = threading.Lock()  # one set of buffers: threads that share a kernel take turns
         call = function
         if compiled:
             try:
@@ -66,6 +72,11 @@ class Kernel:
         self.backend, self.reason = "compiled", compiler if isinstance(compiler, str) else compiler.version
         return external
 
+    @property
+    def function(self) -> ca.Function:
+        """The CasADi function itself."""
+        return self._interpreted
+
     def step(self, carry: Floats, x: Floats, p: Floats) -> tuple[Floats, Floats]:
         """Return (carry⁺, y) for one sample.
 
@@ -74,11 +85,12 @@ class Kernel:
             x: the sample, (n_x,).
             p: the parameters, (n_p,).
         """
-        self._carry[:] = carry
-        self._x[:] = x
-        self._p[:] = p
-        self._trigger()
-        return self._next.copy(), self._y.copy()
+        with self._lock:
+            self._carry[:] = carry
+            self._x[:] = x
+            self._p[:] = p
+            self._trigger()
+            return self._next.copy(), self._y.copy()
 
     def scan(self, carry: Floats, xs: Floats, p: Floats) -> tuple[Floats, Floats]:
         """Return the carries after every sample, (n, n_carry), and the outputs, (n, n_y), in one call.
@@ -98,14 +110,27 @@ class Kernel:
             if done != len(xs):
                 raise RuntimeError(f"kernel {self._interpreted.name()} failed at sample {done}")
             return carries, ys
-        self._carry[:] = carry
-        self._p[:] = p
-        for k, x in enumerate(xs):
-            self._x[:] = x
-            self._trigger()
-            carries[k], ys[k] = self._next, self._y
-            self._carry[:] = self._next
+        with self._lock:
+            self._carry[:] = carry
+            self._p[:] = p
+            for k, x in enumerate(xs):
+                self._x[:] = x
+                self._trigger()
+                carries[k], ys[k] = self._next, self._y
+                self._carry[:] = self._next
         return carries, ys
+
+    def lanes(self) -> LaneKernel | None:
+        """Return the same kernel for several runs at once, built when first asked for; None where that cannot be."""
+        with _building:
+            if not self._laned:
+                self._laned = True
+                if self.backend == "compiled":
+                    try:
+                        self._lanes = LaneKernel(self._interpreted)
+                    except CompileError:
+                        self._lanes = None  # one by one gives the same numbers
+        return self._lanes
 
 
 def _warn(reason: str) -> None:

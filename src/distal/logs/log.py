@@ -21,6 +21,8 @@ Floats = NDArray[np.float64]
 
 def frozen(values: object) -> Floats:
     """Return the values as a read-only float64 array; a copy if they were writable."""
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and not values.flags.writeable:
+        return values
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array

@@ -69,7 +69,7 @@ def draw_traces(log: Log, before: Estimate, after: Estimate) -> Figure:
 
 
 def _some(result: Estimate, rows: slice) -> Estimate:
-    return replace(result, time=result.time[rows], means=result.means[rows], covariances=result.covariances[rows])
+    return replace(result, time=result.time[rows], means=result.means[rows], variances=result.variances[rows])
 
 
 def _trace(axes: Axes, result: Estimate, index: int, name: str) -> None:

@@ -1,5 +1,6 @@
 """Simulation: a rig, a scenario and a seed become a log with truth."""
 
+from distal.simulation.batch import simulate_batch
 from distal.simulation.scenario import (
     DriveInput,
     Hand,
@@ -26,4 +27,5 @@ __all__ = [
     "scenario_text",
     "shipped_scenarios",
     "simulate",
+    "simulate_batch",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -139,28 +140,54 @@ def run_plant(mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float
     Raises:
         ScenarioError: the motion left all bounds.
     """
-    n, m = mechanism.n_bodies, mechanism.n_tendons
-    kernel = Kernel(plant_function(mechanism, count))
-    servo = inputs.servo.transpose(0, 2, 1).reshape(len(inputs.effort), 3 * n)
-    xs = np.hstack([inputs.effort, inputs.added_inertia, servo, np.full((len(inputs.effort), 1), dt)])
-    p = mechanism.parameters.values
-    # the first row is the start itself: a tiny interval gives tensions and pulls there
-    still = np.concatenate([start, np.zeros(n + len(hysteretic(mechanism)))])
-    first = xs[:1].copy()
-    first[0, -1] = 1e-12
-    _, y_start = kernel.scan(still, first, p)
-    _, ys = kernel.scan(still, xs, p)
-    y_start[:, :n], y_start[:, n : 2 * n] = start, 0.0
-    y_start[:, 2 * n + m :] = (inputs.effort + inputs.servo[:, :, 0] * (inputs.servo[:, :, 1] - start))[
-        :1, mechanism.n_joints :
-    ]
-    y = np.vstack([y_start, ys])
-    if not np.all(np.isfinite(y)) or np.abs(y[:, :n]).max() > 1e3:
-        raise ScenarioError(
-            "the simulated motion left all bounds: a force without a stop or tendon that holds it, "
-            "or a step that is too long (see stepping.largest_step)"
+    return run_plants(mechanism, [(inputs, start)], dt, Kernel(plant_function(mechanism, count)))[0]
+
+
+def run_plants(
+    mechanism: Mechanism, runs: Sequence[tuple[BodyInputs, Floats]], dt: float, kernel: Kernel
+) -> list[dict[str, Floats]]:
+    """Return the motions of several runs of one plant, side by side where there are lanes for that.
+
+    Args:
+        mechanism: the plant's equations.
+        runs: what acts, and coordinates at rest, of each; at most as many as there are lanes.
+        dt: length of an interval [s].
+        kernel: of `plant_function`.
+
+    Raises:
+        ScenarioError: a motion left all bounds.
+    """
+    n, m, p = mechanism.n_bodies, mechanism.n_tendons, mechanism.parameters.values
+    rows, starts, firsts = [], [], []
+    for inputs, start in runs:
+        servo = inputs.servo.transpose(0, 2, 1).reshape(len(inputs.effort), 3 * n)
+        rows.append(np.hstack([inputs.effort, inputs.added_inertia, servo, np.full((len(inputs.effort), 1), dt)]))
+        starts.append(np.concatenate([start, np.zeros(n + len(hysteretic(mechanism)))]))
+        # the first row is the start itself: a tiny interval gives tensions and pulls there
+        first = rows[-1][:1].copy()
+        first[0, -1] = 1e-12
+        firsts.append(kernel.scan(starts[-1], first, p)[1])
+    lanes = kernel.lanes() if len(runs) > 1 else None
+    if lanes is not None:
+        moved = [ys for _, ys in lanes.scan(starts, rows, [p] * len(runs), [])]
+    else:
+        moved = [kernel.scan(start, xs, p)[1] for start, xs in zip(starts, rows)]
+    motions = []
+    for (inputs, start), y_start, ys in zip(runs, firsts, moved):
+        y_start[:, :n], y_start[:, n : 2 * n] = start, 0.0
+        y_start[:, 2 * n + m :] = (inputs.effort + inputs.servo[:, :, 0] * (inputs.servo[:, :, 1] - start))[
+            :1, mechanism.n_joints :
+        ]
+        y = np.vstack([y_start, ys])
+        if not np.all(np.isfinite(y)) or np.abs(y[:, :n]).max() > 1e3:
+            raise ScenarioError(
+                "the simulated motion left all bounds: a force without a stop or tendon that holds it, "
+                "or a step that is too long (see stepping.largest_step)"
+            )
+        motions.append(
+            {"q": y[:, :n], "v": y[:, n : 2 * n], "tensions": y[:, 2 * n : 2 * n + m], "pulls": y[:, 2 * n + m :]}
         )
-    return {"q": y[:, :n], "v": y[:, n : 2 * n], "tensions": y[:, 2 * n : 2 * n + m], "pulls": y[:, 2 * n + m :]}
+    return motions
 
 
 def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from distal.logs import Log
 from distal.model import Mechanism, substeps
 from distal.rig import Rig, Sensor, load_rig
 from distal.sensors import measure
-from distal.simulation.inputs import body_inputs, initial_angles
+from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
 from distal.simulation.plant import equilibrium, longest_interval, run_plant
 from distal.simulation.scenario import Scenario, load_scenario
 
@@ -44,8 +45,51 @@ def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int =
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
         RigError: the plant's values are wrong.
     """
+    prepared = prepare(rig, scenario, seed)
+    return sampled(
+        prepared, run_plant(prepared.plant, prepared.inputs, prepared.start, prepared.dt, prepared.count), seed
+    )
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A scenario on a rig, before the plant runs.
+
+    Args:
+        rig: as filters know it.
+        scenario: what is done to it.
+        plant: the rig with the scenario's ``[plant]`` values.
+        inputs: what acts in each interval.
+        start: coordinates at rest, (n_bodies,).
+        dt: length of an interval [s].
+        count: sub-steps per interval.
+    """
+
+    rig: Rig
+    scenario: Scenario
+    plant: Mechanism
+    inputs: BodyInputs
+    start: Floats
+    dt: float
+    count: int
+
+
+def prepare(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0) -> Prepared:
+    """Return a scenario on a rig, ready to run; see `simulate`.
+
+    Args:
+        rig: as filters know it; or a shipped rig's name, or a path.
+        scenario: what is done to it; or a shipped scenario's name, or a path.
+        seed: of the sensors' errors, checked before the plant runs.
+
+    Raises:
+        ScenarioError: the scenario does not fit the rig.
+        RigError: the plant's values are wrong.
+    """
     scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    if not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ScenarioError(f"seed: must be a whole number from 0, {seed!r} came")
     plant = Mechanism(scenario.plant_rig(rig))
     fastest = max((sensor.rate for sensor in plant.rig.sensors), default=100.0)
     dt = 1.0 / fastest / ceil(1.0 / fastest / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
@@ -57,14 +101,23 @@ def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int =
             "simulate parts of it, or set lower sensor rates"
         )
     steps = ceil(scenario.duration / dt - 1e-9)
-    grid: Floats = dt * np.arange(steps + 1, dtype=np.float64)
-    inputs = body_inputs(scenario, plant, grid[:-1])
+    grid: Floats = dt * np.arange(steps, dtype=np.float64)
+    inputs = body_inputs(scenario, plant, grid)
     start = equilibrium(plant, initial_angles(scenario, plant), inputs)
-    motion = run_plant(plant, inputs, start, dt, max(2, 2 * substeps(plant, dt)))
+    return Prepared(rig, scenario, plant, inputs, start, dt, max(2, 2 * substeps(plant, dt)))
 
+
+def sampled(prepared: Prepared, motion: dict[str, Floats], seed: int) -> Log:
+    """Return what the sensors read of a motion.
+
+    Args:
+        prepared: the scenario on the rig.
+        motion: of the plant; see `run_plant`.
+        seed: of the sensors' errors.
+    """
+    plant, scenario = prepared.plant, prepared.scenario
+    grid: Floats = prepared.dt * np.arange(len(motion["q"]), dtype=np.float64)
     stamps = _stamps(plant.rig, scenario.duration)
-    if not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise ScenarioError(f"seed: must be a whole number from 0, {seed!r} came")
     rngs = np.random.default_rng(seed).spawn(len(plant.rig.sensors))
     channels = {}
     for sensor, rng in zip(plant.rig.sensors, rngs):

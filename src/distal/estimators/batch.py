@@ -1,0 +1,186 @@
+"""Many logs at once: all cores, several runs side by side in vector lanes, and no more in memory than is in work."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from distal.errors import DistalError, EstimationError
+from distal.estimators.contract import KernelEstimator
+from distal.estimators.estimate import Run, check_bounds, finished, prepared, runner_for
+from distal.estimators.registry import DEFAULT
+from distal.estimators.result import Estimate
+from distal.logs import Log, read_log
+from distal.rig import Rig, load_rig
+
+AHEAD = 2
+"""Groups of runs in work or ready, per worker."""
+
+Skip = Callable[[str, DistalError], None]
+
+
+def estimate_batch(
+    logs: Iterable[Any],
+    rig: Rig | str | Path,
+    estimator: str | KernelEstimator = DEFAULT,
+    truth: str | Path | None = None,
+    homing: float | None = None,
+    workers: int | None = None,
+    compiled: bool = True,
+    progress: Callable[[int], None] | None = None,
+    skip: Skip | None = None,
+) -> Iterator[Estimate]:
+    """Estimate the joint angle over many logs and yield the estimates in their order, the numbers `estimate` gives.
+
+    Several runs go through the compiled kernel side by side, one in each vector lane, on all cores. Logs are read when
+    their turn comes, and only what is in work is in memory: covariances are not kept (`Estimate.covariances` is None).
+
+    Args:
+        logs: each as `estimate` takes it; may be a generator.
+        rig: the description, or a shipped rig's name, or a path.
+        estimator: a name (see `ESTIMATORS`) or a ready one.
+        truth: where logs are read: the true angle's column.
+        homing: for how long the truth is used [s].
+        workers: threads; default one per core.
+        compiled: compile kernels where possible.
+        progress: called with the number of logs that are done.
+        skip: called with source and problem of a log that cannot be estimated; None raises it.
+
+    Raises:
+        EstimationError: a log lacks a sensor, or the estimator cannot run on this rig.
+        LogError: a file cannot be read.
+        RigError: the rig is unknown or wrong.
+    """
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    workers = (os.cpu_count() or 1) if workers is None else workers
+    if not isinstance(workers, int) or workers < 1:
+        raise EstimationError(f"workers must be a whole number from 1, {workers!r} came")
+    if isinstance(logs, (Log, str, Path)):
+        raise EstimationError("estimate_batch takes several logs; for one there is estimate")
+    return _batch(iter(logs), rig, estimator, truth, homing, workers, compiled, progress, skip)
+
+
+def _batch(
+    logs: Iterator[Any],
+    rig: Rig,
+    estimator: str | KernelEstimator,
+    truth: str | Path | None,
+    homing: float | None,
+    workers: int,
+    compiled: bool,
+    progress: Callable[[int], None] | None,
+    skip: Skip | None,
+) -> Iterator[Estimate]:
+    def load(source: Any) -> Log | DistalError:
+        try:
+            return source if isinstance(source, Log) else read_log(source, rig, truth)
+        except DistalError as problem:
+            return problem
+
+    def work(sources: Sequence[Any]) -> list[Estimate | DistalError]:
+        read = [load(source) for source in sources]
+        runs = [one if isinstance(one, DistalError) else _ready(one, runner, homing) for one in read]
+        made = iter(run_all([run for run in runs if isinstance(run, Run)]))
+        return [run if isinstance(run, DistalError) else next(made) for run in runs]
+
+    done = 0
+
+    def refused(source: Any, problem: DistalError) -> None:
+        if skip is None:
+            raise problem
+        skip(_named(source), problem)
+
+    for source in logs:  # the first that can be read says how a reference is read
+        first = load(source)
+        if isinstance(first, Log):
+            break
+        refused(source, first)
+        done += 1
+    else:
+        return
+    runner = runner_for(first, rig, estimator, compiled, homing)
+    lanes = runner.kernel.lanes() if runner.kernel is not None else None
+    rest, size = chain([first], logs), lanes.lanes if lanes is not None else 1
+    groups = iter(lambda: list(islice(rest, size)), [])
+    waiting: deque[tuple[list[Any], Future[list[Estimate | DistalError]]]] = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        while True:
+            for group in islice(groups, AHEAD * workers - len(waiting)):
+                waiting.append((group, pool.submit(work, group)))
+            if not waiting:
+                return
+            sources, future = waiting.popleft()
+            for source, result in zip(sources, future.result()):
+                done += 1
+                if progress is not None:
+                    progress(done)
+                if isinstance(result, Estimate):
+                    yield result
+                else:
+                    refused(source, result)
+
+
+def _named(source: Any) -> str:
+    return source.source if isinstance(source, Log) else str(source) if isinstance(source, (str, Path)) else "the frame"
+
+
+def _ready(log: Log, runner: KernelEstimator, homing: float | None) -> Run | DistalError:
+    try:
+        if homing is not None and "theta" not in log.truth:
+            return EstimationError(f"{log.source}: homing needs the joint's angle for a while, and this log has none")
+        return prepared(log, runner, homing)
+    except DistalError as problem:
+        return problem
+
+
+def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
+    """Return the estimates of some runs of one estimator, side by side where there are lanes for that.
+
+    Args:
+        runs: at most as many as there are lanes.
+    """
+    if not runs:
+        return []
+    runner = runs[0].runner
+    lanes = runner.kernel.lanes() if runner.kernel is not None else None
+    if lanes is None or len(runs) == 1:
+        return [_alone(run) for run in runs]
+    n = runs[0].start.size
+    rows = []
+    for run in runs:
+        try:
+            rows.append(runner.checked_rows(run.start, run.log.time, run.samples))
+        except DistalError:
+            return [_alone(each) for each in runs]
+    keep = [*range(n), *range(n, n + n * n, n + 1)]
+    told = lanes.scan([run.start.carry for run in runs], [row for row, _ in rows], [runner.numbers] * len(runs), keep)
+    results: list[Estimate | DistalError] = []
+    for run, (_, last), (kept, ys) in zip(runs, rows, told):
+        if len(last) < len(kept):
+            kept, ys = kept[last], ys[last]
+        kept.flags.writeable = False
+        try:
+            check_bounds(run, kept[:, :n], kept[:, n:])
+            innovations, variances = runner.told(ys, run.samples)
+            results.append(finished(run, kept[:, :n], kept[:, n:], innovations, variances))
+        except DistalError as problem:
+            results.append(problem)
+    return results
+
+
+def _alone(run: Run) -> Estimate | DistalError:
+    try:
+        means, covariances, innovations, variances = run.runner.scan(run.start, run.log.time, run.samples)
+        spreads = np.diagonal(covariances, axis1=1, axis2=2)
+        check_bounds(run, means, spreads)
+    except DistalError as problem:
+        return problem
+    return replace(finished(run, means, spreads, innovations, variances), covariances=None)

@@ -1,0 +1,210 @@
+"""How numbers and operations are written in C: double, float, or several runs side by side in vector lanes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from distal.errors import DistalError
+
+INFIX = {
+    ca.OP_ADD: "{a} + {b}",
+    ca.OP_SUB: "{a} - {b}",
+    ca.OP_MUL: "{a} * {b}",
+    ca.OP_DIV: "{a} / {b}",
+    ca.OP_NEG: "-{a}",
+    ca.OP_SQ: "{a} * {a}",
+}
+"""Operations that C writes alike for numbers and for vectors of them."""
+
+COMPARED = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
+
+CALLED = {
+    ca.OP_SQRT: "sqrt",
+    ca.OP_EXP: "exp",
+    ca.OP_LOG: "log",
+    ca.OP_SIN: "sin",
+    ca.OP_COS: "cos",
+    ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan",
+    ca.OP_ATAN2: "atan2",
+    ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh",
+    ca.OP_TANH: "tanh",
+    ca.OP_FLOOR: "floor",
+    ca.OP_CEIL: "ceil",
+    ca.OP_FABS: "fabs",
+    ca.OP_FMIN: "fmin",
+    ca.OP_FMAX: "fmax",
+    ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow",
+    ca.OP_COPYSIGN: "copysign",
+    ca.OP_EXPM1: "expm1",
+    ca.OP_LOG1P: "log1p",
+    ca.OP_HYPOT: "hypot",
+    ca.OP_ERF: "erf",
+}
+"""Operations that are functions of C's library."""
+
+
+class CodeError(DistalError):
+    """A function cannot be written as C."""
+
+
+def no_such_operation(operation: int) -> CodeError:
+    """Return the error for an operation that has no C here."""
+    return CodeError(f"CasADi's operation {operation} has no C here; a rig that needs it cannot be exported yet")
+
+
+@dataclass(frozen=True)
+class Plain:
+    """C of plain numbers.
+
+    Args:
+        single: float with float functions only, else double.
+    """
+
+    single: bool = False
+
+    @property
+    def type(self) -> str:
+        """Name of the type of a number."""
+        return "float" if self.single else "double"
+
+    def prelude(self) -> str:
+        """Return what the operations need."""
+        return ""
+
+    def constant(self, value: float) -> str:
+        """Return a number as C."""
+        if value != value:
+            return "NAN"
+        if value in (float("inf"), float("-inf")):
+            return "INFINITY" if value > 0 else "(-INFINITY)"
+        text = f"{value:.9g}" if self.single else f"{value:.17g}"
+        text = text if any(c in text for c in ".e") else f"{text}.0"
+        text = f"({text})" if text.startswith("-") else text
+        return text.replace(")", "f)") if self.single and text.endswith(")") else text + ("f" if self.single else "")
+
+    def operation(self, operation: int, a: str, b: str = "") -> str:
+        """Return the C of one operation.
+
+        Args:
+            operation: CasADi's number of it.
+            a: first operand.
+            b: second one.
+
+        Raises:
+            CodeError: there is none.
+        """
+        one, two, zero = self.constant(1.0), self.constant(2.0), self.constant(0.0)
+        if operation in INFIX:
+            return INFIX[operation].format(a=a, b=b)
+        if operation in COMPARED:
+            return f"({self.type})({a} {COMPARED[operation]} {b})"
+        if operation in CALLED:
+            arguments = f"{a}, {b}" if operation in BINARY else a
+            return f"{CALLED[operation]}{'f' if self.single else ''}({arguments})"
+        others = {
+            ca.OP_TWICE: f"{two} * {a}",
+            ca.OP_INV: f"{one} / {a}",
+            ca.OP_NOT: f"({self.type})({a} == {zero})",
+            ca.OP_AND: f"({self.type})({a} != {zero} && {b} != {zero})",
+            ca.OP_OR: f"({self.type})({a} != {zero} || {b} != {zero})",
+            ca.OP_SIGN: f"({self.type})(({a} > {zero}) - ({a} < {zero}))",
+            ca.OP_IF_ELSE_ZERO: f"({a} != {zero} ? {b} : {zero})",
+            ca.OP_ASSIGN: a,
+        }
+        if operation not in others:
+            raise no_such_operation(operation)
+        return others[operation]
+
+
+_FUNCTIONS = (ca.OP_ATAN2, ca.OP_FMIN, ca.OP_FMAX, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_COPYSIGN, ca.OP_HYPOT)
+_SIGNS = (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO, *COMPARED)
+BINARY = frozenset((*_FUNCTIONS, *_SIGNS))
+"""Operations with two operands."""
+
+_VECTORS = """
+typedef double V __attribute__((vector_size({bytes})));
+typedef long long M __attribute__((vector_size({bytes})));
+static inline V all(double x) {{ V v; int l; for (l = 0; l < {lanes}; ++l) v[l] = x; return v; }}
+static inline V where(M m, V a, V b) {{ return (V)((m & (M)a) | (~m & (M)b)); }}
+static inline V ones(M m) {{ return (V)(m & (M)all(1.0)); }}
+static inline V v_fabs(V a) {{ return (V)((M)a & 0x7fffffffffffffffLL); }}
+static inline V v_fmin(V a, V b) {{ return where((a < b) | (b != b), a, b); }}
+static inline V v_fmax(V a, V b) {{ return where((a > b) | (b != b), a, b); }}
+static inline V v_sign(V a) {{ return ones(a > 0.0) - ones(a < 0.0); }}
+"""
+
+_LANEWISE = {
+    1: "static inline V v_{f}(V a) {{ V r; int l; for (l = 0; l < {lanes}; ++l) r[l] = {f}(a[l]); return r; }}",
+    2: "static inline V v_{f}(V a, V b) {{ V r; int l; for (l = 0; l < {lanes}; ++l) r[l] = {f}(a[l], b[l]); return r; }}",
+}
+
+VECTORED = {"fabs", "fmin", "fmax"}
+"""Functions that have their own vector form; the others are called once for each lane, so that the numbers are the same."""
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """C of several runs side by side, with GCC's and Clang's vector types.
+
+    Each operation is the same as for one number, so the results are too, to the last bit.
+
+    Args:
+        count: how many, a power of two.
+    """
+
+    count: int
+
+    @property
+    def type(self) -> str:
+        """Name of the type of a number of each run."""
+        return "V"
+
+    def prelude(self) -> str:
+        """Return the vector types and what the operations need."""
+        lines = [_VECTORS.format(bytes=8 * self.count, lanes=self.count)]
+        for operation, name in CALLED.items():
+            if name not in VECTORED and operation != ca.OP_CONSTPOW:
+                lines.append(_LANEWISE[2 if operation in BINARY else 1].format(f=name, lanes=self.count))
+        return "\n".join(lines) + "\n"
+
+    def constant(self, value: float) -> str:
+        """Return a number, the same for all runs, as C."""
+        return f"all({Plain().constant(value)})"
+
+    def operation(self, operation: int, a: str, b: str = "") -> str:
+        """Return the C of one operation.
+
+        Args:
+            operation: CasADi's number of it.
+            a: first operand.
+            b: second one.
+
+        Raises:
+            CodeError: there is none.
+        """
+        if operation in INFIX:
+            return INFIX[operation].format(a=a, b=b)
+        if operation in COMPARED:
+            return f"ones({a} {COMPARED[operation]} {b})"
+        if operation in CALLED:
+            return f"v_{CALLED[operation]}({a}, {b})" if operation in BINARY else f"v_{CALLED[operation]}({a})"
+        others = {
+            ca.OP_TWICE: f"2.0 * {a}",
+            ca.OP_INV: f"1.0 / {a}",
+            ca.OP_NOT: f"ones({a} == 0.0)",
+            ca.OP_AND: f"ones(({a} != 0.0) & ({b} != 0.0))",
+            ca.OP_OR: f"ones(({a} != 0.0) | ({b} != 0.0))",
+            ca.OP_SIGN: f"v_sign({a})",
+            ca.OP_IF_ELSE_ZERO: f"(V)(({a} != 0.0) & (M){b})",
+            ca.OP_ASSIGN: a,
+        }
+        if operation not in others:
+            raise no_such_operation(operation)
+        return others[operation]

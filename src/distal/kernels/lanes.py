@@ -1,0 +1,142 @@
+"""Many runs of one kernel side by side: each vector lane is a run of its own."""
+
+from __future__ import annotations
+
+import ctypes
+import platform
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.kernels.compiler import CompileError, compiled_source
+from distal.kernels.dialects import CodeError, Lanes
+from distal.kernels.emitter import Emitter
+
+Floats = NDArray[np.float64]
+
+_BATCH = """
+/* {lanes} runs of {name}: of each sample's carry the numbers `keep` are kept, and y; a run that ended rests */
+void {name}_batch(const long long* rows, const double* const* carry, const double* const* x, const double* const* p,
+                  long long n_keep, const int* keep, double* const* kept, double* const* y) {{
+  V c[2][{n_carry}], sample[{n_x}], numbers[{n_p}], out[{n_y}];
+  long long k, most = 0, i;
+  int l;
+  for (l = 0; l < {lanes}; ++l) {{
+    for (i = 0; i < {n_carry}; ++i) c[0][i][l] = carry[l][i];
+    for (i = 0; i < {n_p}; ++i) numbers[i][l] = p[l][i];
+    if (rows[l] > most) most = rows[l];
+  }}
+  for (k = 0; k < most; ++k) {{
+    const V* now = c[k & 1];
+    V* next = c[~k & 1];
+    for (l = 0; l < {lanes}; ++l) {{
+      const double* row = x[l] + k * {n_x};
+      for (i = 0; i < {n_x}; ++i) sample[i][l] = k < rows[l] ? row[i] : 0.0;
+    }}
+    {name}(now, sample, numbers, next, out);
+    for (l = 0; l < {lanes}; ++l) {{
+      if (k >= rows[l]) continue;
+      for (i = 0; i < n_keep; ++i) kept[l][k * n_keep + i] = next[keep[i]][l];
+      for (i = 0; i < {n_y}; ++i) y[l][k * {n_y} + i] = out[i][l];
+    }}
+  }}
+}}
+"""
+
+
+@lru_cache(maxsize=1)
+def lanes_here() -> int:
+    """Return how many numbers of double precision this processor takes at once."""
+    try:
+        known = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        known = ""
+    if "avx512f" in known:
+        return 8
+    return 4 if "avx2" in known or platform.machine() == "x86_64" else 2
+
+
+class LaneKernel:
+    """A kernel (carry, x, p) → (carry⁺, y) over several runs at once, with the same numbers as one by one.
+
+    Args:
+        function: the CasADi function.
+
+    Raises:
+        CompileError: there is no compiler, or it does not know vectors, or the function has no C.
+    """
+
+    def __init__(self, function: ca.Function) -> None:
+        self.lanes = lanes_here()
+        self.n_carry, self.n_x, self.n_p = (int(function.numel_in(i)) for i in range(3))
+        self.n_y = int(function.numel_out(1))
+        library = compiled_source(lane_source(function, self.lanes))
+        try:
+            self._batch: Any = getattr(ctypes.CDLL(str(library)), f"{function.name()}_batch")
+        except (OSError, AttributeError) as problem:
+            raise CompileError(f"the compiled kernel {library} cannot be loaded ({type(problem).__name__})") from None
+        self._batch.restype = None
+
+    def scan(
+        self, carries: Sequence[Floats], xs: Sequence[Floats], ps: Sequence[Floats], keep: Sequence[int]
+    ) -> list[tuple[Floats, Floats]]:
+        """Return for each run some numbers of the carry after every sample, (n, len(keep)), and the outputs, (n, n_y).
+
+        Args:
+            carries: before the first sample, (n_carry,) each; at most `lanes` runs.
+            xs: the samples, (n, n_x) each; runs may differ in length.
+            ps: the parameters, (n_p,) each.
+            keep: indices of the numbers of the carry that are kept.
+        """
+        runs = len(carries)
+        starts = [np.ascontiguousarray(c, dtype=np.float64).reshape(self.n_carry) for c in carries]
+        rows = [np.ascontiguousarray(x, dtype=np.float64).reshape(-1, self.n_x) for x in xs]
+        numbers = [np.ascontiguousarray(p, dtype=np.float64).reshape(self.n_p) for p in ps]
+        out = [(np.empty((len(x), len(keep))), np.empty((len(x), self.n_y))) for x in rows]
+        lengths = np.zeros(self.lanes, dtype=np.int64)
+        lengths[:runs] = [len(x) for x in rows]
+        kept = np.array(keep, dtype=np.int32)
+        # lanes without a run of their own do what the first does, and keep nothing
+        self._batch(
+            ctypes.c_void_p(lengths.ctypes.data),
+            *(self._pointers(arrays) for arrays in (starts, rows, numbers)),
+            ctypes.c_longlong(len(kept)),
+            ctypes.c_void_p(kept.ctypes.data),
+            *(self._pointers([pair[i] for pair in out]) for i in range(2)),
+        )
+        return out
+
+    def _pointers(self, arrays: Sequence[Floats]) -> Any:
+        filled = [*arrays, *[arrays[0]] * (self.lanes - len(arrays))]
+        return (ctypes.c_void_p * self.lanes)(*(array.ctypes.data for array in filled))
+
+
+def lane_source(function: ca.Function, lanes: int) -> str:
+    """Return the C of a kernel over several runs.
+
+    Args:
+        function: the CasADi function.
+        lanes: how many runs at once.
+
+    Raises:
+        CompileError: the function has an operation that has no C here.
+    """
+    emitter = Emitter(Lanes(lanes))
+    try:
+        name = emitter.add(function)
+    except CodeError as problem:
+        raise CompileError(str(problem)) from None
+    loop = _BATCH.format(
+        name=name,
+        lanes=lanes,
+        n_carry=function.numel_in(0),
+        n_x=function.numel_in(1),
+        n_p=function.numel_in(2),
+        n_y=function.numel_out(1),
+    )
+    return f"#include <math.h>\n{emitter.dialect.prelude()}\n{emitter.text}\n{loop}"

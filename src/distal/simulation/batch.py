@@ -1,0 +1,115 @@
+"""Many simulations at once: all cores, runs of one plant side by side in vector lanes."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import islice
+from pathlib import Path
+from threading import Lock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import ScenarioError
+from distal.kernels import Kernel, lanes_here
+from distal.logs import Log
+from distal.rig import Rig, load_rig
+from distal.simulation.plant import plant_function, run_plants
+from distal.simulation.scenario import Scenario
+from distal.simulation.simulate import Prepared, prepare, sampled
+
+Floats = NDArray[np.float64]
+
+AHEAD = 2
+"""Groups of runs in work or ready, per worker."""
+
+Job = tuple[Scenario | str | Path, int]
+
+
+def simulate_batch(
+    rig: Rig | str | Path,
+    jobs: Iterable[Job],
+    workers: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Iterator[Log]:
+    """Simulate many scenarios, or one with many seeds, and yield the logs in their order, those that `simulate` gives.
+
+    A scenario that comes again with another seed moves again only once: the same motion, other errors of the sensors.
+    Scenarios of one plant run side by side, one in each vector lane. Only what is in work is in memory.
+
+    Args:
+        rig: as filters know it; or a shipped rig's name, or a path.
+        jobs: (scenario, seed) of each run; may be a generator.
+        workers: threads; default one per core.
+        progress: called with the number of runs that are done.
+
+    Raises:
+        ScenarioError: a scenario does not fit the rig, or its motion left all bounds.
+        RigError: the plant's values are wrong.
+    """
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    workers = (os.cpu_count() or 1) if workers is None else workers
+    if not isinstance(workers, int) or workers < 1:
+        raise ScenarioError(f"workers must be a whole number from 1, {workers!r} came")
+    return _batch(rig, iter(jobs), workers, progress)
+
+
+def _batch(rig: Rig, jobs: Iterator[Job], workers: int, progress: Callable[[int], None] | None) -> Iterator[Log]:
+    groups = iter(lambda: list(islice(jobs, lanes_here())), [])
+    waiting: deque[Future[list[Log]]] = deque()
+    kernels, done = _Kernels(), 0
+    with ThreadPoolExecutor(workers) as pool:
+        while True:
+            for group in islice(groups, AHEAD * workers - len(waiting)):
+                waiting.append(pool.submit(_group, rig, group, kernels))
+            if not waiting:
+                return
+            for log in waiting.popleft().result():
+                done += 1
+                if progress is not None:
+                    progress(done)
+                yield log
+
+
+class _Kernels:
+    """The last plant's kernel: most batches have one plant."""
+
+    def __init__(self) -> None:
+        self._lock, self._known = Lock(), dict[tuple[Rig, int], Kernel]()
+
+    def of(self, prepared: Prepared) -> Kernel:
+        key = (prepared.plant.rig, prepared.count)
+        with self._lock:
+            for known, kernel in self._known.items():
+                if known == key:
+                    return kernel
+            kernel = Kernel(plant_function(prepared.plant, prepared.count))
+            self._known = {key: kernel}
+            return kernel
+
+
+def _group(rig: Rig, jobs: list[Job], kernels: _Kernels) -> list[Log]:
+    """Return the logs of some runs: one motion for each scenario, those of the same plant side by side."""
+    distinct: list[tuple[Scenario | str | Path, Prepared]] = []
+    which = []
+    for scenario, seed in jobs:
+        at = next((i for i, (known, _) in enumerate(distinct) if known is scenario or known == scenario), None)
+        if at is None:
+            at = len(distinct)
+            distinct.append((scenario, prepare(rig, scenario, seed)))
+        which.append(at)
+    motions: dict[int, dict[str, Floats]] = {}
+    for i, (_, first) in enumerate(distinct):
+        if i in motions:
+            continue
+        alike = [
+            j
+            for j, (_, other) in enumerate(distinct)
+            if j not in motions and (other.plant.rig, other.dt, other.count) == (first.plant.rig, first.dt, first.count)
+        ]
+        runs = [(distinct[j][1].inputs, distinct[j][1].start) for j in alike]
+        motions.update(zip(alike, run_plants(first.plant, runs, first.dt, kernels.of(first))))
+    return [sampled(distinct[at][1], motions[at], seed) for at, (_, seed) in zip(which, jobs)]

@@ -1,0 +1,69 @@
+"""Several logs on the command line: a folder of estimates, a line each, bad ones named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import polars as pl
+import pytest
+from typer.testing import CliRunner
+
+from distal.cli.app import app
+from distal.errors import DistalError
+
+RIG = ["--rig", "paper-2008", "--set", 'joints.0.initial="-25 deg"']
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    folder = tmp_path_factory.mktemp("runs")
+    done = CliRunner().invoke(app, ["simulate", "series-2", "--runs", "3", "--seed", "9", "--out", str(folder)])
+    assert done.exit_code == 0, done.output
+    assert "3 runs of 8 s, seeds 9 to 11" in done.output
+    return sorted(str(path) for path in folder.glob("*.csv"))
+
+
+def test_runs_have_their_seeds(runs: list[str], tmp_path: Path) -> None:
+    assert [Path(run).name for run in runs] == ["run_09.csv", "run_10.csv", "run_11.csv"]
+    alone = tmp_path / "alone.csv"
+    assert CliRunner().invoke(app, ["simulate", "series-2", "--seed", "10", "--out", str(alone)]).exit_code == 0
+    assert alone.read_text() == Path(runs[1]).read_text()
+
+
+@pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
+def test_estimates_go_to_a_folder(runs: list[str], tmp_path: Path) -> None:
+    out, one = tmp_path / "estimates", tmp_path / "one.csv"
+    done = CliRunner().invoke(app, ["estimate", *runs, *RIG, "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "wrote 3 estimates" in done.output
+    assert CliRunner().invoke(app, ["estimate", runs[2], *RIG, "--out", str(one)]).exit_code == 0
+    assert pl.read_csv(out / "run_11.csv").equals(pl.read_csv(one))
+
+
+@pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
+def test_a_bad_log_is_named_and_the_others_are_done(runs: list[str], tmp_path: Path) -> None:
+    bad = tmp_path / "bad.csv"
+    bad.write_text("t,x1\n0,1\n1,2\n")
+    out = tmp_path / "estimates"
+    done = CliRunner().invoke(app, ["estimate", runs[0], str(bad), runs[1], *RIG, "--out", str(out)])
+    assert done.exit_code == 2
+    assert "bad.csv" in done.output
+    assert sorted(path.name for path in out.iterdir()) == ["run_09.csv", "run_10.csv"]
+
+
+def test_what_makes_no_sense_is_refused(runs: list[str], tmp_path: Path) -> None:
+    taken = tmp_path / "file"
+    taken.write_text("")
+    twin = tmp_path / "run_09.csv"
+    twin.write_text(Path(runs[0]).read_text())
+    for extra, said in (
+        (["--out", str(taken)], "is a file"),
+        ([str(twin), "--out", str(tmp_path / "o")], "another log has the name"),
+        ([runs[0]], "more than once"),
+        (["--plot", "x.png"], "give one log"),
+        (["--out", str(Path(runs[0]).parent)], "is an input"),
+    ):
+        done = CliRunner().invoke(app, ["estimate", *runs, *RIG, *extra])
+        assert isinstance(done.exception, DistalError)  # one line and code 2, by `main`
+        assert said in str(done.exception)
+    assert not (tmp_path / "o").exists()

@@ -1,0 +1,144 @@
+"""Many logs at once: the numbers of one by one, in order, and no more in memory than is in work."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal import (
+    Log,
+    Rig,
+    estimate,
+    estimate_batch,
+    load_scenario,
+    make_estimator,
+    scenario_rig,
+    simulate,
+    simulate_batch,
+)
+from distal.errors import DistalError, EstimationError, LogError, ScenarioError
+from distal.kernels import find_compiler, lanes_here
+from distal.logs import write_log
+from distal.simulation import build_scenario
+
+SEEDS = 11
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return scenario_rig(load_scenario("series-2"))
+
+
+@pytest.fixture(scope="module")
+def logs(rig: Rig) -> list[Log]:
+    """Logs of different lengths; one with gaps, one with missing values."""
+    made = list(simulate_batch(rig, [(load_scenario("series-2"), seed) for seed in range(SEEDS)]))
+    made = [log.select(slice(0, 150 + 37 * i)) for i, log in enumerate(made)]
+    made[3] = made[3].select(np.r_[0:60, 90:200])
+    spoiled = {name: np.where(np.arange(len(made[5])) % 7 == 2, np.nan, v) for name, v in made[5].channels.items()}
+    made[5] = Log(made[5].time, spoiled, made[5].truth, "spoiled", made[5].truth_source)
+    return made
+
+
+def same(one, other) -> None:
+    for part in ("means", "variances", "innovations", "innovation_variances"):
+        np.testing.assert_array_equal(getattr(one, part), getattr(other, part))
+
+
+@pytest.mark.parametrize("name", ["adaptive", "ekf", "ekf-2008", "elastic"])
+def test_the_numbers_are_those_of_one_by_one(rig: Rig, logs: list[Log], name: str) -> None:
+    """To the last bit, with runs of different lengths side by side."""
+    together = list(estimate_batch(logs, rig, name, workers=2))
+    assert len(together) == SEEDS
+    for log, result in zip(logs, together):
+        same(estimate(log, rig, name), result)
+        assert result.covariances is None
+    if not isinstance(find_compiler(), str):  # and they did run side by side
+        lanes = make_estimator(name, rig).kernel.lanes()
+        assert lanes is not None
+        assert lanes.lanes == lanes_here()
+
+
+def test_other_rigs_and_homing(logs: list[Log]) -> None:
+    for name in ("capstan-joint", "da-vinci-grasper"):
+        servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
+        scenario = build_scenario(
+            {"rig": name, "duration": 1.5, "drives": {0: {}} and {"motor": {"servo": servo}}}, "s"
+        )
+        known = scenario_rig(scenario)
+        moved = list(simulate_batch(known, [(scenario, seed) for seed in range(3)]))
+        for homing in (None, 0.3):
+            for log, result in zip(moved, estimate_batch(moved, known, homing=homing)):
+                same(estimate(log, known, homing=homing), result)
+
+
+def test_without_a_compiler_the_same(rig: Rig, logs: list[Log]) -> None:
+    for log, result in zip(logs[:3], estimate_batch(logs[:3], rig, compiled=False)):
+        np.testing.assert_allclose(result.means, estimate(log, rig).means, atol=1e-9)
+
+
+def test_a_bad_log_is_named_or_left_out(rig: Rig, logs: list[Log], tmp_path: Path) -> None:
+    good = tmp_path / "good.csv"
+    write_log(logs[0], rig, good)
+    lacks = Log(logs[1].time, {"x1": logs[1].channels["x1"]}, {}, "lacks.csv")
+    wild = {**logs[2].channels, "x1": np.where(np.arange(len(logs[2])) > 5, 1e12, 0.0)}
+    wild = Log(logs[2].time, wild, {}, "wild.csv")
+    mixed = [tmp_path / "absent.csv", good, lacks, wild, logs[4]]
+    failed: dict[str, DistalError] = {}
+    results = list(estimate_batch(mixed, rig, skip=failed.__setitem__))
+    assert [len(result) for result in results] == [len(logs[0]), len(logs[4])]
+    assert set(failed) == {str(mixed[0]), "lacks.csv", "wild.csv"}
+    with pytest.raises(LogError, match="absent"):
+        list(estimate_batch(mixed, rig))
+    with pytest.raises(EstimationError, match=r"lacks\.csv"):
+        list(estimate_batch(mixed[1:], rig))
+    with pytest.raises(EstimationError, match="for one there is estimate"):
+        estimate_batch(logs[0], rig)
+    with pytest.raises(EstimationError, match="whole number from 1"):
+        estimate_batch(logs, rig, workers=0)
+    assert list(estimate_batch([], rig)) == []
+
+
+def test_no_more_in_memory_than_is_in_work(rig: Rig, logs: list[Log]) -> None:
+    """Logs are asked for when their turn comes, and 400 runs need no more than 40."""
+    asked = 0
+
+    def endless(count: int) -> Iterator[Log]:
+        nonlocal asked
+        for i in range(count):
+            asked += 1
+            yield logs[i % 2]
+
+    peaks = []
+    for count in (80, 400):
+        tracemalloc.start()
+        asked, taken = 0, 0
+        for _ in estimate_batch(endless(count), rig, workers=2):
+            taken += 1
+            assert asked <= taken + 5 * lanes_here()
+        assert taken == count
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.3 * peaks[0]
+
+
+def test_simulations_side_by_side(rig: Rig) -> None:
+    """Other seeds of one scenario, other scenarios of one plant, another plant: each log as `simulate` gives it."""
+    one = load_scenario("series-2").model_copy(update={"duration": 1.0})
+    other = load_scenario("series-2-high").model_copy(update={"duration": 1.3})
+    rough = one.model_copy(update={"plant": {"joints.0.friction.coefficient": 0.7}})
+    jobs = [(one, 0), (one, 1), (other, 2), (rough, 3), (one, 4)] * 2
+    seen: list[int] = []
+    for (scenario, seed), log in zip(jobs, simulate_batch(rig, iter(jobs), workers=2, progress=seen.append)):
+        alone = simulate(rig, scenario, seed)
+        for name, values in {**alone.channels, **alone.truth}.items():
+            np.testing.assert_array_equal(values, {**log.channels, **log.truth}[name])
+    assert seen == list(range(1, len(jobs) + 1))
+    with pytest.raises(ScenarioError, match="whole number from 1"):
+        simulate_batch(rig, jobs, workers=-1)
+    with pytest.raises(ScenarioError, match="seed"):
+        list(simulate_batch(rig, [(one, -1)]))

@@ -1,0 +1,155 @@
+"""C from CasADi's functions: the numbers of CasADi's own evaluation, in each dialect, in place or not."""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from distal.kernels import LaneKernel, find_compiler
+from distal.kernels.compiler import compiled_source
+from distal.kernels.dialects import CodeError, Plain
+from distal.kernels.emitter import Emitter
+
+pytestmark = pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")
+
+
+def scalars() -> ca.Function:
+    """Return a function of every operation that models use, with corners: zeros, equal numbers, both signs."""
+    a, b, c = ca.SX.sym("a", 4), ca.SX.sym("b", 4), ca.SX.sym("c")
+    unary = [ca.exp, ca.sin, ca.cos, ca.tan, ca.atan, ca.sinh, ca.cosh, ca.tanh, ca.fabs, ca.sign, ca.floor, ca.ceil]
+    unary += [ca.expm1, ca.erf, lambda v: ca.sqrt(ca.fabs(v)), lambda v: ca.log(1 + v * v), lambda v: ca.log1p(v * v)]
+    unary += [lambda v: ca.asin(v / 9), lambda v: ca.acos(v / 9), lambda v: 2 * v, lambda v: v * v, lambda v: -v]
+    unary += [lambda v: 1 / (v + 9), ca.logic_not]
+    binary = [ca.fmin, ca.fmax, ca.atan2, ca.hypot, ca.copysign, lambda u, v: ca.fabs(u) ** v, lambda u, v: u / (v + 9)]
+    binary += [
+        lambda u, v: u < v,
+        lambda u, v: u <= v,
+        lambda u, v: u == v,
+        lambda u, v: u != v,
+        ca.logic_and,
+        ca.logic_or,
+    ]
+    binary += [lambda u, v: ca.if_else(u > 0, v, u), lambda u, v: u - v * 1.25e-3, lambda u, v: u + v]
+    parts = [f(a) for f in unary] + [f(a, b) for f in binary] + [c * a, ca.fabs(a) ** 3.5, ca.if_else(c > 5, np.nan, a)]
+    y = ca.vertcat(*parts)
+    return ca.Function("scalars", [a, b, c], [a + b, y])
+
+
+def matrices() -> ca.Function:
+    """Return a function of every operation on matrices, with a carry that can be changed in place."""
+    n = 5
+    carry, x, p = ca.MX.sym("carry", n + n * n + 2), ca.MX.sym("x", 4), ca.MX.sym("p", 2)
+    mean, rest = carry[:n], carry[n + n * n :]
+    covariance = ca.reshape(carry[n : n + n * n], n, n)
+    s, t = ca.SX.sym("s", n), ca.SX.sym("t", 4)
+    row = ca.SX(ca.Sparsity.triplet(1, n, [0, 0, 0], [0, 2, 3]))
+    row[0, 0], row[0, 2], row[0, 3] = t[0], ca.sin(s[1]), t[3] * s[4]
+    piece = ca.Function("piece", [s, t], [row, ca.densify(row.T), s * t[1]])
+    slope, dense, scaled = piece(mean, x)
+    across = ca.mtimes(covariance, slope.T)
+    spread = ca.mtimes(slope, across) + p[0]
+    gain = across / spread
+    changed = ca.rank1(covariance, -1, across, gain)
+    changed = ca.rank1(changed, p[1], dense, scaled)
+    two = ca.mtimes(ca.horzcat(dense, scaled).T, changed)
+    changed[0:2, 2:] = two[:, 2:]
+    changed[2:, 0:2] = two[:, 2:].T
+    diagonal = list(range(0, n * n, n + 1))
+    flat = ca.vec(changed)
+    flat[diagonal] += p[0] * x[2]
+    odd = flat[[3, 1, 7, 20]]
+    pieces = ca.vertsplit(mean, [0, 2, n])
+    mean_next = ca.vertcat(pieces[1], pieces[0]) + gain * ca.dot(mean, dense)
+    y = ca.vertcat(
+        spread, odd, ca.fmax(rest, x[:2]), ca.mtimes(two, mean), ca.DM([1.0, -2.5, 3.0, 4.0]) * x, two[0, :].T
+    )
+    following = ca.vertcat(mean_next, flat, ca.vertcat(rest[1], rest[0]) * x[3])
+    return ca.Function("matrices", [carry, x, p], [following, y])
+
+
+def run(function: ca.Function, arguments: list[np.ndarray], dialect: Plain, in_place: bool) -> list[np.ndarray]:
+    emitter = Emitter(dialect)
+    name = emitter.add(function, in_place)
+    kind = np.float32 if dialect.single else np.float64
+    skip = 1 if in_place else 0
+    names = [f"{dialect.type}* v{i}" for i in range(function.n_in() + function.n_out() - skip)]
+    call = f"void call({', '.join(names)}) {{ {name}({', '.join(f'v{i}' for i in range(len(names)))}); }}"
+    library = ctypes.CDLL(str(compiled_source(f"#include <math.h>\n{emitter.text}\n{call}\n")))
+    given = [np.array(a, dtype=kind) for a in arguments]
+    made = [np.full(function.numel_out(i), np.nan, dtype=kind) for i in range(skip, function.n_out())]
+    library.call(*(ctypes.c_void_p(a.ctypes.data) for a in (*given, *made)))
+    return [given[0], *made] if in_place else made
+
+
+def arguments_of(function: ca.Function, seed: int) -> list[np.ndarray]:
+    rng = np.random.default_rng(seed)
+    given = [rng.normal(size=function.numel_in(i)) for i in range(function.n_in())]
+    given[0][:2], given[1][:2] = (0.0, 0.7), (0.0, 0.7)
+    return given
+
+
+@pytest.mark.parametrize("function", [scalars(), matrices()], ids=["scalars", "matrices"])
+@pytest.mark.parametrize("single", [False, True], ids=["double", "float"])
+def test_numbers_are_casadis(function: ca.Function, single: bool) -> None:
+    for seed in range(3):
+        given = arguments_of(function, seed)
+        expected = [np.array(out).ravel() for out in function(*given)]
+        for made, known in zip(run(function, given, Plain(single), False), expected):
+            # sums of products are taken in another order than CasADi's
+            np.testing.assert_allclose(made, known, rtol=2e-5 if single else 1e-13, atol=1e-5 if single else 1e-13)
+
+
+def test_in_place_gives_the_same() -> None:
+    function = matrices()
+    given = arguments_of(function, 4)
+    for single in (False, True):
+        apart = run(function, given, Plain(single), False)
+        for one, other in zip(apart, run(function, given, Plain(single), True)):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_in_place_needs_little_scratch() -> None:
+    """The covariance is changed where it lies: no loop copies its 25 numbers."""
+    sizes = []
+    for in_place in (True, False):
+        emitter = Emitter(Plain())
+        emitter.add(matrices(), in_place)
+        sizes.append(emitter.scratch["matrices"])
+        copies = [line for line in emitter.text.splitlines() if "i < 25" in line]
+        assert bool(copies) is not in_place
+    assert sizes[0] < sizes[1]
+
+
+def test_lanes_are_runs_of_their_own() -> None:
+    function = matrices()
+    kernel = LaneKernel(function)
+    rng = np.random.default_rng(7)
+    carries = [rng.normal(size=32) for _ in range(kernel.lanes)]
+    xs = [rng.normal(size=(3 + k, 4)) for k in range(kernel.lanes)]
+    ps = [rng.uniform(1.0, 2.0, size=2) for _ in range(kernel.lanes)]
+    for carry, x, p, (kept, ys) in zip(carries, xs, ps, kernel.scan(carries, xs, ps, [0, 31])):
+        for k, row in enumerate(x):
+            following, y = function(carry, row, p)
+            carry = np.array(following).ravel()
+            np.testing.assert_allclose(kept[k], carry[[0, 31]], rtol=1e-11, atol=1e-11)
+            np.testing.assert_allclose(ys[k], np.array(y).ravel(), rtol=1e-11, atol=1e-11)
+
+
+def test_the_source_says_the_same_each_time() -> None:
+    texts = set()
+    for _ in range(2):
+        emitter = Emitter(Plain(True))
+        emitter.add(matrices(), True)
+        texts.add(emitter.text)
+    assert len(texts) == 1
+
+
+def test_what_has_no_c_is_said(tmp_path: Path) -> None:
+    x = ca.MX.sym("x", 2, 2)
+    inverse = ca.Function("inverse", [x, ca.MX.sym("y")], [ca.inv(x), ca.det(x)])
+    with pytest.raises(CodeError, match="has no C here"):
+        Emitter(Plain()).add(inverse)
