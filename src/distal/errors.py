@@ -34,6 +34,10 @@ class FitError(DistalError):
     """A rig cannot be fitted to these logs."""
 
 
+class ExportError(DistalError):
+    """An estimator cannot be written as C."""
+
+
 class OutputError(DistalError):
     """A file could not be written; whatever stood there before is unchanged."""
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from distal.cli import doctor, estimate, fit, reproduce, rigs, simulate
+from distal.cli import doctor, estimate, export, fit, reproduce, rigs, simulate
 from distal.cli.console import show_warnings
 from distal.errors import DistalError
 
@@ -27,6 +27,7 @@ app = typer.Typer(
 app.command("estimate")(estimate.estimate_command)
 app.command("fit")(fit.fit_command)
 app.command("simulate")(simulate.simulate_command)
+app.command("export-c")(export.export_command)
 app.command("reproduce")(reproduce.reproduce_command)
 app.command("rigs")(rigs.list_command)
 app.add_typer(rigs.app, name="rig")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -105,6 +106,7 @@ class AdaptiveFilter(KernelEstimator):
         longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(self._mechanism), 1e-12))
         count = min(max(1, int(np.ceil(interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
         function = adaptive_function(self._augmented, count, updates, ideal, trace)
+        self._count, self._updates = count, updates
         forces = tuple(sensor.name for sensor in self._channels.compared)
         super().__init__(
             name,
@@ -128,6 +130,37 @@ class AdaptiveFilter(KernelEstimator):
             read = np.nan if sensor is None else sample[self._channels.names.index(sensor.name)] - sensor.bias.value
             means[at] = read if np.isfinite(read) else means[at]
         return means, np.diag(augmented.stds**2), prior_memory(self.rig, self._channels, sample)
+
+    def export_function(self) -> ca.Function:
+        """Return (carry, x, p) → (carry⁺, y) in the form for small memories: matrices as loops, the same numbers."""
+        return adaptive_function(self._augmented, self._count, self._updates, loops=True)
+
+    @property
+    def leads_gaps(self) -> bool:
+        """Whether displacements cross a gap in a straight line to the reading that ends it."""
+        return True
+
+    def prior_function(self) -> ca.Function:
+        """Return (values, mask) → (mean, covariance's diagonal, memory) before the first sample."""
+        augmented, names = self._augmented, self._channels.names
+        values, mask = ca.SX.sym("values", len(names)), ca.SX.sym("mask", len(names))
+
+        def read(sensor: Sensor, otherwise: float) -> ca.SX:
+            k = names.index(sensor.name)
+            return ca.if_else(mask[k] > 0, values[k] - sensor.bias.value, otherwise)
+
+        mean, memory = ca.SX(ca.DM(augmented.means)), ca.SX.zeros(MEMORY * len(self.rig.drives) + len(self.rig.drives))
+        for i, drive in enumerate(self.rig.drives):
+            place, effort = (
+                sensor_for(group, drive.name) for group in (self._channels.positions, self._channels.forces)
+            )
+            if place is not None:
+                unknown = ca.if_else(mask[names.index(place.name)] > 0, 0.0, UNKNOWN_PLACE[drive.kind] ** 2)
+                memory[MEMORY * i], memory[MEMORY * i + 4] = read(place, 0.0), unknown
+            if i in augmented.transmitted_at and effort is not None:
+                at = augmented.transmitted_at[i]
+                mean[at] = read(effort, float(augmented.means[at]))
+        return ca.Function("prior", [values, mask], [mean, ca.SX(ca.DM(augmented.stds**2)), memory])
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

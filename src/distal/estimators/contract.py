@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -164,6 +165,19 @@ class KernelEstimator:
         """Return mean, covariance and remembered inputs before the first sample, which fills what has no prior."""
         raise EstimationError(f"{self.name} has no prior")
 
+    def prior_function(self) -> ca.Function:
+        """Return (values, mask) → (mean, covariance's diagonal, memory) before the first sample, as `initial` has them.
+
+        Raises:
+            EstimationError: this estimator has no such function, and cannot be exported.
+        """
+        raise EstimationError(f"{self.name} cannot be exported; adaptive, iterated, ekf and ekf-2008 can")
+
+    def export_function(self) -> ca.Function:
+        """Return (carry, x, p) → (carry⁺, y) in the form for small memories: matrices as loops, the same numbers."""
+        function: ca.Function = self.kernel.function
+        return function
+
     def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
         """Return the belief after a sample, and its innovation.
 
@@ -228,6 +242,16 @@ class KernelEstimator:
         for i in np.flatnonzero(~(steps > 0)):
             _check_time(self.name, times[i] - steps[i], times[i], bool(i == 0 and belief.samples == 0))
         return self._rows(steps, samples)
+
+    @property
+    def leads_gaps(self) -> bool:
+        """Whether displacements cross a gap in a straight line to the reading that ends it."""
+        return False
+
+    @property
+    def interval(self) -> float:
+        """Nominal time between samples [s]."""
+        return self._interval
 
     @property
     def numbers(self) -> Floats:

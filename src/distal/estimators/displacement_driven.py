@@ -14,7 +14,7 @@ import numpy as np
 from distal.estimators.augmented import AugmentedState
 from distal.estimators.channels import sensor_for
 from distal.estimators.force_update import FOLLOWS, force_update
-from distal.estimators.hysteresis import calmed, revert, transmit
+from distal.estimators.hysteresis import revert, set_row, transmit
 from distal.estimators.kalman import symmetric
 from distal.estimators.motion import MEMORY, Motion, follow
 from distal.model import Kick, Mechanism, impulses, kick_and_drift, responses, soft_moments
@@ -27,7 +27,12 @@ FORCE_MEMORY = 1
 
 
 def adaptive_function(
-    augmented: AugmentedState, count: int, updates: int = 1, ideal: bool = False, trace: bool = False
+    augmented: AugmentedState,
+    count: int,
+    updates: int = 1,
+    ideal: bool = False,
+    trace: bool = False,
+    loops: bool = False,
 ) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of the displacement-driven filter.
 
@@ -37,6 +42,7 @@ def adaptive_function(
         updates: how often the update is linearised again (iterated filter); 1 = extended.
         ideal: leave out all that guards against a wrong model; for bounds.
         trace: append the predicted mean and covariance and the slopes of (θ, ω) to y; for smoothing.
+        loops: keep matrices as matrices, for small memories; else the update is one function of scalars, which is faster.
     """
     mechanism, channels = augmented.mechanism, augmented.channels
     n, nd, width = len(augmented), mechanism.n_drives, len(channels.names)
@@ -60,14 +66,14 @@ def adaptive_function(
             q, v, effort, torque_std, response, h, parameters, slopes_q, slopes_v, drive_seeds
         )
         rest = rest + added
-    update = update_function(augmented, updates, ideal)
-    slopes = ca.vertcat(slopes_q, slopes_v)
-    after, spread, kept, y, predicted, uncertain = update(
-        mean, covariance, q[0], v[0], slopes, rest, motions, speeds, noise, held, x, p
-    )
+    told = [mean, covariance, q[0], v[0], slopes_q, slopes_v, rest, motions, speeds, noise, held, x, p]
+    if loops:
+        after, spread, kept, y, predicted, uncertain = updated(augmented, told, updates, ideal, loops=True)
+    else:
+        after, spread, kept, y, predicted, uncertain = update_function(augmented, updates, ideal)(*told)
     following = ca.vertcat(after, ca.reshape(spread, n * n, 1), motions[: nd * MEMORY], kept)
     if trace:
-        moved = ca.reshape(slopes[:, :n].T, 2 * n, 1)
+        moved = ca.reshape(ca.vertcat(slopes_q[:, :n], slopes_v[:, :n]).T, 2 * n, 1)
         y = ca.vertcat(y, predicted, ca.reshape(uncertain, n * n, 1), moved)
     return ca.Function("adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
 
@@ -229,56 +235,112 @@ def _lost_places(augmented: AugmentedState, motions: Any, held: Any) -> Any:
 
 
 def update_function(augmented: AugmentedState, updates: int, ideal: bool) -> ca.Function:
-    """Return prediction of mean and covariance, and the update with the forces, as one scalar function.
+    """Return `updated` as one function of scalars: what is zero or twice the same is then left out.
 
     Args:
         augmented: the layout of the state.
         updates: how often the update is linearised again.
         ideal: leave out all that guards against a wrong model.
     """
-    mechanism, channels = augmented.mechanism, augmented.channels
-    n, nd, width = len(augmented), mechanism.n_drives, len(channels.names)
-    mean, covariance = ca.SX.sym("mean", n), ca.SX.sym("P", n, n)
-    theta, omega, slopes = ca.SX.sym("theta"), ca.SX.sym("omega"), ca.SX.sym("S", 2, n + nd)
-    rest, motions = ca.SX.sym("rest"), ca.SX.sym("motions", nd * (MEMORY + 1))
-    speeds, noise = ca.SX.sym("speeds", nd), ca.SX.sym("noise", nd)
-    held, x, p = ca.SX.sym("memory", nd * (MEMORY + 1)), ca.SX.sym("x", 1 + 2 * width), mechanism.parameters.symbols
-    dt = x[0]
+    n, nd, width = len(augmented), augmented.mechanism.n_drives, len(augmented.channels.names)
+    shapes = [(n, 1), (n, n), (1, 1), (1, 1), (1, n + nd), (1, n + nd), (1, 1), (nd * (MEMORY + 1), 1)]
+    shapes += [(nd, 1), (nd, 1), (nd * (MEMORY + 1), 1), (1 + 2 * width, 1), (len(augmented.mechanism.parameters), 1)]
+    symbols = [ca.MX.sym(f"i{k}", *shape) for k, shape in enumerate(shapes)]
+    whole = ca.Function("update", symbols, list(updated(augmented, symbols, updates, ideal, loops=False)))
+    scalars = [ca.SX.sym(f"i{k}", *shape) for k, shape in enumerate(shapes)]
+    return ca.Function("update", scalars, ca.cse([ca.densify(entry) for entry in whole.call(scalars, True)]))
+
+
+def updated(augmented: AugmentedState, told: list[Any], updates: int, ideal: bool, loops: bool) -> tuple[Any, ...]:
+    """Return mean, covariance, memory of the forces, y, and predicted mean and covariance.
+
+    Args:
+        augmented: the layout of the state.
+        told: mean and covariance before, θ and ω after, their slopes, variance added to ω, motions, speeds and variances of
+            the places, what is remembered of the drives, the sample, the parameters.
+        updates: how often the update is linearised again.
+        ideal: leave out all that guards against a wrong model.
+        loops: whether this stays a function of matrices.
+    """
+    mean, covariance, theta, omega, slopes_q, slopes_v, rest, motions, speeds, noise, held, x, p = told
+    n, nd, dt = len(augmented), augmented.mechanism.n_drives, x[0]
     # only θ and ω move: the rest of the covariance stays, but for drift
-    moved = ca.mtimes(slopes[:, :n], covariance)
-    corner = ca.mtimes(moved, slopes[:, :n].T)
-    inputs = slopes[:, n:] * ca.repmat(noise.T, 2, 1)
-    corner += ca.mtimes(inputs, slopes[:, n:].T)
-    corner[1, 1] += rest + (0 if ideal else augmented.unmodelled**2 * dt)
-    corner[0, 0] += _lost_places(augmented, motions, held)
-    predicted = ca.SX(covariance)
-    predicted[0:2, 2:], predicted[2:, 0:2], predicted[0:2, 0:2] = moved[:, 2:], moved[:, 2:].T, corner
-    state = ca.vertcat(theta, omega, mean[2:])
-    for i, drift in augmented.drifts.items():
-        if not ideal or i in augmented.places_at.values():
-            predicted[i, i] += drift**2 * dt
-    if augmented.torque is not None:
-        fade = ca.exp(-dt / augmented.torque.correlation_time)
-        revert(state, predicted, augmented.torque_at, fade, augmented.torque_std)
-    for i, sensor in augmented.wandering.items():
-        std, drift = augmented.wander(sensor)
-        revert(state, predicted, i, ca.exp(-dt * drift**2 / (2 * std**2)), std)
-    for i, at in augmented.considered.items():
-        std, time = augmented.hysteresis_error(i)
-        revert(state, predicted, at, ca.exp(-dt / time), std)
-    predicted = symmetric(predicted)
+    ahead_q, ahead_v = (ca.mtimes(covariance, slopes[:, :n].T) for slopes in (slopes_q, slopes_v))
+    products = [
+        ca.mtimes(one[:, :n], ahead) for one, ahead in ((slopes_q, ahead_q), (slopes_q, ahead_v), (slopes_v, ahead_v))
+    ]
+    added = added_function(augmented, ideal)
+    corner = added(ca.vertcat(*products), slopes_q[:, n:], slopes_v[:, n:], noise, rest, motions, held, x, p)
+    predicted = ca.MX(covariance)
+    set_row(predicted, 0, ahead_q, corner[0])
+    set_row(predicted, 1, ahead_v, corner[2])
+    predicted[0, 1] = predicted[1, 0] = corner[1]
+    state = ca.MX(mean)
+    state[0], state[1] = theta, omega
+    drifts = {i: d for i, d in augmented.drifts.items() if not ideal or i in augmented.places_at.values()}
+    if drifts:
+        diagonal = [i * (n + 1) for i in drifts]
+        flat = ca.vec(predicted)
+        flat[diagonal] = flat[diagonal] + dt * ca.DM([d**2 for d in drifts.values()])
+        predicted = ca.reshape(flat, n, n)
+    places, fading = fading_function(augmented)
+    if places:
+        fades = fading(x, p)
+        for k, at in enumerate(places):
+            revert(state, predicted, at, fades[2 * k], fades[2 * k + 1])
+    if not loops:
+        predicted = symmetric(predicted)
     remembered = [held[nd * MEMORY + i] for i in range(nd)]
     for i in augmented.transmitted_at:
-        remembered[i] = calmed(augmented, i, remembered[i], x)
-        state, predicted = transmit(augmented, i, state, predicted, motions, speeds, remembered[i], x)
+        remembered[i] = transmit(augmented, i, state, predicted, motions, speeds, remembered[i], x, p)
     after, spread, kept, y = force_update(
-        augmented, state, predicted, motions, speeds, noise, ca.vertcat(*remembered), x, updates, ideal
+        augmented, ca.MX(state), ca.MX(predicted), motions, speeds, noise, remembered, x, p, updates, ideal, loops
     )
     for k, part in enumerate(augmented.parameters):
         at = augmented.parameters_at + k
         if np.isfinite(part.lowest):
             after[at] = ca.fmax(after[at], part.lowest)
-    arguments = [mean, covariance, theta, omega, slopes, rest, motions, speeds, noise, held, x, p]
-    return ca.Function(
-        "update", arguments, ca.cse([ca.densify(entry) for entry in (after, spread, kept, y, state, predicted)])
-    )
+    return after, spread, ca.vertcat(*kept), y, state, predicted
+
+
+def added_function(augmented: AugmentedState, ideal: bool) -> ca.Function:
+    """Return the covariance of (θ, ω), as (qq, qv, vv), with what the drives' places and unknown torques add.
+
+    Args:
+        augmented: the layout of the state.
+        ideal: leave out all that guards against a wrong model.
+    """
+    nd, width = augmented.mechanism.n_drives, len(augmented.channels.names)
+    products, of_q, of_v = ca.SX.sym("products", 3), ca.SX.sym("S_q", 1, nd), ca.SX.sym("S_v", 1, nd)
+    noise, rest, motions = ca.SX.sym("noise", nd), ca.SX.sym("rest"), ca.SX.sym("motions", nd * (MEMORY + 1))
+    held, x = ca.SX.sym("memory", nd * (MEMORY + 1)), ca.SX.sym("x", 1 + 2 * width)
+    qq, qv, vv = (products[i] for i in range(3))
+    qq += ca.sum2(of_q**2 * noise.T) + _lost_places(augmented, motions, held)
+    qv += ca.sum2(of_q * of_v * noise.T)
+    vv += ca.sum2(of_v**2 * noise.T) + rest + (0 if ideal else augmented.unmodelled**2 * x[0])
+    arguments = [products, of_q, of_v, noise, rest, motions, held, x, augmented.mechanism.parameters.symbols]
+    return ca.Function("added", arguments, [ca.vertcat(qq, qv, vv)])
+
+
+def fading_function(augmented: AugmentedState) -> tuple[list[int], ca.Function]:
+    """Return which states fade towards zero, and (x, p) → what is left of each, and the variance that is added.
+
+    Args:
+        augmented: the layout of the state.
+    """
+    x, p = ca.SX.sym("x", 1 + 2 * len(augmented.channels.names)), augmented.mechanism.parameters.symbols
+    dt, places, values = x[0], list[int](), list[Any]()
+
+    def fades(at: int, fade: Any, std: Any) -> None:
+        places.append(at)
+        values.extend([fade, std**2 * (1 - fade**2)])
+
+    if augmented.torque is not None:
+        fades(augmented.torque_at, ca.exp(-dt / augmented.torque.correlation_time), augmented.torque_std)
+    for at, sensor in augmented.wandering.items():
+        std, drift = augmented.wander(sensor)
+        fades(at, ca.exp(-dt * drift**2 / (2 * std**2)), std)
+    for drive, at in augmented.considered.items():
+        std, time = augmented.hysteresis_error(drive)
+        fades(at, ca.exp(-dt / time), std)
+    return places, ca.Function("fading", [x, p], [ca.vertcat(*values) if values else ca.SX(0, 1)])

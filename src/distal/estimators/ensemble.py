@@ -14,8 +14,9 @@ from distal.estimators.augmented import AugmentedState
 from distal.estimators.channels import channels_of, sensor_for
 from distal.estimators.contract import Belief, Innovation, KernelEstimator, innovation
 from distal.estimators.displacement_driven import follow_all
-from distal.estimators.force_update import force_rows, friction_row
+from distal.estimators.force_update import force_rows
 from distal.estimators.motion import MEMORY
+from distal.estimators.stick_slip import friction_row
 from distal.logs import frozen
 from distal.model import Kick, Mechanism, kick_and_drift, responses
 from distal.rig import Rig
@@ -227,7 +228,6 @@ def compare_function(augmented: AugmentedState) -> ca.Function:
         moved = motions[MEMORY * i] - before[i]
         speeds.append(ca.if_else(x[0] > 0, moved / ca.if_else(x[0] > 0, x[0], 1), 0))
     rows = force_rows(augmented, state, motions, ca.vertcat(*speeds), noise, x)
-    flat, certain = ca.SX(1, n), ca.SX(n, n)
     memory: list[Any] = [kept[i] for i in range(nd)]
     residuals, variances, masks = [], [], []
     for row in rows:
@@ -245,11 +245,9 @@ def compare_function(augmented: AugmentedState) -> ca.Function:
             row.limit,
             row.lean,
             row.variance,
-            flat,
-            flat,
-            flat,
-            certain,
-            memory,
+            ca.SX(0),
+            ca.SX(0),
+            ca.SX(0) if row.drive is None else memory[row.drive],
             row.mask,
             x[0],
         )

@@ -10,8 +10,9 @@ import numpy as np
 
 from distal.estimators.augmented import AugmentedState
 from distal.estimators.channels import sensor_for
-from distal.estimators.kalman import symmetric
-from distal.estimators.motion import MEMORY, MOTION_TIME
+from distal.estimators.kalman import lowered
+from distal.estimators.motion import MEMORY
+from distal.estimators.stick_slip import friction_row
 from distal.sensors import variance
 
 WILD_FORCE = 9.0
@@ -20,20 +21,9 @@ WILD_FORCE = 9.0
 STOP_MARGIN = 1.0
 """A slider nearer to a stop than this times its sensor's linearity may touch it: its force tells nothing."""
 
-STICK_WEIGHT = 50.0
-"""Samples over which friction of a drive that sticks is the same: how little one of them tells."""
-
-TURN_WEIGHT = 10.0
-"""The same while a drive turns back."""
-
-MEAN_TIME = 0.1
-"""Time constant of the mean residual of a force whose drive sticks [s]."""
 
 TIE = 0.3
 """How closely the transmitted effort fits the tendons' pull, in standard deviations of the effort's sensor."""
-
-STICK_STD = 0.42
-"""Standard deviation of a tension within its friction's limits, as a share of the limit."""
 
 FOLLOWS = 0.05
 """Time in which the joint follows a drive whose place is not known [s]."""
@@ -180,11 +170,13 @@ def force_update(
     motions: Any,
     speeds: Any,
     noise: Any,
-    residuals: Any,
+    residuals: list[Any],
     x: Any,
+    p: Any,
     updates: int,
     ideal: bool = False,
-) -> tuple[Any, Any, Any, Any]:
+    loops: bool = False,
+) -> tuple[Any, Any, list[Any], Any]:
     """Return mean, covariance, remembered mean residuals, and (innovations, variances) after the forces of a sample.
 
     A drive that moves has friction against its motion. One that sticks has any friction up to its limit: where the rig
@@ -198,187 +190,127 @@ def force_update(
         motions: of the drives.
         speeds: of the drives.
         noise: variance of each place.
-        residuals: what is remembered of each drive's force, (n_drives,); see `TakenRow`.
+        residuals: what is remembered of each drive's force; see `TakenRow`.
         x: the sample.
+        p: the parameters.
         updates: how often each row is linearised again.
         ideal: leave out all that guards against a wrong model.
+        loops: whether this stays a function of matrices.
     """
-    n, nd = len(augmented), augmented.mechanism.n_drives
-    symbol = ca.SX.sym("state", n)
-    rows = force_rows(augmented, symbol, motions, speeds, noise, x)
-    arguments = [symbol, motions, speeds, noise, x, augmented.mechanism.parameters.symbols]
-    values = ca.vertcat(*(ca.vertcat(row.residual, row.limit, row.lean, row.variance, row.mask) for row in rows))
-    first = [ca.vertcat(*(getattr(row, part) for row in rows)) for part in ("residual", "limit", "lean")]
-    tables = ca.Function("rows", arguments, [values, *(ca.jacobian(part, symbol) for part in first)])
-
-    mean, kept = prior, [residuals[i] for i in range(nd)]
+    rows, tables = row_functions(augmented)
+    arguments = [motions, speeds, noise, x, p]
+    mean, kept = prior, list(residuals)
     innovations, spreads = [], []
     for k, row in enumerate(rows):
+        taken = taken_function(augmented, row, ideal)
+        held = ca.MX(0) if row.drive is None else kept[row.drive]
         point = prior
         for _ in range(updates):
-            table, *slopes = tables(point, *arguments[1:])
-            residual, limit, lean, own, mask = (table[5 * k + j] for j in range(5))
-            slope, limit_slope, lean_slope = (part[k, :] for part in slopes)
-            now = residual + ca.mtimes(slope, mean - point)
-            allowed = ca.fmax(limit + ca.mtimes(limit_slope, mean - point), 0)
-            taken = friction_row(
-                augmented,
-                row.drive,
-                motions,
-                now,
-                allowed,
-                lean + ca.mtimes(lean_slope, mean - point),
-                own,
-                slope,
-                limit_slope,
-                lean_slope,
-                covariance,
-                kept,
-                mask,
-                x[0],
-                ideal,
+            table, *slopes = tables(point, *arguments)
+            slope, limit_slope, lean_slope = slopes[3 * k : 3 * k + 3]
+            ahead = [ca.mtimes(covariance, each) for each in slopes[3 * k : 3 * k + 3]]
+            steps = [_along(each, mean - point) for each in slopes[3 * k : 3 * k + 3]]
+            known, unsure = _along(slope, ahead[0]), _along(limit_slope, ahead[1])
+            numbers = ca.vertcat(*steps, known, unsure, held)
+            innovation, own, memory, by_limit, by_lean, counts = taken(table[5 * k : 5 * k + 5], numbers, motions, x)
+            across = -ahead[0]
+            for share, each, there in ((by_limit, ahead[1], limit_slope), (by_lean, ahead[2], lean_slope)):
+                across = across + share * each if there.nnz() else across
+            variance = -_along(slope, across)
+            variance += by_limit * _along(limit_slope, across) + by_lean * _along(lean_slope, across)
+            weight, root, spread, told = weights(ideal or row.trusted)(
+                variance + own, innovation, table[5 * k + 4], counts
             )
-            across = ca.mtimes(covariance, taken.slope.T)
-            spread = ca.mtimes(taken.slope, across) + taken.variance
-            robust = spread * (1 if ideal or row.trusted else ca.fmax(1, taken.innovation**2 / (WILD_FORCE * spread)))
-            point = mean + ca.fmax(mask, 0) * across / robust * taken.innovation
-        # a mask of −1: compared, but not used
-        gain = ca.fmax(mask, 0) * across / robust
+            change = (weight * innovation) * across
+            point = mean + change
         for at in augmented.considered.values():
-            gain[at] = 0  # considered, not estimated (Schmidt, 1966): what the model leaves out is no state to be found
-        change = gain * taken.innovation
+            change[at] = (
+                0  # considered, not estimated (Schmidt, 1966): what the model leaves out is no state to be found
+            )
         if row.drive is not None:
             # a mean residual moves with the state; a count of samples does not
-            moved = 0 if augmented.is_clean(row.drive) else ca.mtimes(slope, change)
-            kept[row.drive] = taken.memory + moved
+            kept[row.drive] = memory if augmented.is_clean(row.drive) else memory + _along(slope, change)
         mean = mean + change
-        # with the optimal gain K = a/S, P − K aᵀ − a Kᵀ + K S Kᵀ is P − K aᵀ; with another one it is P − K dᵀ − d Kᵀ
-        half = across - gain * (robust / 2)
-        lost = ca.mtimes(gain, across.T)
         if augmented.considered:
-            lost = ca.mtimes(gain, half.T) + ca.mtimes(half, gain.T)
-        covariance = symmetric(covariance - lost)
-        # what is not compared (its slider at a stop) has no innovation
-        innovations.append(ca.if_else(ca.logic_and(mask != 0, taken.counts), taken.innovation, np.nan))
-        spreads.append(spread)
+            gain = weight * across
+            for at in augmented.considered.values():
+                gain[at] = 0
+            covariance = lowered(covariance, gain, across - (0.5 * spread) * gain, loops)
+        else:
+            covariance = lowered(covariance, root * across, None, loops)
+        innovations.append(told)
+        spreads.append(variance + own)
     measured = [k for k, row in enumerate(rows) if row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
-    return mean, covariance, ca.vertcat(*kept), y
+    return mean, covariance, kept, y
 
 
-@dataclass(frozen=True)
-class TakenRow:
-    """How a force is taken.
-
-    Args:
-        innovation: measured minus expected.
-        slope: of the expected value with respect to the state, (1, n).
-        variance: of the innovation without the state's.
-        memory: what is remembered of the drive: its mean residual where the rig declares friction, else its last clear
-            direction times the samples since then.
-        counts: 1 where its innovation belongs to a likelihood: a guess at the friction of a drive that hardly moves does
-            not, since its variance is part of the guess.
-    """
-
-    innovation: Any
-    slope: Any
-    variance: Any
-    memory: Any
-    counts: Any = 1
+def _along(slope: Any, values: Any) -> Any:
+    """Return a slope times a vector."""
+    return ca.mtimes(slope.T, values) if slope.nnz() else ca.MX(0)
 
 
-def friction_row(
-    augmented: AugmentedState,
-    drive: int | None,
-    motions: Any,
-    residual: Any,
-    limit: Any,
-    lean: Any,
-    own: Any,
-    slope: Any,
-    limit_slope: Any,
-    lean_slope: Any,
-    covariance: Any,
-    kept: list[Any],
-    mask: Any,
-    dt: Any,
-    ideal: bool = False,
-) -> TakenRow:
-    """Return how a force is taken, by how its drive moves.
+def row_functions(augmented: AugmentedState) -> tuple[list[ForceRow], ca.Function]:
+    """Return what is compared, and (state, motions, speeds, noise, x, p) → (values, slopes) of all of it.
+
+    Values are residual, limit, lean, variance and mask of each row; slopes of the first three are columns of their own.
 
     Args:
         augmented: the layout of the state.
-        drive: its index, None for a tension.
-        motions: of all drives.
-        residual: measured minus expected, without friction.
-        limit: friction limit, the mean of both directions.
-        lean: by how much it is larger against motion to +.
-        own: variance of the sensor.
-        slope: of the residual with respect to the state, (1, n).
-        limit_slope: of the limit, (1, n).
-        lean_slope: of the lean, (1, n).
-        covariance: of the state, (n, n).
-        kept: what is remembered of all drives' forces.
-        mask: 1 where the force counts.
-        dt: length of the interval [s].
+    """
+    n, nd, width = len(augmented), augmented.mechanism.n_drives, len(augmented.channels.names)
+    state, motions = ca.SX.sym("state", n), ca.SX.sym("motions", nd * (MEMORY + 1))
+    speeds, noise, x = ca.SX.sym("speeds", nd), ca.SX.sym("noise", nd), ca.SX.sym("x", 1 + 2 * width)
+    rows = force_rows(augmented, state, motions, speeds, noise, x)
+    values = [part for row in rows for part in (row.residual, row.limit, row.lean, row.variance, row.mask)]
+    slopes = [ca.jacobian(part, state).T for row in rows for part in (row.residual, row.limit, row.lean)]
+    outputs = ca.cse([ca.densify(ca.vertcat(*values)), *(ca.sparsify(each) for each in slopes)])
+    arguments = [state, motions, speeds, noise, x, augmented.mechanism.parameters.symbols]
+    return rows, ca.Function("rows", arguments, outputs)
+
+
+def taken_function(augmented: AugmentedState, row: ForceRow, ideal: bool) -> ca.Function:
+    """Return (values, numbers, motions, x) → `TakenRow` of one row.
+
+    Args:
+        augmented: the layout of the state.
+        row: which.
         ideal: leave out all that guards against a wrong model.
     """
-    if drive is None or drive in augmented.places_at:
-        held = ca.SX(0) if drive is None else kept[drive]
-        return TakenRow(residual, -slope, own + limit**2, held)
-    sensor = sensor_for(augmented.channels.positions, augmented.mechanism.rig.drives[drive].name)
-    assert sensor is not None  # else its place would be a state
-    read = augmented.noise(sensor)
-    # motion over as long as the mean speed takes, against what noise alone would show
-    span = MOTION_TIME / 2.5
-    mean, square = span * motions[MEMORY * drive + 2], span**2 * motions[MEMORY * drive + 3]
-    bend = motions[MEMORY * augmented.mechanism.n_drives + drive]
-    declared = not augmented.is_clean(drive)
-    slow = read * (0.36 if declared else 0.64)
-    alone = 2 * read * (span / ca.fmax(dt, 1e-6)) ** 2
-    moving = ca.fmax(ca.fmax(square - alone, 0), mean**2)
-    stuck = slow / (moving + slow)
-    direction = mean / ca.sqrt(moving + slow) / (1 + bend**2 / (100 * read))
-    held = ca.SX(0)
-    if not declared:
-        # the last clear direction, times the samples since: friction of a drive that stops stays as it was
-        clear = ca.logic_and(stuck < 0.15, ca.fabs(direction) > 0.5)
-        since = kept[drive] + ca.sign(kept[drive])
-        held = ca.if_else(mask > 0, ca.if_else(clear, ca.sign(direction), since), kept[drive])
-        direction = ca.if_else(stuck < 0.15, direction, ca.sign(held))
-    unsure = ca.mtimes(ca.mtimes(limit_slope, covariance), limit_slope.T)
-    weight = 3 * TURN_WEIGHT if declared else TURN_WEIGHT
-    # while it sticks its friction stays the same: a long stick tells little more than a short one
-    sticking = STICK_WEIGHT if declared else ca.fmax(STICK_WEIGHT, held * held / STICK_WEIGHT)
-    clear = ca.logic_and(stuck < 0.15, ca.fabs(direction) > 0.9)
-    doubt = 0 if ideal else stuck * sticking + (1 - stuck) * (1 - direction**2) * weight
-    counts: Any = 1
-    if declared and not augmented.suspicious:
-        # a fit goes by the drives that clearly move: there friction is what it is
-        doubt, counts = ca.if_else(clear, 0, doubt), clear
-    sliding = TakenRow(
-        residual - direction * limit - ca.fabs(direction) * lean,
-        -(slope - direction * limit_slope - ca.fabs(direction) * lean_slope),
-        own + doubt * (limit**2 + unsure),
-        ca.SX(0),
+    nd, width = augmented.mechanism.n_drives, len(augmented.channels.names)
+    values, numbers = ca.SX.sym("values", 5), ca.SX.sym("numbers", 6)
+    motions, x = ca.SX.sym("motions", nd * (MEMORY + 1)), ca.SX.sym("x", 1 + 2 * width)
+    residual, limit, lean = (values[i] + numbers[i] for i in range(3))
+    known, unsure, kept = (numbers[i] for i in range(3, 6))
+    taken = friction_row(
+        augmented,
+        row.drive,
+        motions,
+        residual,
+        ca.fmax(limit, 0),
+        lean,
+        values[3],
+        unsure,
+        known,
+        kept,
+        values[4],
+        x[0],
+        ideal,
     )
-    fade = ca.exp(-dt / MEAN_TIME)
-    average = ca.if_else(mask > 0, fade * kept[drive] + (1 - fade) * residual, kept[drive])
-    if not declared:
-        return TakenRow(sliding.innovation, sliding.slope, sliding.variance, held)
-    sign = ca.sign(average)
-    allowed = limit + sign * lean
-    beyond = ca.fabs(average) > allowed
-    known = ca.mtimes(ca.mtimes(slope, covariance), slope.T)
-    # inside the limits nothing moves the mean, but the tension is no less certain than the limits themselves
-    bound = (STICK_STD * limit) ** 2 + own + unsure
-    within = 1 / ca.fmax(1 / bound - 1 / ca.fmax(known, 1e-12), 1e-9)
-    sticks = stuck > 0.5
-    clipped_slope = ca.if_else(beyond, -(slope - sign * limit_slope - lean_slope), -slope)
-    return TakenRow(
-        ca.if_else(sticks, ca.if_else(beyond, average - sign * allowed, 0), sliding.innovation),
-        ca.if_else(sticks, clipped_slope, sliding.slope),
-        ca.if_else(sticks, ca.if_else(beyond, own, within), sliding.variance),
-        average,
-        counts,
-    )
+    parts = (taken.innovation, taken.variance, taken.memory, taken.by_limit, taken.by_lean, taken.counts)
+    return ca.Function("taken", [values, numbers, motions, x], ca.cse([ca.densify(ca.SX(part)) for part in parts]))
+
+
+def weights(trusted: bool) -> ca.Function:
+    """Return (S, ν, mask, counts) → (mask/S', its root, S', ν to tell): S' = S max(1, ν²/(9 S)), for a wild force.
+
+    Args:
+        trusted: never taken as wild.
+    """
+    spread, innovation, mask, counts = (ca.SX.sym(name) for name in ("S", "nu", "mask", "counts"))
+    robust = spread * (1 if trusted else ca.fmax(1, innovation**2 / (WILD_FORCE * spread)))
+    # a mask of −1: compared, but not used
+    weight = ca.fmax(mask, 0) / robust
+    # what is not compared (its slider at a stop) has no innovation
+    told = ca.if_else(ca.logic_and(mask != 0, counts), innovation, np.nan)
+    return ca.Function("weights", [spread, innovation, mask, counts], [weight, ca.sqrt(weight), robust, told])

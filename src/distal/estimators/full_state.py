@@ -163,6 +163,20 @@ class FullStateFilter(KernelEstimator):
             mean[self._mechanism.n_joints + i] = value if np.isfinite(value) else 0.0
         return mean, np.diag(self._noise.initial), pulls
 
+    def prior_function(self) -> ca.Function:
+        """Return (values, mask) → (mean, covariance's diagonal, memory) before the first sample."""
+        rig, channels, nj = self.rig, self._channels, self._mechanism.n_joints
+        values, mask = ca.SX.sym("values", len(channels.names)), ca.SX.sym("mask", len(channels.names))
+        mean, pulls = ca.SX.zeros(2 * self._mechanism.n_bodies), ca.SX(ca.DM(self._nominal))
+        mean[0] = rig.joints[0].initial.value
+        for i, drive in enumerate(rig.drives):
+            for sensors, target, at in ((channels.forces, pulls, i), (channels.positions, mean, nj + i)):
+                sensor = sensor_for(sensors, drive.name)
+                if sensor is not None:
+                    k = channels.names.index(sensor.name)
+                    target[at] = ca.if_else(mask[k] > 0, values[k] - sensor.bias.value, target[at])
+        return ca.Function("prior", [values, mask], [mean, ca.SX(ca.DM(self._noise.initial)), pulls])
+
 
 def state_names(rig: Rig) -> tuple[str, ...]:
     """Return the names of (q, v): theta, positions, theta_dot, velocities."""

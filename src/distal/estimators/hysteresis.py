@@ -13,7 +13,7 @@ from distal.model import clip_moments
 from distal.sensors import variance
 
 
-def revert(state: Any, covariance: Any, at: int, fade: Any, std: Any) -> None:
+def revert(state: Any, covariance: Any, at: int, fade: Any, added: Any) -> None:
     """Let a state fade towards zero over an interval, in place: x⁺ = f x + noise of variance σ² (1 − f²).
 
     Args:
@@ -21,12 +21,24 @@ def revert(state: Any, covariance: Any, at: int, fade: Any, std: Any) -> None:
         covariance: (n, n).
         at: index of the state.
         fade: what is left of it, f.
-        std: that it has in the long run, σ.
+        added: σ² (1 − f²).
     """
-    state[at] *= fade
-    row = fade * covariance[at, :]
-    covariance[at, :], covariance[:, at] = row, row.T
-    covariance[at, at] = fade * row[at] + std**2 * (1 - fade**2)
+    state[at] = fade * state[at]
+    set_row(covariance, at, fade * covariance[:, at], fade * fade * covariance[at, at] + added)
+
+
+def set_row(covariance: Any, at: int, row: Any, own: Any) -> None:
+    """Replace a row and a column of a covariance, in place.
+
+    Args:
+        covariance: (n, n).
+        at: which.
+        row: the new one, (n, 1).
+        own: what stands on the diagonal.
+    """
+    covariance[:, at] = row
+    covariance[at, :] = row.T
+    covariance[at, at] = own
 
 
 CALM = 8.0
@@ -74,10 +86,11 @@ def transmit(
     covariance: Any,
     motions: Any,
     speeds: Any,
-    effort: Any,
+    remembered: Any,
     x: Any,
-) -> tuple[Any, Any]:
-    """Return state and covariance after what a drive transmits has followed the measured effort by its play.
+    p: Any,
+) -> Any:
+    """Let what a drive transmits follow the measured effort by its play, in place; return the effort to remember.
 
     z⁺ = clip(z, U − b ṡ − h, U − b ṡ + h) of a normal z (`clip_moments`): where it is free, it and its uncertainty stay;
     where it is held at a limit, it is as certain as the limit. Noise of U does not wear it down.
@@ -89,32 +102,52 @@ def transmit(
         covariance: predicted, (n, n).
         motions: of the drives.
         speeds: of the drives, (n_drives,).
-        effort: measured, smoothed; see `calmed`.
+        remembered: effort, smoothed; see `calmed`.
         x: the sample.
+        p: the parameters.
+    """
+    at = augmented.transmitted_at[drive]
+    play = play_function(augmented, drive)
+    mean, row, rest, there, calm = play(state, covariance[at, at], motions, speeds, remembered, x, p)
+    across = ca.mtimes(covariance, row)
+    own = ca.mtimes(row.T, across) + rest
+    state[at] = mean
+    column = ca.if_else(there, across, covariance[:, at])
+    set_row(covariance, at, column, ca.if_else(there, own, covariance[at, at]))
+    return calm
+
+
+def play_function(augmented: AugmentedState, drive: int) -> ca.Function:
+    """Return (state, variance of z, motions, speeds, effort, x, p) → (z⁺, its slopes, rest, there, effort⁺) of a play.
+
+    Args:
+        augmented: the layout of the state.
+        drive: its index.
     """
     mechanism, channels = augmented.mechanism, augmented.channels
-    n, at, width = len(augmented), augmented.transmitted_at[drive], len(channels.names)
+    n, nd, at, width = len(augmented), mechanism.n_drives, augmented.transmitted_at[drive], len(channels.names)
     sensor = sensor_for(channels.forces, mechanism.rig.drives[drive].name)
     assert sensor is not None  # else nothing is transmitted
-    k = channels.names.index(sensor.name)
-    symbol = ca.SX.sym("state", n)
+    k, p = channels.names.index(sensor.name), mechanism.parameters.symbols
+    state, own, motions = ca.SX.sym("state", n), ca.SX.sym("P_z"), ca.SX.sym("motions", nd * (MEMORY + 1))
+    speeds, remembered, x = ca.SX.sym("speeds", nd), ca.SX.sym("effort"), ca.SX.sym("x", 1 + 2 * width)
     places = [
-        symbol[augmented.places_at[i]]
+        state[augmented.places_at[i]]
         if i in augmented.places_at
-        else motions[MEMORY * i] - augmented.systematic_error(i, motions[MEMORY * i], symbol)
-        for i in range(mechanism.n_drives)
+        else motions[MEMORY * i] - augmented.systematic_error(i, motions[MEMORY * i], state)
+        for i in range(nd)
     ]
-    q, still, p = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies), mechanism.parameters.symbols
+    q, still = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
     limit = mechanism.hysteresis_limit(drive, q, mechanism.tensions(q, still))
-    limit = ca.Function("limit", [q, p], [limit])(ca.vertcat(symbol[0], *places), augmented.model_parameters(symbol))
-    given = [symbol, motions, p]
-    held, slope = ca.Function("limits", given, [limit, ca.jacobian(limit, symbol)])(state, motions, p)
+    held = ca.Function("limit", [q, p], [limit])(ca.vertcat(state[0], *places), augmented.model_parameters(state))
+    slope = ca.densify(ca.jacobian(held, state))
+    effort = calm = calmed(augmented, drive, remembered, x)
     effort = effort - augmented.bias(sensor.name, state)
     effort -= mechanism.dampings()[mechanism.n_joints + drive] * speeds[drive]
     share = calming(augmented, drive)
     left = share / (2 - share) * augmented.noise(sensor)
     held += CREST * ca.sqrt(left)
-    std = ca.sqrt(ca.fmax(covariance[at, at], 0)) + 1e-9
+    std = ca.sqrt(ca.fmax(own, 0)) + 1e-9
     moments = clip_moments(effort - held, effort + held, state[at], std)
     row = (moments.by_high - moments.by_low) * slope
     row[0, at] += moments.by_mean
@@ -122,11 +155,6 @@ def transmit(
     if sensor.name in augmented.bias_at:
         row[0, augmented.bias_at[sensor.name]] -= ends
     there = x[1 + width + k] > 0
-    following, spread = ca.SX(state), ca.SX(covariance)
-    following[at] = ca.if_else(there, moments.mean, state[at])
-    across = ca.mtimes(row, covariance)
-    own = ca.mtimes(across, row.T) + moments.rest + ends**2 * left
-    across[0, at] = own
-    across = ca.if_else(there, across, covariance[at, :])
-    spread[at, :], spread[:, at] = across, across.T
-    return following, spread
+    outputs = [ca.if_else(there, moments.mean, state[at]), row.T, moments.rest + ends**2 * left, there, calm]
+    arguments = [state, own, motions, speeds, remembered, x, p]
+    return ca.Function("play", arguments, ca.cse([ca.densify(entry) for entry in outputs]))

@@ -50,6 +50,10 @@ CALLED = {
 """Operations that are functions of C's library."""
 
 
+INLINE = frozenset([ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX, ca.OP_SQRT, ca.OP_COPYSIGN])
+"""Those of them that processors with a floating-point unit have as instructions, or that take a few."""
+
+
 class CodeError(DistalError):
     """A function cannot be written as C."""
 
@@ -75,8 +79,12 @@ class Plain:
         return "float" if self.single else "double"
 
     def prelude(self) -> str:
-        """Return what the operations need."""
-        return ""
+        """Return what the operations need: the larger and the smaller, without a call into the library."""
+        kind = self.type
+        return (
+            f"static inline {kind} larger({kind} a, {kind} b) {{ return a > b || b != b ? a : b; }}\n"
+            f"static inline {kind} smaller({kind} a, {kind} b) {{ return a < b || b != b ? a : b; }}\n"
+        )
 
     def constant(self, value: float) -> str:
         """Return a number as C."""
@@ -105,6 +113,8 @@ class Plain:
             return INFIX[operation].format(a=a, b=b)
         if operation in COMPARED:
             return f"({self.type})({a} {COMPARED[operation]} {b})"
+        if operation in (ca.OP_FMAX, ca.OP_FMIN):
+            return f"{'larger' if operation == ca.OP_FMAX else 'smaller'}({a}, {b})"
         if operation in CALLED:
             arguments = f"{a}, {b}" if operation in BINARY else a
             return f"{CALLED[operation]}{'f' if self.single else ''}({arguments})"

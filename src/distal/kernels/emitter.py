@@ -7,9 +7,11 @@ one scratch area by their lifetimes, and what can be done in place is.
 
 from __future__ import annotations
 
+from collections import Counter
+
 import casadi as ca
 
-from distal.kernels.dialects import BINARY, Lanes, Plain
+from distal.kernels.dialects import BINARY, CALLED, INLINE, Lanes, Plain
 from distal.kernels.matrices import MatrixWriter
 
 
@@ -25,6 +27,7 @@ class Emitter:
         self.dialect, self.index = dialect, index
         self.texts: list[str] = []
         self.operations: dict[str, int] = {}
+        self.library: dict[str, Counter[str]] = {}
         self.scratch: dict[str, int] = {}
         self._names: dict[int, str] = {}
         self._kept: list[ca.Function] = []
@@ -69,7 +72,7 @@ class Emitter:
     def _scalars(self, function: ca.Function, name: str) -> str:
         """Return the C of a function of scalars: straight lines."""
         dialect, lines, names = self.dialect, [], dict[int, str]()
-        count = 0
+        count, library = 0, Counter[str]()
         for k in range(function.n_instructions()):
             operation = function.instruction_id(k)
             inputs, outputs = function.instruction_input(k), function.instruction_output(k)
@@ -81,10 +84,12 @@ class Emitter:
                 names[outputs[0]] = dialect.constant(function.instruction_constant(k))
             else:
                 count += 1
+                if operation in CALLED and operation not in INLINE:
+                    library[CALLED[operation]] += 1
                 operands = [names[i] for i in inputs] if operation in BINARY else [names[inputs[0]]]
                 lines.append(f"  const {dialect.type} v{k} = {dialect.operation(operation, *operands)};")
                 names[outputs[0]] = f"v{k}"
-        self.operations[name] = count
+        self.operations[name], self.library[name] = count, library
         unused = [f"  (void)a{i};" for i in range(function.n_in()) if not any(f"a{i}[" in line for line in lines)]
         unused += [f"  (void)r{i};" for i in range(function.n_out()) if not any(f"r{i}[" in line for line in lines)]
         return "\n".join([f"{self._signature(function, name, False)} {{", *unused, *lines, "}", ""])
@@ -93,6 +98,7 @@ class Emitter:
         writer = MatrixWriter(self, function, in_place)
         lines = writer.lines()
         self.operations[name], self.scratch[name] = writer.count, writer.scratch
+        self.library[name] = writer.library
         unused = [
             f"  (void){letter}{i};"
             for letter, n in (("a", function.n_in()), ("r", function.n_out()))

@@ -103,6 +103,8 @@ class Layout:
 
     def place(self, value: Value) -> str:
         """Return the C of a value's address; scratch is filled in once it is laid out."""
+        if value.size == 0:
+            return "0"
         if value.home is None:
             return self._table(value.numbers)
         if value.home == "w":

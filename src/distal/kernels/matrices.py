@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -26,7 +27,7 @@ class MatrixWriter(Layout):
     def __init__(self, emitter: Emitter, function: ca.Function, in_place: bool) -> None:
         super().__init__(emitter.dialect, emitter.index)
         self.emitter, self.function, self.in_place = emitter, function, in_place
-        self.count = 0
+        self.count, self.library = 0, Counter[str]()
         self.values: dict[int, Value] = {}
         # what each instruction reads and makes, in single assignment: numbers that are never given twice
         slots: dict[int, int] = {}
@@ -216,6 +217,7 @@ class MatrixWriter(Layout):
         function = self.function.instruction_MX(k).which_function()
         name = self.emitter.add(function)
         self.count += self.emitter.operations.get(name, 0)
+        self.library += self.emitter.library.get(name, Counter())
         results = []
         for i, number in enumerate(self.makes[k]):
             size = int(function.nnz_out(i))

@@ -1,0 +1,42 @@
+"""`distal export-c`: the filter as C for a microcontroller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from distal.cli.console import say, table
+from distal.cli.options import SetOption
+
+
+def export_command(
+    rig: Annotated[str, typer.Argument(help="A shipped rig's name (see `distal rigs`) or a TOML file.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the .c, the .h and what belongs to them.")],
+    single: Annotated[bool, typer.Option("--float", help="float and float functions only; else double.")] = False,
+    estimator: Annotated[
+        str, typer.Option("--estimator", "-e", help="adaptive, iterated, ekf or ekf-2008.")
+    ] = "adaptive",
+    name: Annotated[
+        str | None, typer.Option("--name", help="What all names begin with; default from the rig and the estimator.")
+    ] = None,
+    set_: SetOption = None,
+) -> None:
+    """Write an estimator of a rig as C99: no malloc, no globals, for a Cortex-M or any other processor."""
+    from distal.export import export_c
+    from distal.export.source import c_name
+    from distal.rig import load_rig
+
+    described = load_rig(rig, set_ or ())
+    stem = Path(rig).stem if name is None else ""
+    made = export_c(described, out, estimator, single, name or c_name(f"{stem}_{estimator}"))
+    rows = [
+        ("states", f"{len(made.states)}"),
+        ("state, the caller's", f"{made.state_bytes:,} bytes"),
+        ("arrays on the stack in a step", f"{made.scratch_bytes:,} bytes"),
+        ("arithmetic operations in a step", f"{made.operations:,}"),
+        ("calls of the mathematics library", f"{sum(made.library.values())}"),
+    ]
+    table(f"{made.estimator} for {made.rig}, in {'float' if single else 'double'}", ["", ""], rows)
+    say(f"wrote {made.name}.c, {made.name}.h, replay.c, CMakeLists.txt and README.md to {out}")

@@ -1,0 +1,299 @@
+"""One estimator of one rig as C99: a header and a source, no malloc, no globals, the caller owns the state."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from distal.errors import ExportError
+from distal.estimators import KernelEstimator, make_estimator, state_units
+from distal.estimators.contract import LARGEST_ANGLE, MOST_BRIDGES, SPLIT
+from distal.export.replay import replay_program
+from distal.kernels.dialects import CodeError, Plain
+from distal.kernels.emitter import Emitter
+from distal.rig import Rig
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A filter as C.
+
+    Args:
+        name: prefix of all its names, and of its files.
+        estimator: which one.
+        rig: title of the rig.
+        single: whether numbers are float.
+        header: text of the .h file.
+        source: text of the .c file.
+        channels: what is read, in order.
+        states: names of the states, in order.
+        measured: channels with an innovation.
+        carry: numbers in the state.
+        scratch: numbers on the stack in a step.
+        operations: arithmetic operations of a step.
+        library: calls of the mathematics library in a step, by name.
+        replay: text of a program that runs the filter over a CSV file.
+    """
+
+    name: str
+    estimator: str
+    rig: str
+    single: bool
+    header: str
+    source: str
+    channels: tuple[str, ...]
+    states: tuple[str, ...]
+    measured: tuple[str, ...]
+    carry: int
+    scratch: int
+    operations: int
+    library: dict[str, int]
+    replay: str
+
+    @property
+    def state_bytes(self) -> int:
+        """Size of the state, in bytes."""
+        return (4 if self.single else 8) * self.carry + 4
+
+    @property
+    def scratch_bytes(self) -> int:
+        """Size of the arrays that a step has on the stack, in bytes, without what the compiler spills."""
+        return (4 if self.single else 8) * self.scratch
+
+
+def c_filter(rig: Rig, estimator: str = "adaptive", single: bool = False, name: str | None = None) -> Exported:
+    """Return an estimator of a rig as C99.
+
+    Args:
+        rig: the description.
+        estimator: its name.
+        single: float and float functions only, else double.
+        name: prefix of all names; default from the rig's title and the estimator.
+
+    Raises:
+        ExportError: the name is no C identifier, or the estimator has no C.
+        EstimationError: the estimator cannot run on this rig, or cannot be exported.
+    """
+    runner = make_estimator(estimator, rig, compiled=False)
+    name = name if name is not None else c_name(f"{rig.name}_{estimator}")
+    if not re.fullmatch(r"[a-z_][a-z0-9_]*", name):
+        raise ExportError(f"'{name}' cannot begin the names of C functions; lower-case letters, digits and _ can")
+    prior, step = runner.prior_function(), runner.export_function()
+    emitter = Emitter(Plain(single))
+    try:
+        begin, advance = emitter.add(prior), emitter.add(step, in_place=True)
+    except CodeError as problem:
+        raise ExportError(f"{estimator} of '{rig.name}' has no C: {problem}") from None
+    values = _values(runner, name, emitter, begin, advance)
+    return Exported(
+        name,
+        estimator,
+        rig.name,
+        single,
+        _filled(_HEADER, values),
+        _filled(_SOURCE, values),
+        runner.channels,
+        runner.state_names,
+        runner.measured,
+        int(step.numel_in(0)),
+        sum(emitter.scratch.values()),
+        emitter.operations[advance],
+        dict(sorted(emitter.library[advance].items())),
+        replay_program(runner, name),
+    )
+
+
+def c_name(text: str) -> str:
+    """Return a text as the beginning of C names.
+
+    Args:
+        text: anything.
+    """
+    plain = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")
+    return plain if plain and not plain[0].isdigit() else f"rig_{plain}".rstrip("_")
+
+
+def _filled(template: str, values: dict[str, str]) -> str:
+    return re.sub(r"\$(\w+)\$", lambda m: values[m[1]], template)
+
+
+def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, advance: str) -> dict[str, str]:
+    """Return what the templates are filled with."""
+    dialect, n, m = emitter.dialect, len(runner.state_names), len(runner.measured)
+    assert isinstance(dialect, Plain)
+    sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
+    units = state_units(runner.rig)
+    places = sum(sensors[channel].measures == "position" for channel in runner.channels)
+    channels = [
+        f" *   {i}  {c}: {sensors[c].measures} of {sensors[c].of} [{sensors[c].si}]"
+        for i, c in enumerate(runner.channels)
+    ]
+    states = [f" *   {i:2d}  {s}{f' [{units[s]}]' if s in units else ''}" for i, s in enumerate(runner.state_names)]
+    measured = [f" *   {i}  {c}" for i, c in enumerate(runner.measured)]
+    numbers = [dialect.constant(float(x)) for x in runner.numbers]
+    rows = [", ".join(numbers[i : i + 6]) for i in range(0, len(numbers), 6)]
+    return {
+        "name": name,
+        "NAME": name.upper(),
+        "rig": runner.rig.name.replace("*/", "* /"),
+        "estimator": runner.name,
+        "real": dialect.type,
+        "channels": "\n".join(channels),
+        "states": "\n".join(states),
+        "measured": "\n".join(measured) or " *   none",
+        "n_channels": str(len(runner.channels)),
+        "n_states": str(n),
+        "n_measured": str(m),
+        "n_innovations": str(max(m, 1)),
+        "n_carry": str(runner.kernel.n_carry),
+        "n_numbers": str(len(numbers)),
+        "n_places": str(places),
+        "numbers": ",\n  ".join(rows),
+        "prelude": dialect.prelude(),
+        "functions": emitter.text,
+        "begin": begin,
+        "advance": advance,
+        "interval": dialect.constant(runner.interval),
+        "split": dialect.constant(SPLIT * runner.interval),
+        "most": str(MOST_BRIDGES),
+        "largest": dialect.constant(LARGEST_ANGLE),
+        "which": ", ".join(str(runner.channels.index(c)) for c in runner.measured) or "0",
+        "zero": dialect.constant(0.0),
+        "one": dialect.constant(1.0),
+        "slack": dialect.constant(1e-9 if not dialect.single else 1e-5),
+        "sqrt": "sqrtf" if dialect.single else "sqrt",
+        "led": "1" if runner.leads_gaps else "0",
+    }
+
+
+_HEADER = """\
+/* $name$.h: `$estimator$` for the rig "$rig$"
+ *
+ * Where a tendon-driven joint is, from what is measured at the proximal end. Written by `distal export-c`.
+ * C99, no malloc, no globals: the caller owns the state. All numbers are SI; NAN is a missing value.
+ *
+ * values, in this order:
+$channels$
+ *
+ * states, in this order (means first in `carry`, then the covariance, $n_states$ x $n_states$, then what is remembered):
+$states$
+ *
+ * innovations, in this order:
+$measured$
+ */
+#ifndef $NAME$_H
+#define $NAME$_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define $NAME$_CHANNELS $n_channels$
+#define $NAME$_STATES $n_states$
+#define $NAME$_MEASURED $n_measured$
+#define $NAME$_CARRY $n_carry$
+#define $NAME$_INTERVAL $interval$ /* nominal time between samples [s] */
+
+typedef $real$ $name$_real;
+
+/* What the filter believes; copy it, keep it, restore it. */
+typedef struct {
+  $name$_real carry[$NAME$_CARRY];
+  int samples; /* how many were taken in, at most 2 is kept */
+} $name$_state;
+
+typedef struct {
+  $name$_real angle;                     /* of the joint [rad] */
+  $name$_real angle_std;                 /* standard deviation of its error [rad] */
+  $name$_real innovations[$n_innovations$];           /* measured minus predicted, NAN where nothing was compared */
+  $name$_real innovation_variances[$n_innovations$];
+} $name$_output;
+
+enum {
+  $NAME$_OK = 0,
+  $NAME$_LATE = 1,   /* dt is not positive (zero is for the first sample): nothing was changed */
+  $NAME$_GAP = 2,    /* dt is too long to bridge: nothing was changed, begin again */
+  $NAME$_BAD = 3,    /* a value is infinite: nothing was changed */
+  $NAME$_LOST = 4    /* the filter left all bounds: begin again */
+};
+
+/* Set the state to what is believed before the first sample, whose values fill what has no prior. */
+void $name$_begin($name$_state* state, const $name$_real* values);
+
+/* Take in a sample, dt [s] after the one before (0 for the first); `out` may be a null pointer. */
+int $name$_step($name$_state* state, $name$_real dt, const $name$_real* values, $name$_output* out);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
+"""
+
+_SOURCE = """\
+/* $name$.c: `$estimator$` for the rig "$rig$"; see $name$.h. Written by `distal export-c`. */
+#include "$name$.h"
+
+#include <math.h>
+#include <string.h>
+
+/* the rig's parameters and the noise, as the filter takes them */
+static const $real$ numbers[$n_numbers$] = {
+  $numbers$
+};
+
+$prelude$
+$functions$
+/* which of the values each innovation is of */
+static const unsigned char measured[$n_innovations$] = {$which$};
+
+static int is_there($real$ value) { return value == value; }
+
+void $name$_begin($name$_state* state, const $real$* values) {
+  $real$ known[$n_channels$], mask[$n_channels$], spread[$n_states$];
+  int i;
+  for (i = 0; i < $n_channels$; ++i) {
+    mask[i] = is_there(values[i]) ? $one$ : $zero$;
+    known[i] = is_there(values[i]) ? values[i] : $zero$;
+  }
+  memset(state, 0, sizeof *state);
+  $begin$(known, mask, state->carry, spread, state->carry + $n_states$ + $n_states$ * $n_states$);
+  for (i = 0; i < $n_states$; ++i) state->carry[$n_states$ + i * ($n_states$ + 1)] = spread[i];
+}
+
+int $name$_step($name$_state* state, $real$ dt, const $real$* values, $name$_output* out) {
+  $real$ x[1 + 2 * $n_channels$], y[2 * $n_innovations$];
+  long parts, k;
+  int i, infinite = 0;
+  if (!(dt > $zero$) && !(dt == $zero$ && state->samples == 0)) return $NAME$_LATE;
+  if (!(dt <= $most$ * $split$)) return $NAME$_GAP;
+  for (i = 0; i < $n_channels$; ++i) infinite |= isinf(values[i]) != 0;
+  if (infinite) return $NAME$_BAD;
+  /* a long interval is bridged by several predictions, so that sub-steps stay short */
+  parts = (long)(dt / ($split$));
+  if (($real$)parts < dt / ($split$) - $slack$) parts += 1;
+  if (parts < 1) parts = 1;
+  x[0] = dt / ($real$)parts;
+  for (k = parts; k > 0; --k) {
+    for (i = 0; i < $n_channels$; ++i) {
+      const int last = k == 1, led = $led$ && i < $n_places$;
+      const int there = is_there(values[i]);
+      /* displacements cross a gap in a straight line to the reading that ends it */
+      x[1 + i] = there && (last || led) ? values[i] : $zero$;
+      x[1 + $n_channels$ + i] = !there ? $zero$ : last ? $one$ : led ? -($real$)k : $zero$;
+    }
+    $advance$(state->carry, x, numbers, y);
+  }
+  if (state->samples < 2) state->samples += 1;
+  if (out) {
+    const $real$ variance = state->carry[$n_states$];
+    out->angle = state->carry[0];
+    out->angle_std = variance > $zero$ ? $sqrt$(variance) : $zero$;
+    for (i = 0; i < $n_measured$; ++i) {
+      out->innovations[i] = is_there(values[measured[i]]) ? y[i] : NAN;
+      out->innovation_variances[i] = y[$n_measured$ + i];
+    }
+  }
+  return state->carry[0] >= -$largest$ && state->carry[0] <= $largest$ ? $NAME$_OK : $NAME$_LOST;
+}
+"""
