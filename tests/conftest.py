@@ -14,6 +14,10 @@ hypothesis.settings.register_profile("distal", deadline=None, derandomize=True, 
 hypothesis.settings.load_profile("distal")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--update-golden", action="store_true", help="write the golden files anew, to look at in a diff")
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
     # workers of one test run share the folder, so each kernel is built once

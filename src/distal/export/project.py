@@ -128,8 +128,8 @@ if ($name$_step(&state, dt, values, &out) != $NAME$_OK) { /* see the header */ }
 |---|---|
 $channels$
 
-`values` may lack any sensor at any time. A gap is bridged by as many predictions as it has nominal intervals, and takes that many
-times as long as a step; `$NAME$_LATE` says that a stamp did not rise, and nothing is changed.
+`values` may lack any sensor at any time. A gap is bridged by one prediction per nominal interval, and takes that
+many times as long as a step; `$NAME$_LATE` says that a stamp did not rise, and nothing is changed.
 
 | | |
 |---|---|

@@ -92,6 +92,8 @@ class Plain:
             return "NAN"
         if value in (float("inf"), float("-inf")):
             return "INFINITY" if value > 0 else "(-INFINITY)"
+        if self.single:  # what a float cannot hold is its largest number, or zero
+            value = max(min(value, LARGEST_FLOAT), -LARGEST_FLOAT) if abs(value) > SMALLEST_FLOAT else 0.0
         text = f"{value:.9g}" if self.single else f"{value:.17g}"
         text = text if any(c in text for c in ".e") else f"{text}.0"
         text = f"({text})" if text.startswith("-") else text
@@ -137,6 +139,8 @@ _FUNCTIONS = (ca.OP_ATAN2, ca.OP_FMIN, ca.OP_FMAX, ca.OP_POW, ca.OP_CONSTPOW, ca
 _SIGNS = (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO, *COMPARED)
 BINARY = frozenset((*_FUNCTIONS, *_SIGNS))
 """Operations with two operands."""
+
+LARGEST_FLOAT, SMALLEST_FLOAT = 3.40282346e38, 1.17549435e-38
 
 _VECTORS = """
 typedef double V __attribute__((vector_size({bytes})));

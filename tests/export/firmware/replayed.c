@@ -34,6 +34,14 @@ static uint32_t bits(FILTER(real) value) {
   return as;
 }
 
+/* how many ticks 1,000,000 instructions take */
+static uint32_t million(void) {
+  const uint32_t before = SYST_CVR;
+  uint32_t count = 500000u;
+  __asm__ volatile("1: subs %0, %0, #1\n  bne 1b" : "+r"(count) : : "cc");
+  return (before - SYST_CVR) & 0xFFFFFFu;
+}
+
 int main(void) {
   uint32_t used = 0, ticks = 0, most = 0, stack;
   int k;
@@ -58,6 +66,7 @@ int main(void) {
   number(used);
   number(most);
   number(stack);
+  number(million());
   say("\n");
   return 0;
 }

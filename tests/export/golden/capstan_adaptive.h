@@ -1,0 +1,69 @@
+/* capstan_adaptive.h: `adaptive` for the rig "Capstan-driven joint"
+ *
+ * Where a tendon-driven joint is, from what is measured at the proximal end. Written by `distal export-c`.
+ * C99, no malloc, no globals: the caller owns the state. All numbers are SI; NAN is a missing value.
+ *
+ * values, in this order:
+ *   0  motor_angle: position of motor [rad]
+ *   1  motor_torque: force of motor [N m]
+ *
+ * states, in this order (means first in `carry`, then the covariance, 8 x 8, then what is remembered):
+ *    0  theta [rad]
+ *    1  theta_dot [rad/s]
+ *    2  joints.0.friction.coefficient
+ *    3  drives.0.friction.constant
+ *    4  drives.0.friction.load
+ *    5  tendons.0.pretension
+ *    6  tendons.1.pretension
+ *    7  tendons.stiffness.factor
+ *
+ * innovations, in this order:
+ *   0  motor_torque
+ */
+#ifndef CAPSTAN_ADAPTIVE_H
+#define CAPSTAN_ADAPTIVE_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define CAPSTAN_ADAPTIVE_CHANNELS 2
+#define CAPSTAN_ADAPTIVE_STATES 8
+#define CAPSTAN_ADAPTIVE_MEASURED 1
+#define CAPSTAN_ADAPTIVE_CARRY 79
+#define CAPSTAN_ADAPTIVE_INTERVAL 0.005f /* nominal time between samples [s] */
+
+typedef float capstan_adaptive_real;
+
+/* What the filter believes; copy it, keep it, restore it. */
+typedef struct {
+  capstan_adaptive_real carry[CAPSTAN_ADAPTIVE_CARRY];
+  int samples; /* how many were taken in, at most 2 is kept */
+} capstan_adaptive_state;
+
+typedef struct {
+  capstan_adaptive_real angle;                     /* of the joint [rad] */
+  capstan_adaptive_real angle_std;                 /* standard deviation of its error [rad] */
+  capstan_adaptive_real innovations[1];           /* measured minus predicted, NAN where nothing was compared */
+  capstan_adaptive_real innovation_variances[1];
+} capstan_adaptive_output;
+
+enum {
+  CAPSTAN_ADAPTIVE_OK = 0,
+  CAPSTAN_ADAPTIVE_LATE = 1,   /* dt is not positive (zero is for the first sample): nothing was changed */
+  CAPSTAN_ADAPTIVE_GAP = 2,    /* dt is too long to bridge: nothing was changed, begin again */
+  CAPSTAN_ADAPTIVE_BAD = 3,    /* a value is infinite: nothing was changed */
+  CAPSTAN_ADAPTIVE_LOST = 4    /* the filter left all bounds: begin again */
+};
+
+/* Set the state to what is believed before the first sample, whose values fill what has no prior. */
+void capstan_adaptive_begin(capstan_adaptive_state* state, const capstan_adaptive_real* values);
+
+/* Take in a sample, dt [s] after the one before (0 for the first); `out` may be a null pointer. */
+int capstan_adaptive_step(capstan_adaptive_state* state, capstan_adaptive_real dt, const capstan_adaptive_real* values, capstan_adaptive_output* out);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,112 @@
+"""The float filter on a Cortex-M4F, emulated: size, memory, instructions, and the same angles."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from distal import Rig, estimate, load_scenario, scenario_rig, simulate
+from distal.estimators import make_estimator, samples_of
+from distal.export import Exported, c_filter
+from tests.export.helpers import missing_tools
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(bool(missing_tools()), reason=f"not installed: {missing_tools()}"),
+]
+FIRMWARE = Path(__file__).parent / "firmware"
+CORTEX = ["-std=c99", "-Os", "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-fno-math-errno"]
+SAMPLES = 300
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What the emulated processor did.
+
+    Args:
+        flash: bytes of code, constants and initial data, with startup and mathematics library.
+        ram: bytes of state, stack and the library's data.
+        instructions: of a step, mean and most.
+        rows: angle and its std for each sample.
+    """
+
+    flash: int
+    ram: int
+    instructions: tuple[float, float]
+    rows: np.ndarray
+
+
+def literal(value: float) -> str:
+    return "NAN" if np.isnan(value) else f"{value:.9e}f"
+
+
+def measure(rig: Rig, name: str, folder: Path) -> tuple[Measured, Exported]:
+    """Build the smallest product and a program with a log, look at one and run the other."""
+    made = c_filter(rig, name, True, "filter")
+    log = simulate(rig, load_scenario("series-2"), 6).select(slice(0, SAMPLES))
+    samples = samples_of(log, make_estimator(name, rig, compiled=False).channels)
+    (folder / "filter.c").write_text(made.source)
+    (folder / "filter.h").write_text(made.header)
+    steps = ", ".join(literal(dt) for dt in np.diff(log.time, prepend=log.time[0]))
+    rows = ",\n".join("{" + ", ".join(map(literal, row)) + "}" for row in samples)
+    (folder / "log.h").write_text(
+        f"#include <math.h>\n#define SAMPLES {len(samples)}\nstatic const float steps[] = {{{steps}}};\n"
+        f"static const float samples[][{samples.shape[1]}] = {{\n{rows}}};\n"
+    )
+    names = ['-DFILTER_HEADER="filter.h"', "-DFILTER(x)=filter_##x"]
+    common = [
+        *CORTEX,
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-Wdouble-promotion",
+        "-ffunction-sections",
+        "-fdata-sections",
+        *names,
+    ]
+    linked = ["-nostartfiles", "--specs=nano.specs", "-Wl,--gc-sections", "-T", str(FIRMWARE / "mps2.ld"), "-lm"]
+    for program in ("sized", "replayed"):
+        sources = [str(FIRMWARE / "startup.c"), str(FIRMWARE / f"{program}.c"), "filter.c"]
+        command = ["arm-none-eabi-gcc", *common, f"-I{folder}", *sources, *linked, "-o", f"{program}.elf"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    look: dict[str, Any] = {"cwd": folder, "capture_output": True, "text": True, "check": True}
+    sizes = subprocess.run(["arm-none-eabi-size", "-A", "sized.elf"], **look)
+    sections = {line.split()[0]: int(line.split()[1]) for line in sizes.stdout.splitlines() if line.startswith(".")}
+    symbols = subprocess.run(["arm-none-eabi-nm", "sized.elf"], **look)
+    assert "__aeabi_d" not in symbols.stdout  # nothing of double precision
+    board = ["-M", "mps2-an386", "-cpu", "cortex-m4", "-nographic", "-icount", "shift=0"]
+    host = ["-semihosting-config", "enable=on,target=native", "-kernel", "replayed.elf"]
+    run = subprocess.run(
+        ["qemu-system-arm", *board, *host], cwd=folder, capture_output=True, text=True, timeout=100, check=False
+    )
+    assert run.returncode == 0, run.stderr[-400:]
+    lines = (run.stdout + run.stderr).splitlines()
+    told = [[int(word, 16) for word in line.split()[1:]] for line in lines if line.startswith("ticks")]
+    used, most, stack, million = told[0]
+    bits = [line.split() for line in lines if len(line.split()) == 2 and not line.startswith("ticks")]
+    angles = np.array([[struct.unpack(">f", bytes.fromhex(word))[0] for word in pair] for pair in bits])
+    per_tick = 1e6 / million  # SysTick counts 25 MHz of a clock of 1 GHz, one instruction each
+    flash = sum(sections.get(name, 0) for name in (".text", ".ARM.exidx", ".data"))
+    ram = sections.get(".data", 0) + sections.get(".bss", 0) + stack
+    return Measured(flash, ram, (used * per_tick / len(angles), most * per_tick), angles), made
+
+
+@pytest.mark.parametrize("name", ["adaptive", "ekf-2008"])
+def test_it_fits_and_is_right(name: str, tmp_path: Path) -> None:
+    """At most 32 kB of flash, 6 kB of RAM and 30,000 instructions per step; angles as in Python to 0.02°."""
+    rig = scenario_rig(load_scenario("series-2"))
+    measured, _ = measure(rig, name, tmp_path)
+    assert len(measured.rows) == SAMPLES
+    known = estimate(simulate(rig, load_scenario("series-2"), 6), rig, name)
+    np.testing.assert_allclose(measured.rows[:, 0], known.theta[:SAMPLES], atol=np.deg2rad(0.02))
+    np.testing.assert_allclose(measured.rows[:, 1], known.theta_std[:SAMPLES], atol=np.deg2rad(0.02), rtol=0.01)
+    assert measured.flash <= 32 * 1024
+    assert measured.ram <= 6 * 1024
+    assert 5_000 < measured.instructions[0] < measured.instructions[1] <= 30_000
