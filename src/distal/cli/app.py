@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from distal.cli import doctor, estimate, export, fit, reproduce, rigs, simulate
+from distal.cli import doctor, estimate, export, fit, reproduce, rigs, simulate, stream
 from distal.cli.console import show_warnings
 from distal.errors import DistalError
 
@@ -27,6 +27,7 @@ app = typer.Typer(
 app.command("estimate")(estimate.estimate_command)
 app.command("fit")(fit.fit_command)
 app.command("simulate")(simulate.simulate_command)
+app.command("stream")(stream.stream_command)
 app.command("export-c")(export.export_command)
 app.command("reproduce")(reproduce.reproduce_command)
 app.command("rigs")(rigs.list_command)
@@ -54,9 +55,9 @@ def _options(
 def main() -> None:
     """Run the command line; what a user can cause is one line on stderr and exit code 2."""
     show_warnings()
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
+    for output in (sys.stdout, sys.stderr):
+        if isinstance(output, io.TextIOWrapper):
+            output.reconfigure(errors="replace")
     try:
         code = app(standalone_mode=False)
         if sys.stdout is not None:

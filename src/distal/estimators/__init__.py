@@ -9,7 +9,9 @@ from distal.estimators.diagnosis import Diagnosis, diagnose
 from distal.estimators.estimate import HOMED, estimate, first_values, samples_of, with_channel
 from distal.estimators.force_update import WILD_FORCE
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise, state_units
+from distal.estimators.health import HEALTH, Monitor, Reading
 from distal.estimators.kinematic import KinematicEstimator
+from distal.estimators.live import LiveEstimator
 from distal.estimators.particle import ParticleFilter
 from distal.estimators.reference import TRUTH_NOISE, added_reference, check_homing, with_reference
 from distal.estimators.registry import DEFAULT, ESTIMATORS, SLOW, make_estimator
@@ -24,6 +26,7 @@ __all__ = [
     "DASHES",
     "DEFAULT",
     "ESTIMATORS",
+    "HEALTH",
     "HOMED",
     "SLOW",
     "TRUTH_NOISE",
@@ -38,8 +41,11 @@ __all__ = [
     "Innovation",
     "KernelEstimator",
     "KinematicEstimator",
+    "LiveEstimator",
+    "Monitor",
     "Noise",
     "ParticleFilter",
+    "Reading",
     "UnscentedFilter",
     "added_reference",
     "channels_of",

@@ -240,8 +240,14 @@ class KernelEstimator:
             raise EstimationError(f"{self.name}: a sample is infinite; NaN stands for a missing value")
         steps = np.diff(times, prepend=belief.time)
         for i in np.flatnonzero(~(steps > 0)):
-            _check_time(self.name, times[i] - steps[i], times[i], bool(i == 0 and belief.samples == 0))
+            check_time(self.name, times[i] - steps[i], times[i], bool(i == 0 and belief.samples == 0))
         return self._rows(steps, samples)
+
+    @property
+    def n_places(self) -> int:
+        """Number of position sensors among the channels, which come first."""
+        sensors = {sensor.name: sensor for sensor in self.rig.sensors}
+        return sum(sensors[channel].measures == "position" for channel in self.channels)
 
     @property
     def leads_gaps(self) -> bool:
@@ -276,7 +282,7 @@ class KernelEstimator:
                 f"{self.name}: the belief is not one of this estimator's; begin with initial(time, sample)"
             )
         time = _number(self.name, time)
-        _check_time(self.name, belief.time, time, belief.samples == 0)
+        check_time(self.name, belief.time, time, belief.samples == 0)
         return sample, time
 
     @property
@@ -350,7 +356,18 @@ def _number(name: str, time: object) -> float:
         raise EstimationError(f"{name}: a stamp is a number of seconds, {time!r} came") from None
 
 
-def _check_time(name: str, before: float, now: float, first: bool) -> None:
+def check_time(name: str, before: float, now: float, first: bool) -> None:
+    """Refuse a stamp that does not rise.
+
+    Args:
+        name: of the estimator.
+        before: stamp of the belief [s].
+        now: the new stamp [s].
+        first: whether it is the first sample, which may have the belief's own stamp.
+
+    Raises:
+        EstimationError: see above.
+    """
     if not np.isfinite(now):
         raise EstimationError(f"{name}: the stamp {now} is not a finite time")
     if now < before or (now == before and not first):

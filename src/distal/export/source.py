@@ -123,7 +123,6 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
     assert isinstance(dialect, Plain)
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
     units = state_units(runner.rig)
-    places = sum(sensors[channel].measures == "position" for channel in runner.channels)
     channels = [
         f" *   {i}  {c}: {sensors[c].measures} of {sensors[c].of} [{sensors[c].si}]"
         for i, c in enumerate(runner.channels)
@@ -147,7 +146,7 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "n_innovations": str(max(m, 1)),
         "n_carry": str(runner.kernel.n_carry),
         "n_numbers": str(len(numbers)),
-        "n_places": str(places),
+        "n_places": str(runner.n_places),
         "numbers": ",\n  ".join(rows),
         "prelude": dialect.prelude(),
         "functions": emitter.text,

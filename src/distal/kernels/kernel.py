@@ -120,6 +120,14 @@ class Kernel:
                 self._carry[:] = self._next
         return carries, ys
 
+    def loop(self, p: Floats) -> Loop:
+        """Return the kernel with a carry of its own, for one sample after the other.
+
+        Args:
+            p: the parameters, (n_p,).
+        """
+        return Loop(self._call, self.n_carry, self.n_x, np.array(p, dtype=np.float64), self.n_y)
+
     def lanes(self) -> LaneKernel | None:
         """Return the same kernel for several runs at once, built when first asked for; None where that cannot be."""
         with _building:
@@ -131,6 +139,33 @@ class Kernel:
                     except CompileError:
                         self._lanes = None  # one by one gives the same numbers
         return self._lanes
+
+
+class Loop:
+    """A kernel whose carry stays where it is: write `x`, call `step`, read `carry` and `y`. For one thread.
+
+    Args:
+        call: the function.
+        n_carry: numbers in the carry.
+        n_x: numbers in a sample.
+        p: the parameters.
+        n_y: numbers that are put out.
+    """
+
+    def __init__(self, call: ca.Function, n_carry: int, n_x: int, p: Floats, n_y: int) -> None:
+        self.carry, self.x, self.y = np.zeros(n_carry), np.zeros(n_x), np.zeros(n_y)
+        self._p, self._next = p, np.zeros(n_carry)
+        self._buffer, self._trigger = call.buffer()
+        view: Any = memoryview
+        for i, array in enumerate((self.carry, self.x, self._p)):
+            self._buffer.set_arg(i, view(array))
+        for i, array in enumerate((self._next, self.y)):
+            self._buffer.set_res(i, view(array))
+
+    def step(self) -> None:
+        """Advance the carry by one sample."""
+        self._trigger()
+        self.carry[:] = self._next
 
 
 def _warn(reason: str) -> None:

@@ -4,16 +4,27 @@ from distal.logs.datasets import da_vinci_grasper
 from distal.logs.files import read_log, read_truth, write_columns, write_log
 from distal.logs.frames import pandas_frame
 from distal.logs.log import Log, check_stamps, frozen
+from distal.logs.messages import MessageReader
 from distal.logs.output import check_writable, write_whole
+from distal.logs.recorder import ESTIMATE_SCHEMA, ESTIMATE_TOPIC, SAMPLE_SCHEMA, SAMPLE_TOPIC, Recorder
+from distal.logs.recordings import is_recording, open_recording
 from distal.logs.tables import Table, read_table
 
 __all__ = [
+    "ESTIMATE_SCHEMA",
+    "ESTIMATE_TOPIC",
+    "SAMPLE_SCHEMA",
+    "SAMPLE_TOPIC",
     "Log",
+    "MessageReader",
+    "Recorder",
     "Table",
     "check_stamps",
     "check_writable",
     "da_vinci_grasper",
     "frozen",
+    "is_recording",
+    "open_recording",
     "pandas_frame",
     "read_log",
     "read_table",

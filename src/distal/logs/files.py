@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from distal.errors import DistalWarning, LogError
 from distal.logs.log import Log, check_stamps
 from distal.logs.output import write_whole
+from distal.logs.recordings import is_recording, open_recording
 from distal.logs.tables import Table, open_table, read_table, table_of
 from distal.rig import Capstan, Rig, Sensor, log_factor
 from distal.units import unit_factor
@@ -32,7 +33,8 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
     given (a simulated log's own ``true_theta`` comes first). All other sensors must be there.
 
     Args:
-        path: CSV or Parquet; or a polars or pandas frame with the same columns and units.
+        path: CSV or Parquet; an MCAP file or a ROS bag, with columns ``/topic.field`` (see `open_recording`); or a frame of
+            polars or pandas with the same columns and units.
         rig: the description.
         truth: the true joint angle: a column of the log, or a second file with ``t`` and ``theta`` (rad).
 
@@ -41,7 +43,13 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
     """
     references = {sensor.log_column: sensor for sensor in rig.sensors if sensor.measures == "angle"}
     needed = [sensor for sensor in rig.sensors if sensor.measures != "angle"]
-    frame, source, first_row = open_table(path)
+    if is_recording(path):
+        asked = [rig.log.time.column, *(s.log_column for s in needed), *references, SIMULATED_TRUTH]
+        asked += [str(truth)] if truth is not None and not Path(truth).exists() else []
+        factor = unit_factor(rig.log.time.unit, "s")
+        frame, source, first_row = open_recording(path, asked, rig.log.time.column, factor), Path(path), 0
+    else:
+        frame, source, first_row = open_table(path)
     names = tuple(map(str, frame.columns))
     column = str(truth) if truth is not None and _is_column(names, str(truth)) else None
     optional = [*references, SIMULATED_TRUTH, *([column] if column else [])]

@@ -1,0 +1,5 @@
+"""`python -m distal`: the command line."""
+
+from distal.cli import main
+
+main()

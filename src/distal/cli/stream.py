@@ -1,0 +1,207 @@
+"""`distal stream`: estimates while the samples come."""
+
+from __future__ import annotations
+
+import json
+import select
+import signal
+import socket
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from math import isfinite, nan
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from distal.cli.options import RigOption, SetOption
+from distal.errors import LogError, OutputError
+
+if TYPE_CHECKING:
+    from distal.estimators import Reading
+    from distal.logs import MessageReader, Recorder
+
+LONGEST_LINE = 1 << 20
+"""A line is no longer than this [bytes]: a stream without line ends must not fill the memory."""
+
+
+def stream_command(
+    rig: RigOption,
+    estimator: Annotated[str, typer.Option("--estimator", "-e", help="Which one.")] = "adaptive",
+    udp: Annotated[
+        int | None,
+        typer.Option("--udp", min=1, max=65535, help="Read JSON from this UDP port of the loopback, not stdin."),
+    ] = None,
+    to_udp: Annotated[
+        int | None, typer.Option("--to-udp", min=1, max=65535, help="Send estimates as JSON to this UDP port, too.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Write JSON lines; default: as the input is.")] = False,
+    record: Annotated[
+        Path | None, typer.Option("--record", help="Write samples and estimates to this MCAP file.")
+    ] = None,
+    idle: Annotated[
+        float | None, typer.Option("--idle", min=0.0, help="End after so many seconds without a message (UDP).")
+    ] = None,
+    set_: SetOption = None,
+) -> None:
+    """Read samples as CSV or JSON lines from stdin, write an estimate for each, with a word on its health.
+
+    Columns and units are those that the rig's sensors name. CSV begins with a header. Each line is answered at once:
+    t, theta, theta_std [rad], health, detail.
+    """
+    from distal.estimators import LiveEstimator, Monitor
+    from distal.logs import MessageReader, Recorder
+    from distal.rig import load_rig
+
+    described = load_rig(rig, set_ or ())
+    live = LiveEstimator(described, estimator)
+    monitor, reader = Monitor(live), MessageReader(described, live.channels)
+    with ExitStack() as stack:
+        recorder = Recorder(record) if record is not None else None
+        if recorder is not None:
+            stack.callback(recorder.close)
+        if udp is not None:
+            lines: Iterator[bytes] = _datagrams(stack.enter_context(_bound(udp)), idle)
+        else:
+            lines = _lines()
+        target = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) if to_udp is not None else None
+        session = _Session(monitor, reader, recorder, target, to_udp or 0, as_json or udp is not None)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, session.stop)
+        try:
+            for line in lines:
+                session.take(line)
+        finally:
+            session.summary()
+
+
+class _Session:
+    """One stream from its first line to its last."""
+
+    def __init__(
+        self,
+        monitor: Any,
+        reader: MessageReader,
+        recorder: Recorder | None,
+        target: socket.socket | None,
+        port: int,
+        as_json: bool,
+    ) -> None:
+        self._monitor, self._reader, self._recorder = monitor, reader, recorder
+        self._target, self._port, self._json = target, port, as_json
+        self._csv: bool | None = None  # not known before the first line
+        self._counts: Counter[str] = Counter()
+        self._started, self._busy, self._stopped = monotonic(), False, False
+
+    def stop(self, *_: object) -> None:
+        """End, but not in the middle of a sample: what is recorded stays whole."""
+        self._stopped = True
+        if not self._busy:
+            raise KeyboardInterrupt
+
+    def take(self, line: bytes) -> None:
+        """Answer a line; the header of a CSV stream has no answer but the output's own header."""
+        self._busy = True
+        self._take(line)
+        self._busy = False
+        if self._stopped:
+            raise KeyboardInterrupt
+
+    def _take(self, line: bytes) -> None:
+        from distal.estimators import Reading
+
+        text = line.decode("utf-8", "replace").strip().lstrip("\ufeff")
+        if not text:
+            return
+        if self._csv is None:
+            self._csv = not text.startswith("{")
+            if self._csv:
+                self._reader.header(text)
+                if not self._json:
+                    self._write("t,theta,theta_std,health,detail")
+                return
+        try:
+            if len(line) >= LONGEST_LINE:
+                raise LogError("the line is too long")
+            time, sample = self._reader.csv(text) if self._csv else self._reader.json(text)
+        except LogError as problem:
+            self._answer(Reading(nan, nan, nan, "bad", str(problem)), None)
+            return
+        self._answer(self._monitor.take(time, sample), sample)
+
+    def _answer(self, reading: Reading, sample: Any) -> None:
+        from distal.logs import ESTIMATE_TOPIC, SAMPLE_TOPIC
+
+        self._counts[reading.health] += 1
+        message = {
+            "t": _finite(reading.time),
+            "theta": _finite(reading.angle),
+            "theta_std": _finite(reading.angle_std),
+            "health": reading.health,
+            "detail": reading.detail,
+        }
+        if self._recorder is not None and isfinite(reading.time):
+            if sample is not None and reading.health not in ("late", "duplicate", "bad"):
+                self._recorder.add(SAMPLE_TOPIC, reading.time, self._reader.message(reading.time, sample))
+            self._recorder.add(ESTIMATE_TOPIC, reading.time, message)
+        if self._json or not self._csv:
+            self._write(json.dumps(message))
+        else:
+            numbers = ",".join("" if value is None else repr(value) for value in list(message.values())[:3])
+            detail = reading.detail.replace('"', "'")
+            self._write(f'{numbers},{reading.health},"{detail}"' if detail else f"{numbers},{reading.health},")
+        if self._target is not None:
+            sent = json.dumps({"timestamp": message["t"], **message}).encode()
+            with suppress(OSError):  # nobody listens there: that is none of the stream's business
+                self._target.sendto(sent, ("127.0.0.1", self._port))
+
+    def _write(self, text: str) -> None:
+        sys.stdout.write(text + "\n")
+        sys.stdout.flush()
+
+    def summary(self) -> None:
+        """Say on stderr how many samples came, how fast, and their health."""
+        total = sum(self._counts.values())
+        seconds = max(monotonic() - self._started, 1e-9)
+        words = ", ".join(f"{count} {word}" for word, count in self._counts.most_common())
+        print(f"{total} samples in {seconds:.1f} s{': ' + words if words else ''}", file=sys.stderr)
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _lines() -> Iterator[bytes]:
+    """Return stdin's lines as they come; a line that is too long is cut, and is then no sample."""
+    source = sys.stdin.buffer
+    while True:
+        line = source.readline(LONGEST_LINE)
+        if not line:
+            return
+        yield line
+        while len(line) >= LONGEST_LINE and not line.endswith(b"\n"):
+            line = source.readline(LONGEST_LINE)
+
+
+def _bound(port: int) -> socket.socket:
+    """Return a socket that receives what is sent to a port of the loopback."""
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        made.bind(("127.0.0.1", port))
+    except OSError as problem:
+        made.close()
+        raise OutputError(f"UDP port {port}: cannot be read ({problem.strerror}); is another program there?") from None
+    return made
+
+
+def _datagrams(source: socket.socket, idle: float | None) -> Iterator[bytes]:
+    """Return datagrams as they come, until none came for `idle` seconds."""
+    while True:
+        ready, _, _ = select.select([source], [], [], idle)
+        if not ready:
+            return
+        yield source.recv(65536)

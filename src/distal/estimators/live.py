@@ -1,0 +1,202 @@
+"""An estimator in a control loop: one belief that is carried along, one call per sample, no arrays made."""
+
+from __future__ import annotations
+
+from math import ceil, isfinite
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import EstimationError
+from distal.estimators.contract import LARGEST_ANGLE, MOST_BRIDGES, SPLIT, Belief, KernelEstimator, check_time
+from distal.estimators.registry import DEFAULT, make_estimator
+from distal.rig import Rig, load_rig
+
+Floats = NDArray[np.float64]
+
+
+class LiveEstimator:
+    """Estimates the joint angle sample by sample, with the numbers that `estimate` gives over the whole log.
+
+    ```python
+    live = distal.LiveEstimator("paper-2008")
+    angle = live.step(time, sample)  # sample: values of live.channels, SI, NaN where missing
+    print(live.angle_std, live.innovations)
+    ```
+
+    Args:
+        rig: the description, or a shipped rig's name, or a path.
+        estimator: a name (see `ESTIMATORS`) or a ready one.
+        compiled: compile its kernel where possible.
+
+    Raises:
+        EstimationError: the estimator cannot run on this rig.
+    """
+
+    def __init__(
+        self, rig: Rig | str | Path, estimator: str | KernelEstimator = DEFAULT, compiled: bool = True
+    ) -> None:
+        rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        runner = make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
+        if runner.kernel is None:
+            raise EstimationError(f"{runner.name} is for logs; live, use adaptive or another one with a kernel")
+        self._runner, self._n, self._m = runner, len(runner.state_names), len(runner.measured)
+        self._loop = runner.kernel.loop(runner.numbers)
+        self._carry, self._x, self._y = self._loop.carry, self._loop.x, self._loop.y
+        width, places = len(runner.channels), runner.n_places if runner.leads_gaps else 0
+        self._values, self._mask = self._x[1 : 1 + width], self._x[1 + width :]
+        self._places, self._sample = places, np.zeros(width)
+        self._there, self._infinite = np.zeros(width, dtype=bool), np.zeros(width, dtype=bool)
+        self._read = [runner.channels.index(name) for name in runner.measured]
+        self._innovations = np.full(self._m, np.nan)
+        self._begin: tuple[float | None, float] = (None, 0.0)
+        self._longest, self._time, self._samples = SPLIT * runner.interval, float("nan"), 0
+        self._mean = _view(self._carry[: self._n])
+        self._covariance = _view(self._carry[self._n : self._n * (self._n + 1)].reshape(self._n, self._n))
+
+    def step(self, time: float, sample: Floats) -> float:
+        """Take in a sample and return the joint angle [rad].
+
+        Args:
+            time: of the sample [s], after the last one's.
+            sample: values of `channels`, SI, NaN where missing, (n_channels,).
+
+        Raises:
+            EstimationError: the stamp is late or repeats or follows too long a gap, the sample has the wrong shape or is
+                infinite: nothing has changed then. Or the filter left all bounds: call `reset`.
+        """
+        name = self._runner.name
+        if not isinstance(sample, np.ndarray) or sample.shape != self._sample.shape or sample.dtype.kind not in "fiu":
+            raise EstimationError(f"{name}: a sample is an array of {len(self._sample)} numbers for {self.channels}")
+        if np.isinf(sample, out=self._infinite).any():
+            raise EstimationError(f"{name}: the sample {sample} is infinite; NaN stands for a missing value")
+        if self._samples == 0:
+            if not isfinite(time):
+                raise EstimationError(f"{name}: the stamp {time} is not a finite time")
+            self._carry[:] = self._runner.initial(time, sample).carry
+            mean, std = self._begin
+            self._carry[0] = self._carry[0] if mean is None else mean
+            self._carry[self._n] = max(self._carry[self._n], std * std)
+            dt = 0.0
+        else:
+            check_time(name, self._time, time, False)
+            dt = time - self._time
+        parts = max(1, ceil(dt / self._longest - 1e-9))
+        if parts > MOST_BRIDGES:
+            raise EstimationError(f"{name}: a gap of {dt:g} s is too long to bridge; call reset")
+        np.isfinite(sample, out=self._there)
+        self._sample[:] = sample
+        self._sample[~self._there] = 0.0
+        self._x[0] = dt / parts
+        for left in range(parts, 1, -1):
+            # displacements cross a gap in a straight line to the reading that ends it
+            self._values[:] = 0.0
+            self._mask[:] = 0.0
+            self._values[: self._places] = self._sample[: self._places]
+            np.multiply(self._there[: self._places], -float(left), out=self._mask[: self._places])
+            self._loop.step()
+        self._values[:] = self._sample
+        self._mask[:] = self._there
+        self._loop.step()
+        self._time, self._samples = float(time), self._samples + 1
+        for i, k in enumerate(self._read):
+            self._innovations[i] = self._y[i] if self._there[k] else np.nan
+        angle = float(self._carry[0])
+        if not abs(angle) <= LARGEST_ANGLE or not isfinite(self._carry.sum()):
+            raise EstimationError(f"{name}: left all bounds at {time:g} s; call reset")
+        return angle
+
+    def reset(self, angle: float | None = None, angle_std: float = 0.0) -> None:
+        """Forget everything: the next sample is the first.
+
+        Args:
+            angle: where the joint then probably is [rad]; default the rig's `initial`.
+            angle_std: how sure that is at best [rad]; the rig's own std where that is larger.
+        """
+        self._begin = (angle, angle_std)
+        self._samples, self._time = 0, float("nan")
+        self._innovations[:] = np.nan
+
+    @property
+    def rig(self) -> Rig:
+        """The description."""
+        return self._runner.rig
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the sensors in a sample."""
+        return self._runner.channels
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of those that have an innovation."""
+        return self._runner.measured
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the states."""
+        return self._runner.state_names
+
+    @property
+    def interval(self) -> float:
+        """Nominal time between samples [s]."""
+        return self._runner.interval
+
+    @property
+    def time(self) -> float:
+        """Stamp of the last sample [s]; NaN before the first."""
+        return self._time
+
+    @property
+    def samples(self) -> int:
+        """Number of samples since the first or the last `reset`."""
+        return self._samples
+
+    @property
+    def angle(self) -> float:
+        """Joint angle [rad]."""
+        return float(self._carry[0])
+
+    @property
+    def angle_std(self) -> float:
+        """Standard deviation of its error [rad]."""
+        return float(np.sqrt(max(self._carry[self._n], 0.0)))
+
+    @property
+    def mean(self) -> Floats:
+        """State estimate, (n,), a read-only view that changes with each step."""
+        return self._mean
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of its error, (n, n), a read-only view that changes with each step."""
+        return self._covariance
+
+    @property
+    def innovations(self) -> Floats:
+        """Measured minus predicted, (m,), NaN where nothing was compared; a view that changes with each step."""
+        return _view(self._innovations)
+
+    @property
+    def innovation_variances(self) -> Floats:
+        """Their variances, (m,), a view that changes with each step."""
+        return _view(self._y[self._m : 2 * self._m])
+
+    def belief(self) -> Belief:
+        """Return what is believed now, to keep: a copy.
+
+        Raises:
+            EstimationError: there was no sample yet.
+        """
+        if self._samples == 0:
+            raise EstimationError(f"{self._runner.name}: no sample was taken in yet")
+        carry = self._carry.copy()
+        carry.flags.writeable = False
+        return Belief(self._time, carry, self._n, self._samples)
+
+
+def _view(array: Floats) -> Floats:
+    view = array.view()
+    view.flags.writeable = False
+    return view

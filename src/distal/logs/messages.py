@@ -1,0 +1,156 @@
+"""Samples as messages: a line of CSV or JSON, by the rig's columns and units."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from math import isfinite, nan
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import LogError
+from distal.logs.tables import MISSING
+from distal.rig import Rig, log_factor
+from distal.units import unit_factor
+
+Floats = NDArray[np.float64]
+
+STAMPS = ("timestamp", "ts", "time", "t")
+"""Names under which a JSON message may have its stamp [s] where it lacks the rig's own time column."""
+
+
+class MessageReader:
+    """Turns messages into stamps and samples, SI.
+
+    Args:
+        rig: the description; its sensors name the columns and their units.
+        channels: the sensors in a sample, in order.
+    """
+
+    def __init__(self, rig: Rig, channels: Sequence[str]) -> None:
+        sensors = {sensor.name: sensor for sensor in rig.sensors}
+        self._time, self._time_factor = rig.log.time.column, unit_factor(rig.log.time.unit, "s")
+        self._columns = [sensors[channel].log_column for channel in channels]
+        self._factors = np.array([sensors[channel].sign * log_factor(sensors[channel]) for channel in channels])
+        self._at: list[int] | None = None
+        self._width = 0
+        self._sample = np.zeros(len(channels))
+
+    @property
+    def needs_header(self) -> bool:
+        """Whether no CSV header has come yet."""
+        return self._at is None
+
+    def header(self, line: str) -> None:
+        """Take the header of a CSV stream.
+
+        Args:
+            line: names, separated by commas.
+
+        Raises:
+            LogError: the time column or all sensors are missing, or a name is there twice.
+        """
+        names = [name.strip().strip('"') for name in line.strip().split(",")]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise LogError(f"the stream's header has '{twice[0]}' twice")
+        if self._time not in names:
+            raise LogError(
+                f"the stream's header lacks the time column '{self._time}' (it has {', '.join(names)[:200]})"
+            )
+        if not any(column in names for column in self._columns):
+            raise LogError(
+                f"the stream's header has none of the columns {', '.join(self._columns)} (it has {', '.join(names)[:200]})"
+            )
+        self._width = len(names)
+        self._at = [names.index(name) if name in names else -1 for name in (self._time, *self._columns)]
+
+    def csv(self, line: str) -> tuple[float, Floats]:
+        """Return stamp and sample of a CSV line; the array is used again by the next call.
+
+        Args:
+            line: as many cells as the header.
+
+        Raises:
+            LogError: it is no such line.
+        """
+        assert self._at is not None
+        cells = line.strip().split(",")
+        if len(cells) != self._width:
+            raise LogError(f"{len(cells)} cells came, the header has {self._width}")
+        time = _number(cells[self._at[0]], self._time)
+        for i, at in enumerate(self._at[1:]):
+            self._sample[i] = nan if at < 0 else _number(cells[at], self._columns[i])
+        self._sample *= self._factors
+        return time * self._time_factor, self._sample
+
+    def json(self, text: str | bytes) -> tuple[float, Floats]:
+        """Return stamp and sample of a JSON object; nested ones are named with dots or slashes.
+
+        Args:
+            text: of the object.
+
+        Raises:
+            LogError: it is none, or lacks a stamp.
+        """
+        try:
+            message = json.loads(text)
+        except (ValueError, RecursionError) as problem:
+            raise LogError(f"no JSON ({str(problem)[:80]})") from None
+        if not isinstance(message, dict):
+            raise LogError("a JSON object is expected, with a member for each column")
+        found = find(message, self._time)
+        time = nan if found is None else _number(found, self._time) * self._time_factor
+        if found is None:
+            known = [find(message, name) for name in STAMPS]
+            time = next((_number(value, "timestamp") for value in known if value is not None), nan)
+        if not isfinite(time):
+            raise LogError(f"no stamp: neither '{self._time}' nor {', '.join(STAMPS)} is there")
+        for i, column in enumerate(self._columns):
+            value = find(message, column)
+            self._sample[i] = nan if value is None else _number(value, column)
+        self._sample *= self._factors
+        return time, self._sample
+
+    def message(self, time: float, sample: Floats) -> dict[str, float]:
+        """Return a sample as a JSON object that `json` reads: the rig's columns in the rig's units.
+
+        Args:
+            time: stamp [s].
+            sample: SI.
+        """
+        values = {column: float(value) for column, value in zip(self._columns, sample / self._factors)}
+        return {self._time: time / self._time_factor, **values}
+
+
+def find(message: Any, path: str) -> Any:
+    """Return a member of nested JSON objects and arrays, ``motors/left.force`` or ``position[0]``; None if it is not there.
+
+    Args:
+        message: the object.
+        path: its name, or names with dots or slashes between them.
+    """
+    if isinstance(message, dict) and path in message:
+        return message[path]
+    for part in path.replace("[", "/").replace("]", "").replace(".", "/").split("/"):
+        if isinstance(message, dict) and part in message:
+            message = message[part]
+        elif isinstance(message, list) and part.isdigit() and int(part) < len(message):
+            message = message[int(part)]
+        else:
+            return None
+    return message
+
+
+def _number(value: Any, name: str) -> float:
+    """Return a cell or a member as a number, NaN where it is missing."""
+    if value is None or (isinstance(value, str) and value.strip().lower() in MISSING):
+        return nan
+    if isinstance(value, (bool, dict, list)):
+        raise LogError(f"'{name}' is {str(value)[:40]}; a number is expected")
+    try:
+        return float(value)
+    except (ValueError, OverflowError):
+        raise LogError(f"'{name}' is '{str(value)[:40]}'; a number is expected") from None

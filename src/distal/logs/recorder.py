@@ -1,0 +1,102 @@
+"""Streams written to MCAP: the samples as they came, and the estimates with their health."""
+
+from __future__ import annotations
+
+import json
+import os
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import OutputError
+from distal.logs.output import check_writable
+
+Floats = NDArray[np.float64]
+
+SAMPLE_TOPIC, ESTIMATE_TOPIC = "distal/sample", "distal/estimate"
+
+SAMPLE_SCHEMA = {
+    "title": "distal.Sample",
+    "description": "What the sensors read at a stamp, in the columns and units of the rig file; null where missing.",
+    "type": "object",
+    "additionalProperties": {"type": ["number", "null"]},
+}
+
+ESTIMATE_SCHEMA = {
+    "title": "distal.Estimate",
+    "description": "The joint angle at a stamp, and how it came about.",
+    "type": "object",
+    "properties": {
+        "t": {"type": "number", "description": "stamp of the sample [s]"},
+        "theta": {"type": ["number", "null"], "description": "joint angle [rad]; null where the sample was skipped"},
+        "theta_std": {"type": ["number", "null"], "description": "standard deviation of its error [rad]"},
+        "health": {"type": "string", "description": "one word: see distal.estimators.HEALTH"},
+        "detail": {"type": "string", "description": "which sensor, how long"},
+    },
+    "required": ["t", "theta", "theta_std", "health", "detail"],
+}
+
+
+class Recorder:
+    """Writes an MCAP file; it stands in its place once it is closed, whole.
+
+    Args:
+        path: where.
+
+    Raises:
+        OutputError: it cannot be written, or the package mcap is missing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            from mcap.writer import Writer
+        except ImportError:
+            raise OutputError(f"{path}: MCAP needs the package mcap (pip install 'distal[mcap]')") from None
+        check_writable(path)
+        self._path, self._part = path, path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            self._file = self._part.open("wb")
+        except OSError as problem:
+            raise OutputError(f"{path}: cannot be written ({problem.strerror})") from None
+        self._writer: Any = Writer(self._file)
+        self._writer.start(profile="", library="distal")
+        self._channels = {}
+        for topic, schema in ((SAMPLE_TOPIC, SAMPLE_SCHEMA), (ESTIMATE_TOPIC, ESTIMATE_SCHEMA)):
+            number = self._writer.register_schema(str(schema["title"]), "jsonschema", json.dumps(schema).encode())
+            self._channels[topic] = self._writer.register_channel(topic, "json", number)
+        self._count = 0
+
+    def add(self, topic: str, time: float, message: dict[str, Any]) -> None:
+        """Write a message.
+
+        Args:
+            topic: `SAMPLE_TOPIC` or `ESTIMATE_TOPIC`.
+            time: stamp [s].
+            message: its members; a number that is not finite becomes null.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        clean = {k: None if isinstance(v, float) and not isfinite(v) else v for k, v in message.items()}
+        stamp = max(0, round(time * 1e9)) if isfinite(time) and abs(time) < 9e9 else 0
+        self._count += 1
+        try:
+            self._writer.add_message(self._channels[topic], stamp, json.dumps(clean).encode(), stamp, self._count)
+        except OSError as problem:
+            raise OutputError(f"{self._path}: cannot be written ({problem.strerror})") from None
+
+    def close(self) -> None:
+        """Finish the file and put it in its place.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        try:
+            self._writer.finish()
+            self._file.close()
+            os.replace(self._part, self._path)
+        except OSError as problem:
+            raise OutputError(f"{self._path}: cannot be written ({problem.strerror})") from None

@@ -1,0 +1,211 @@
+"""`distal stream` as a process: lines in, lines out at once, UDP, recordings."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from distal import Log, Rig, estimate, load_scenario, read_log, scenario_rig, simulate
+from distal.estimators import HEALTH
+from distal.logs import write_log
+
+COMMAND = [sys.executable, "-m", "distal", "stream", "--rig", "paper-2008"]
+for path, value in load_scenario("series-2").set.items():
+    COMMAND += ["--set", f"{path}={json.dumps(value)}"]
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return scenario_rig(load_scenario("series-2"))
+
+
+@pytest.fixture(scope="module")
+def log(rig: Rig) -> Log:
+    return simulate(rig, load_scenario("series-2"), 5).select(slice(0, 300))
+
+
+@pytest.fixture(scope="module")
+def csv(rig: Rig, log: Log, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("stream") / "log.csv"
+    write_log(log, rig, path)
+    return path.read_text()
+
+
+def as_json(csv: str) -> list[str]:
+    return [json.dumps(row) for row in pl.read_csv(csv.encode()).select("t", "x1", "u1", "x2", "u2").to_dicts()]
+
+
+def run(text: str, *options: str) -> tuple[str, str, int]:
+    done = subprocess.run([*COMMAND, *options], input=text, capture_output=True, text=True, timeout=60, check=False)
+    return done.stdout, done.stderr, done.returncode
+
+
+def test_csv_in_csv_out(rig: Rig, log: Log, csv: str) -> None:
+    out, err, code = run(csv)
+    assert code == 0, err
+    rows = pl.read_csv(out.encode())
+    np.testing.assert_allclose(rows["theta"], estimate(log, rig).theta, atol=1e-14)
+    assert set(rows["health"]) == {"ok"}
+    assert "300 samples in" in err
+
+
+def test_json_in_json_out_and_a_recording(rig: Rig, log: Log, csv: str, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    out, err, code = run("\n".join(as_json(csv)), "--record", str(path))
+    assert code == 0, err
+    rows = [json.loads(line) for line in out.splitlines()]
+    assert [row["t"] for row in rows] == pytest.approx(log.time)
+    np.testing.assert_allclose([row["theta"] for row in rows], estimate(log, rig).theta, atol=1e-14)
+    again = read_log(path, rig)  # and `distal estimate` reads it
+    for name in ("x1", "u1", "x2", "u2"):
+        np.testing.assert_allclose(again.channels[name], log.channels[name], rtol=1e-12)
+    np.testing.assert_allclose(estimate(again, rig).theta, estimate(log, rig).theta, atol=1e-9)
+
+
+def test_bad_lines_are_answered_and_nothing_ends(csv: str) -> None:
+    lines = csv.splitlines()
+    odd = ["", "nonsense", "1,2,3", lines[40].replace("0.3", "x", 1), "\x00\xff", '{"t": 1}', "9" * 5000]
+    text = "\n".join([*lines[:41], *odd, *lines[41:]]) + "\n"
+    out, err, code = run(text)
+    assert code == 0, err
+    rows = pl.read_csv(out.encode())
+    words = rows["health"].to_list()
+    assert words.count("bad") + words.count("duplicate") == len(odd) - 1  # an empty line is none
+    assert len(rows) == 300 + len(odd) - 1
+    assert set(words) <= set(HEALTH)
+
+
+def test_bad_json_is_answered(csv: str) -> None:
+    good = as_json(csv)
+    odd = [
+        "[]",
+        "3",
+        "{",
+        '{"x1": 1}',
+        '{"t": "soon"}',
+        '{"t": 0.3051, "x1": "wide"}',
+        '{"t": 0.305, "x1": true}',
+        '{"t": NaN}',
+    ]
+    out, err, code = run("\n".join([*good[:30], *odd, *good[31:]]))
+    assert code == 0, err
+    rows = [json.loads(line) for line in out.splitlines()]
+    assert [row["health"] for row in rows[30:38]] == ["bad"] * 8
+    assert rows[38]["health"] == "gap"
+    assert rows[-1]["health"] == "ok"
+
+
+def test_each_line_is_answered_at_once(csv: str) -> None:
+    lines = csv.splitlines(keepends=True)
+    process = subprocess.Popen(
+        COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(lines[0])
+    for line in lines[1:20]:
+        process.stdin.write(line)
+        process.stdin.flush()
+        if line is lines[1]:
+            assert process.stdout.readline().startswith("t,theta")
+        assert process.stdout.readline().startswith(line.split(",")[0])
+    process.stdin.close()
+    assert process.wait(20) == 0
+    process.stdout.close()
+    assert process.stderr is not None
+    process.stderr.close()
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_stopped_it_closes_its_recording(csv: str, rig: Rig, tmp_path: Path, how: signal.Signals) -> None:
+    path = tmp_path / "out.mcap"
+    command = [*COMMAND, "--record", str(path)]
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write("".join(csv.splitlines(keepends=True)[:51]))
+    process.stdin.flush()
+    for _ in range(51):
+        process.stdout.readline()
+    process.send_signal(how)
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "50 samples" in err
+    assert len(read_log(path, rig)) == 50
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+def test_udp_as_plotjuggler_sends_and_reads_it(log: Log, rig: Rig, csv: str) -> None:
+    to, back = free_port(), free_port()
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        listener.bind(("127.0.0.1", back))
+        listener.settimeout(20)
+        command = [*COMMAND, "--udp", str(to), "--to-udp", str(back), "--idle", "2"]
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        answers, first = [], json.dumps({"timestamp": -1.0, "x1": 0.0, "x2": 0.0, "u1": 2.0, "u2": 2.0})
+        deadline = time.monotonic() + 20
+        listener.settimeout(0.1)
+        while time.monotonic() < deadline:  # until it listens
+            sender.sendto(first.encode(), ("127.0.0.1", to))
+            try:
+                listener.recv(65536)
+                break
+            except TimeoutError:
+                continue
+        listener.settimeout(5)
+        for row in as_json(csv)[:60]:
+            message = json.loads(row)
+            message["timestamp"] = message.pop("t")
+            sender.sendto(json.dumps(message).encode(), ("127.0.0.1", to))
+            answer = json.loads(listener.recv(65536))
+            while answer["timestamp"] < 0:
+                answer = json.loads(listener.recv(65536))
+            answers.append(answer)
+        out, err = process.communicate(timeout=20)
+    assert process.returncode == 0, err
+    assert [answer["timestamp"] for answer in answers] == pytest.approx(log.time[:60])
+    assert all(set(answer) == {"timestamp", "t", "theta", "theta_std", "health", "detail"} for answer in answers)
+    assert json.loads(out.splitlines()[-1])["health"] == "ok"
+    assert answers[-1]["theta"] == pytest.approx(estimate(log, rig).theta[59], abs=0.1)
+
+
+def test_what_cannot_begin_is_one_line(csv: str, tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        busy = str(taken.getsockname()[1])
+        for text, options, said in (
+            ("a,b\n1,2\n", [], "lacks the time column 't'"),
+            ("t,a\n1,2\n", [], "none of the columns x1, x2, u1, u2"),
+            ("t,t,x1\n1,2,3\n", [], "'t' twice"),
+            (csv, ["-e", "particle"], "is for logs"),
+            (csv, ["--record", str(tmp_path / "no" / "x.mcap")], "does not exist"),
+            ("", ["--udp", busy], "is another program there"),
+        ):
+            out, err, code = run(text, *options)
+            assert code == 2, (options, err)
+            assert said in err
+            assert "Traceback" not in err
+    out, err, code = run("")
+    assert (out, code) == ("", 0)

@@ -1,0 +1,198 @@
+"""In a loop and in a stream: the numbers of the whole log, no memory, and nothing silent about what is wrong."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from distal import LiveEstimator, Log, Rig, estimate, load_scenario, make_estimator, scenario_rig, simulate
+from distal.errors import EstimationError
+from distal.estimators import HEALTH, Monitor, Reading, first_values, samples_of
+from tests.export.helpers import spoiled
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return scenario_rig(load_scenario("series-2"))
+
+
+@pytest.fixture(scope="module")
+def log(rig: Rig) -> Log:
+    return simulate(rig, load_scenario("series-2"), 5)
+
+
+@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "interpreted"])
+@pytest.mark.parametrize("name", ["adaptive", "iterated", "ekf", "elastic"])
+def test_the_numbers_are_those_of_the_functional_step(rig: Rig, log: Log, name: str, compiled: bool) -> None:
+    """Gaps and missing values included, to the last bit."""
+    bad = spoiled(log)
+    runner = make_estimator(name, rig, compiled)
+    samples = samples_of(bad, runner.channels)
+    live, belief = LiveEstimator(rig, runner), runner.initial(bad.time[0], samples[0])
+    for k in range(240):
+        angle = live.step(float(bad.time[k]), samples[k])
+        belief, innovation = runner.step(belief, bad.time[k], samples[k])
+        assert angle == live.angle == belief.mean[0]
+        np.testing.assert_array_equal(live.innovations, innovation.values)
+        np.testing.assert_array_equal(live.innovation_variances, innovation.variances)
+    np.testing.assert_array_equal(live.belief().carry, belief.carry)
+    np.testing.assert_array_equal(live.covariance, belief.covariance)
+    assert live.angle_std == np.sqrt(belief.covariance[0, 0])
+    assert live.samples == 240
+
+
+def test_the_numbers_are_those_of_the_whole_log(rig: Rig, log: Log) -> None:
+    live = LiveEstimator(rig)
+    samples = samples_of(log, live.channels)
+    angles = [live.step(float(t), sample) for t, sample in zip(log.time, samples)]
+    np.testing.assert_allclose(angles, estimate(log, rig).theta, atol=1e-14)
+    live.reset()
+    assert live.step(float(log.time[0]), samples[0]) == angles[0]
+
+
+def test_no_memory_is_taken(rig: Rig, log: Log) -> None:
+    """Two thousand steps leave nothing behind, and hold no array on the way."""
+    live = LiveEstimator(rig)
+    samples, times = samples_of(log, live.channels), [float(t) for t in log.time]
+    for k in range(100):
+        live.step(times[k], samples[k])
+    gc.collect()
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    for k in range(100, 700):
+        live.step(times[k], samples[k])
+    now, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert now - before < 1000
+    assert peak - before < 8 * live.belief().carry.size  # less than one belief
+
+
+def test_what_a_step_refuses(rig: Rig, log: Log) -> None:
+    live = LiveEstimator(rig)
+    samples = samples_of(log, live.channels)
+    with pytest.raises(EstimationError, match="no sample was taken in"):
+        live.belief()
+    with pytest.raises(EstimationError, match="not a finite time"):
+        live.step(np.nan, samples[0])
+    live.step(0.0, samples[0])
+    kept = live.belief().carry
+    for time, sample, said in (
+        (0.0, samples[1], "repeats"),
+        (-0.01, samples[1], "is late"),
+        (np.nan, samples[1], "not a finite time"),
+        (1e9, samples[1], "too long to bridge"),
+        (0.01, samples[1][:3], "array of 4 numbers"),
+        (0.01, [0.0, 0.0, 1.0, 1.0], "array of 4 numbers"),
+        (0.01, np.full(4, np.inf), "infinite"),
+    ):
+        with pytest.raises(EstimationError, match=said):
+            live.step(time, sample)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(live.belief().carry, kept)
+    for view in (live.mean, live.covariance, live.innovations):
+        with pytest.raises(ValueError, match="read-only"):
+            view[...] = 0.0
+    with pytest.raises(EstimationError, match="is for logs"):
+        LiveEstimator(rig, "particle")
+
+
+def take(monitor: Monitor, log: Log, rows: range | list[int], shift: float = 0.0) -> list[Reading]:
+    samples = samples_of(log, monitor.channels)
+    return [monitor.take(float(log.time[k]) + shift, samples[k]) for k in rows]
+
+
+class TestHealth:
+    """Each word is said where it belongs, and the estimate beside it is right or not there."""
+
+    def test_a_good_stream_is_ok(self, rig: Rig, log: Log) -> None:
+        readings = take(Monitor(LiveEstimator(rig)), log, range(len(log)))
+        assert {one.health for one in readings} == {"ok"}
+        np.testing.assert_allclose([one.angle for one in readings], estimate(log, rig).theta, atol=1e-14)
+
+    def test_late_and_repeated_samples_are_skipped(self, rig: Rig, log: Log) -> None:
+        monitor = Monitor(LiveEstimator(rig))
+        readings = take(monitor, log, [*range(50), 49, 30, *range(50, 100)])
+        assert [one.health for one in readings[50:52]] == ["duplicate", "late"]
+        assert np.isnan([one.angle for one in readings[50:52]]).all()
+        good = [one.angle for one in readings if np.isfinite(one.angle)]
+        np.testing.assert_allclose(good, estimate(log, rig).theta[:100], atol=1e-14)
+
+    def test_gaps_are_bridged_and_long_ones_begin_anew(self, rig: Rig, log: Log) -> None:
+        monitor = Monitor(LiveEstimator(rig))
+        readings = take(monitor, log, [*range(100), *range(120, 200)])
+        assert readings[100].health == "gap"
+        assert readings[100].detail == "0.21 s"
+        assert {one.health for one in readings[101:]} == {"ok"}
+        far = take(monitor, log, range(200, 260), shift=1e6)
+        assert far[0].health == "restarted"
+        assert {one.health for one in far[1:]} == {"ok"}
+        assert far[0].angle_std > 2 * readings[-1].angle_std  # it says that it knows less
+
+    def test_a_clock_that_was_set_back(self, rig: Rig, log: Log) -> None:
+        monitor = Monitor(LiveEstimator(rig))
+        take(monitor, log, range(200))
+        readings = take(monitor, log, range(200, 260), shift=-1e3)
+        assert [one.health for one in readings[:4]] == ["late", "late", "restarted", "ok"]
+
+    def test_one_late_sample_now_and_then_is_no_clock(self, rig: Rig, log: Log) -> None:
+        monitor = Monitor(LiveEstimator(rig))
+        rows = [k for i in range(50) for k in (i + 10, i)]
+        words = [one.health for one in take(monitor, log, [*range(10), *rows])]
+        assert "restarted" not in words
+        assert words.count("late") == 50
+
+    def test_a_sensor_that_dies_and_returns(self, rig: Rig, log: Log) -> None:
+        u1 = log.channels["u1"].copy()
+        u1[300:400] = np.nan
+        broken = Log(log.time, {**log.channels, "u1": u1}, log.truth, "dead", log.truth_source)
+        readings = take(Monitor(LiveEstimator(rig)), broken, range(len(log)))
+        words = [one.health for one in readings]
+        assert words[299] == words[400] == "ok"
+        assert words[303:340] == ["missing"] * 37
+        assert words[351:400] == ["dead"] * 49
+        assert readings[360].detail.startswith("u1 for 0.6")
+        errors = np.abs([one.angle for one in readings] - log.truth["theta"])
+        assert np.mean(errors <= 1.96 * np.array([one.angle_std for one in readings])) > 0.9
+
+    def test_a_sensor_that_lies_disagrees(self, rig: Rig, log: Log) -> None:
+        u1 = log.channels["u1"] + np.where(log.time > 4.0, 8.0, 0.0)
+        broken = Log(log.time, {**log.channels, "u1": u1}, log.truth, "lie", log.truth_source)
+        readings = take(Monitor(LiveEstimator(rig)), broken, range(len(log)))
+        first = next(one for one in readings if one.health == "disagrees")
+        assert 4.0 < first.time < 4.5
+        assert "u1" in first.detail
+
+    def test_nonsense_is_never_a_crash(self, rig: Rig, log: Log) -> None:
+        """Hypothesis of the worst: stamps and values of any size, NaN and infinity among them."""
+        rng = np.random.default_rng(3)
+        monitor = Monitor(LiveEstimator(rig))
+        samples = samples_of(log, monitor.channels)
+        odd = np.array([np.nan, np.inf, -np.inf, 0.0, 1e300, -1e300, 1e-300, 1e9])
+        words = set()
+        for k in range(3000):
+            time = float(rng.choice([*log.time[:50], *odd, 1e6 * rng.normal()]) if rng.uniform() < 0.2 else 0.01 * k)
+            sample = samples[k % len(samples)].copy()
+            if rng.uniform() < 0.2:
+                sample[rng.integers(4)] = rng.choice(odd)
+            reading = monitor.take(time, sample)
+            words.add(reading.health)
+            assert reading.health in HEALTH
+            assert np.isfinite(reading.angle) == np.isfinite(reading.angle_std)
+            assert np.isfinite(reading.angle) or reading.health in ("late", "duplicate", "bad")
+        assert {"ok", "late", "bad", "restarted", "missing"} <= words
+        for k in range(60):  # and it comes back
+            last = monitor.take(5e7 + 0.01 * k, samples[200 + k])
+        assert last.health == "ok"
+        assert abs(last.angle - estimate(log, rig).theta[259]) < 0.3
+
+
+def test_the_first_sample_may_lack_sensors(rig: Rig, log: Log) -> None:
+    monitor = Monitor(LiveEstimator(rig))
+    samples = samples_of(log, monitor.channels)
+    assert monitor.take(0.0, np.full(4, np.nan)).health == "bad"
+    part = samples[0].copy()
+    part[3] = np.nan
+    assert np.isfinite(monitor.take(0.01, part).angle)
+    assert first_values(samples).shape == (4,)

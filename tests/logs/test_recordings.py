@@ -1,0 +1,174 @@
+"""MCAP and ROS bags: columns by topic and field, stamps merged; what is missing is named."""
+
+from __future__ import annotations
+
+import builtins
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal import Log, Rig, estimate, load_scenario, read_log, scenario_rig, simulate
+from distal.errors import LogError, OutputError
+from distal.logs import ESTIMATE_SCHEMA, ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, is_recording
+
+TOPICS = {"x1": "/left.position[0]", "u1": "/left.effort[0]", "x2": "/right.position[0]", "u2": "/right.effort[0]"}
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return scenario_rig(load_scenario("series-2"))
+
+
+@pytest.fixture(scope="module")
+def log(rig: Rig) -> Log:
+    return simulate(rig, load_scenario("series-2"), 5).select(slice(0, 200))
+
+
+@pytest.fixture(scope="module")
+def named(rig: Rig) -> Rig:
+    """The rig with columns by topic and field, as one writes it for a bag."""
+    names = [sensor.name for sensor in rig.sensors]
+    return rig.with_values({f"sensors.{names.index(name)}.column": column for name, column in TOPICS.items()})
+
+
+def bag(log: Log, folder: Path, rig: Rig, late: float = 0.0) -> Path:
+    """Write a bag of ROS 2: two topics of joint states, the right one `late` behind, and one that nobody asked for."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.LATEST)
+    state, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
+    stamp, text = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/String"]
+    factor = {s.name: 1e-3 if s.unit == "mm" else 1.0 for s in rig.sensors}
+    with Writer(folder, version=9) as writer:
+        sides = {
+            side: writer.add_connection(f"/{side}", state.__msgtype__, typestore=store) for side in ("left", "right")
+        }
+        chat = writer.add_connection("/chatter", text.__msgtype__, typestore=store)
+        for k, time in enumerate(log.time):
+            for number, (side, connection) in enumerate(sides.items(), start=1):
+                at = round((1.7e9 + time + (late if side == "right" else 0.0)) * 1e9)
+                x, u = (log.channels[f"{kind}{number}"][k] for kind in "xu")
+                message = state(
+                    header=header(stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id=""),
+                    name=[side],
+                    position=np.array([x / factor[f"x{number}"]]),
+                    velocity=np.array([]),
+                    effort=np.array([u / factor[f"u{number}"]]),
+                )
+                writer.write(connection, at + 5_000_000, store.serialize_cdr(message, state.__msgtype__))
+            writer.write(chat, at, store.serialize_cdr(text(data="hello"), text.__msgtype__))
+    return folder
+
+
+def test_a_bag_of_ros_2(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
+    path = bag(log, tmp_path / "run", rig)
+    assert is_recording(path)
+    read = read_log(path, named)
+    assert len(read) == len(log)
+    np.testing.assert_allclose(read.time, log.time, atol=1e-6)
+    for name in TOPICS:
+        np.testing.assert_allclose(read.channels[name], log.channels[name], rtol=1e-12)
+    np.testing.assert_allclose(estimate(read, named).theta, estimate(log, rig).theta, atol=1e-5)
+    database = next(path.glob("*.db3"))
+    assert len(read_log(database, named)) == len(log)
+
+
+def test_stamps_that_nearly_agree_are_one_row(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
+    near = read_log(bag(log, tmp_path / "near", rig, late=0.0005), named)
+    assert len(near) == len(log)
+    far = read_log(bag(log, tmp_path / "far", rig, late=0.004), named)
+    assert len(far) == 2 * len(log)
+    assert np.isnan(far.channels["x1"]).sum() == np.isnan(far.channels["x2"]).sum() == len(log)
+
+
+def test_what_a_bag_lacks_is_named(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
+    path = bag(log, tmp_path / "run", rig)
+    with pytest.raises(LogError, match=r"columns are /topic\.field, the topics are /chatter, /left, /right"):
+        read_log(path, rig)
+    at = [sensor.name for sensor in rig.sensors].index("u2")
+    with pytest.raises(LogError, match=r"column '/right\.effort\[3\]' is missing"):
+        read_log(path, named.with_values({f"sensors.{at}.column": "/right.effort[3]"}))
+    with pytest.raises(LogError, match="no number; name one element"):
+        read_log(path, named.with_values({f"sensors.{at}.column": "/right.effort"}))
+    with pytest.raises(LogError, match="is not there"):
+        read_log(tmp_path / "absent.mcap", named)
+    (tmp_path / "broken.mcap").write_bytes(b"\x89MCAP0\r\n nonsense")
+    with pytest.raises(LogError, match=r"broken\.mcap: cannot be read"):
+        read_log(tmp_path / "broken.mcap", named)
+
+
+def test_messages_of_ros_in_mcap(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
+    """A file of MCAP with messages of ROS 2 holds their definitions."""
+    from mcap.writer import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.LATEST)
+    kind = "geometry_msgs/msg/Vector3"
+    made = store.types[kind]
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema(kind, "ros2msg", b"float64 x\nfloat64 y\nfloat64 z\n")
+        channels = {n: writer.register_channel(f"/drive{n}", "cdr", schema) for n in (1, 2)}
+        for k, time in enumerate(log.time):
+            for n, channel in channels.items():
+                x, u = (log.channels[f"{letter}{n}"][k] for letter in "xu")
+                data = store.serialize_cdr(made(x=float(x), y=float(u), z=0.0), kind)
+                writer.add_message(channel, round(time * 1e9), bytes(data), round(time * 1e9))
+        writer.finish()
+    names = [sensor.name for sensor in rig.sensors]
+    values = {}
+    for n in (1, 2):
+        values |= {f"sensors.{names.index(f'{k}{n}')}.column": f"/drive{n}.{f}" for k, f in (("x", "x"), ("u", "y"))}
+        values |= {f"sensors.{names.index(f'x{n}')}.unit": "m", f"sensors.{names.index(f'u{n}')}.unit": "N"}
+    read = read_log(path, rig.with_values(values))
+    for name in TOPICS:
+        np.testing.assert_allclose(read.channels[name], log.channels[name], rtol=1e-12)
+
+
+def test_a_recorder_writes_what_the_reader_of_mcap_reads(tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+
+    path = tmp_path / "out.mcap"
+    recorder = Recorder(path)
+    recorder.add(SAMPLE_TOPIC, 0.5, {"t": 0.5, "x1": 1.5, "u1": float("nan")})
+    recorder.add(ESTIMATE_TOPIC, 0.5, {"t": 0.5, "theta": 0.1, "theta_std": 0.02, "health": "ok", "detail": ""})
+    assert not path.exists()  # it stands there once it is whole
+    recorder.close()
+    with path.open("rb") as file:
+        messages = [
+            (schema, channel.topic, json.loads(m.data), m.log_time)
+            for schema, channel, m in make_reader(file).iter_messages()
+        ]
+    assert [topic for _, topic, _, _ in messages] == [SAMPLE_TOPIC, ESTIMATE_TOPIC]
+    assert messages[0][2] == {"t": 0.5, "x1": 1.5, "u1": None}
+    assert messages[0][3] == 500_000_000
+    schema = json.loads(messages[1][0].data)
+    assert schema == ESTIMATE_SCHEMA
+    assert set(messages[1][2]) == set(schema["properties"]) == set(schema["required"])
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_without_the_packages_it_says_what_to_install(
+    named: Rig, rig: Rig, log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = bag(log, tmp_path / "run", rig)
+    (tmp_path / "run.mcap").write_bytes(b"")
+    real = builtins.__import__
+
+    def absent(name: str, *rest: object, **more: object) -> object:
+        if name.split(".")[0] in ("mcap", "rosbags"):
+            raise ImportError(name)
+        return real(name, *rest, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(builtins, "__import__", absent)
+    with pytest.raises(LogError, match=r"pip install 'distal\[ros\]'"):
+        read_log(path, named)
+    with pytest.raises(LogError, match=r"pip install 'distal\[mcap\]'"):
+        read_log(tmp_path / "run.mcap", named)
+    with pytest.raises(OutputError, match=r"pip install 'distal\[mcap\]'"):
+        Recorder(tmp_path / "new.mcap")
