@@ -250,7 +250,7 @@ def test_tangents_are_the_derivatives(name: str) -> None:
         at = np.concatenate([q, v, effort])
         slopes = function(q, v, effort, effort, DT, p)[2].full()
         steps = np.concatenate([np.full(n, 1e-9), np.full(n, 1e-7), np.full(n, 1e-6)])
-        expected = finite_difference(end, at, steps)
+        expected = np.delete(finite_difference(end, at, steps), 2 * n, axis=1)  # no column for an effort on the joint
         scale = np.abs(expected).max(axis=1, keepdims=True)
         np.testing.assert_allclose(slopes / scale, expected / scale, rtol=2e-4, atol=2e-5)
 

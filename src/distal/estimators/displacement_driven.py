@@ -163,7 +163,7 @@ def prepare_function(augmented: AugmentedState, count: int, ideal: bool = False)
         seeds[i, n + i] = 1
     parameters = augmented.model_parameters(mean)
     h = ca.SX.sym("h")
-    response = ca.Function("responses", [h, p], [responses(mechanism, h, h)])(dt / count, parameters)
+    response = ca.Function("responses", [h, p], [responses(mechanism, h, h, rebounds=False)])(dt / count, parameters)
     torque_std = ca.SX(0)
     if augmented.torque is not None:
         torque_std = ca.sqrt(ca.fmax(covariance[augmented.torque_at, augmented.torque_at], 0))

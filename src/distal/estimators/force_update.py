@@ -212,7 +212,7 @@ def force_update(
             steps = [_along(each, mean - point) for each in slopes[3 * k : 3 * k + 3]]
             known, unsure = _along(slope, ahead[0]), _along(limit_slope, ahead[1])
             numbers = ca.vertcat(*steps, known, unsure, held)
-            innovation, own, memory, by_limit, by_lean, counts = taken(table[5 * k : 5 * k + 5], numbers, motions, x)
+            innovation, own, memory, by_limit, by_lean, counts = taken(table[5 * k : 5 * k + 5], numbers, motions, x, p)
             across = -ahead[0]
             for share, each, there in ((by_limit, ahead[1], limit_slope), (by_lean, ahead[2], lean_slope)):
                 across = across + share * each if there.nnz() else across
@@ -263,14 +263,13 @@ def row_functions(augmented: AugmentedState) -> tuple[list[ForceRow], ca.Functio
     speeds, noise, x = ca.SX.sym("speeds", nd), ca.SX.sym("noise", nd), ca.SX.sym("x", 1 + 2 * width)
     rows = force_rows(augmented, state, motions, speeds, noise, x)
     values = [part for row in rows for part in (row.residual, row.limit, row.lean, row.variance, row.mask)]
-    slopes = [ca.jacobian(part, state).T for row in rows for part in (row.residual, row.limit, row.lean)]
-    outputs = ca.cse([ca.densify(ca.vertcat(*values)), *(ca.sparsify(each) for each in slopes)])
+    slopes = [ca.sparsify(ca.jacobian(part, state)).T for row in rows for part in (row.residual, row.limit, row.lean)]
     arguments = [state, motions, speeds, noise, x, augmented.mechanism.parameters.symbols]
-    return rows, ca.Function("rows", arguments, outputs)
+    return rows, ca.Function("rows", arguments, ca.cse([ca.densify(ca.vertcat(*values)), *slopes]))
 
 
 def taken_function(augmented: AugmentedState, row: ForceRow, ideal: bool) -> ca.Function:
-    """Return (values, numbers, motions, x) → `TakenRow` of one row.
+    """Return (values, numbers, motions, x, p) → `TakenRow` of one row.
 
     Args:
         augmented: the layout of the state.
@@ -298,7 +297,8 @@ def taken_function(augmented: AugmentedState, row: ForceRow, ideal: bool) -> ca.
         ideal,
     )
     parts = (taken.innovation, taken.variance, taken.memory, taken.by_limit, taken.by_lean, taken.counts)
-    return ca.Function("taken", [values, numbers, motions, x], ca.cse([ca.densify(ca.SX(part)) for part in parts]))
+    arguments = [values, numbers, motions, x, augmented.mechanism.parameters.symbols]
+    return ca.Function("taken", arguments, ca.cse([ca.densify(ca.SX(part)) for part in parts]))
 
 
 def weights(trusted: bool) -> ca.Function:

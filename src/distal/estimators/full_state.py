@@ -78,14 +78,14 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
 
 def _update_function(mechanism: Mechanism, channels: Channels, measured: list[Any]) -> ca.Function:
     """Return prediction of the covariance and update as one scalar function."""
-    nb, nd, nj = mechanism.n_bodies, mechanism.n_drives, mechanism.n_joints
+    nb, nd = mechanism.n_bodies, mechanism.n_drives
     n, m, p = 2 * nb, len(measured), mechanism.parameters.symbols
-    q, v, slopes = ca.SX.sym("q", nb), ca.SX.sym("v", nb), ca.SX.sym("slopes", n, 3 * nb)
+    q, v, slopes = ca.SX.sym("q", nb), ca.SX.sym("v", nb), ca.SX.sym("slopes", n, n + nd)
     covariance = ca.SX.sym("P", n, n)
     dt, values, mask = ca.SX.sym("dt"), ca.SX.sym("z", m), ca.SX.sym("mask", m)
     q_u, q_x, r = ca.SX.sym("q_u", nd), ca.SX.sym("q_x", n), ca.SX.sym("r", m)
     state = ca.vertcat(q, v)
-    predicted = predict_covariance(covariance, slopes[:, :n], slopes[:, n + nj :], q_u, q_x * dt)
+    predicted = predict_covariance(covariance, slopes[:, :n], slopes[:, n:], q_u, q_x * dt)
     expected = expected_measurements(mechanism, measured, q, v)
     result = update(state, predicted, values - expected, ca.jacobian(expected, state), r, mask)
     return ca.Function(

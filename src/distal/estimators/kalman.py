@@ -54,8 +54,9 @@ def update(
     """Return mean, covariance, innovations and their variances after a sample, one scalar at a time.
 
     For each value: ν = z − h(x⁻) − H (x − x⁻), S = H P Hᵀ + R, K = P Hᵀ/S, x ← x + K ν,
-    P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ (Joseph). With the linearisation kept at x⁻ this equals the update with all
-    values at once (their errors are independent). A value whose mask is 0 changes nothing.
+    P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ (Joseph), multiplied out: P − K aᵀ − a Kᵀ + K S Kᵀ with a = P Hᵀ. With the
+    linearisation kept at x⁻ this equals the update with all values at once (their errors are independent). A value whose
+    mask is 0 changes nothing.
 
     Args:
         mean: x⁻, (n,).
@@ -65,7 +66,6 @@ def update(
         variances: R, (m,).
         mask: 1 where the value is there, else 0, (m,).
     """
-    n = mean.numel()
     prior, innovations, spreads = mean, [], []
     for i in range(residuals.numel()):
         row = jacobian[i, :]
@@ -73,10 +73,8 @@ def update(
         spread = ca.mtimes(row, across) + variances[i]
         value = residuals[i] - ca.mtimes(row, mean - prior)
         gain = mask[i] * across / spread
-        keep = ca.SX.eye(n) - ca.mtimes(gain, row)
         mean = mean + gain * value
-        joseph = ca.mtimes(ca.mtimes(keep, covariance), keep.T) + variances[i] * ca.mtimes(gain, gain.T)
-        covariance = symmetric(joseph)
+        covariance = lowered(covariance, gain, across - gain * (spread / 2), loops=False)
         innovations.append(value)
         spreads.append(spread)
     return mean, covariance, ca.vertcat(*innovations), ca.vertcat(*spreads)

@@ -13,6 +13,8 @@ from pathlib import Path
 import casadi as ca
 
 from distal.kernels.cache import Cache, cache_folder, cpu, digest
+from distal.kernels.dialects import CodeError, Plain
+from distal.kernels.emitter import Emitter
 
 # no fast-math and no fused multiply-add: the same numbers as the interpreter
 FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
@@ -20,19 +22,26 @@ FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-fPIC"
 _SCAN = """
 /* {name} over n samples: carry and outputs of every sample are kept, the carry of sample k is the input of k + 1 */
 long long {name}_scan(long long n, const double* carry, const double* x, const double* p, double* carries, double* y) {{
-  const double* arg[{sz_arg}];
-  double* res[{sz_res}];
-  casadi_int iw[{sz_iw}];
-  double w[{sz_w}];
   long long k;
   for (k = 0; k < n; ++k) {{
-    arg[0] = carry; arg[1] = x + k * {n_x}; arg[2] = p;
-    res[0] = carries + k * {n_carry}; res[1] = y + k * {n_y};
-    if ({name}(arg, res, iw, w, 0)) return k;
+    {name}(carry, x + k * {n_x}, p, carries + k * {n_carry}, y + k * {n_y});
     carry = carries + k * {n_carry};
   }}
   return n;
 }}
+
+/* one sample, as CasADi calls what it did not generate */
+int {name}_kernel(const double** arg, double** res, long long* iw, double* w, int mem) {{
+  {name}(arg[0], arg[1], arg[2], res[0], res[1]);
+  return 0;
+}}
+long long {name}_kernel_n_in(void) {{ return 3; }}
+long long {name}_kernel_n_out(void) {{ return 2; }}
+static const long long shapes[5][3] = {{
+  {{{n_carry}, 1, 1}}, {{{n_x}, 1, 1}}, {{{n_p}, 1, 1}}, {{{n_carry}, 1, 1}}, {{{n_y}, 1, 1}}
+}};
+const long long* {name}_kernel_sparsity_in(long long i) {{ return shapes[i]; }}
+const long long* {name}_kernel_sparsity_out(long long i) {{ return shapes[3 + i]; }}
 """
 
 
@@ -76,22 +85,23 @@ def c_source(function: ca.Function) -> str:
 
     Args:
         function: the CasADi function.
+
+    Raises:
+        CompileError: the function has an operation that has no C here.
     """
-    generator = ca.CodeGenerator(f"{function.name()}.c", {"with_header": False, "main": False})
-    generator.add(function)
+    emitter = Emitter(Plain())
+    try:
+        name = emitter.add(function)
+    except CodeError as problem:
+        raise CompileError(str(problem)) from None
     loop = _SCAN.format(
-        name=function.name(),
-        sz_arg=function.sz_arg(),
-        sz_res=function.sz_res(),
-        sz_iw=function.sz_iw() + 1,
-        sz_w=function.sz_w() + 1,
+        name=name,
+        n_carry=function.numel_in(0),
         n_x=function.numel_in(1),
-        n_carry=function.numel_out(0),
+        n_p=function.numel_in(2),
         n_y=function.numel_out(1),
     )
-    text: str = generator.dump()
-    # the loop belongs inside the generated extern "C" block's file, after the function that it calls
-    return text + loop
+    return f"#include <math.h>\n{emitter.dialect.prelude()}\n{emitter.text}\n{loop}"
 
 
 def compiled_library(function: ca.Function) -> Path:

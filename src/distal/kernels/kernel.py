@@ -61,7 +61,7 @@ class Kernel:
         name = self._interpreted.name()
         library = compiled_library(self._interpreted)
         try:
-            external = ca.external(name, str(library))
+            external = ca.external(f"{name}_kernel", str(library))
             scan = getattr(ctypes.CDLL(str(library)), f"{name}_scan")
         except (OSError, RuntimeError, AttributeError) as problem:
             raise CompileError(f"the compiled kernel {library} cannot be loaded ({type(problem).__name__})") from None

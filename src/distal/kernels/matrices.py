@@ -14,6 +14,9 @@ from distal.kernels.layout import UNROLLED, Layout, Value
 if TYPE_CHECKING:
     from distal.kernels.emitter import Emitter
 
+UNROLLED_PRODUCT = 8
+"""A sparse factor of at most so many numbers is written number by number."""
+
 
 class MatrixWriter(Layout):
     """One function of matrices on its way to C.
@@ -316,9 +319,14 @@ class MatrixWriter(Layout):
         if x.is_dense() and y.is_dense():
             self.count += 2 * rows * inner * columns
             return self._dense_product(k, inputs, rows, inner, columns)
+        if not x.is_dense() and not y.is_dense():
+            raise CodeError("the product of two sparse matrices has no C here")
+        row, column = _triplets((x if y.is_dense() else y).sparsity())
+        if not y.is_dense() and len(row) <= UNROLLED_PRODUCT:
+            self.count += 2 * len(row) * rows
+            return self._columns(k, inputs, rows, columns, list(zip(row, column)))
         to, lines = self._started(k, inputs[0])
         if y.is_dense():
-            row, column = _triplets(x.sparsity())
             self.count += 2 * len(row) * columns
             factor, among = inputs[1], f" + {inner} * j" if columns > 1 else ""
             where = self.at(inputs[2], f"{self.indices(column)}[k]{among}")
@@ -326,9 +334,6 @@ class MatrixWriter(Layout):
             target = self.at(to, f"{self.indices(row)}[k]{below}" if rows > 1 else ("j" if columns > 1 else 0))
             loop = f"for (j = 0; j < {columns}; ++j) " if columns > 1 else ""
             return [*lines, f"  {loop}for (k = 0; k < {len(row)}; ++k) {target} += {self.at(factor, 'k')} * {where};"]
-        if not x.is_dense():
-            raise CodeError("the product of two sparse matrices has no C here")
-        row, column = _triplets(y.sparsity())
         self.count += 2 * len(row) * rows
         target = self.at(to, f"i + {rows} * {self.indices(column)}[k]" if columns > 1 else "i")
         where = self.at(inputs[1], f"i + {rows} * {self.indices(row)}[k]")
@@ -337,6 +342,29 @@ class MatrixWriter(Layout):
             f"  for (k = 0; k < {len(row)}; ++k) for (i = 0; i < {rows}; ++i) "
             f"{target} += {where} * {self.at(inputs[2], 'k')};",
         ]
+
+    def _columns(
+        self, k: int, inputs: list[Value], rows: int, columns: int, entries: list[tuple[int, int]]
+    ) -> list[str]:
+        """z + x y with few numbers in y: each column of the result as one sum of columns of x."""
+        base, x, y = inputs
+        zero = base.home is None and not any(base.numbers)
+        if zero:
+            to, lines = self._made(k, base.size), list[str]()
+        else:
+            to, lines = self._started(k, base)
+        for column in range(columns):
+            target = self.at(to, _sum("i", rows * column))
+            terms = [
+                f"{self.at(x, _sum('i', rows * row))} * {self.at(y, number)}"
+                for number, (row, at) in enumerate(entries)
+                if at == column
+            ]
+            start = [] if zero else [target]
+            if terms or zero:
+                total = " + ".join([*start, *terms]) or self.dialect.constant(0.0)
+                lines.append(f"  for (i = 0; i < {rows}; ++i) {target} = {total};")
+        return lines
 
     def _dense_product(self, k: int, inputs: list[Value], rows: int, inner: int, columns: int) -> list[str]:
         base, x, y = inputs
@@ -375,6 +403,10 @@ class MatrixWriter(Layout):
         total = f"s += {self.at(inputs[0], 'i')} * {self.at(inputs[1], 'i')};"
         start = f"{self.dialect.type} s = {self.dialect.constant(0.0)};"
         return [f"  {{ {start} for (i = 0; i < {n}; ++i) {total} {self.at(to, 0)} = s; }}"]
+
+
+def _sum(index: str, offset: int) -> str:
+    return f"{index} + {offset}" if offset else index
 
 
 def _even(at: list[int]) -> int | None:

@@ -47,8 +47,35 @@ def soft(z: Any, limit: Any) -> Any:
         z: velocity without friction.
         limit: friction limit as a velocity, b · μN ≥ 0; a `Limit` where it depends on the direction.
     """
+    return slipped(*slip(z, limit), z, limit)
+
+
+def slip(z: Any, limit: Any, factor: Any = 1) -> tuple[Any, Any]:
+    """Return (f, b): 1 in slip to + or to −, else 0, as factors of what `soft` leaves; see `slipped`.
+
+    Args:
+        z: velocity without friction.
+        limit: friction limit as a velocity; a `Limit` where it depends on the direction.
+        factor: both are multiplied by this.
+    """
     up, down = (limit.up, limit.down) if isinstance(limit, Limit) else (limit, limit)
-    return ca.fmax(z - up, 0) + ca.fmin(z + down, 0)
+    # without friction, or where no time passes, z = 0 = l is slip: what does not hold does not stop either
+    return (z >= up) * factor, (z < -down) * factor
+
+
+def slipped(forward: Any, back: Any, z: Any, limit: Any) -> Any:
+    """Return (f + b) z − f l₊ + b l₋: `soft` as products, whose derivatives need no choice and no division.
+
+    Args:
+        forward: f, see `slip`.
+        back: b.
+        z: velocity without friction.
+        limit: friction limit as a velocity; a `Limit` where it depends on the direction.
+    """
+    up, down = (limit.up, limit.down) if isinstance(limit, Limit) else (limit, limit)
+    if ca.is_equal(ca.SX(up), ca.SX(down), 3):
+        return (forward + back) * z - (forward - back) * up
+    return (forward + back) * z - forward * up + back * down
 
 
 def capstan_limit(tension: Any, coefficient: Any, wrap: Any) -> Limit:

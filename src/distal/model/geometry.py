@@ -65,9 +65,10 @@ def elongation(insertion: Insertion, angle: Any, displacement: Any) -> Any:
         return displacement - side * radius * angle
     if insertion.kind == "linkage":
         return displacement - side * excursion(insertion, angle)
-    along = free_length + displacement - side * radius * ca.sin(angle)
-    across = radius * (1 - ca.cos(angle))
-    return ca.sqrt(across * across + along * along) - free_length
+    # (4) and (5) multiplied out: ℓ² = A² − 2 side r A sin θ + 2 r² (1 − cos θ), A = l + x, has the shorter derivatives
+    along = free_length + displacement
+    square = along * (along - 2 * side * radius * ca.sin(angle)) + 2 * radius * radius * (1 - ca.cos(angle))
+    return ca.sqrt(square) - free_length
 
 
 def angle_at(insertion: Insertion, elongated: Any, displacement: Any) -> Any:

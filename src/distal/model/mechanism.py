@@ -118,10 +118,10 @@ class Mechanism:
         for i in range(self.n_tendons):
             path = f"tendons.{i}"
             if p.has(f"{path}.damping"):
-                damped = ca.fmax(elastic[i] + p[f"{path}.damping"] * rates[i], 0)
-                tensions.append(ca.if_else(elastic[i] > 0, damped, 0))
+                damped = elastic[i] + p[f"{path}.damping"] * rates[i]
+                tensions.append(ca.if_else(ca.logic_and(elastic[i] > 0, damped > 0), damped, 0))
             else:
-                tensions.append(ca.fmax(elastic[i], 0))
+                tensions.append(ca.if_else(elastic[i] > 0, elastic[i], 0))
         return ca.vertcat(*tensions)
 
     def elastic_forces(self, q: Any) -> Any:

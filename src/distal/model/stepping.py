@@ -24,7 +24,7 @@ RESOLUTION = 0.6
 MOST_SUBSTEPS = 1000
 
 
-def responses(mechanism: Mechanism, length: Any, drift: Any, added_inertia: Any = None) -> Any:
+def responses(mechanism: Mechanism, length: Any, drift: Any, added_inertia: Any = None, rebounds: bool = True) -> Any:
     """Return what depends on the step only, (n_bodies, 4): a, b (see `free_response`), rebound, implicitness.
 
     Args:
@@ -32,6 +32,7 @@ def responses(mechanism: Mechanism, length: Any, drift: Any, added_inertia: Any 
         length: of the kick [s].
         drift: length of the drift that follows [s].
         added_inertia: what rides on the bodies beside their own inertia (hung weights), (n_bodies,), or none.
+        rebounds: whether bodies bounce off stops; else the third column is zero.
     """
     inertias, dampings = mechanism.inertias(), mechanism.dampings()
     rows = []
@@ -42,7 +43,7 @@ def responses(mechanism: Mechanism, length: Any, drift: Any, added_inertia: Any 
         if body.has_stops:
             k_s, b_s, _, _ = _stop_parameters(mechanism, i)
             resolved = k_s * drift * drift / inertia <= 1
-            rebound = ca.if_else(resolved, 0, restitution(k_s, b_s, inertia))
+            rebound = ca.if_else(resolved, 0, restitution(k_s, b_s, inertia)) if rebounds else ca.SX(0)
             implicitness = ca.if_else(resolved, 0.5, 1)
         rows.append(ca.horzcat(a, b, rebound, implicitness))
     return ca.vertcat(*rows)

@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from distal.model.friction import soft
+from distal.model.friction import slip, slipped, soft
 
 
 def stop_force(position: Any, velocity: Any, low: Any, high: Any, stiffness: Any, damping: Any) -> Any:
@@ -71,11 +71,14 @@ class Stop:
     rebound: Any
     implicitness: Any
 
-    def pressed(self, z: Any, limit: Any, b: Any, implicit: Any, position: Any, stop: Any, drift: Any) -> Any:
-        """Return the velocity of a body that presses against `stop`: exact with friction, implicit in the spring.
+    def pressed(
+        self, z: Any, limit: Any, b: Any, implicit: Any, position: Any, place: Any, drift: Any, contact: Any = True
+    ) -> Any:
+        """Return the velocity of a body that presses against a stop, exact with friction, implicit in the spring.
 
         (1 + b (D + α k_s h + b_s)) v + l ∂|v| ∋ z − b k_s (x − x_stop). v is monotone in z, so a stop that is found by
-        looking at the velocity without it can only push.
+        looking at the velocity without it can only push. Where there is no contact, v = soft(z, l)/(1 + b D): both are
+        `slipped` less c (x − x_stop), and what is chosen are the factors, so that derivatives need no choice of their own.
 
         Args:
             z: velocity after the other forces, before friction.
@@ -83,11 +86,19 @@ class Stop:
             b: response of the velocity to a constant force over the kick.
             implicit: damping coefficient D that is taken implicitly.
             position: at the start of the drift.
-            stop: the stop that is pressed, x_L or x_H.
+            place: the stop that is pressed, x_L or x_H.
             drift: length of the drift h [s].
+            contact: whether it is pressed.
         """
-        held = 1 + b * (implicit + self.implicitness * self.stiffness * drift + self.damping)
-        return soft(z - b * self.stiffness * (position - stop), limit) / held
+        inside = position - place
+        held = 1 / (1 + b * (implicit + self.implicitness * self.stiffness * drift + self.damping))
+        forward, back = slip(z - b * self.stiffness * inside, limit, held)
+        spring = (forward + back) * (b * self.stiffness)
+        if contact is not True:
+            loose = slip(z, limit, 1 / (1 + b * implicit))
+            forward, back = ca.if_else(contact, forward, loose[0]), ca.if_else(contact, back, loose[1])
+            spring = ca.if_else(contact, spring, 0)
+        return slipped(forward, back, z, limit) - spring * inside
 
 
 def kick_at_stops(
@@ -116,7 +127,7 @@ def kick_at_stops(
     at_low = ca.logic_and(end < stop.low, stop.stiffness * (end - stop.low) + stop.damping * free < 0)
     contact = ca.logic_or(at_high, at_low)
     place = ca.if_else(at_high, stop.high, stop.low)
-    velocity = ca.if_else(contact, stop.pressed(z, limit, b, implicit, position, place, drift), free)
+    velocity = stop.pressed(z, limit, b, implicit, position, place, drift, contact)
     final = position + drift * velocity
     if isinstance(stop.rebound, (int, float)):
         return velocity, final
@@ -155,4 +166,4 @@ def velocity_in_stops(stop: Stop, z: Any, limit: Any, b: Any, implicit: Any, pos
     pressed = stop.pressed(z, limit, b, implicit, position, inside, drift)
     pushes = ca.if_else(position > stop.high, pressed < free, pressed > free)
     contact = ca.logic_and(ca.logic_or(position > stop.high, position < stop.low), pushes)
-    return ca.if_else(contact, pressed, free)
+    return stop.pressed(z, limit, b, implicit, position, inside, drift, contact)

@@ -11,56 +11,84 @@ from distal.model.stepping import Kick, kick_and_drift, last_kick, responses
 
 
 def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
-    """Return the function (q, v, effort, effort_end, dt, p) → (q⁺, v⁺, S) with S = ∂(q⁺, v⁺)/∂(q, v, effort).
+    """Return the function (q, v, effort, effort_end, dt, p) → (q⁺, v⁺, S) with S = ∂(q⁺, v⁺)/∂(q, v, pulls on the drives).
 
     The effort goes from `effort` to `effort_end` in a straight line: held values would shake light sliders on stiff
     tendons with every sample. Its column of S is for a shift of both ends.
 
-    S, (2 n_bodies, 3 n_bodies), is carried through the sub-steps: S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort and
-    S_q⁺ = S_q + h S_v⁺. The derivative of friction is 0 in stick and 1 in slip; stops do not rebound here.
+    S, (2 n_bodies, 2 n_bodies + n_drives), is carried through the sub-steps: S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort
+    and S_q⁺ = S_q + h S_v⁺. The derivative of friction is 0 in stick and 1 in slip; stops do not rebound here.
 
     Args:
         mechanism: the rig's equations.
         count: number of sub-steps.
     """
-    n, p = mechanism.n_bodies, mechanism.parameters.symbols
+    n, columns, p = mechanism.n_bodies, 2 * mechanism.n_bodies + mechanism.n_drives, mechanism.parameters.symbols
     q, v, effort = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("effort", n)
     response = ca.SX.sym("response", n, 4)
     length, drift = ca.SX.sym("length"), ca.SX.sym("drift")
-    s_q, s_v = ca.SX.sym("s_q", n, 3 * n), ca.SX.sym("s_v", n, 3 * n)
     kick = Kick(q, v, effort, response, length, drift)
     q_moved, v_moved = kick_and_drift(mechanism, kick, rebounds=False)
-    v_last = last_kick(mechanism, kick)
-
-    def slopes(velocity: Any) -> Any:
-        along = ca.mtimes(ca.jacobian(velocity, q), s_q) + ca.mtimes(ca.jacobian(velocity, v), s_v)
-        return along + ca.horzcat(ca.SX(n, 2 * n), ca.jacobian(velocity, effort))
-
-    moved = slopes(v_moved)
-    arguments = [q, v, s_q, s_v, effort, response, length, drift, p]
-    moving = ca.Function("substep", arguments, ca.cse([q_moved, v_moved, s_q + drift * moved, moved]))
-    closing = ca.Function("last_kick", arguments, ca.cse([v_last, slopes(v_last)]))
-    prepared = ca.Function("responses", [length, drift, p], [responses(mechanism, length, drift)])
+    symbols = [q, v, effort, response, length, drift, p]
+    moving = _step("substep", mechanism, _linearised("kick", mechanism, symbols, v_moved, q_moved), True)
+    closing = _step(
+        "last_kick", mechanism, _linearised("half_kick", mechanism, symbols, last_kick(mechanism, kick)), False
+    )
+    prepared = ca.Function("responses", [length, drift, p], [responses(mechanism, length, drift, rebounds=False)])
 
     q, v, effort, effort_end = (ca.MX.sym(name, n) for name in ("q", "v", "effort", "effort_end"))
     dt, p = ca.MX.sym("dt"), ca.MX.sym("p", p.numel())
     h = dt / count
     half, full = prepared(h / 2, h, p), prepared(h, h, p)
-    identity = ca.DM.eye(2 * n)
-    state = (
-        q,
-        v,
-        ca.MX(ca.densify(ca.horzcat(identity[:n, :], ca.DM(n, n)))),
-        ca.MX(ca.densify(ca.horzcat(identity[n:, :], ca.DM(n, n)))),
-    )
+    # transposed: the slopes of one body lie side by side, so that a processor takes several at once
+    identity = ca.DM.eye(columns)
+    s_q, s_v = ca.MX(ca.densify(identity[:, :n])), ca.MX(ca.densify(identity[:, n : 2 * n]))
+    q_next, v_next = q, v
     for i in range(count):
         now = effort + (i / count) * (effort_end - effort)
-        state = moving(*state, now, half if i == 0 else full, h / 2 if i == 0 else h, h, p)
-    v_next, s_v_next = closing(*state, effort_end, half, h / 2, h, p)
+        step = (half, h / 2) if i == 0 else (full, h)
+        q_next, v_next, s_q, s_v = moving(q_next, v_next, s_q, s_v, now, *step, h, p)
+    v_last, s_v = closing(q_next, v_next, s_q, s_v, effort_end, half, h / 2, h, p)
     return ca.Function(
         "tangent_interval",
         [q, v, effort, effort_end, dt, p],
-        [state[0], v_next, ca.vertcat(state[2], s_v_next)],
+        [q_next, v_last, ca.horzcat(s_q, s_v).T],
         ["q", "v", "effort", "effort_end", "dt", "p"],
         ["q_next", "v_next", "S"],
     )
+
+
+def _linearised(name: str, mechanism: Mechanism, symbols: list[Any], velocity: Any, *more: Any) -> ca.Function:
+    """Return a kick: the velocity and its transposed slopes with respect to q, v and the drives' pulls, sparse."""
+    q, v, effort = symbols[:3]
+    slopes = [ca.jacobian(velocity, by) for by in (q, v)] + [ca.jacobian(velocity, effort)[:, mechanism.n_joints :]]
+    dense = [ca.densify(each) for each in (velocity, *more)]
+    return ca.Function(name, symbols, ca.cse([*(ca.sparsify(each).T for each in slopes), *dense]))
+
+
+def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> ca.Function:
+    """Return a kick, and the drift that follows, with the slopes carried along.
+
+    (q, v, S_qᵀ, S_vᵀ, effort, response, length, drift, p) → (q⁺, v⁺, S_qᵀ⁺, S_vᵀ⁺), or (v⁺, S_vᵀ⁺).
+    """
+    n, columns = mechanism.n_bodies, 2 * mechanism.n_bodies + mechanism.n_drives
+    q, v, effort, response = (ca.MX.sym(x, n, k) for x, k in (("q", 1), ("v", 1), ("effort", 1), ("response", 4)))
+    s_q, s_v = (ca.MX.sym(x, columns, n) for x in ("s_q", "s_v"))
+    length, drift = ca.MX.sym("length"), ca.MX.sym("drift")
+    p = ca.MX.sym("p", kick.size1_in(6))
+    by_q, by_v, by_effort, v_next, *moved = kick(q, v, effort, response, length, drift, p)
+    following = _chained(mechanism, (by_q, by_v, by_effort), s_q, s_v)
+    outputs = [*moved, v_next, s_q + drift * following, following] if drifts else [v_next, following]
+    return ca.Function(name, [q, v, s_q, s_v, effort, response, length, drift, p], outputs)
+
+
+def _chained(mechanism: Mechanism, slopes: tuple[Any, ...], s_q: Any, s_v: Any) -> Any:
+    """Return the transposed S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort."""
+    n, columns = mechanism.n_bodies, 2 * mechanism.n_bodies + mechanism.n_drives
+    by_q, by_v, by_effort = slopes
+    following = ca.mac(s_v, by_v, ca.mac(s_q, by_q, ca.MX.zeros(columns, n)))
+    rows, bodies = by_effort.sparsity().get_triplet()
+    at = [2 * n + row + columns * body for row, body in zip(rows, bodies)]
+    flat = ca.vec(following)
+    flat[at] = flat[at] + ca.vertcat(*(by_effort.nz[k] for k in range(len(at))))
+    return ca.reshape(flat, columns, n)

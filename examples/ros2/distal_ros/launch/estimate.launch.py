@@ -1,0 +1,15 @@
+from launch import LaunchDescription
+from launch_ros.actions import Node
+
+
+def generate_launch_description():
+    return LaunchDescription(
+        [
+            Node(
+                package="distal_ros",
+                executable="estimate",
+                parameters=[{"rig": "capstan-joint", "motor": "motor"}],
+                remappings=[("motor_states", "/joint_states")],
+            )
+        ]
+    )
