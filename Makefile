@@ -10,7 +10,7 @@ help:
 	@echo "make demo       reproduce the paper: figures, results and a page in out/reproduce"
 	@echo "make test       every test, ruff, the type check and the layer check"
 	@echo "make test-fast  the tests that finish within a minute"
-	@echo "make bench      accuracy and speed of the time stepping and of one filter step, as tables and pictures"
+	@echo "make bench      accuracy and speed of stepping, filters, batches, processes; the filter on a microcontroller"
 	@echo "make accuracy   plants x scenarios x estimators x 20 seeds: errors, bands, ratio to the lower bound"
 	@echo "make clean      remove .venv, out and caches"
 
@@ -38,6 +38,7 @@ lint: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks.stepping
 	$(BIN)/python -m benchmarks.speed
+	$(BIN)/python -m benchmarks.microcontroller
 
 accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.accuracy

@@ -5,14 +5,22 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import tempfile
 import time
+from pathlib import Path
 
 import numpy as np
 
+from benchmarks.limits import batch_time, filterpy_numpy, handwritten_time, live_times, scan_time
 from benchmarks.report import FOLDER, table
-from distal import load_rig, load_scenario, make_estimator, scenario_rig, simulate
+from distal import load_rig, load_scenario, make_estimator, scenario_rig, simulate, simulate_batch
 from distal.estimators import samples_of
 from distal.kernels import Kernel, find_compiler
+from distal.logs import write_log
 from distal.model import Mechanism, substeps
 from distal.simulation.plant import plant_function
 
@@ -76,53 +84,107 @@ def main() -> None:
     rig = scenario_rig(scenario)
     log = simulate(rig, scenario)
     print(f"C compiler: {find_compiler()}")
-    found: list[tuple[str, float, float]] = []
-    backends = (True, False) if not isinstance(find_compiler(), str) else (False,)
+    compiles = not isinstance(find_compiler(), str)
+    found: list[tuple[str, float, float | None]] = []
+    if compiles:
+        taken, difference = handwritten_time(rig, log)
+        found.append(("ekf by hand in C, whole log", taken, None))
+        print(f"largest difference of the hand-written ekf: {difference:.1e} rad")
+        found.append(("ekf, compiled, whole log", scan_time(make_estimator("ekf", rig), log), None))
+        found.append(("adaptive, compiled, whole log", scan_time(make_estimator("adaptive", rig), log), None))
     for name in ("ekf", "ekf-2008", "adaptive", "inextensible"):
-        for compiled in backends:
+        for compiled in (True, False) if compiles else (False,):
             estimator = make_estimator(name, rig, compiled)
             samples = samples_of(log, estimator.channels)
             rows, _ = estimator._rows(np.diff(log.time, prepend=0.0), samples)
             times = step_times(estimator.kernel, estimator.initial(0.0, samples[0]).carry, rows, estimator._p)
-            found.append(
-                (f"{name}, {estimator.kernel.backend}", float(np.median(times)), float(np.percentile(times, 99)))
-            )
+            found.append((f"{name}, {estimator.kernel.backend}, one step", *_both(times)))
+    found.append(("adaptive, LiveEstimator.step in Python", *_both(live_times(rig, log))))
+    logs = list(simulate_batch(rig, ((scenario, seed) for seed in range(8))))
+    batch_time(rig, logs, 16, 1)  # builds the kernel
+    for workers in (1, 2):
+        taken = batch_time(rig, logs, 1000, workers)
+        found.append((f"adaptive, batch of 1000 logs, {workers} worker{'s'[: workers - 1]}", taken, None))
     mechanism = Mechanism(load_rig("paper-2008"))
     count = substeps(mechanism, 0.01)
-    for compiled in backends:
+    for compiled in (True, False) if compiles else (False,):
         kernel = Kernel(plant_function(mechanism, count), compiled)
         x = np.zeros((SAMPLES, kernel.n_x))
         x[:, 1], x[:, 2], x[:, -1] = 3.0, 2.0, 0.01
         carry = np.array([0.0, 2.5e-3, 2.5e-3, 0, 0, 0])
         times = step_times(kernel, carry, x, mechanism.parameters.values)
-        label = f"simulation of 10 ms, {kernel.backend}"
-        found.append((label, float(np.median(times)), float(np.percentile(times, 99))))
+        found.append((f"simulation of 10 ms, {kernel.backend}", *_both(times)))
     estimator = make_estimator("ekf", rig)
     order = [estimator.channels.index(name) for name in ("x1", "x2", "u1", "u2")]
-    peer = filterpy_solve_ivp(samples_of(log, estimator.channels)[:, order], log.time, 200)
-    found.append(
-        ("FilterPy EKF, solve_ivp(RK23), numerical Jacobian", float(np.median(peer)), float(np.percentile(peer, 99)))
+    samples = samples_of(log, estimator.channels)[:, order]
+    found.append(("FilterPy EKF, sub-steps in NumPy", *_both(filterpy_numpy(samples, log.time, 400))))
+    peer = filterpy_solve_ivp(samples, log.time, 200)
+    found.append(("FilterPy EKF, solve_ivp(RK23), numerical Jacobian", *_both(peer)))
+    found.append(("of that, one solve_ivp(RK23)", *_both(peer / 7)))
+    first = found[0][1]
+    rows = [
+        [name, f"{median:.2f}", "" if high is None else f"{high:.1f}", f"{median / first:.2f}"]
+        for name, median, high in found
+    ]
+    columns = ["what", "median [µs]", "99 % [µs]", "ratio to the first"]
+    table("speed", "One sample of 10 ms on paper-2008", columns, rows)
+    picture([(name, median) for name, median, _ in found])
+    processes()
+
+
+def _both(times: np.ndarray) -> tuple[float, float]:
+    return float(np.median(times)), float(np.percentile(times, 99))
+
+
+def processes() -> None:
+    """Measure whole processes: `distal estimate` of a log of 12 s, with a warm cache and without a compiler."""
+    scenario = load_scenario("series-2").model_copy(update={"duration": 12.0})
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "log.csv"
+        rig = scenario_rig(scenario)
+        write_log(simulate(rig, scenario), rig, path)
+        settings = [f"--set={key}={json.dumps(value)}" for key, value in scenario.set.items()]
+        plain = path.with_name("plain.csv")  # without truth: one estimator, as in use
+        plain.write_text("\n".join(",".join(line.split(",")[:5]) for line in path.read_text().splitlines()) + "\n")
+        for what, file, extra in (
+            ("adaptive, warm cache", plain, {}),
+            ("adaptive, without a compiler", plain, {"DISTAL_COMPILE": "0"}),
+            ("compared with the truth, five estimators, warm cache", path, {}),
+            ("the same, without a compiler", path, {"DISTAL_COMPILE": "0"}),
+        ):
+            command = [sys.executable, "-m", "distal", "estimate", str(file), "--rig", "paper-2008", *settings]
+            taken = []
+            for _ in range(6):
+                start = time.perf_counter()
+                subprocess.run(command, check=True, capture_output=True, env={**os.environ, **extra})
+                taken.append(time.perf_counter() - start)
+            rows.append([what, f"{np.median(taken[1:]):.2f}", f"{max(taken[1:]):.2f}"])
+    table(
+        "processes",
+        "`distal estimate` of a log of 12 s, the whole process",
+        ["what", "median [s]", "longest [s]"],
+        rows,
     )
-    found.append(("of that, one solve_ivp(RK23)", float(np.median(peer)) / 7, float(np.percentile(peer, 99)) / 7))
-    fastest = found[0][1]
-    rows = [[name, f"{median:.1f}", f"{high:.1f}", f"{median / fastest:.1f}"] for name, median, high in found]
-    table("speed", "One step of 10 ms on paper-2008", ["what", "median [µs]", "99 % [µs]", "ratio to the first"], rows)
-    picture(found)
 
 
-def picture(found: list[tuple[str, float, float]]) -> None:
+def picture(found: list[tuple[str, float]]) -> None:
     """Draw the medians as bars on a logarithmic scale."""
     from distal.estimators import COLOURS, figure, save_figure
 
-    with figure(1, 1, (7.2, 3.4)) as (made, (axes,)):
-        names, medians = [name for name, *_ in found], [median for _, median, _ in found]
-        colours = [COLOURS[1] if "solve_ivp" in name else COLOURS[0] for name in names]
+    with figure(1, 1, (7.2, 4.6)) as (made, (axes,)):
+        names, medians = [name for name, _ in found], [median for _, median in found]
+        peers = ("solve_ivp", "FilterPy")
+        colours = [
+            COLOURS[1] if any(peer in name for peer in peers) else COLOURS[2] if "by hand" in name else COLOURS[0]
+            for name in names
+        ]
         axes.barh(names[::-1], medians[::-1], color=colours[::-1], height=0.6)
         for i, median in enumerate(medians[::-1]):
-            axes.text(median * 1.1, i, f"{median / medians[0]:.1f} ×", va="center", fontsize=8)
+            axes.text(median * 1.1, i, f"{median / medians[0]:.3g} ×", va="center", fontsize=8)
         axes.set_xscale("log")
         axes.set_xlim(right=max(medians) * 4)
-        axes.set_xlabel("time of one step of 10 ms [µs]; × = ratio to the first")
+        axes.set_xlabel("time per sample of 10 ms [µs]; × = ratio to the first")
         axes.grid(axis="y", visible=False)
     save_figure(made, FOLDER / "speed.svg")
     save_figure(made, FOLDER / "speed.png")

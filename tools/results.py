@@ -102,6 +102,10 @@ TABLES = {
             "fit-mujoco",
             "fit-da-vinci",
             "hysteresis",
+            "processes",
+            "microcontroller",
+            "float-errors",
+            "soak",
         )
     },
 }

@@ -14,6 +14,7 @@ import pytest
 from distal import Rig, estimate, load_scenario, scenario_rig, simulate
 from distal.estimators import make_estimator, samples_of
 from distal.export import Exported, c_filter
+from distal.simulation import Scenario, build_scenario
 from tests.export.helpers import missing_tools
 
 pytestmark = [
@@ -34,22 +35,43 @@ class Measured:
         ram: bytes of state, stack and the library's data.
         instructions: of a step, mean and most.
         rows: angle and its std for each sample.
+        error_degrees: largest difference of the angle to double precision [°].
     """
 
     flash: int
     ram: int
     instructions: tuple[float, float]
     rows: np.ndarray
+    error_degrees: float
+
+
+def cases() -> list[tuple[str, Rig, Scenario]]:
+    """Return rigs to measure, and what moves them."""
+    made = []
+    for name in ("paper-2008", "pulley-antagonist", "capstan-joint", "da-vinci-grasper"):
+        if name == "paper-2008":
+            scenario = load_scenario("series-2")
+        else:
+            servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
+            pull = {"weight": {"mean": "3 N", "amplitude": "1 N", "frequency": "0.5 Hz"}}
+            drives = (
+                {"left": pull, "right": {"weight": "3 N"}}
+                if name == "pulley-antagonist"
+                else {"motor": {"servo": servo}}
+            )
+            scenario = build_scenario({"rig": name, "duration": 4.0, "drives": drives}, name)
+        made.append((name, scenario_rig(scenario), scenario))
+    return made
 
 
 def literal(value: float) -> str:
     return "NAN" if np.isnan(value) else f"{value:.9e}f"
 
 
-def measure(rig: Rig, name: str, folder: Path) -> tuple[Measured, Exported]:
+def measure(rig: Rig, scenario: Scenario, name: str, folder: Path) -> tuple[Measured, Exported]:
     """Build the smallest product and a program with a log, look at one and run the other."""
     made = c_filter(rig, name, True, "filter")
-    log = simulate(rig, load_scenario("series-2"), 6).select(slice(0, SAMPLES))
+    log = simulate(rig, scenario, 6).select(slice(0, SAMPLES))
     samples = samples_of(log, make_estimator(name, rig, compiled=False).channels)
     (folder / "filter.c").write_text(made.source)
     (folder / "filter.h").write_text(made.header)
@@ -95,14 +117,15 @@ def measure(rig: Rig, name: str, folder: Path) -> tuple[Measured, Exported]:
     per_tick = 1e6 / million  # SysTick counts 25 MHz of a clock of 1 GHz, one instruction each
     flash = sum(sections.get(name, 0) for name in (".text", ".ARM.exidx", ".data"))
     ram = sections.get(".data", 0) + sections.get(".bss", 0) + stack
-    return Measured(flash, ram, (used * per_tick / len(angles), most * per_tick), angles), made
+    error = np.rad2deg(np.abs(angles[:, 0] - estimate(log, rig, name).theta).max())
+    return Measured(flash, ram, (used * per_tick / len(angles), most * per_tick), angles, float(error)), made
 
 
 @pytest.mark.parametrize("name", ["adaptive", "ekf-2008"])
 def test_it_fits_and_is_right(name: str, tmp_path: Path) -> None:
     """At most 32 kB of flash, 6 kB of RAM and 30,000 instructions per step; angles as in Python to 0.02°."""
     rig = scenario_rig(load_scenario("series-2"))
-    measured, _ = measure(rig, name, tmp_path)
+    measured, _ = measure(rig, load_scenario("series-2"), name, tmp_path)
     assert len(measured.rows) == SAMPLES
     known = estimate(simulate(rig, load_scenario("series-2"), 6), rig, name)
     np.testing.assert_allclose(measured.rows[:, 0], known.theta[:SAMPLES], atol=np.deg2rad(0.02))
