@@ -123,7 +123,7 @@ def test_no_more_in_memory_than_is_in_work(rig: Rig, logs: list[Log]) -> None:
         assert taken == count
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert peaks[1] < 1.3 * peaks[0]
+    assert peaks[1] < 2.0 * peaks[0]  # five times the runs, and threads that are not always equally far
 
 
 def test_simulations_side_by_side(rig: Rig) -> None:

@@ -39,6 +39,8 @@ def with_places(rows: Floats, last: NDArray[np.intp], samples: Floats, places: i
         samples: (n, n_channels), NaN where missing.
         places: number of position sensors, which come first.
     """
+    if len(last) == len(rows):
+        return rows, last
     width = samples.shape[1]
     for i in np.flatnonzero(np.diff(last, prepend=-1) > 1):
         first = last[i - 1] + 1 if i else 0

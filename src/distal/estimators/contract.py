@@ -309,6 +309,12 @@ class KernelEstimator:
 
     def _rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Return the kernel's rows (dt, values, mask), bridges included, and the index of each sample's own row."""
+        width, there = len(self.channels), np.isfinite(samples)
+        if steps.max(initial=0.0) <= SPLIT * self._interval:  # nothing to bridge: one row each
+            rows = np.empty((len(steps), 1 + 2 * width))
+            rows[:, 0], rows[:, 1 + width :] = steps, there
+            rows[:, 1 : 1 + width] = np.where(there, samples, 0.0)
+            return rows, np.arange(len(steps))
         needed = np.maximum(1.0, np.ceil(steps / (SPLIT * self._interval) - 1e-9))
         if needed.max(initial=1.0) > MOST_BRIDGES:
             raise EstimationError(
@@ -322,10 +328,8 @@ class KernelEstimator:
             )
         parts = needed.astype(np.int64)
         last = np.cumsum(parts) - 1
-        width = len(self.channels)
         rows = np.zeros((int(parts.sum()), 1 + 2 * width))
         rows[:, 0] = np.repeat(steps / parts, parts)
-        there = np.isfinite(samples)
         rows[last, 1 : 1 + width] = np.where(there, samples, 0.0)
         rows[last, 1 + width :] = there
         return rows, last

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 
@@ -86,6 +87,7 @@ class Plain:
             f"static inline {kind} smaller({kind} a, {kind} b) {{ return a < b || b != b ? a : b; }}\n"
         )
 
+    @lru_cache(maxsize=4096)  # noqa: B019  (frozen, and two of them are all there are)
     def constant(self, value: float) -> str:
         """Return a number as C."""
         if value != value:
@@ -152,10 +154,21 @@ static inline V v_fabs(V a) {{ return (V)((M)a & 0x7fffffffffffffffLL); }}
 static inline V v_fmin(V a, V b) {{ return where((a < b) | (b != b), a, b); }}
 static inline V v_fmax(V a, V b) {{ return where((a > b) | (b != b), a, b); }}
 static inline V v_sign(V a) {{ return ones(a > 0.0) - ones(a < 0.0); }}
+static inline void v_sincos(V a, V* s, V* c) {{
+  int l;
+  for (l = 0; l < {lanes}; ++l) {{ (*s)[l] = sin(a[l]); (*c)[l] = cos(a[l]); }}
+}}
 """
 
 _LANEWISE = {
-    1: "static inline V v_{f}(V a) {{ V r; int l; for (l = 0; l < {lanes}; ++l) r[l] = {f}(a[l]); return r; }}",
+    # runs with the same stamps have the same decays: computed once
+    1: """static inline V v_{f}(V a) {{
+  V r; int l, alike = 1;
+  for (l = 1; l < {lanes}; ++l) alike &= a[l] == a[0];
+  if (alike) return all({f}(a[0]));
+  for (l = 0; l < {lanes}; ++l) r[l] = {f}(a[l]);
+  return r;
+}}""",
     2: "static inline V v_{f}(V a, V b) {{ V r; int l; for (l = 0; l < {lanes}; ++l) r[l] = {f}(a[l], b[l]); return r; }}",
 }
 

@@ -73,6 +73,7 @@ class Emitter:
         """Return the C of a function of scalars: straight lines."""
         dialect, lines, names = self.dialect, [], dict[int, str]()
         count, library = 0, Counter[str]()
+        pairs = _sines_and_cosines(function) if isinstance(dialect, Lanes) else {}
         for k in range(function.n_instructions()):
             operation = function.instruction_id(k)
             inputs, outputs = function.instruction_input(k), function.instruction_output(k)
@@ -87,6 +88,12 @@ class Emitter:
                 if operation in CALLED and operation not in INLINE:
                     library[CALLED[operation]] += 1
                 operands = [names[i] for i in inputs] if operation in BINARY else [names[inputs[0]]]
+                if k in pairs:
+                    sine, cosine = pairs[k]
+                    if k == min(sine, cosine):
+                        lines.append(f"  V v{sine}, v{cosine}; v_sincos({operands[0]}, &v{sine}, &v{cosine});")
+                    names[outputs[0]] = f"v{k}"
+                    continue
                 lines.append(f"  const {dialect.type} v{k} = {dialect.operation(operation, *operands)};")
                 names[outputs[0]] = f"v{k}"
         self.operations[name], self.library[name] = count, library
@@ -109,3 +116,17 @@ class Emitter:
         loops = [f"  int {v};" for v in "ijk" if any(f"for ({v} = 0" in line for line in lines)]
         head = [f"{self._signature(function, name, in_place)} {{", *writer.tables, *arrays, *loops, *unused]
         return "\n".join([*head, *lines, "}", ""])
+
+
+def _sines_and_cosines(function: ca.Function) -> dict[int, tuple[int, int]]:
+    """Return for each sine and cosine of the same angle the instructions of both: C has one function for the pair."""
+    slots: dict[int, int] = {}
+    found: dict[int, dict[int, int]] = {}
+    for k in range(function.n_instructions()):
+        operation, outputs = function.instruction_id(k), function.instruction_output(k)
+        if operation in (ca.OP_SIN, ca.OP_COS):
+            found.setdefault(slots[function.instruction_input(k)[0]], {})[operation] = k
+        if operation != ca.OP_OUTPUT:
+            slots[outputs[0]] = k
+    both = [(each[ca.OP_SIN], each[ca.OP_COS]) for each in found.values() if len(each) == 2]
+    return {k: pair for pair in both for k in pair}
