@@ -8,6 +8,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 
 from distal import Log, estimate_batch, make_estimator
@@ -26,6 +27,54 @@ def scan_time(runner: KernelEstimator, log: Log) -> float:
     rows, _ = runner.checked_rows(runner.initial(log.time[0], samples[0]), log.time, samples)
     carry = runner.initial(log.time[0], samples[0]).carry
     return _median(lambda: runner.kernel.scan(carry, rows, runner.numbers)) / len(rows)
+
+
+_SCAN = """
+long long loop(long long n, const double* carry, const double* x, const double* p, double* carries, double* y) {{
+  const double* arg[{sz_arg}];
+  double* res[{sz_res}];
+  casadi_int iw[{sz_iw}];
+  double w[{sz_w}];
+  long long k;
+  for (k = 0; k < n; ++k) {{
+    arg[0] = carry; arg[1] = x + k * {n_x}; arg[2] = p;
+    res[0] = carries + k * {n_carry}; res[1] = y + k * {n_y};
+    if ({name}(arg, res, iw, w, 0)) return k;
+    carry = carries + k * {n_carry};
+  }}
+  return n;
+}}
+"""
+
+
+def casadi_time(runner: KernelEstimator, log: Log) -> float:
+    """Return the time per sample of the same function in the C of CasADi's own generator [µs]."""
+    compiler, function = find_compiler(), runner.kernel.function
+    assert not isinstance(compiler, str)
+    generator = ca.CodeGenerator("casadi.c", {"with_header": False, "main": False})
+    generator.add(function)
+    loop = _SCAN.format(
+        name=function.name(),
+        sz_arg=function.sz_arg(),
+        sz_res=function.sz_res(),
+        sz_iw=function.sz_iw() + 1,
+        sz_w=function.sz_w() + 1,
+        n_x=function.numel_in(1),
+        n_carry=function.numel_out(0),
+        n_y=function.numel_out(1),
+    )
+    samples = samples_of(log, runner.channels)
+    start = runner.initial(log.time[0], samples[0])
+    rows, _ = runner.checked_rows(start, log.time, samples)
+    with tempfile.TemporaryDirectory() as folder:
+        source, library = Path(folder) / "casadi.c", Path(folder) / "casadi.so"
+        source.write_text(generator.dump() + loop)
+        subprocess.run([*compiler.command, *FLAGS, str(source), "-o", str(library), "-lm"], check=True)
+        call = ctypes.CDLL(str(library)).loop
+        arrays = [np.array(start.carry), np.ascontiguousarray(rows), np.array(runner.numbers)]
+        arrays += [np.zeros((len(rows), function.numel_out(i))) for i in range(2)]
+        arguments = [ctypes.c_longlong(len(rows)), *(ctypes.c_void_p(array.ctypes.data) for array in arrays)]
+        return _median(lambda: call(*arguments)) / len(rows)
 
 
 def handwritten_time(rig: Rig, log: Log) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.limits import batch_time, filterpy_numpy, handwritten_time, live_times, scan_time
+from benchmarks.limits import batch_time, casadi_time, filterpy_numpy, handwritten_time, live_times, scan_time
 from benchmarks.report import FOLDER, table
 from distal import load_rig, load_scenario, make_estimator, scenario_rig, simulate, simulate_batch
 from distal.estimators import samples_of
@@ -90,8 +90,10 @@ def main() -> None:
         taken, difference = handwritten_time(rig, log)
         found.append(("ekf by hand in C, whole log", taken, None))
         print(f"largest difference of the hand-written ekf: {difference:.1e} rad")
-        found.append(("ekf, compiled, whole log", scan_time(make_estimator("ekf", rig), log), None))
-        found.append(("adaptive, compiled, whole log", scan_time(make_estimator("adaptive", rig), log), None))
+        for name in ("ekf", "adaptive"):
+            estimator = make_estimator(name, rig)
+            found.append((f"{name}, compiled, whole log", scan_time(estimator, log), None))
+            found.append((f"{name}, in CasADi's own C, whole log", casadi_time(estimator, log), None))
     for name in ("ekf", "ekf-2008", "adaptive", "inextensible"):
         for compiled in (True, False) if compiles else (False,):
             estimator = make_estimator(name, rig, compiled)

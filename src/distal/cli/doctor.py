@@ -7,12 +7,15 @@ from importlib.metadata import PackageNotFoundError, version
 
 from distal.cli.console import say
 
-_PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "polars", "matplotlib", "pandas")
+_PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "polars", "matplotlib")
+
+_EXTRAS = {"pandas": "pandas", "mcap": "mcap", "rosbags": "ros", "pooch": "data"}
+"""Packages that are not needed, and the extra that installs each."""
 
 
 def doctor_command() -> None:
     """Say which versions and which kernels are in use, and why."""
-    from distal.kernels import cache_folder, find_compiler, probe
+    from distal.kernels import cache_folder, find_compiler, lanes_here, probe
 
     say(f"distal {version('distal')}, Python {platform.python_version()}, {platform.system()} {platform.machine()}")
     found = []
@@ -22,6 +25,13 @@ def doctor_command() -> None:
         except PackageNotFoundError:
             found.append(f"{name} not installed")
     say(f"packages: {', '.join(found)}")
+    extras = []
+    for name, extra in _EXTRAS.items():
+        try:
+            extras.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            extras.append(f"{name} not installed (pip install 'distal[{extra}]')")
+    say(f"extras: {', '.join(extras)}")
     compiler = find_compiler()
     say(f"C compiler: {compiler if isinstance(compiler, str) else f'{compiler.version} ({compiler.command[0]})'}")
     say(f"kernel cache: {cache_folder()}")
@@ -29,3 +39,4 @@ def doctor_command() -> None:
     say(f"kernels: {backend} ({reason})")
     if backend == "compiled":
         say(f"compiled against interpreted: largest difference {difference:.1e}")
+        say(f"batches: {lanes_here()} runs in the vector lanes of each core")

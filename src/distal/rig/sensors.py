@@ -18,7 +18,9 @@ class SensorBase(Description):
     name: Name
     measures: Measurand = Field(description="position or force of a drive, tension of a tendon, angle of a joint")
     of: str = Field(description="name of the drive, tendon or joint")
-    column: str | None = Field(None, min_length=1, description="column of the log; default: the sensor's name")
+    column: str | None = Field(
+        None, min_length=1, description="column of the log, or /topic.field of a recording; default: the sensor's name"
+    )
     unit: str | None = Field(None, min_length=1, description="unit in the log; default: SI")
     sign: Literal[1, -1] = Field(1, description="-1 where the log counts the other way")
     rate: Annotated[float, In("Hz", "positive")] = Field(100.0, description="samples per second")
