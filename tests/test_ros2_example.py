@@ -48,12 +48,18 @@ class Node(StandIn):
         self.call = call
 
     def get_logger(self) -> StandIn:
-        return StandIn(info=self.told.append)
+        return StandIn(info=self.told.append, warning=self.told.append)
 
 
 @pytest.fixture
 def node(monkeypatch: pytest.MonkeyPatch) -> Any:
-    modules = {"rclpy": {}, "rclpy.node": {"Node": Node}, "sensor_msgs": {}, "diagnostic_msgs": {}}
+    modules = {
+        "rclpy": {},
+        "rclpy.executors": {"ExternalShutdownException": RuntimeError},
+        "rclpy.node": {"Node": Node},
+        "sensor_msgs": {},
+        "diagnostic_msgs": {},
+    }
     modules |= {
         "sensor_msgs.msg": {"JointState": StandIn},
         "diagnostic_msgs.msg": {"DiagnosticStatus": StandIn, "KeyValue": StandIn},
@@ -97,3 +103,4 @@ def test_what_it_cannot_read_is_said_not_raised(node: Any, log: Log) -> None:
         stamp = StandIn(sec=1, nanosec=0)
         node.call(StandIn(header=StandIn(stamp=stamp), name=name, position=position, effort=[]))
     assert [message.message for _, message in node.sent] == ["bad"] * 3
+    assert any("['m1'] expected in one message, ['nobody'] came" in text for text in node.told)

@@ -71,6 +71,59 @@ def test_json_in_json_out_and_a_recording(rig: Rig, log: Log, csv: str, tmp_path
     np.testing.assert_allclose(estimate(again, rig).theta, estimate(log, rig).theta, atol=1e-9)
 
 
+def test_other_ways_to_write_csv(csv: str) -> None:
+    known, _, _ = run(csv)
+    rows = [line.split(",")[:5] for line in csv.splitlines()]
+    for text in (
+        "\ufeff" + csv.replace("\n", "\r\n"),
+        "# a comment\n" + "\n".join(";".join(row) for row in rows),
+        "\n".join("\t".join(row) for row in rows),
+        "\n".join(",".join(f'"{cell}"' for cell in row) for row in rows),
+        "\n".join(", ".join(["note", *row]) if i == 0 else ", ".join(['"a, b"', *row]) for i, row in enumerate(rows)),
+    ):
+        out, err, code = run(text)
+        assert code == 0, err
+        assert out == known
+    out, err, _ = run("\n".join(",".join(row[:4]) for row in rows))
+    assert "the stream has no column u2" in err
+    assert out.splitlines()[1].split(",")[3] == "missing"
+
+
+def test_a_stream_that_begins_midway(csv: str) -> None:
+    good = as_json(csv)
+    out, err, code = run("\n".join([good[0][9:], *good[1:40]]))
+    assert code == 0, err
+    words = [json.loads(line)["health"] for line in out.splitlines()]
+    assert words == ["bad"] + ["ok"] * 39
+
+
+def test_recordings_keep_to_the_rules_of_files(csv: str, tmp_path: Path, rig: Rig) -> None:
+    """A link is followed, a run without samples leaves what stood there, and a full disk ends the recording only."""
+    real, link = tmp_path / "real.mcap", tmp_path / "link.mcap"
+    real.write_bytes(b"old")
+    link.symlink_to(real)
+    short = "".join(csv.splitlines(keepends=True)[:30])
+    for text, code in (("", 0), ("a,b\n1,2\n", 2), (csv.splitlines()[0] + "\nx,x,x\n", 0)):
+        _, err, done = run(text, "--record", str(link))
+        assert done == code
+        assert "is as it was" in err
+        assert real.read_bytes() == b"old"
+    assert run(short, "--record", str(link))[2] == 0
+    assert link.is_symlink()
+    assert len(read_log(real, rig)) == 29
+    assert {path.name for path in tmp_path.iterdir()} == {"real.mcap", "link.mcap"}
+    limited = ["bash", "-c", 'ulimit -f 4; exec "$@"', "-", *COMMAND, "--record", str(tmp_path / "full.mcap")]
+    long = csv + "".join(
+        line.replace(line.split(",")[0], f"{float(line.split(',')[0]) + 3.0 * k:.2f}", 1) + "\n"
+        for k in range(1, 9)
+        for line in csv.splitlines()[1:]
+    )
+    done = subprocess.run(limited, input=long, capture_output=True, text=True, timeout=60, check=False)
+    if "recording ends here" in done.stderr:  # the writer gathers a megabyte before it writes
+        assert done.returncode == 2
+    assert len(done.stdout.splitlines()) == 2701
+
+
 def test_bad_lines_are_answered_and_nothing_ends(csv: str) -> None:
     lines = csv.splitlines()
     odd = ["", "nonsense", "1,2,3", lines[40].replace("0.3", "x", 1), "\x00\xff", '{"t": 1}', "9" * 5000]
@@ -168,6 +221,7 @@ def test_udp_as_plotjuggler_sends_and_reads_it(log: Log, rig: Rig, csv: str) -> 
         deadline = time.monotonic() + 20
         listener.settimeout(0.1)
         while time.monotonic() < deadline:  # until it listens
+            sender.sendto(b"hello", ("127.0.0.1", to))  # a stranger ends nothing
             sender.sendto(first.encode(), ("127.0.0.1", to))
             try:
                 listener.recv(65536)
@@ -202,6 +256,7 @@ def test_what_cannot_begin_is_one_line(csv: str, tmp_path: Path) -> None:
             (csv, ["-e", "particle"], "is for logs"),
             (csv, ["--record", str(tmp_path / "no" / "x.mcap")], "does not exist"),
             ("", ["--udp", busy], "is another program there"),
+            (csv, ["--idle", "1"], "--idle is for --udp"),
         ):
             out, err, code = run(text, *options)
             assert code == 2, (options, err)

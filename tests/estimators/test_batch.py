@@ -103,6 +103,40 @@ def test_a_bad_log_is_named_or_left_out(rig: Rig, logs: list[Log], tmp_path: Pat
     assert list(estimate_batch([], rig)) == []
 
 
+def take_all(results: Iterator[object], to: list[object]) -> None:
+    for result in results:
+        to.append(result)
+
+
+def test_what_came_before_an_error_is_yielded(rig: Rig, logs: list[Log]) -> None:
+    """Whatever the number of cores: an iterable that raises, a job that cannot be, a log that cannot be homed."""
+
+    def breaks() -> Iterator[Log]:
+        yield from [logs[0]] * 30
+        raise KeyError("the disk went away")
+
+    got: list[object] = []
+    with pytest.raises(KeyError):
+        take_all(estimate_batch(breaks(), rig, workers=2), got)
+    assert len(got) == 30
+    short = load_scenario("series-2").model_copy(update={"duration": 0.5})
+    got.clear()
+    with pytest.raises(ScenarioError, match="nosuch"):
+        take_all(simulate_batch(rig, [(short, 0), (short, 1), ("nosuch", 2), (short, 3)]), got)
+    assert len(got) == 2
+    blind = Log(logs[1].time, logs[1].channels, {}, "blind")
+    failed: dict[str, DistalError] = {}
+    for order in ([blind, logs[1]], [logs[1], blind]):
+        failed.clear()
+        assert len(list(estimate_batch(order, rig, homing=0.3, skip=failed.__setitem__))) == 1
+        assert set(failed) == {"blind"}
+    for wrong in ([short, short], [1, 2]):
+        with pytest.raises(ScenarioError, match="a scenario and a seed"):
+            list(simulate_batch(rig, wrong))  # type: ignore[arg-type]
+    with pytest.raises(EstimationError, match="takes several logs"):
+        estimate_batch(None, rig)  # type: ignore[arg-type]
+
+
 def test_no_more_in_memory_than_is_in_work(rig: Rig, logs: list[Log]) -> None:
     """Logs are asked for when their turn comes, and 400 runs need no more than 40."""
     asked = 0

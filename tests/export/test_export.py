@@ -18,7 +18,7 @@ from distal import Log, Rig, estimate, load_rig, load_scenario, make_estimator, 
 from distal.cli.app import app
 from distal.errors import EstimationError, ExportError, OutputError
 from distal.estimators import first_values, samples_of
-from distal.export import Exported, c_filter, export_c
+from distal.export import Exported, c_filter, export_c, project_files
 from distal.export.source import c_name
 from distal.kernels import find_compiler
 from distal.logs import write_log
@@ -242,6 +242,77 @@ def test_what_cannot_be_exported_is_said(rig: Rig, tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["README.md"]
     assert c_name("Nylon-tendon disk (k = 806 N/m)") == "nylon_tendon_disk_k_806_n_m"
     assert c_name("2008") == "rig_2008"
+
+
+@needs_compiler
+def test_replay_reads_what_estimate_reads(rig: Rig, plain: Log, tmp_path: Path) -> None:
+    """Separators, quotes, the mark of UTF-8, empty lines; and refuses what it refuses, with the row."""
+    short = plain.select(slice(0, 60))
+    write_log(short, rig, tmp_path / "log.csv")
+    rows = [line.split(",")[:5] for line in (tmp_path / "log.csv").read_text().splitlines()]
+    program = build(c_filter(rig, "ekf-2008"), tmp_path, "-O1")
+    known = estimate(short, rig, "ekf-2008").theta
+    good = {
+        "spaces": "\n".join(" , ".join(row) for row in rows) + "\n\n\n",
+        "semicolons": "\n".join(";".join(row) for row in rows),
+        "tabs": "\r\n".join("\t".join(row) for row in rows),
+        "quotes": "\ufeff" + "\n".join(",".join(f'"{cell}"' for cell in row) for row in rows),
+        "order": "\n".join(
+            ",".join([*row[::-1], "NA"]) if i else ",".join([*row[::-1], "x"]) for i, row in enumerate(rows)
+        ),
+    }
+    for name, text in good.items():
+        (tmp_path / name).write_text(text)
+        np.testing.assert_allclose(replayed(program, tmp_path / name)[:, 1], known, atol=1e-9)
+    lines = [",".join(row) for row in rows]
+    bad = {
+        "row 31: not a number: oops": [*lines[:30], lines[30].replace(rows[30][1], "oops"), *lines[31:]],
+        "row 31: not a number: 0x1": [*lines[:30], lines[30].replace(rows[30][1], "0x1"), *lines[31:]],
+        "row 31: more or fewer cells": [*lines[:30], lines[30] + ",3", *lines[31:]],
+        "row 32: the stamp repeats": [*lines[:31], lines[30], *lines[31:]],
+        "a column is there twice: x1": [lines[0] + ",x1", *(line + ",0" for line in lines[1:])],
+        "a column is missing: x1": [lines[0].replace("x1", "y1"), *lines[1:]],
+        "at least two rows": lines[:2],
+    }
+    for said, text in bad.items():
+        (tmp_path / "bad.csv").write_text("\n".join(text))
+        done = subprocess.run([str(program), str(tmp_path / "bad.csv")], capture_output=True, text=True, check=False)
+        assert done.returncode != 0, said
+        assert said in done.stderr
+
+
+@needs_compiler
+def test_names_that_would_break_the_text(rig: Rig, plain: Log, tmp_path: Path) -> None:
+    """Titles and columns are anything; what is written compiles, and reads those columns."""
+    title = 'a */ #error "b" /* \\\n ?' + "?/ $real$ $name$ é 😀"
+    column = 'x"1" \\ ?' + "?/ $factors$ 😀 é"
+    raw = rig.model_dump()
+    raw["name"] = title
+    raw["sensors"][0]["column"] = column
+    from distal.rig import build_rig
+
+    odd = build_rig(raw, "odd")
+    made = c_filter(odd, "ekf-2008", name="odd")
+    write_log(plain.select(slice(0, 50)), odd, tmp_path / "log.csv")
+    text = (tmp_path / "log.csv").read_text()
+    (tmp_path / "log.csv").write_text(text.replace('"' + column.replace('"', '""') + '"', column))
+    rows = replayed(build(made, tmp_path, "-O1", "-Wpedantic"), tmp_path / "log.csv")
+    np.testing.assert_allclose(rows[:, 1], estimate(plain.select(slice(0, 50)), odd, "ekf-2008").theta, atol=1e-9)
+    assert "$real$ $name$" in project_files(made)["README.md"]
+    for name in ("math", "m", "all", "replay", "x" * 200):
+        with pytest.raises(ExportError, match=r"header of C|up to 100"):
+            c_filter(rig, "ekf-2008", name=name)
+
+
+def test_what_is_not_ours_is_not_replaced(rig: Rig, tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_text("my hand")
+    with pytest.raises(OutputError, match="was not written by export-c"):
+        export_c(rig, tmp_path, "ekf-2008")
+    assert [path.name for path in tmp_path.iterdir()] == ["README.md"]
+    (tmp_path / "README.md").unlink()
+    for estimator in ("ekf-2008", "adaptive"):
+        export_c(rig, tmp_path, estimator, name=estimator.replace("-", "_"))
+    assert len(list(tmp_path.iterdir())) == 7
 
 
 def test_the_command(tmp_path: Path) -> None:

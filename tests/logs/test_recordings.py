@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, estimate, load_scenario, read_log, scenario_rig, simulate
-from distal.errors import LogError, OutputError
+from distal.errors import DistalWarning, LogError, OutputError
 from distal.logs import ESTIMATE_SCHEMA, ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, is_recording
 
 TOPICS = {"x1": "/left.position[0]", "u1": "/left.effort[0]", "x2": "/right.position[0]", "u2": "/right.effort[0]"}
@@ -151,6 +151,81 @@ def test_a_recorder_writes_what_the_reader_of_mcap_reads(tmp_path: Path) -> None
     assert schema == ESTIMATE_SCHEMA
     assert set(messages[1][2]) == set(schema["properties"]) == set(schema["required"])
     assert list(tmp_path.iterdir()) == [path]
+
+
+def recorded(path: Path, stamps: list[float], **changed: object) -> Path:
+    recorder = Recorder(path)
+    for k, stamp in enumerate(stamps):
+        message = {"t": stamp, "x1": 1e-5 * k, "u1": 2.0, "x2": -1e-5 * k, "u2": 2.0, **changed}
+        recorder.add(SAMPLE_TOPIC, stamp if isinstance(stamp, float) else 0.0, message)
+    recorder.close()
+    return path
+
+
+def test_a_clock_that_was_set_back_is_said(rig: Rig, tmp_path: Path) -> None:
+    first, second = [0.01 * k for k in range(300)], [0.005 + 0.01 * k for k in range(100)]
+    path = recorded(tmp_path / "back.mcap", first + second)
+    with pytest.warns(DistalWarning, match=r"set back 1 times; only part 1 of 2 is read"):
+        assert len(read_log(path, rig)) == 300
+
+
+def test_odd_messages_are_one_line(rig: Rig, tmp_path: Path) -> None:
+    for stamp, said in (
+        ("abc", "'t' is 'abc'"),
+        (1.7e12, "is no time; what unit"),
+        ({"sec": 1}, "a number is expected"),
+    ):
+        path = recorded(tmp_path / "odd.mcap", [0.0, 0.01, stamp])  # type: ignore[list-item]
+        with pytest.raises(LogError, match=said):
+            read_log(path, rig)
+    path = recorded(tmp_path / "text.mcap", [0.0, 0.01, 0.02], x1="0.001")
+    np.testing.assert_allclose(read_log(path, rig).channels["x1"], 1e-3, rtol=0.01)
+
+
+def test_columns_named_by_topic_are_found_in_json(named: Rig, rig: Rig, log: Log, tmp_path: Path) -> None:
+    """What `distal stream --record` writes for a rig of ROS, and nested objects."""
+    from distal.logs import MessageReader
+    from distal.logs.messages import find
+
+    reader = MessageReader(named, tuple(TOPICS))
+    recorder = Recorder(tmp_path / "run.mcap")
+    for k, time in enumerate(log.time):
+        values = np.array([log.channels[name][k] for name in TOPICS])
+        recorder.add(SAMPLE_TOPIC, float(time), reader.message(float(time), values))
+    recorder.close()
+    again = read_log(tmp_path / "run.mcap", named)
+    for name in TOPICS:
+        np.testing.assert_allclose(again.channels[name], log.channels[name], rtol=1e-12)
+    for message in ({"/left": {"position": [3.0]}}, {"left": {"position": [3.0]}}, {"/left.position[0]": 3.0}):
+        assert find(message, "/left.position[0]") == 3.0
+    assert find({"a": [1]}, "/left.position[0]") is None
+
+
+def test_a_simulation_that_begins_at_zero(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
+    """A header of zero is a stamp where the others of its topic are."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.LATEST)
+    state, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
+    stamp = store.types["builtin_interfaces/msg/Time"]
+    with Writer(tmp_path / "sim", version=9) as writer:
+        sides = {
+            side: writer.add_connection(f"/{side}", state.__msgtype__, typestore=store) for side in ("left", "right")
+        }
+        for k in range(50):
+            for connection in sides.values():
+                message = state(
+                    header=header(stamp=stamp(sec=0, nanosec=k * 10_000_000), frame_id=""),
+                    name=["a"],
+                    position=np.array([1e-3]),
+                    velocity=np.array([]),
+                    effort=np.array([2.0]),
+                )
+                at = 1_700_000_000_000_000_000 + k * 11_000_000
+                writer.write(connection, at, store.serialize_cdr(message, state.__msgtype__))
+    read = read_log(tmp_path / "sim", named)
+    np.testing.assert_allclose(read.time, 0.01 * np.arange(50), atol=1e-9)
 
 
 def test_without_the_packages_it_says_what_to_install(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import warnings
 from collections.abc import Iterator
@@ -13,11 +14,14 @@ import numpy as np
 import typer
 
 from distal.cli.console import err, say, table
-from distal.errors import DistalError, DistalWarning, OutputError
+from distal.errors import DistalError, DistalWarning, EstimationError, OutputError, did_you_mean
 
 if TYPE_CHECKING:
     from distal.rig import Rig
     from distal.simulation import Scenario
+
+
+FILES = (".csv", ".parquet", ".pq")
 
 
 @contextmanager
@@ -67,9 +71,11 @@ def estimate_many(
         homing: for how long the truth is used [s].
         out: folder for the estimates, or None.
     """
-    from distal.estimators import BAND, diagnose, estimate_batch
+    from distal.estimators import BAND, ESTIMATORS, diagnose, estimate_batch
     from distal.logs import write_columns
 
+    if estimator not in ESTIMATORS:
+        raise EstimationError(f"unknown estimator '{estimator}'{did_you_mean(estimator, ESTIMATORS)}")
     targets = _targets(logs, out)
     failed: dict[Path, str] = {}
 
@@ -82,7 +88,11 @@ def estimate_many(
         for result in results:
             path = next(p for p in logs if p not in failed and p not in {row[0] for row in rows})
             if out is not None:
-                write_columns(result.columns(), targets[path])
+                try:
+                    write_columns(result.columns(), targets[path])
+                except OutputError as problem:
+                    failed[path] = str(problem)
+                    continue
             half = np.rad2deg(BAND * float(np.median(result.theta_std)))
             error, inside = "–", "–"
             if result.truth is not None:
@@ -97,8 +107,8 @@ def estimate_many(
         )
         if out is not None:
             say(f"wrote {len(rows)} estimates to {out}")
-    for problem in failed.values():
-        print(f"error: {problem}", file=sys.stderr)
+    for text in failed.values():
+        print(f"error: {text}", file=sys.stderr)
     if failed:
         raise typer.Exit(2)
 
@@ -113,8 +123,8 @@ def _targets(logs: list[Path], out: Path | None) -> dict[Path, Path]:
         raise OutputError("a log came more than once; give each once")
     if out is None:
         return {}
-    if out.exists() and not out.is_dir():
-        raise OutputError(f"{out}: is a file; of several logs, --out is a folder")
+    if (out.exists() and not out.is_dir()) or out.suffix.lower() in FILES:
+        raise OutputError(f"{out}: is a file, or named like one; of several logs, --out is a folder")
     targets = {path: out / f"{path.stem}.csv" for path in logs}
     names = list(targets.values())
     for path, target in targets.items():
@@ -129,7 +139,7 @@ def _targets(logs: list[Path], out: Path | None) -> dict[Path, Path]:
     return targets
 
 
-def simulate_many(rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path, ending: str) -> None:
+def simulate_many(rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path, settings: list[str]) -> None:
     """Simulate a scenario with seeds from `seed` on, and write each log to a folder.
 
     Args:
@@ -138,13 +148,13 @@ def simulate_many(rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path,
         seed: of the first run.
         runs: how many.
         out: the folder.
-        ending: of the files.
+        settings: what `distal estimate` must be told, as options.
     """
     from distal.logs import write_log
     from distal.simulation import simulate_batch
 
-    if out.exists() and not out.is_dir():
-        raise OutputError(f"{out}: is a file; with --runs, --out is a folder")
+    if (out.exists() and not out.is_dir()) or out.suffix.lower() in FILES:
+        raise OutputError(f"{out}: is a file, or named like one; with --runs, --out is a folder")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
@@ -153,6 +163,10 @@ def simulate_many(rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path,
     with _progress("simulating", runs) as told:
         jobs = ((scenario, number) for number in seeds)
         for number, log in zip(seeds, simulate_batch(rig, jobs, progress=told)):
-            write_log(log, rig, out / f"run_{number:0{len(str(seeds[-1]))}d}{ending}")
+            write_log(log, rig, out / f"run_{number:0{len(str(seeds[-1]))}d}.csv")
     say(f"{rig.name}: {runs} runs of {scenario.duration:g} s, seeds {seeds[0]} to {seeds[-1]}")
-    say(f"wrote {runs} logs to {out}; estimate from them: distal estimate {out}/*{ending} --rig {scenario.rig}")
+    say(f"wrote {runs} logs to {out}")
+    say(
+        "estimate from them: "
+        + " ".join(["distal estimate", f"{shlex.quote(str(out))}/*.csv", "--rig", scenario.rig, *settings])
+    )

@@ -52,8 +52,11 @@ def estimate_command(
     from distal.rig import load_rig
 
     if len(logs) > 1:
-        if plot is not None or smooth or passes > 1 or len(estimator or ()) > 1:
-            raise EstimationError("of several logs: no --plot, --smooth, --passes, and one --estimator; give one log")
+        asked = {"--plot": plot is not None, "--smooth": smooth, "--passes": passes > 1}
+        asked["a second --estimator"] = len(estimator or ()) > 1
+        wrong = [name for name, there in asked.items() if there]
+        if wrong:
+            raise EstimationError(f"{', '.join(wrong)} is for one log, {len(logs)} came; give one log")
         from distal.cli.batch import estimate_many
 
         home = seconds(homing) if homing is not None else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -30,7 +31,7 @@ def export_command(
 
     described = load_rig(rig, set_ or ())
     stem = Path(rig).stem if name is None else ""
-    made = export_c(described, out, estimator, single, name or c_name(f"{stem}_{estimator}"))
+    made = export_c(described, out, estimator, single, c_name(f"{stem}_{estimator}") if name is None else name)
     rows = [
         ("states", f"{len(made.states)}"),
         ("state, the caller's", f"{made.state_bytes:,} bytes"),
@@ -39,4 +40,10 @@ def export_command(
         ("calls of the mathematics library", f"{sum(made.library.values())}"),
     ]
     table(f"{made.estimator} for {made.rig}, in {'float' if single else 'double'}", ["", ""], rows)
+    if single and estimator.startswith("ekf"):
+        print(
+            f"warning: in float, {estimator} may differ from double by more than its band, since it jumps from sticking to "
+            "slipping; adaptive does not",
+            file=sys.stderr,
+        )
     say(f"wrote {made.name}.c, {made.name}.h, replay.c, CMakeLists.txt and README.md to {out}")

@@ -33,10 +33,12 @@ def simulate_command(
 
     description = load_scenario(scenario)
     rig = scenario_rig(description, set_ or ())
+    values = {**description.set, **dict(parse_assignment(text, ScenarioError) for text in set_ or ())}
+    settings = [f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in values.items()]
     if runs is not None:
         from distal.cli.batch import simulate_many
 
-        simulate_many(rig, description, seed, runs, out, ".csv")
+        simulate_many(rig, description, seed, runs, out, settings)
         return
     log = simulate(rig, description, seed)
     write_log(log, rig, out)
@@ -45,11 +47,9 @@ def simulate_command(
         f"{rig.name}: {len(log)} samples, {description.duration:g} s, angle from {theta.min():.2f}° to {theta.max():.2f}°"
     )
     say(f"wrote {out}")
-    values = {**description.set, **dict(parse_assignment(text, ScenarioError) for text in set_ or ())}
     ignored = sorted(set(values) & set(description.plant))
     if ignored:
         print(f"warning: the scenario's [plant] has its own {', '.join(ignored)}", file=sys.stderr)
-    settings = [f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in values.items()]
     say(
         "estimate from it: " + " ".join(["distal estimate", shlex.quote(str(out)), "--rig", description.rig, *settings])
     )

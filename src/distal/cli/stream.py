@@ -57,26 +57,30 @@ def stream_command(
     from distal.logs import MessageReader, Recorder
     from distal.rig import load_rig
 
+    if idle is not None and udp is None:
+        raise OutputError("--idle is for --udp; standard input ends by itself")
+    if (udp is None and sys.stdin is None) or sys.stdout is None:
+        raise OutputError("standard input or output is closed")
     described = load_rig(rig, set_ or ())
     live = LiveEstimator(described, estimator)
     monitor, reader = Monitor(live), MessageReader(described, live.channels)
     with ExitStack() as stack:
-        recorder = Recorder(record) if record is not None else None
-        if recorder is not None:
-            stack.callback(recorder.close)
-        if udp is not None:
-            lines: Iterator[bytes] = _datagrams(stack.enter_context(_bound(udp)), idle)
-        else:
-            lines = _lines()
+        source = stack.enter_context(_bound(udp)) if udp is not None else None
         target = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) if to_udp is not None else None
+        recorder = Recorder(record) if record is not None else None
         session = _Session(monitor, reader, recorder, target, to_udp or 0, as_json or udp is not None)
-        for number in (signal.SIGINT, signal.SIGTERM):
+        session.csv = False if udp is not None else None
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, session.stop)
         try:
-            for line in lines:
+            for line in _datagrams(source, idle) if source is not None else _lines():
                 session.take(line)
         finally:
-            session.summary()
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                signal.signal(number, signal.SIG_IGN)  # what is recorded is closed in peace
+            session.end(record)
+    if session.lost:
+        raise typer.Exit(2)
 
 
 class _Session:
@@ -93,14 +97,15 @@ class _Session:
     ) -> None:
         self._monitor, self._reader, self._recorder = monitor, reader, recorder
         self._target, self._port, self._json = target, port, as_json
-        self._csv: bool | None = None  # not known before the first line
+        self.csv: bool | None = None  # not known before the first line
+        self.lost = False
         self._counts: Counter[str] = Counter()
         self._started, self._busy, self._stopped = monotonic(), False, False
 
     def stop(self, *_: object) -> None:
         """End, but not in the middle of a sample: what is recorded stays whole."""
-        self._stopped = True
-        if not self._busy:
+        first, self._stopped = not self._stopped, True
+        if first and not self._busy:
             raise KeyboardInterrupt
 
     def take(self, line: bytes) -> None:
@@ -114,28 +119,29 @@ class _Session:
     def _take(self, line: bytes) -> None:
         from distal.estimators import Reading
 
-        text = line.decode("utf-8", "replace").strip().lstrip("\ufeff")
-        if not text:
+        text = line.decode("utf-8", "replace").strip().lstrip("\ufeff").strip()
+        if not text or (self.csv is None and text.startswith("#")):
             return
-        if self._csv is None:
-            self._csv = not text.startswith("{")
-            if self._csv:
+        if self.csv is None:
+            # a logger that is joined midway may begin with half an object
+            self.csv = not text.startswith(("{", "[")) and not text.endswith("}")
+            if self.csv:
                 self._reader.header(text)
+                if self._reader.absent:
+                    print(f"warning: the stream has no column {', '.join(self._reader.absent)}", file=sys.stderr)
                 if not self._json:
                     self._write("t,theta,theta_std,health,detail")
                 return
         try:
             if len(line) >= LONGEST_LINE:
                 raise LogError("the line is too long")
-            time, sample = self._reader.csv(text) if self._csv else self._reader.json(text)
+            time, sample = self._reader.csv(text) if self.csv else self._reader.json(text)
         except LogError as problem:
             self._answer(Reading(nan, nan, nan, "bad", str(problem)), None)
             return
         self._answer(self._monitor.take(time, sample), sample)
 
     def _answer(self, reading: Reading, sample: Any) -> None:
-        from distal.logs import ESTIMATE_TOPIC, SAMPLE_TOPIC
-
         self._counts[reading.health] += 1
         message = {
             "t": _finite(reading.time),
@@ -144,11 +150,8 @@ class _Session:
             "health": reading.health,
             "detail": reading.detail,
         }
-        if self._recorder is not None and isfinite(reading.time):
-            if sample is not None and reading.health not in ("late", "duplicate", "bad"):
-                self._recorder.add(SAMPLE_TOPIC, reading.time, self._reader.message(reading.time, sample))
-            self._recorder.add(ESTIMATE_TOPIC, reading.time, message)
-        if self._json or not self._csv:
+        self._record(reading, sample, message)
+        if self._json or not self.csv:
             self._write(json.dumps(message))
         else:
             numbers = ",".join("" if value is None else repr(value) for value in list(message.values())[:3])
@@ -159,16 +162,32 @@ class _Session:
             with suppress(OSError):  # nobody listens there: that is none of the stream's business
                 self._target.sendto(sent, ("127.0.0.1", self._port))
 
+    def _record(self, reading: Reading, sample: Any, message: dict[str, Any]) -> None:
+        """Record a sample; if that cannot go on, the estimates do."""
+        from distal.logs import ESTIMATE_TOPIC, SAMPLE_TOPIC
+
+        if self._recorder is None or not isfinite(reading.time) or self.lost:
+            return
+        try:
+            if sample is not None and reading.health not in ("late", "duplicate", "bad"):
+                self._recorder.add(SAMPLE_TOPIC, reading.time, self._reader.message(reading.time, sample))
+            self._recorder.add(ESTIMATE_TOPIC, reading.time, message)
+        except OutputError as problem:
+            self.lost = True
+            print(f"warning: {problem}; recording ends here, estimates go on", file=sys.stderr)
+
     def _write(self, text: str) -> None:
         sys.stdout.write(text + "\n")
         sys.stdout.flush()
 
-    def summary(self) -> None:
-        """Say on stderr how many samples came, how fast, and their health."""
+    def end(self, path: Path | None) -> None:
+        """Close the recording, and say on stderr how many samples came, how fast, and their health."""
         total = sum(self._counts.values())
         seconds = max(monotonic() - self._started, 1e-9)
         words = ", ".join(f"{count} {word}" for word, count in self._counts.most_common())
         print(f"{total} samples in {seconds:.1f} s{': ' + words if words else ''}", file=sys.stderr)
+        if self._recorder is not None and not self._recorder.close():
+            print(f"nothing was recorded: {path} is as it was", file=sys.stderr)
 
 
 def _finite(value: float) -> float | None:
@@ -204,4 +223,4 @@ def _datagrams(source: socket.socket, idle: float | None) -> Iterator[bytes]:
         ready, _, _ = select.select([source], [], [], idle)
         if not ready:
             return
-        yield source.recv(65536)
+        yield from source.recv(65536).splitlines() or [b""]

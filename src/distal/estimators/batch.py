@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,10 @@ import numpy as np
 from distal.errors import DistalError, EstimationError
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.estimate import Run, check_bounds, finished, prepared, runner_for
+from distal.estimators.reference import check_homing
 from distal.estimators.registry import DEFAULT
 from distal.estimators.result import Estimate
+from distal.kernels import grouped
 from distal.logs import Log, read_log
 from distal.rig import Rig, load_rig
 
@@ -61,9 +63,9 @@ def estimate_batch(
     """
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
     workers = (os.cpu_count() or 1) if workers is None else workers
-    if not isinstance(workers, int) or workers < 1:
+    if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers < 1:
         raise EstimationError(f"workers must be a whole number from 1, {workers!r} came")
-    if isinstance(logs, (Log, str, Path)):
+    if isinstance(logs, (Log, str, Path)) or not isinstance(logs, Iterable):
         raise EstimationError("estimate_batch takes several logs; for one there is estimate")
     return _batch(iter(logs), rig, estimator, truth, homing, workers, compiled, progress, skip)
 
@@ -87,6 +89,7 @@ def _batch(
 
     def work(sources: Sequence[Any]) -> list[Estimate | DistalError]:
         read = [load(source) for source in sources]
+        assert runner is not None  # made before the first group is
         runs = [one if isinstance(one, DistalError) else _ready(one, runner, homing) for one in read]
         made = iter(run_all([run for run in runs if isinstance(run, Run)]))
         return [run if isinstance(run, DistalError) else next(made) for run in runs]
@@ -98,24 +101,56 @@ def _batch(
             raise problem
         skip(_named(source), problem)
 
-    for source in logs:  # the first that can be read says how a reference is read
+    runner: KernelEstimator | None = None
+    for source in logs:  # the first that can be estimated says how a reference is read
         first = load(source)
-        if isinstance(first, Log):
-            break
-        refused(source, first)
-        done += 1
-    else:
+        try:
+            if isinstance(first, DistalError):
+                raise first
+            if homing is not None:
+                check_reference(first, homing)
+        except DistalError as problem:
+            done += 1
+            if progress is not None:
+                progress(done)
+            refused(source, problem)
+            continue
+        runner = runner_for(first, rig, estimator, compiled, homing)
+        break
+    if runner is None:
         return
-    runner = runner_for(first, rig, estimator, compiled, homing)
     lanes = runner.kernel.lanes() if runner.kernel is not None else None
-    rest, size = chain([first], logs), lanes.lanes if lanes is not None else 1
-    groups = iter(lambda: list(islice(rest, size)), [])
+    size = lanes.lanes if lanes is not None else 1
+    yield from _ahead(chain([first], logs), size, work, workers, refused, done, progress)
+
+
+def _ahead(
+    logs: Iterator[Any],
+    size: int,
+    work: Callable[[Sequence[Any]], list[Estimate | DistalError]],
+    workers: int,
+    refused: Callable[[Any, DistalError], None],
+    done: int,
+    progress: Callable[[int], None] | None,
+) -> Iterator[Estimate]:
+    """Yield estimates in order, with a few groups of logs in work; what came before an error is yielded before it."""
+    groups = grouped(logs, size)
     waiting: deque[tuple[list[Any], Future[list[Estimate | DistalError]]]] = deque()
-    with ThreadPoolExecutor(workers) as pool:
+    ended: BaseException | None = None
+    pool = ThreadPoolExecutor(workers)
+    try:
         while True:
-            for group in islice(groups, AHEAD * workers - len(waiting)):
-                waiting.append((group, pool.submit(work, group)))
+            try:
+                while ended is None and len(waiting) < AHEAD * workers:
+                    group = next(groups, None)
+                    if group is None:
+                        break
+                    waiting.append((group, pool.submit(work, group)))
+            except Exception as problem:
+                ended = problem
             if not waiting:
+                if ended is not None:
+                    raise ended
                 return
             sources, future = waiting.popleft()
             for source, result in zip(sources, future.result()):
@@ -126,6 +161,23 @@ def _batch(
                     yield result
                 else:
                     refused(source, result)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def check_reference(log: Log, homing: float) -> None:
+    """Refuse a log that one cannot home by.
+
+    Args:
+        log: the log.
+        homing: for how long [s].
+
+    Raises:
+        EstimationError: it has no truth, or none at its beginning.
+    """
+    if "theta" not in log.truth:
+        raise EstimationError(f"{log.source}: homing needs the joint's angle for a while, and this log has none")
+    check_homing(homing, log)
 
 
 def _named(source: Any) -> str:
@@ -134,8 +186,8 @@ def _named(source: Any) -> str:
 
 def _ready(log: Log, runner: KernelEstimator, homing: float | None) -> Run | DistalError:
     try:
-        if homing is not None and "theta" not in log.truth:
-            return EstimationError(f"{log.source}: homing needs the joint's angle for a while, and this log has none")
+        if homing is not None:
+            check_reference(log, homing)
         return prepared(log, runner, homing)
     except DistalError as problem:
         return problem

@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
+from distal.estimators.augmented import travel
 from distal.estimators.contract import LARGEST_ANGLE
 from distal.estimators.live import LiveEstimator
+from distal.model import Mechanism
+from distal.rig import Rig, Sensor
 
 Floats = NDArray[np.float64]
 Health = Literal["ok", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"]
@@ -20,8 +23,8 @@ HEALTH: dict[Health, str] = {
     "ok": "all sensors were read and agree",
     "missing": "a sensor has no value for longer than its own interval; it is bridged",
     "gap": "samples are missing before this one; they are bridged",
-    "disagrees": "a sensor's innovations are larger than the filter expects: do not trust the band",
-    "dead": "a sensor has had no value for half a second; the band grows",
+    "disagrees": "a sensor is not where it can be, or its innovations are too large: do not trust the band",
+    "dead": "a sensor has had no value, or always the same one, for half a second or more",
     "restarted": "the clock jumped, or the filter left all bounds: it begins anew with this sample",
     "late": "the stamp is older than the last one's; skipped, no estimate",
     "duplicate": "the stamp is the last one's; skipped, no estimate",
@@ -32,7 +35,7 @@ HEALTH: dict[Health, str] = {
 DEAD = 0.5
 """A sensor without a value for so long is dead [s]."""
 
-LONGEST_GAP = 2.0
+LONGEST_GAP = 0.5
 """After a longer gap the filter begins anew [s]."""
 
 REWOUND = 3
@@ -41,11 +44,23 @@ REWOUND = 3
 ANYWHERE = 0.5
 """Standard deviation of the joint's angle where the filter begins anew [rad]."""
 
-LARGE = 4.0
+LARGE = 2.5
 """Mean of ν²/S of a sensor beyond which it disagrees."""
 
-MEMORY = 0.5
-"""Time over which that mean is taken [s]."""
+MEMORY = 1.0
+"""Time over which that mean, and the share of time beyond the stops, is taken [s]."""
+
+BEYOND = 0.05
+"""A drive this share of its travel beyond its stops is not where it can be."""
+
+FAR = 10.0
+"""A drive without stops this many times as far as the joint could turn it is not where it can be."""
+
+UNKNOWN = 1.0
+"""Standard deviation of the angle beyond which it is not known [rad]."""
+
+HURRIED = 0.2
+"""Samples that follow each other this many times as fast as the rig says have another unit of time."""
 
 OVERDUE = 2.5
 """A sensor without a value for longer than this times its own interval is missing."""
@@ -82,11 +97,20 @@ class Monitor:
 
     def __init__(self, live: LiveEstimator) -> None:
         self._live = live
-        rates = {sensor.name: sensor.rate for sensor in live.rig.sensors}
-        self._overdue = [OVERDUE / rates[name] for name in live.channels]
-        self._seen = np.full(len(live.channels), nan)
+        sensors = {sensor.name: sensor for sensor in live.rig.sensors}
+        chosen = [sensors[name] for name in live.channels]
+        self._overdue = np.array([OVERDUE / sensor.rate for sensor in chosen])
+        self._dead = np.maximum(DEAD, 2 * self._overdue)
+        # a sensor with noise does not say the same twice for long
+        self._noisy = np.array([sensor.noise > sensor.resolution for sensor in chosen])
+        self._ranges = np.array([_range(live.rig, sensor) for sensor in chosen]).reshape(-1, 2)
+        self._seen = np.full(len(chosen), nan)
+        self._changed = np.full(len(chosen), nan)
+        self._last = np.full(len(chosen), nan)
+        self._outside = np.zeros(len(chosen))
         self._ratios = np.ones(len(live.measured))
-        self._late, self._last_late = 0, -inf
+        self._late, self._last_late, self._time, self._pace = 0, -inf, -inf, 1.0
+        self._anew = ""
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -101,81 +125,109 @@ class Monitor:
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
         """
         live = self._live
-        if not isfinite(time):
-            return Reading(time, nan, nan, "bad", "the stamp is no finite number")
+        if not isinstance(time, (float, int)) or not isfinite(time):
+            return Reading(nan, nan, nan, "bad", "the stamp is no finite number")
+        if not isinstance(sample, np.ndarray) or sample.shape != self._seen.shape or sample.dtype.kind not in "fiu":
+            return Reading(time, nan, nan, "bad", f"a sample is an array of {len(self._seen)} numbers")
         said: list[tuple[Health, str]] = []
         infinite = np.isinf(sample)
         if infinite.any():
             sample = np.where(infinite, nan, sample)
             said.append(("missing", f"{self._names(infinite)} infinite"))
-        if live.samples:
+        gap = time - self._time
+        if isfinite(gap):
             skipped = self._late_or_twice(time)
             if skipped is not None:
                 return skipped
-            gap = time - live.time
             if self._late >= REWOUND:
-                said.append(("restarted", f"the clock was set back by {live.time - time:.3g} s"))
-                self._restart()
-            elif gap > LONGEST_GAP:
-                said.append(("restarted", f"no sample for {gap:.3g} s"))
-                self._restart()
+                self._restart(f"the clock was set back by {-gap:.3g} s")
+            elif gap > max(LONGEST_GAP, 3 * live.interval):
+                self._restart(f"no sample for {gap:.3g} s; the rig says every {live.interval:.3g} s")
             elif gap > 1.5 * live.interval:
-                said.append(("gap", f"{gap:.3g} s"))
+                said.append(("gap", f"{gap:.3g} s; the rig says every {live.interval:.3g} s"))
+            share = min(live.interval / MEMORY, 1.0) if gap > 0 else 0.0
+            self._pace += share * (min(gap / live.interval, 2.0) - self._pace)
+            if self._pace < HURRIED:
+                said.append(
+                    ("disagrees", f"samples {gap:.3g} s apart, the rig says {live.interval:.3g} s: unit of time?")
+                )
         self._late, self._last_late = 0, -inf
         if not live.samples and not np.isfinite(sample).any():
             return Reading(time, nan, nan, "bad", "the first sample has no value at all")
-        before = live.time
+        before, self._time = self._time, time
         try:
             live.step(time, sample)
         except EstimationError:
             # what led here may be in the belief: begin anew, with this sample
-            self._restart()
-            said.append(("restarted", "the filter left all bounds"))
+            self._restart("the filter left all bounds")
             try:
                 live.step(time, sample)
-            except EstimationError as problem:
-                self._restart()
-                return Reading(time, nan, nan, "bad", str(problem))
-        said += self._sensors(time, sample)
-        said += self._innovations(time - before)
+            except EstimationError:
+                self._restart("the filter left all bounds")
+                return Reading(time, nan, nan, "bad", "the filter leaves all bounds with this sample")
+        if self._anew:
+            said.append(("restarted", self._anew))
+            self._anew = ""
+        dt = time - before if 0.0 < time - before < LONGEST_GAP else live.interval
+        said += self._sensors(time, sample, min(dt / MEMORY, 1.0))
+        said += self._innovations(min(dt / MEMORY, 1.0))
+        if live.angle_std > UNKNOWN and live.samples > 1:
+            said.append(("disagrees", "the angle is not known"))
         health, detail = max(said, key=lambda one: list(HEALTH).index(one[0]), default=("ok", ""))
         return Reading(time, live.angle, live.angle_std, health, detail)
 
     def _late_or_twice(self, time: float) -> Reading | None:
         """Return a reading without an estimate where a stamp does not rise; None where it may go on."""
-        live = self._live
-        if time > live.time:
+        if time > self._time:
             return None
-        if time == live.time:
+        if time == self._time:
             return Reading(time, nan, nan, "duplicate")
         self._late = self._late + 1 if time > self._last_late else 1
         self._last_late = time
         if self._late >= REWOUND:
             return None
-        return Reading(time, nan, nan, "late", f"{live.time - time:.3g} s")
+        return Reading(time, nan, nan, "late", f"{self._time - time:.3g} s")
 
-    def _restart(self) -> None:
+    def _restart(self, why: str) -> None:
         # where the joint went meanwhile is not known
         last = self._live.angle if self._live.samples and abs(self._live.angle) <= LARGEST_ANGLE else None
         self._live.reset(last, ANYWHERE)
-        self._seen[:] = nan
+        self._anew = why
+        self._seen[:] = self._changed[:] = nan
+        self._outside[:] = 0.0
         self._ratios[:] = 1.0
 
-    def _sensors(self, time: float, sample: Floats) -> list[tuple[Health, str]]:
-        """Return which sensors are overdue or dead."""
+    def _sensors(self, time: float, sample: Floats, share: float) -> list[tuple[Health, str]]:
+        """Return which sensors are overdue, dead, stuck, or where their drive cannot be."""
         there = np.isfinite(sample)
-        self._seen[there | np.isnan(self._seen)] = time
-        ages = time - self._seen
-        dead = ages >= DEAD
-        if dead.any():
-            return [("dead", f"{self._names(dead)} for {ages.max():.3g} s")]
-        missing = ages > self._overdue
-        return [("missing", self._names(missing))] if missing.any() else []
+        moved = there & (sample != self._last)
+        np.copyto(self._last, sample, where=there)
+        self._changed[moved | np.isnan(self._changed)] = time
+        never = np.isnan(self._seen) & ~there
+        self._seen[there | never] = time
+        self._seen[never] -= self._overdue[never] * 1.01  # it has not been there at all: overdue from the beginning
+        ages, same = time - self._seen, time - self._changed
+        dead = ages >= self._dead
+        stuck = self._noisy & there & (same >= self._dead)
+        said: list[tuple[Health, str]] = []
+        if dead.any() or stuck.any():
+            names = [f"{self._names(dead)} for {ages[dead].max():.3g} s"] if dead.any() else []
+            names += [f"{self._names(stuck)} does not change"] if stuck.any() else []
+            said.append(("dead", ", ".join(names)))
+        missing = (ages > self._overdue) & ~dead
+        if missing.any() or not there.any():
+            said.append(("missing", self._names(missing) or "all sensors"))
+        outside = there & ((sample < self._ranges[:, 0]) | (sample > self._ranges[:, 1]))
+        far = there & (np.abs(sample - self._ranges.mean(axis=1)) > FAR * np.ptp(self._ranges, axis=1))
+        self._outside += share * (outside - self._outside)
+        wrong = (self._outside > 0.5) | far
+        if wrong.any():
+            said.append(("disagrees", f"{self._names(wrong)} is where its drive cannot be: unit, zero or side?"))
+        return said
 
-    def _innovations(self, dt: float) -> list[tuple[Health, str]]:
+    def _innovations(self, share: float) -> list[tuple[Health, str]]:
         """Return which sensors disagree with the filter."""
         live = self._live
-        share = min(dt / MEMORY, 1.0) if isfinite(dt) else 0.0
         for i in range(len(self._ratios)):
             innovation = live.innovations[i]
             if isfinite(innovation):
@@ -189,3 +241,13 @@ class Monitor:
 
     def _names(self, chosen: NDArray[np.bool_]) -> str:
         return ", ".join(name for name, there in zip(self._live.channels, chosen) if there)
+
+
+def _range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
+    """Return within which values a position sensor can be, infinite for the others."""
+    if sensor.measures != "position":
+        return -1e300, 1e300
+    drive = next(drive for drive in rig.drives if drive.name == sensor.of)
+    low, high = travel(Mechanism(rig), [each.name for each in rig.drives].index(drive.name))
+    room = (BEYOND if drive.stops is not None else FAR) * (high - low) + sensor.linearity + 10.0 * sensor.noise
+    return low - room + sensor.bias.value, high + room + sensor.bias.value

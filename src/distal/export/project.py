@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from distal.errors import ExportError, OutputError
-from distal.export.source import Exported, c_filter
+from distal.errors import OutputError
+from distal.export.source import Exported, c_filter, comment, filled
 from distal.logs import write_whole
 from distal.rig import Rig
+
+MARK = "distal export-c"
+"""What is in every file of an export."""
 
 
 def export_c(
@@ -17,7 +20,7 @@ def export_c(
 
     Args:
         rig: the description.
-        out: the folder; made if it is not there. Files of the same names are replaced, others left.
+        out: the folder; made if it is not there. An earlier export's files are replaced, others left.
         estimator: its name.
         single: float and float functions only, else double.
         name: prefix of all names; default from the rig's title and the estimator.
@@ -28,19 +31,26 @@ def export_c(
         OutputError: the folder cannot be written.
     """
     made, folder = c_filter(rig, estimator, single, name), Path(out)
-    if folder.exists() and not folder.is_dir():
-        raise OutputError(f"{folder}: is a file; give the name of a folder")
     files = project_files(made)
     try:
+        if folder.exists() and not folder.is_dir():
+            raise OutputError(f"{folder}: is a file; give the name of a folder")
+        for file in files:
+            _check(folder / file)
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
-        raise OutputError(f"{folder}: cannot be made ({problem.strerror})") from None
-    for file in files:
-        if (folder / file).is_dir():
-            raise OutputError(f"{folder / file}: is a folder; move it away, a file of this name is to be written")
+        raise OutputError(f"{folder}: cannot be written ({problem.strerror})") from None
     for file, text in files.items():
         write_whole(folder / file, text.encode())
     return made
+
+
+def _check(path: Path) -> None:
+    """Refuse to replace what is not an export of ours."""
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; move it away, a file of this name is to be written")
+    if path.exists() and MARK not in path.read_text(encoding="utf-8", errors="replace"):
+        raise OutputError(f"{path}: was not written by export-c; give another folder, so that it is not replaced")
 
 
 def project_files(made: Exported) -> dict[str, str]:
@@ -49,8 +59,6 @@ def project_files(made: Exported) -> dict[str, str]:
     Args:
         made: the filter.
     """
-    if made.name in ("replay",):
-        raise ExportError("'replay' is the name of the program beside the filter; give another one (--name)")
     return {
         f"{made.name}.h": made.header,
         f"{made.name}.c": made.source,
@@ -68,23 +76,34 @@ def readme(made: Exported) -> str:
     """
     kind, size = ("float", 4) if made.single else ("double", 8)
     calls = ", ".join(f"{count} {name}{'f' if made.single else ''}" for name, count in made.library.items()) or "none"
-    return (
-        _README.replace("$name$", made.name)
-        .replace("$NAME$", made.name.upper())
-        .replace("$rig$", made.rig)
-        .replace("$estimator$", made.estimator)
-        .replace("$real$", kind)
-        .replace("$channels$", "\n".join(f"| {i} | `{channel}` |" for i, channel in enumerate(made.channels)))
-        .replace("$n_states$", str(len(made.states)))
-        .replace("$state_bytes$", f"{made.state_bytes:,}")
-        .replace("$scratch_bytes$", f"{made.scratch_bytes:,}")
-        .replace("$carry$", f"{made.carry} x {size}")
-        .replace("$operations$", f"{made.operations:,}")
-        .replace("$calls$", calls)
+    float_warning = (
+        "\nIn float this estimator may differ from double by much more than its band: it jumps where a body goes from\n"
+        "sticking to slipping. `adaptive` does not; or export it in double.\n"
+        if made.single and made.estimator.startswith("ekf")
+        else ""
+    )
+    return filled(
+        _README,
+        {
+            "name": made.name,
+            "NAME": made.name.upper(),
+            "rig": comment(made.rig),
+            "estimator": made.estimator,
+            "real": kind,
+            "float_warning": float_warning,
+            "channels": "\n".join(f"| {i} | `{channel}` |" for i, channel in enumerate(made.channels)),
+            "n_states": str(len(made.states)),
+            "state_bytes": f"{made.state_bytes:,}",
+            "scratch_bytes": f"{made.scratch_bytes:,}",
+            "carry": f"{made.carry} x {size}",
+            "operations": f"{made.operations:,}",
+            "calls": calls,
+        },
     )
 
 
 _CMAKE = """\
+# Written by `distal export-c`
 cmake_minimum_required(VERSION 3.13)
 project($name$ C)
 
@@ -99,29 +118,37 @@ target_include_directories($name$ PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
 # square roots need no errno: without it they are one instruction
 target_compile_options($name$ PRIVATE -Wall -Wextra -fno-math-errno)
 
-if(NOT CMAKE_CROSSCOMPILING)
+if(UNIX)
+  target_link_libraries($name$ PUBLIC m)
+endif()
+
+# the replay program only where this is the whole project, on the machine that it runs on
+if(NOT CMAKE_CROSSCOMPILING AND CMAKE_SOURCE_DIR STREQUAL CMAKE_CURRENT_SOURCE_DIR)
   add_executable(replay replay.c)
-  target_link_libraries(replay $name$ m)
+  target_link_libraries(replay $name$)
 endif()
 """
 
 _README = """\
 # $name$
 
-`$estimator$` for the rig "$rig$", in C99 with `$real$`. No malloc, no globals: the caller owns the state.
-
+Written by `distal export-c`: `$estimator$` for the rig "$rig$", in C99 with `$real$`. No malloc, no globals: the
+caller owns the state.
+$float_warning$
 ```c
 #include "$name$.h"
 
 static $name$_state state;
+static int begun;
 
-/* once, with the first sample */
-$name$_begin(&state, values);
-$name$_step(&state, 0, values, &out);
-
-/* then for every sample, dt seconds after the one before */
-if ($name$_step(&state, dt, values, &out) != $NAME$_OK) { /* see the header */ }
-/* out.angle +- 1.96 out.angle_std [rad] */
+/* for every sample, dt seconds after the last one that was taken in */
+void control($name$_real dt, const $name$_real values[$NAME$_CHANNELS]) {
+  $name$_output out;
+  if (!begun) $name$_begin(&state, values);
+  if ($name$_step(&state, begun ? dt : 0, values, &out) == $NAME$_OK) {
+    begun = 1; /* out.angle +- 1.96 out.angle_std [rad] */
+  } /* else: see the header */
+}
 ```
 
 | | values, SI, NAN where missing |
@@ -143,8 +170,9 @@ many times as long as a step; `$NAME$_LATE` says that a stamp did not rise, and 
 
 ```sh
 cmake -B build && cmake --build build
-build/replay log.csv > angle.csv     # the CSV that `distal estimate` reads
+build/replay log.csv > angle.csv
 ```
 
-Or without CMake: `cc -std=c99 -O2 -fno-math-errno replay.c $name$.c -lm -o replay`.
+`log.csv` has the columns that `distal estimate` reads, separated by commas, semicolons or tabs; a name with a
+separator in it cannot be read. Without CMake: `cc -std=c99 -O2 -fno-math-errno replay.c $name$.c -lm -o replay`.
 """

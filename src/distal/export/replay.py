@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import re
 
 from distal.estimators import KernelEstimator
 from distal.rig import log_factor
@@ -20,18 +20,30 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
     read = [sensors[channel] for channel in runner.channels]
     columns = [runner.rig.log.time.column, *(sensor.log_column for sensor in read)]
     factors = [unit_factor(runner.rig.log.time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in read)]
-    return (
-        _PROGRAM.replace("$name$", name)
-        .replace("$NAME$", name.upper())
-        .replace("$columns$", ", ".join(json.dumps(column) for column in columns))
-        .replace("$factors$", ", ".join(f"{factor:.17g}" for factor in factors))
-    )
+    values = {
+        "name": name,
+        "NAME": name.upper(),
+        "columns": ", ".join(c_string(column) for column in columns),
+        "factors": ", ".join(f"{factor:.17g}" for factor in factors),
+    }
+    return re.sub(r"\$(\w+)\$", lambda m: values[m[1]], _PROGRAM)
+
+
+def c_string(text: str) -> str:
+    """Return a text as a string of C, byte by byte where it is not plain.
+
+    Args:
+        text: anything.
+    """
+    plain = (chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in text.encode())
+    return f'"{"".join(plain)}"'
 
 
 _PROGRAM = """\
 /* replay LOG.csv: run the filter over a log with the columns that the rig names; t, theta, theta_std on stdout.
  *
- * What a sample needs is in main(): values in the header's order and units, NAN where one is missing. The rest reads CSV.
+ * Written by `distal export-c`. What a sample needs is in take(): values in the header's order and units, NAN where one
+ * is missing. The rest reads CSV.
  */
 #include <math.h>
 #include <stdio.h>
@@ -44,42 +56,75 @@ _PROGRAM = """\
 
 static const char* const columns[COLUMNS] = {$columns$};
 static const double factors[COLUMNS] = {$factors$}; /* to SI, with the sensor's sign */
+static const char* const missing[] = {"", "nan", "na", "n/a", "null", "none", "-"};
 
-/* Cut the next cell off a line; NULL at its end. */
+static char separator = ',';
+
+/* Cut the next cell off a line, without spaces and quotes about it; NULL at its end. */
 static char* cell(char** rest) {
-  char* start = *rest;
+  char *start = *rest, *end;
   if (!start) return NULL;
-  start[strcspn(start, "\\r\\n")] = 0;
-  *rest = strchr(start, ',');
-  if (*rest) *(*rest)++ = 0;
+  *rest = strchr(start, separator);
+  end = *rest ? (*rest)++ : start + strlen(start);
+  while (end > start && strchr(" \\t\\r\\n\\"", end[-1])) --end;
+  *end = 0;
+  while (*start == ' ' || *start == '\\t' || *start == '"') ++start;
   return start;
 }
 
+/* Return whether a cell is a number or missing, and set it. */
+static int number(const char* text, double* value) {
+  char lower[8] = "", *end;
+  size_t i;
+  for (i = 0; i < 7 && text[i]; ++i) lower[i] = (char)(text[i] >= 'A' && text[i] <= 'Z' ? text[i] + 32 : text[i]);
+  *value = (double)NAN;
+  for (i = 0; i < sizeof missing / sizeof *missing; ++i)
+    if (!strcmp(lower, missing[i])) return 1;
+  if (strpbrk(text, "xXpP")) return 0; /* strtod would read hexadecimal numbers */
+  *value = strtod(text, &end);
+  return *end == 0 && !isinf(*value);
+}
+
+static int fail(const char* file, long row, const char* what, const char* which) {
+  fprintf(stderr, "%s: row %ld: %s%s\\n", file, row, what, which);
+  return 1;
+}
+
+/* One sample, now[0] being its stamp. */
+static int take($name$_state* state, const double* now, double before, int first, $name$_output* out) {
+  $name$_real values[$NAME$_CHANNELS];
+  int i;
+  for (i = 1; i < COLUMNS; ++i) values[i - 1] = ($name$_real)now[i];
+  return $name$_step(state, ($name$_real)(first ? 0.0 : now[0] - before), values, out);
+}
+
 int main(int argc, char** argv) {
-  static char line[65536];
+  static char line[1 << 20];
   static $name$_state state;
-  int at[COLUMNS], i, k, begun = 0;
+  int at[COLUMNS], i, k, width, pass;
   double now[COLUMNS], before = 0.0, first[COLUMNS];
-  long row = 1;
+  long row, samples = 0;
   char *rest = line, *text;
   FILE* log = argc == 2 ? fopen(argv[1], "r") : NULL;
   if (!log || !fgets(line, sizeof line, log)) {
     fprintf(stderr, "usage: %s LOG.csv (with a header; it must be readable)\\n", argv[0]);
     return 2;
   }
+  if (!memcmp(line, "\\357\\273\\277", 3)) rest += 3; /* the mark of UTF-8 */
+  if (!strchr(rest, ',')) separator = strchr(rest, ';') ? ';' : strchr(rest, '\\t') ? '\\t' : ',';
   for (i = 0; i < COLUMNS; ++i) at[i] = -1;
-  for (k = 0; (text = cell(&rest)); ++k)
+  for (width = 0; (text = cell(&rest)); ++width)
     for (i = 0; i < COLUMNS; ++i)
-      if (!strcmp(text, columns[i])) at[i] = k;
+      if (!strcmp(text, columns[i])) {
+        if (at[i] >= 0) return fail(argv[1], 1, "a column is there twice: ", columns[i]);
+        at[i] = width;
+      }
   for (i = 0; i < COLUMNS; ++i)
-    if (at[i] < 0) {
-      fprintf(stderr, "%s: column '%s' is missing\\n", argv[1], columns[i]);
-      return 2;
-    }
+    if (at[i] < 0) return 1 + fail(argv[1], 1, "a column is missing: ", columns[i]);
   /* the first value of each channel fills what has no prior, as when a whole log is estimated */
-  for (i = 0; i < COLUMNS; ++i) first[i] = NAN;
-  for (begun = 0; begun < 2; ++begun) {
-    if (begun) {
+  for (i = 0; i < COLUMNS; ++i) first[i] = (double)NAN;
+  for (pass = 0; pass < 2; ++pass) {
+    if (pass) {
       $name$_real values[$NAME$_CHANNELS];
       for (i = 1; i < COLUMNS; ++i) values[i - 1] = ($name$_real)first[i];
       $name$_begin(&state, values);
@@ -87,37 +132,32 @@ int main(int argc, char** argv) {
     }
     rewind(log);
     for (row = 1; fgets(line, sizeof line, log); ++row) {
-      if (row == 1) continue;
+      if (row == 1 || line[strspn(line, " \\t\\r\\n")] == 0) continue;
       rest = line;
-      for (i = 0; i < COLUMNS; ++i) now[i] = NAN;
       for (k = 0; (text = cell(&rest)); ++k)
         for (i = 0; i < COLUMNS; ++i)
           if (at[i] == k) {
-            char* end;
-            const double value = strtod(text, &end);
-            if (end != text && *end == 0) now[i] = value * factors[i];
+            if (!number(text, &now[i])) return fail(argv[1], row, "not a number: ", text);
+            now[i] *= factors[i];
           }
-      if (!begun) {
+      if (k != width) return fail(argv[1], row, "more or fewer cells than the header", "");
+      if (!pass) {
         for (i = 0; i < COLUMNS; ++i)
           if (isnan(first[i])) first[i] = now[i];
-        continue;
-      }
-      {
-        $name$_real values[$NAME$_CHANNELS];
+      } else {
         $name$_output out;
-        int code;
-        for (i = 1; i < COLUMNS; ++i) values[i - 1] = ($name$_real)now[i];
-        code = $name$_step(&state, ($name$_real)(row == 2 ? 0.0 : now[0] - before), values, &out);
-        if (code) {
-          fprintf(stderr, "%s: row %ld: code %d, see $name$.h\\n", argv[1], row, code);
-          return 1;
-        }
+        const int code = take(&state, now, before, samples == 0, &out);
+        if (code == $NAME$_LATE) return fail(argv[1], row, "the stamp repeats, goes back, or is missing", "");
+        if (code == $NAME$_GAP) return fail(argv[1], row, "the gap before is too long to bridge", "");
+        if (code != $NAME$_OK) return fail(argv[1], row, "the filter left all bounds; are the units right?", "");
         before = now[0];
+        ++samples;
         printf("%.17g,%.17g,%.17g\\n", now[0], (double)out.angle, (double)out.angle_std);
       }
     }
   }
   fclose(log);
+  if (samples < 2) return fail(argv[1], row, "an estimate over time needs at least two rows", "");
   return 0;
 }
 """

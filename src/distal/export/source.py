@@ -13,6 +13,46 @@ from distal.kernels.dialects import CodeError, Plain
 from distal.kernels.emitter import Emitter
 from distal.rig import Rig
 
+TAKEN = frozenset(
+    [
+        "all",
+        "assert",
+        "clean",
+        "complex",
+        "ctype",
+        "edit_cache",
+        "errno",
+        "fenv",
+        "float",
+        "help",
+        "install",
+        "inttypes",
+        "limits",
+        "list_install_components",
+        "locale",
+        "m",
+        "math",
+        "package",
+        "rebuild_cache",
+        "replay",
+        "setjmp",
+        "signal",
+        "stdarg",
+        "stdbool",
+        "stddef",
+        "stdint",
+        "stdio",
+        "stdlib",
+        "string",
+        "test",
+        "tgmath",
+        "time",
+        "wchar",
+        "wctype",
+    ]
+)
+"""Names that a filter cannot have: its files and targets would stand in the way of others."""
+
 
 @dataclass(frozen=True)
 class Exported:
@@ -53,7 +93,7 @@ class Exported:
     @property
     def state_bytes(self) -> int:
         """Size of the state, in bytes."""
-        return (4 if self.single else 8) * self.carry + 4
+        return (4 * self.carry + 4) if self.single else 8 * (self.carry + 1)
 
     @property
     def scratch_bytes(self) -> int:
@@ -76,8 +116,12 @@ def c_filter(rig: Rig, estimator: str = "adaptive", single: bool = False, name: 
     """
     runner = make_estimator(estimator, rig, compiled=False)
     name = name if name is not None else c_name(f"{rig.name}_{estimator}")
-    if not re.fullmatch(r"[a-z_][a-z0-9_]*", name):
-        raise ExportError(f"'{name}' cannot begin the names of C functions; lower-case letters, digits and _ can")
+    if not re.fullmatch(r"[a-z_][a-z0-9_]{0,99}", name):
+        raise ExportError(
+            f"'{name[:120]}' cannot begin the names of C functions; up to 100 lower-case letters, digits and _ can"
+        )
+    if name in TAKEN:
+        raise ExportError(f"'{name}' is the name of a header of C, or a target of CMake; give another one (--name)")
     prior, step = runner.prior_function(), runner.export_function()
     emitter = Emitter(Plain(single))
     try:
@@ -90,8 +134,8 @@ def c_filter(rig: Rig, estimator: str = "adaptive", single: bool = False, name: 
         estimator,
         rig.name,
         single,
-        _filled(_HEADER, values),
-        _filled(_SOURCE, values),
+        filled(_HEADER, values),
+        filled(_SOURCE, values),
         runner.channels,
         runner.state_names,
         runner.measured,
@@ -113,7 +157,25 @@ def c_name(text: str) -> str:
     return plain if plain and not plain[0].isdigit() else f"rig_{plain}".rstrip("_")
 
 
-def _filled(template: str, values: dict[str, str]) -> str:
+def comment(text: str) -> str:
+    """Return a text that may stand in a comment of C.
+
+    Args:
+        text: anything.
+    """
+    plain = "".join(c if c.isprintable() else " " for c in text)[:200]
+    for ends, harmless in (("\\", "/"), ("??", "? ?"), ("*/", "* /"), ("/*", "/ *"), ("*/", "* /")):
+        plain = plain.replace(ends, harmless)
+    return " ".join(plain.split())
+
+
+def filled(template: str, values: dict[str, str]) -> str:
+    """Return a template with ``$name$`` replaced; what is put in is not looked at again.
+
+    Args:
+        template: the text.
+        values: name → text.
+    """
     return re.sub(r"\$(\w+)\$", lambda m: values[m[1]], template)
 
 
@@ -132,9 +194,10 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
     numbers = [dialect.constant(float(x)) for x in runner.numbers]
     rows = [", ".join(numbers[i : i + 6]) for i in range(0, len(numbers), 6)]
     return {
+        "nan": dialect.constant(float("nan")),
         "name": name,
         "NAME": name.upper(),
-        "rig": runner.rig.name.replace("*/", "* /"),
+        "rig": comment(runner.rig.name),
         "estimator": runner.name,
         "real": dialect.type,
         "channels": "\n".join(channels),
@@ -219,7 +282,7 @@ enum {
 /* Set the state to what is believed before the first sample, whose values fill what has no prior. */
 void $name$_begin($name$_state* state, const $name$_real* values);
 
-/* Take in a sample, dt [s] after the one before (0 for the first); `out` may be a null pointer. */
+/* Take in a sample, dt [s] after the last one that was taken in (0 for the first); `out` may be a null pointer. */
 int $name$_step($name$_state* state, $name$_real dt, const $name$_real* values, $name$_output* out);
 
 #ifdef __cplusplus
@@ -287,11 +350,16 @@ int $name$_step($name$_state* state, $real$ dt, const $real$* values, $name$_out
   if (out) {
     const $real$ variance = state->carry[$n_states$];
     out->angle = state->carry[0];
-    out->angle_std = variance > $zero$ ? $sqrt$(variance) : $zero$;
+    out->angle_std = variance <= $zero$ ? $zero$ : $sqrt$(variance);
     for (i = 0; i < $n_measured$; ++i) {
-      out->innovations[i] = is_there(values[measured[i]]) ? y[i] : NAN;
+      out->innovations[i] = is_there(values[measured[i]]) ? y[i] : $nan$;
       out->innovation_variances[i] = y[$n_measured$ + i];
     }
+  }
+  for (i = 0; i < $n_states$; ++i) {
+    /* neither infinite nor undefined, and no negative variance */
+    if (!(state->carry[i] - state->carry[i] == $zero$)) return $NAME$_LOST;
+    if (!(state->carry[$n_states$ + i * ($n_states$ + 1)] >= $zero$)) return $NAME$_LOST;
   }
   return state->carry[0] >= -$largest$ && state->carry[0] <= $largest$ ? $NAME$_OK : $NAME$_LOST;
 }

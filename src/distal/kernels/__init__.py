@@ -3,7 +3,17 @@
 from distal.kernels.cache import cache_folder
 from distal.kernels.compiler import Compiler, c_source, find_compiler
 from distal.kernels.kernel import Kernel
-from distal.kernels.lanes import LaneKernel, lanes_here
+from distal.kernels.lanes import LaneKernel, grouped, lanes_here
 from distal.kernels.probe import probe
 
-__all__ = ["Compiler", "Kernel", "LaneKernel", "c_source", "cache_folder", "find_compiler", "lanes_here", "probe"]
+__all__ = [
+    "Compiler",
+    "Kernel",
+    "LaneKernel",
+    "c_source",
+    "cache_folder",
+    "find_compiler",
+    "grouped",
+    "lanes_here",
+    "probe",
+]

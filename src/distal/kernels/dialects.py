@@ -91,7 +91,7 @@ class Plain:
     def constant(self, value: float) -> str:
         """Return a number as C."""
         if value != value:
-            return "NAN"
+            return "NAN" if self.single else "(double)NAN"
         if value in (float("inf"), float("-inf")):
             return "INFINITY" if value > 0 else "(-INFINITY)"
         if self.single:  # what a float cannot hold is its largest number, or zero

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import re
 from collections.abc import Sequence
-from math import isfinite, nan
+from math import isnan, nan
 from typing import Any
 
 import numpy as np
@@ -35,7 +37,7 @@ class MessageReader:
         self._columns = [sensors[channel].log_column for channel in channels]
         self._factors = np.array([sensors[channel].sign * log_factor(sensors[channel]) for channel in channels])
         self._at: list[int] | None = None
-        self._width = 0
+        self._width, self._separator = 0, ","
         self._sample = np.zeros(len(channels))
 
     @property
@@ -47,12 +49,13 @@ class MessageReader:
         """Take the header of a CSV stream.
 
         Args:
-            line: names, separated by commas.
+            line: names, separated by commas, semicolons or tabs.
 
         Raises:
             LogError: the time column or all sensors are missing, or a name is there twice.
         """
-        names = [name.strip().strip('"') for name in line.strip().split(",")]
+        self._separator = max(",;\t", key=line.count)
+        names = self._cells(line)
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise LogError(f"the stream's header has '{twice[0]}' twice")
@@ -67,6 +70,16 @@ class MessageReader:
         self._width = len(names)
         self._at = [names.index(name) if name in names else -1 for name in (self._time, *self._columns)]
 
+    @property
+    def absent(self) -> list[str]:
+        """Columns that the header lacks."""
+        return [] if self._at is None else [c for c, at in zip(self._columns, self._at[1:]) if at < 0]
+
+    def _cells(self, line: str) -> list[str]:
+        if '"' not in line:
+            return [cell.strip() for cell in line.strip("\r\n").split(self._separator)]
+        return [cell.strip() for cell in next(csv.reader([line.strip("\r\n")], delimiter=self._separator))]
+
     def csv(self, line: str) -> tuple[float, Floats]:
         """Return stamp and sample of a CSV line; the array is used again by the next call.
 
@@ -77,12 +90,12 @@ class MessageReader:
             LogError: it is no such line.
         """
         assert self._at is not None
-        cells = line.strip().split(",")
+        cells = self._cells(line)
         if len(cells) != self._width:
             raise LogError(f"{len(cells)} cells came, the header has {self._width}")
-        time = _number(cells[self._at[0]], self._time)
+        time = number_of(cells[self._at[0]], self._time)
         for i, at in enumerate(self._at[1:]):
-            self._sample[i] = nan if at < 0 else _number(cells[at], self._columns[i])
+            self._sample[i] = nan if at < 0 else number_of(cells[at], self._columns[i])
         self._sample *= self._factors
         return time * self._time_factor, self._sample
 
@@ -102,15 +115,16 @@ class MessageReader:
         if not isinstance(message, dict):
             raise LogError("a JSON object is expected, with a member for each column")
         found = find(message, self._time)
-        time = nan if found is None else _number(found, self._time) * self._time_factor
+        time = nan if found is None else number_of(found, self._time) * self._time_factor
         if found is None:
             known = [find(message, name) for name in STAMPS]
-            time = next((_number(value, "timestamp") for value in known if value is not None), nan)
-        if not isfinite(time):
-            raise LogError(f"no stamp: neither '{self._time}' nor {', '.join(STAMPS)} is there")
+            time = next((number_of(value, "timestamp") for value in known if value is not None), nan)
+        if isnan(time):
+            others = ", ".join(name for name in STAMPS if name != self._time)
+            raise LogError(f"no stamp: neither '{self._time}' nor {others} is there with a value")
         for i, column in enumerate(self._columns):
             value = find(message, column)
-            self._sample[i] = nan if value is None else _number(value, column)
+            self._sample[i] = nan if value is None else number_of(value, column)
         self._sample *= self._factors
         return time, self._sample
 
@@ -134,7 +148,11 @@ def find(message: Any, path: str) -> Any:
     """
     if isinstance(message, dict) and path in message:
         return message[path]
-    for part in path.replace("[", "/").replace("]", "").replace(".", "/").split("/"):
+    head, _, rest = path.partition(".")
+    for name in (head, head.lstrip("/")):  # a topic may have slashes of its own
+        if rest and isinstance(message, dict) and name in message:
+            return find(message[name], rest)
+    for part in re.findall(r"[^./\[\]]+", path):
         if isinstance(message, dict) and part in message:
             message = message[part]
         elif isinstance(message, list) and part.isdigit() and int(part) < len(message):
@@ -144,11 +162,19 @@ def find(message: Any, path: str) -> Any:
     return message
 
 
-def _number(value: Any, name: str) -> float:
-    """Return a cell or a member as a number, NaN where it is missing."""
+def number_of(value: Any, name: str) -> float:
+    """Return a cell or a member as a number, NaN where it is missing.
+
+    Args:
+        value: as it came.
+        name: of the column, for messages.
+
+    Raises:
+        LogError: it is none.
+    """
     if value is None or (isinstance(value, str) and value.strip().lower() in MISSING):
         return nan
-    if isinstance(value, (bool, dict, list)):
+    if isinstance(value, (bool, dict, list)) or (isinstance(value, str) and "_" in value):
         raise LogError(f"'{name}' is {str(value)[:40]}; a number is expected")
     try:
         return float(value)

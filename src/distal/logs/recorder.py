@@ -41,7 +41,7 @@ ESTIMATE_SCHEMA = {
 
 
 class Recorder:
-    """Writes an MCAP file; it stands in its place once it is closed, whole.
+    """Writes an MCAP file; it stands in its place once it is closed, whole. Without a message, what stood there stays.
 
     Args:
         path: where.
@@ -56,9 +56,15 @@ class Recorder:
         except ImportError:
             raise OutputError(f"{path}: MCAP needs the package mcap (pip install 'distal[mcap]')") from None
         check_writable(path)
-        self._path, self._part = path, path.with_name(f".{path.name}.{os.getpid()}.part")
+        # a link is followed; a device or a pipe cannot be replaced, and is written as it is
+        target = path.resolve()
+        self._path, self._target = path, target
+        self._part = target.with_name(f".{target.name}.{os.getpid()}.part")
+        self._direct = target.exists() and not target.is_file()
+        if target.is_file() and not os.access(target, os.W_OK):
+            raise OutputError(f"{path}: cannot be written (it is read-only)")
         try:
-            self._file = self._part.open("wb")
+            self._file = (target if self._direct else self._part).open("wb")
         except OSError as problem:
             raise OutputError(f"{path}: cannot be written ({problem.strerror})") from None
         self._writer: Any = Writer(self._file)
@@ -67,7 +73,7 @@ class Recorder:
         for topic, schema in ((SAMPLE_TOPIC, SAMPLE_SCHEMA), (ESTIMATE_TOPIC, ESTIMATE_SCHEMA)):
             number = self._writer.register_schema(str(schema["title"]), "jsonschema", json.dumps(schema).encode())
             self._channels[topic] = self._writer.register_channel(topic, "json", number)
-        self._count = 0
+        self._count, self._samples = 0, 0
 
     def add(self, topic: str, time: float, message: dict[str, Any]) -> None:
         """Write a message.
@@ -87,16 +93,24 @@ class Recorder:
             self._writer.add_message(self._channels[topic], stamp, json.dumps(clean).encode(), stamp, self._count)
         except OSError as problem:
             raise OutputError(f"{self._path}: cannot be written ({problem.strerror})") from None
+        self._samples += topic == SAMPLE_TOPIC
 
-    def close(self) -> None:
-        """Finish the file and put it in its place.
+    def close(self) -> bool:
+        """Finish the file and put it in its place; return whether there was anything to record.
 
         Raises:
-            OutputError: it cannot be written.
+            OutputError: it cannot be written; what there is of it is beside its place.
         """
         try:
             self._writer.finish()
             self._file.close()
-            os.replace(self._part, self._path)
+            if self._samples and not self._direct:
+                os.replace(self._part, self._target)
         except OSError as problem:
-            raise OutputError(f"{self._path}: cannot be written ({problem.strerror})") from None
+            raise OutputError(
+                f"{self._path}: cannot be written ({problem.strerror}); what was recorded until then is in "
+                f"{self._part.name} beside it"
+            ) from None
+        if not self._samples and not self._direct:
+            self._part.unlink(missing_ok=True)
+        return self._samples > 0

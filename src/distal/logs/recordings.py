@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from distal.errors import LogError, did_you_mean
-from distal.logs.messages import find
+from distal.errors import DistalWarning, LogError, did_you_mean
+from distal.logs.messages import find, number_of
 
 if TYPE_CHECKING:
     import polars
@@ -18,8 +21,29 @@ if TYPE_CHECKING:
 NEAR = 0.1
 """Messages whose stamps differ by less than this share of the busiest topic's interval are one row."""
 
-Message = tuple[str, int, Callable[[str], Any]]
-"""Topic, stamp [ns], and what gives a field of it."""
+Read = Callable[[str], Any]
+
+LATEST = 9.0e9
+"""No stamp is later than this [s]: a stamp in another unit is."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message of a recording.
+
+    Args:
+        topic: where it was published.
+        recorded: when [ns].
+        stamp: of its header [ns]; None where it has none.
+        read: gives a field, None where it is not there.
+        json: whether it is JSON, whose fields may be looked for by name alone.
+    """
+
+    topic: str
+    recorded: int
+    stamp: int | None
+    read: Read
+    json: bool = False
 
 
 def is_recording(path: object) -> bool:
@@ -56,53 +80,121 @@ def open_recording(path: str | Path, columns: Sequence[str], time: str, unit: fl
     import polars
 
     path = Path(path)
-    wanted: dict[str, list[tuple[str, str]]] = {}
-    for column in columns:
-        if column != time:
-            topic, _, field = column.partition(".") if "/" in column or column.startswith("/") else ("", "", column)
-            wanted.setdefault(topic, []).append((field, column))
-    stamps: dict[str, list[int]] = {}
-    cells: dict[str, list[tuple[int, float]]] = {column: [] for column in columns if column != time}
+    wanted = [(column, *_named(column)) for column in columns if column != time]
+    cells: dict[str, list[tuple[str, int | None, int, float]]] = {column: [] for column, _, _ in wanted}
     topics: set[str] = set()
-    for topic, recorded, read in _messages(path, topics):
-        stamp = recorded
-        own = read(time) if topic.startswith(_JSON) else None
-        plain = topic.removeprefix(_JSON)
-        if own is not None:
-            stamp = round(float(own) * unit * 1e9)
-        for name, column in [*wanted.get(plain, ()), *(wanted.get("", ()) if plain != topic else ())]:
-            value = read(name)
-            if value is not None:
-                if isinstance(value, (str, list, dict)) or np.ndim(value) > 0:
-                    raise LogError(f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]")
-                cells[column].append((stamp, float(value)))
-                stamps.setdefault(plain, []).append(stamp)
-    if not stamps:
-        known = sorted(topic.removeprefix(_JSON) for topic in topics)
+    for message in _messages(path, topics):
+        stamp = message.stamp
+        if message.json:
+            stamp = _own_stamp(path, message, time, unit)
+        for column, topic, field in wanted:
+            value = message.read(field) if topic in ("", message.topic) and (topic or message.json) else None
+            if value is None and message.json:
+                value = message.read(column)
+            if value is None:
+                continue
+            if np.ndim(value) > 0 or isinstance(value, (list, dict)):
+                raise LogError(f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]")
+            try:
+                number = number_of(value, column)
+            except LogError as problem:
+                raise LogError(f"{path}: {problem}") from None
+            cells[column].append((message.topic, stamp, message.recorded, number))
+    found = {column: values for column, values in cells.items() if values}
+    if not found:
         one = next(iter(cells), "")
         raise LogError(
-            f"{path}: no message has '{one}'{did_you_mean(one.partition('.')[0], known)}; columns are /topic.field, "
-            f"the topics are {', '.join(known)[:300] or 'none'}"
+            f"{path}: no message has '{one}'{did_you_mean(one.partition('.')[0], topics)}; columns are /topic.field, "
+            f"the topics are {', '.join(sorted(topics))[:300] or 'none'}"
         )
-    rows = _merged(stamps)
+    stamped = _stamped(path, found)
+    rows = _merged([[stamp for stamp, _ in values] for values in stamped.values()])
     columns_of = {time: (rows - rows[0]) * 1e-9 / unit}
-    for column, values in cells.items():
-        if values:
-            filled = np.full(len(rows), np.nan)
-            at = np.searchsorted(rows, [stamp for stamp, _ in values], side="right") - 1
-            filled[at] = [value for _, value in values]
-            columns_of[column] = filled
+    for column, entries in stamped.items():
+        filled = np.full(len(rows), np.nan)
+        at = np.searchsorted(rows, [stamp for stamp, _ in entries], side="right") - 1
+        filled[at] = [value for _, value in entries]
+        columns_of[column] = filled
     return polars.DataFrame(columns_of)
 
 
-_JSON = "json:"
+def _named(column: str) -> tuple[str, str]:
+    """Return topic and field of a column; a bare name has no topic."""
+    topic, dot, field = column.partition(".")
+    return (topic, field) if dot and "/" in topic else ("", column)
 
 
-def _merged(stamps: dict[str, list[int]]) -> np.ndarray[Any, np.dtype[np.int64]]:
+def _own_stamp(path: Path, message: Message, time: str, unit: float) -> int | None:
+    """Return the stamp that a JSON message has itself [ns], or None."""
+    for name, factor in ((time, unit), ("timestamp", 1.0)):
+        value = message.read(name)
+        if value is None:
+            continue
+        try:
+            seconds = number_of(value, name) * factor
+        except LogError as problem:
+            raise LogError(f"{path}: {problem}") from None
+        if not abs(seconds) < LATEST:
+            raise LogError(
+                f"{path}: '{name}' is {value}, {seconds:g} s, which is no time; what unit has it? (log.time.unit)"
+            )
+        return round(seconds * 1e9)
+    return None
+
+
+def _stamped(
+    path: Path, found: dict[str, list[tuple[str, int | None, int, float]]]
+) -> dict[str, list[tuple[int, float]]]:
+    """Return stamps and values of each column, by one clock: the headers' where a topic has them, else the recorder's.
+
+    Where a clock was set back only the longest part between is taken, and that is said.
+    """
+    stamped: dict[str, list[tuple[int, float]]] = {}
+    clocks = {}
+    for column, values in found.items():
+        # a header of zero is none, unless others of the same topic are not: a simulation that begins at zero
+        own = any(stamp for _, stamp, _, _ in values if stamp)
+        clocks[column] = own
+        stamped[column] = [(stamp if own and stamp is not None else at, number) for _, stamp, at, number in values]
+    starts = [values[0][0] for values in stamped.values()]
+    if len(set(clocks.values())) > 1 and max(starts) - min(starts) > 1e15:
+        raise LogError(
+            f"{path}: some topics have stamps of their own (from {min(starts) * 1e-9:.6g} s on), others only that of the "
+            f"recorder ({max(starts) * 1e-9:.12g} s): two clocks; record all with headers, or all without"
+        )
+    back = [
+        values[k][0]
+        for values in stamped.values()
+        for k in range(1, len(values))
+        if values[k][0] < values[k - 1][0] - 1_000_000_000
+    ]
+    if not back:
+        return stamped
+    parts = {column: _parts_between(values) for column, values in stamped.items()}
+    count = min(len(each) for each in parts.values())
+    longest = max(range(count), key=lambda i: min(len(each[i]) for each in parts.values()))
+    warnings.warn(
+        f"{path}: the clock was set back {count - 1} times; only part {longest + 1} of {count} is read, the longest",
+        DistalWarning,
+        stacklevel=4,
+    )
+    return {column: each[longest] for column, each in parts.items()}
+
+
+def _parts_between(values: list[tuple[int, float]]) -> list[list[tuple[int, float]]]:
+    parts: list[list[tuple[int, float]]] = [[]]
+    for k, value in enumerate(values):
+        if k and value[0] < values[k - 1][0] - 1_000_000_000:
+            parts.append([])
+        parts[-1].append(value)
+    return parts
+
+
+def _merged(stamps: list[list[int]]) -> np.ndarray[Any, np.dtype[np.int64]]:
     """Return the stamps of rows: what is nearer than `NEAR` of the busiest topic's interval is one row."""
-    intervals = [float(np.median(np.diff(np.unique(each)))) for each in stamps.values() if len(set(each)) > 1]
+    intervals = [float(np.median(np.diff(np.unique(each)))) for each in stamps if len(set(each)) > 1]
     near = NEAR * min(intervals, default=0.0)
-    every = np.unique(np.concatenate([np.array(each, dtype=np.int64) for each in stamps.values()]))
+    every = np.unique(np.concatenate([np.array(each, dtype=np.int64) for each in stamps]))
     rows = [every[0]]
     for stamp in every[1:]:
         if stamp - rows[-1] > near:
@@ -131,17 +223,21 @@ def _mcap(path: Path, topics: set[str]) -> Iterator[Message]:
         raise LogError(f"{path}: MCAP needs the package mcap (pip install 'distal[mcap]')") from None
     known: dict[int, Any] = {}
     with path.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
+        # as they were recorded: a clock that was set back is then seen
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
             if channel.message_encoding == "json":
                 topics.add(channel.topic)
-                read = json.loads(message.data)
-                yield _JSON + channel.topic, message.log_time, lambda name, read=read: find(read, name)  # type: ignore[misc]
+                try:
+                    read = json.loads(message.data)
+                except ValueError:
+                    continue  # one message that is none costs itself only
+                yield Message(channel.topic, message.log_time, None, partial(find, read), json=True)
             elif channel.message_encoding == "cdr" and schema is not None:
                 topics.add(channel.topic)
                 if schema.id not in known:
                     known[schema.id] = _typestore(path, schema)
                 read = known[schema.id].deserialize_cdr(message.data, schema.name)
-                yield channel.topic, _stamp(read, message.log_time), lambda name, read=read: _field(read, name)  # type: ignore[misc]
+                yield Message(channel.topic, message.log_time, _stamp(read), partial(_field, read))
 
 
 def _typestore(path: Path, schema: Any) -> Any:
@@ -166,14 +262,13 @@ def _bag(path: Path, topics: set[str]) -> Iterator[Message]:
         topics.update(connection.topic for connection in reader.connections)
         for connection, recorded, raw in reader.messages():
             read = reader.deserialize(raw, connection.msgtype)
-            yield connection.topic, _stamp(read, recorded), lambda name, read=read: _field(read, name)  # type: ignore[misc]
+            yield Message(connection.topic, recorded, _stamp(read), partial(_field, read))
 
 
-def _stamp(message: Any, recorded: int) -> int:
-    """Return the stamp of a message's header [ns], or when it was recorded."""
+def _stamp(message: Any) -> int | None:
+    """Return the stamp of a message's header [ns], None where it has none."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
-    own = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec) if stamp is not None else 0
-    return own if own > 0 else recorded
+    return None if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def _field(message: Any, path: str) -> Any:

@@ -6,7 +6,6 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from itertools import islice
 from pathlib import Path
 from threading import Lock
 
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import ScenarioError
-from distal.kernels import Kernel, lanes_here
+from distal.kernels import Kernel, grouped, lanes_here
 from distal.logs import Log
 from distal.rig import Rig, load_rig
 from distal.simulation.plant import plant_function, run_plants
@@ -52,26 +51,46 @@ def simulate_batch(
     """
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
     workers = (os.cpu_count() or 1) if workers is None else workers
-    if not isinstance(workers, int) or workers < 1:
+    if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers < 1:
         raise ScenarioError(f"workers must be a whole number from 1, {workers!r} came")
-    return _batch(rig, iter(jobs), workers, progress)
+    return _batch(rig, map(_job, jobs), int(workers), progress)
+
+
+def _job(job: object) -> Job:
+    if not isinstance(job, (tuple, list)) or len(job) != 2:
+        raise ScenarioError(f"a job is a scenario and a seed, {job!r:.60} came")
+    return job[0], job[1]
 
 
 def _batch(rig: Rig, jobs: Iterator[Job], workers: int, progress: Callable[[int], None] | None) -> Iterator[Log]:
-    groups = iter(lambda: list(islice(jobs, lanes_here())), [])
-    waiting: deque[Future[list[Log]]] = deque()
+    groups = grouped(jobs, lanes_here())
+    waiting: deque[Future[list[Log | Exception]]] = deque()
     kernels, done = _Kernels(), 0
-    with ThreadPoolExecutor(workers) as pool:
+    ended: BaseException | None = None
+    pool = ThreadPoolExecutor(workers)
+    try:
         while True:
-            for group in islice(groups, AHEAD * workers - len(waiting)):
-                waiting.append(pool.submit(_group, rig, group, kernels))
+            try:
+                while ended is None and len(waiting) < AHEAD * workers:
+                    group = next(groups, None)
+                    if group is None:
+                        break
+                    waiting.append(pool.submit(_group, rig, group, kernels))
+            except Exception as problem:  # what came before it is yielded before it
+                ended = problem
             if not waiting:
+                if ended is not None:
+                    raise ended
                 return
             for log in waiting.popleft().result():
                 done += 1
                 if progress is not None:
                     progress(done)
+                if isinstance(log, Exception):
+                    raise log
                 yield log
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
 class _Kernels:
@@ -91,15 +110,24 @@ class _Kernels:
             return kernel
 
 
-def _group(rig: Rig, jobs: list[Job], kernels: _Kernels) -> list[Log]:
-    """Return the logs of some runs: one motion for each scenario, those of the same plant side by side."""
+def _group(rig: Rig, jobs: list[Job], kernels: _Kernels) -> list[Log | Exception]:
+    """Return the logs of some runs: one motion for each scenario, those of the same plant side by side.
+
+    What a job cannot do stands in its place, and ends the list.
+    """
     distinct: list[tuple[Scenario | str | Path, Prepared]] = []
-    which = []
+    which: list[int] = []
+    problem: Exception | None = None
     for scenario, seed in jobs:
         at = next((i for i, (known, _) in enumerate(distinct) if known is scenario or known == scenario), None)
+        try:
+            ready = prepare(rig, scenario, seed) if at is None else distinct[at][1]
+        except Exception as found:
+            problem = found
+            break
         if at is None:
             at = len(distinct)
-            distinct.append((scenario, prepare(rig, scenario, seed)))
+            distinct.append((scenario, ready))
         which.append(at)
     motions: dict[int, dict[str, Floats]] = {}
     for i, (_, first) in enumerate(distinct):
@@ -112,4 +140,5 @@ def _group(rig: Rig, jobs: list[Job], kernels: _Kernels) -> list[Log]:
         ]
         runs = [(distinct[j][1].inputs, distinct[j][1].start) for j in alike]
         motions.update(zip(alike, run_plants(first.plant, runs, first.dt, kernels.of(first))))
-    return [sampled(distinct[at][1], motions[at], seed) for at, (_, seed) in zip(which, jobs)]
+    made: list[Log | Exception] = [sampled(distinct[at][1], motions[at], seed) for at, (_, seed) in zip(which, jobs)]
+    return made if problem is None else [*made, problem]

@@ -909,11 +909,16 @@ int capstan_adaptive_step(capstan_adaptive_state* state, float dt, const float* 
   if (out) {
     const float variance = state->carry[8];
     out->angle = state->carry[0];
-    out->angle_std = variance > 0.0f ? sqrtf(variance) : 0.0f;
+    out->angle_std = variance <= 0.0f ? 0.0f : sqrtf(variance);
     for (i = 0; i < 1; ++i) {
       out->innovations[i] = is_there(values[measured[i]]) ? y[i] : NAN;
       out->innovation_variances[i] = y[1 + i];
     }
+  }
+  for (i = 0; i < 8; ++i) {
+    /* neither infinite nor undefined, and no negative variance */
+    if (!(state->carry[i] - state->carry[i] == 0.0f)) return CAPSTAN_ADAPTIVE_LOST;
+    if (!(state->carry[8 + i * (8 + 1)] >= 0.0f)) return CAPSTAN_ADAPTIVE_LOST;
   }
   return state->carry[0] >= -50.0f && state->carry[0] <= 50.0f ? CAPSTAN_ADAPTIVE_OK : CAPSTAN_ADAPTIVE_LOST;
 }

@@ -59,7 +59,7 @@ enum {
 /* Set the state to what is believed before the first sample, whose values fill what has no prior. */
 void capstan_adaptive_begin(capstan_adaptive_state* state, const capstan_adaptive_real* values);
 
-/* Take in a sample, dt [s] after the one before (0 for the first); `out` may be a null pointer. */
+/* Take in a sample, dt [s] after the last one that was taken in (0 for the first); `out` may be a null pointer. */
 int capstan_adaptive_step(capstan_adaptive_state* state, capstan_adaptive_real dt, const capstan_adaptive_real* values, capstan_adaptive_output* out);
 
 #ifdef __cplusplus

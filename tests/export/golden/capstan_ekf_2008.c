@@ -1038,11 +1038,16 @@ int capstan_ekf_2008_step(capstan_ekf_2008_state* state, float dt, const float* 
   if (out) {
     const float variance = state->carry[4];
     out->angle = state->carry[0];
-    out->angle_std = variance > 0.0f ? sqrtf(variance) : 0.0f;
+    out->angle_std = variance <= 0.0f ? 0.0f : sqrtf(variance);
     for (i = 0; i < 1; ++i) {
       out->innovations[i] = is_there(values[measured[i]]) ? y[i] : NAN;
       out->innovation_variances[i] = y[1 + i];
     }
+  }
+  for (i = 0; i < 4; ++i) {
+    /* neither infinite nor undefined, and no negative variance */
+    if (!(state->carry[i] - state->carry[i] == 0.0f)) return CAPSTAN_EKF_2008_LOST;
+    if (!(state->carry[4 + i * (4 + 1)] >= 0.0f)) return CAPSTAN_EKF_2008_LOST;
   }
   return state->carry[0] >= -50.0f && state->carry[0] <= 50.0f ? CAPSTAN_EKF_2008_OK : CAPSTAN_EKF_2008_LOST;
 }

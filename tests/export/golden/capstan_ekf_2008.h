@@ -55,7 +55,7 @@ enum {
 /* Set the state to what is believed before the first sample, whose values fill what has no prior. */
 void capstan_ekf_2008_begin(capstan_ekf_2008_state* state, const capstan_ekf_2008_real* values);
 
-/* Take in a sample, dt [s] after the one before (0 for the first); `out` may be a null pointer. */
+/* Take in a sample, dt [s] after the last one that was taken in (0 for the first); `out` may be a null pointer. */
 int capstan_ekf_2008_step(capstan_ekf_2008_state* state, capstan_ekf_2008_real dt, const capstan_ekf_2008_real* values, capstan_ekf_2008_output* out);
 
 #ifdef __cplusplus

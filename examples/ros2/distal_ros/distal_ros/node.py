@@ -8,6 +8,7 @@ position and, as effort, the standard deviation [rad]) and `joint_health` (diagn
 import math
 
 import rclpy
+import rclpy.executors
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -29,7 +30,10 @@ class EstimateNode(Node):
         # each drive is a joint of the message; with one drive its name may be given
         motor = self.declare_parameter("motor", "").value
         drives = [drive.name for drive in self._rig.drives]
-        self._named = {motor: drives[0]} if motor and len(drives) == 1 else {drive: drive for drive in drives}
+        if motor and len(drives) > 1:
+            raise ValueError(f"'motor' renames a single drive, this rig has {drives}: name the message's joints so")
+        self._named = {motor: drives[0]} if motor else {drive: drive for drive in drives}
+        self._warned = False
         estimator = self.declare_parameter("estimator", "adaptive").value
         self._live = distal.LiveEstimator(self._rig, estimator)
         self._monitor = Monitor(self._live)
@@ -41,6 +45,9 @@ class EstimateNode(Node):
         self.get_logger().info(f"{self._rig.name}: {estimator}, reads {', '.join(self._live.channels)}")
 
     def _take(self, message):
+        if not self._warned and not set(self._named) <= set(message.name):
+            self._warned = True
+            self.get_logger().warning(f"{list(self._named)} expected in one message, {list(message.name)} came")
         stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         reading = self._monitor.take(stamp, self._sample(message))
         if math.isfinite(reading.angle):
@@ -78,7 +85,7 @@ def main():
     node = EstimateNode()
     try:
         rclpy.spin(node)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
         pass
     finally:
         node.destroy_node()
