@@ -12,7 +12,7 @@ import numpy as np
 from tests.export.helpers import missing_tools
 
 from benchmarks.report import table
-from distal import estimate, load_scenario, scenario_rig, shipped_scenarios, simulate_batch
+from distal import Log, estimate, load_scenario, scenario_rig, shipped_scenarios, simulate_batch
 from distal.export import c_filter
 from distal.kernels import find_compiler
 from distal.logs import write_log
@@ -20,11 +20,19 @@ from distal.logs import write_log
 SEEDS = 4
 
 
+def nudged(log: Log) -> Log:
+    """Return the log with values that differ as much as a float's rounding makes them."""
+    rng = np.random.default_rng(0)
+    channels = {name: values * (1 + 1e-7 * rng.normal(size=len(values))) for name, values in log.channels.items()}
+    return Log(log.time, channels, log.truth, log.source, log.truth_source)
+
+
 def float_errors() -> None:
     """Compare the float filters with double precision on the shipped scenarios, compiled for this machine."""
     from tests.export.test_export import build, replayed
 
     errors: dict[str, list[float]] = {}
+    changes: dict[str, list[float]] = {}
     for shipped in shipped_scenarios():
         scenario = load_scenario(shipped)
         rig = scenario_rig(scenario)
@@ -38,11 +46,19 @@ def float_errors() -> None:
                     rows = replayed(program, folder / "log.csv")
                     error = np.abs(rows[:, 1] - estimate(log, rig, name).theta).max()
                     errors.setdefault(name, []).append(float(np.rad2deg(error)))
+                    change = np.abs(estimate(nudged(log), rig, name).theta - estimate(log, rig, name).theta).max()
+                    changes.setdefault(name, []).append(float(np.rad2deg(change)))
     rows = [
-        [name, f"{np.median(found):.5f}", f"{max(found):.4f}", f"{sum(e <= 0.02 for e in found)} of {len(found)}"]
+        [
+            name,
+            f"{np.median(found):.5f}",
+            f"{max(found):.4f}",
+            f"{sum(e <= 0.02 for e in found)} of {len(found)}",
+            f"{max(changes[name]):.5f}",
+        ]
         for name, found in errors.items()
     ]
-    columns = ["estimator", "median [°]", "largest [°]", "logs within 0.02°"]
+    columns = ["estimator", "median [°]", "largest [°]", "logs within 0.02°", "double, inputs × (1 ± 1e-7) [°]"]
     table("float-errors", "Largest error of float against double, shipped scenarios", columns, rows)
 
 

@@ -170,6 +170,10 @@ def processes() -> None:
     )
 
 
+def _ratio(value: float) -> str:
+    return f"{value:,.0f} ×" if value >= 100 else f"{value:.3g} ×"
+
+
 def picture(found: list[tuple[str, float]]) -> None:
     """Draw the medians as bars on a logarithmic scale."""
     from distal.estimators import COLOURS, figure, save_figure
@@ -183,9 +187,9 @@ def picture(found: list[tuple[str, float]]) -> None:
         ]
         axes.barh(names[::-1], medians[::-1], color=colours[::-1], height=0.6)
         for i, median in enumerate(medians[::-1]):
-            axes.text(median * 1.1, i, f"{median / medians[0]:.3g} ×", va="center", fontsize=8)
+            axes.text(median * 1.1, i, _ratio(median / medians[0]), va="center", fontsize=8)
         axes.set_xscale("log")
-        axes.set_xlim(right=max(medians) * 4)
+        axes.set_xlim(right=max(medians) * 12)
         axes.set_xlabel("time per sample of 10 ms [µs]; × = ratio to the first")
         axes.grid(axis="y", visible=False)
     save_figure(made, FOLDER / "speed.svg")

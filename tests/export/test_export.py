@@ -71,9 +71,8 @@ def replayed(program: Path, log: Path) -> np.ndarray:
 def test_a_whole_log_under_sanitizers(rig: Rig, log: Log, plain: Log, name: str, single: bool, tmp_path: Path) -> None:
     """As Python to 1e-9 in double, to 0.02° in float; no address or undefined behaviour is reported.
 
-    The full-state filters jump where a linearisation changes from sticking to slipping: inputs that differ by 1e-7, as a
-    float's do, move their double estimate by 0.03° on the spoiled log, and their band of ±24° by up to 1 %. In float, that
-    log is for the sanitizers only.
+    The full-state filters jump where a linearisation changes from sticking to slipping: in float, the spoiled log is for the
+    sanitizers only, and bands of ±24° are compared to 1 %; see docs/microcontrollers.md.
     """
     program = build(
         c_filter(rig, name, single), tmp_path, "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"
