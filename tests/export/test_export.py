@@ -71,8 +71,8 @@ def replayed(program: Path, log: Path) -> np.ndarray:
 def test_a_whole_log_under_sanitizers(rig: Rig, log: Log, plain: Log, name: str, single: bool, tmp_path: Path) -> None:
     """As Python to 1e-9 in double, to 0.02° in float; no address or undefined behaviour is reported.
 
-    The full-state filters jump where a linearisation changes from sticking to slipping: in float, the spoiled log is for the
-    sanitizers only, and bands of ±24° are compared to 1 %; see docs/microcontrollers.md.
+    The full-state filters jump where a linearisation changes from sticking to slipping: in float, the spoiled log is for
+    the sanitizers only, and bands of ±24° are compared to 1 %; see docs/microcontrollers.md.
     """
     program = build(
         c_filter(rig, name, single), tmp_path, "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"
