@@ -30,6 +30,7 @@ def test_runs_have_their_seeds(runs: list[str], tmp_path: Path) -> None:
     assert alone.read_text() == Path(runs[1]).read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
 def test_estimates_go_to_a_folder(runs: list[str], tmp_path: Path) -> None:
     out, one = tmp_path / "estimates", tmp_path / "one.csv"

@@ -31,6 +31,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return paths
 
 
+@pytest.mark.slow
 def test_fit_writes_a_rig_that_the_other_commands_take(run, logs: list[Path], tmp_path: Path) -> None:  # noqa: F811
     out, report = tmp_path / "fitted.toml", tmp_path / "report"
     ran = run("fit", *logs, "--rig", "paper-2008", *SET, *FREE, "--holdout", "log", "--out", out, "--report", report)

@@ -71,6 +71,7 @@ def test_json_in_json_out_and_a_recording(rig: Rig, log: Log, csv: str, tmp_path
     np.testing.assert_allclose(estimate(again, rig).theta, estimate(log, rig).theta, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_other_ways_to_write_csv(csv: str) -> None:
     known, _, _ = run(csv)
     rows = [line.split(",")[:5] for line in csv.splitlines()]
@@ -245,6 +246,7 @@ def test_udp_as_plotjuggler_sends_and_reads_it(log: Log, rig: Rig, csv: str) -> 
     assert answers[-1]["theta"] == pytest.approx(estimate(log, rig).theta[59], abs=0.1)
 
 
+@pytest.mark.slow
 def test_what_cannot_begin_is_one_line(csv: str, tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))

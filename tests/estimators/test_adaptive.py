@@ -96,6 +96,7 @@ def honest(results: list[Estimate], shrink: float = 1.0) -> bool:
     return bool(inside >= 0.90 and 0.3 <= nees <= 1.4)
 
 
+@pytest.mark.slow
 def test_the_uncertainty_is_honest_and_a_third_of_it_would_fail() -> None:
     """The band is about plants such as the rig's stds allow, so the plants have to vary."""
     cases = [("ramps", plant, seed) for plant in WITHIN for seed in range(4)]
@@ -105,6 +106,7 @@ def test_the_uncertainty_is_honest_and_a_third_of_it_would_fail() -> None:
     assert not honest([result_of(*case, "ekf") for case in cases])
 
 
+@pytest.mark.slow
 def test_near_the_lower_bound_when_the_model_is_right() -> None:
     """The bound holds for the mean over starts and noise, not for each log: 24 logs."""
     plant = "no linearity error"

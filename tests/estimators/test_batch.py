@@ -63,6 +63,7 @@ def test_the_numbers_are_those_of_one_by_one(rig: Rig, logs: list[Log], name: st
         assert lanes.lanes == lanes_here()
 
 
+@pytest.mark.slow
 def test_other_rigs_and_homing(logs: list[Log]) -> None:
     for name in ("capstan-joint", "da-vinci-grasper"):
         servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
@@ -108,6 +109,7 @@ def take_all(results: Iterator[object], to: list[object]) -> None:
         to.append(result)
 
 
+@pytest.mark.slow
 def test_what_came_before_an_error_is_yielded(rig: Rig, logs: list[Log]) -> None:
     """Whatever the number of cores: an iterable that raises, a job that cannot be, a log that cannot be homed."""
 

@@ -57,6 +57,7 @@ def test_is_an_estimator(name: str, rig: Rig) -> None:
     assert "encoder" not in made.channels  # the reference is never read
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_online_equals_offline(name: str, rig: Rig, log: Log) -> None:
     """Step by step gives the very same numbers as the whole log at once."""
@@ -116,6 +117,7 @@ def test_a_missing_sample_is_prediction_only(name: str, rig: Rig, log: Log) -> N
     assert after.covariance[0, 0] >= informed.covariance[0, 0] * (1 - room)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_missing_values_are_bridged(name: str, rig: Rig, log: Log) -> None:
     rng = np.random.default_rng(0)
@@ -164,6 +166,7 @@ def test_wrong_samples_raise_and_are_not_broadcast(name: str, rig: Rig, log: Log
         made.step(belief, 0.0, sample)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_irregular_stamps_and_gaps(name: str, rig: Rig, log: Log) -> None:
     """Every third row gone, and half a second: the estimate stays with the one from all rows."""

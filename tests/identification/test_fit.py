@@ -183,6 +183,7 @@ class TestBadLogs:
             fit([], rig)
 
 
+@pytest.mark.slow
 def test_logs_that_do_not_look_like_the_rig(rig: Rig, log: Log) -> None:
     """Wrong units, signs and columns of forces and displacements: refused, or said where they could be true."""
 
