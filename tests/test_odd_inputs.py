@@ -197,6 +197,7 @@ def test_nothing_is_written_by_a_command_that_fails(log: Path, tmp_path: Path) -
         assert not out.exists()
 
 
+@pytest.mark.slow
 def test_names_that_are_too_long(log: Path) -> None:
     long = "x" * 400
     for words in (
@@ -226,6 +227,7 @@ def test_odd_terminals_and_compilers(log: Path, tmp_path: Path) -> None:
     assert odd.stderr.startswith("warning: kernels are interpreted")
 
 
+@pytest.mark.slow
 def test_titles_are_plain_text(log: Path, tmp_path: Path) -> None:
     for i, name in enumerate(("cost $x^$", "日本語", "a" * 3000)):
         plot = tmp_path / f"{i}.png"
