@@ -1,71 +1,33 @@
 """Estimators behind one contract: belief and sample in, belief and innovation out."""
 
-from distal.estimators.adaptive import AdaptiveFilter
-from distal.estimators.augmented import parameter_states
-from distal.estimators.batch import estimate_batch
+from distal.estimators.adaptive import AdaptiveFilter, Robustness
 from distal.estimators.channels import Channels, channels_of
-from distal.estimators.contract import Belief, Estimator, Innovation, KernelEstimator
-from distal.estimators.diagnosis import Diagnosis, diagnose
-from distal.estimators.estimate import HOMED, estimate, first_values, samples_of, with_channel
-from distal.estimators.force_update import WILD_FORCE
+from distal.estimators.contract import LARGEST_ANGLE, Belief, Estimator, Innovation, KernelEstimator, check_time
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise, state_units
-from distal.estimators.health import HEALTH, Monitor, Reading
 from distal.estimators.kinematic import KinematicEstimator
-from distal.estimators.live import LiveEstimator
-from distal.estimators.particle import ParticleFilter
-from distal.estimators.reference import TRUTH_NOISE, added_reference, check_homing, with_reference
-from distal.estimators.registry import DEFAULT, ESTIMATORS, SLOW, make_estimator
-from distal.estimators.result import BAND, Estimate
-from distal.estimators.smoothing import smooth
-from distal.estimators.traces import COLOURS, DASHES, draw_estimate, figure, plot_estimates, plot_kind, save_figure
-from distal.estimators.unscented import UnscentedFilter
+from distal.estimators.moved import __getattr__
+from distal.estimators.registry import DEFAULT, ESTIMATORS, RIVALS, make_estimator
 
 __all__ = [
-    "BAND",
-    "COLOURS",
-    "DASHES",
     "DEFAULT",
     "ESTIMATORS",
-    "HEALTH",
-    "HOMED",
-    "SLOW",
-    "TRUTH_NOISE",
-    "WILD_FORCE",
+    "LARGEST_ANGLE",
+    "RIVALS",
     "AdaptiveFilter",
     "Belief",
     "Channels",
-    "Diagnosis",
-    "Estimate",
     "Estimator",
     "FullStateFilter",
     "Innovation",
     "KernelEstimator",
     "KinematicEstimator",
-    "LiveEstimator",
-    "Monitor",
     "Noise",
-    "ParticleFilter",
-    "Reading",
-    "UnscentedFilter",
-    "added_reference",
+    "Robustness",
+    "__getattr__",
     "channels_of",
-    "check_homing",
-    "diagnose",
-    "draw_estimate",
-    "estimate",
-    "estimate_batch",
-    "figure",
-    "first_values",
+    "check_time",
     "make_estimator",
     "paper_noise",
-    "parameter_states",
-    "plot_estimates",
-    "plot_kind",
     "rig_noise",
-    "samples_of",
-    "save_figure",
-    "smooth",
     "state_units",
-    "with_channel",
-    "with_reference",
 ]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Channels:
-    """The sensors of a rig by role; the joint's angle sensor has one only where a reference is asked for.
+    """The sensors of a rig by role; joints' angle sensors have one only where a reference is asked for.
 
     Args:
         positions: of drives.
@@ -47,20 +48,19 @@ class Channels:
         return 1.0 / max(sensor.rate for sensor in (*self.positions, *self.tensions, *self.forces))
 
 
-def channels_of(rig: Rig, name: str, reference: Sensor | None = None) -> Channels:
+def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = ()) -> Channels:
     """Return the sensors that estimators read.
 
     Args:
         rig: the description.
         name: of the estimator, for messages.
-        reference: a sensor of the joint's angle that is read too, while it is known.
+        references: sensors of joints' angles that are read too, while they are known.
 
     Raises:
         EstimationError: no drive's position is measured, two sensors measure the same, or a sensor has zero noise.
     """
-    channels = Channels(rig.sensors_of("position"), rig.sensors_of("force"), rig.sensors_of("tension"))
-    if reference is not None:
-        channels = replace(channels, angles=(reference,))
+    positions, forces, tensions = (rig.sensors_of(measurand) for measurand in ("position", "force", "tension"))
+    channels = Channels(positions, forces, tensions, tuple(references))
     if not channels.positions:
         raise EstimationError(
             f"{name}: the rig '{rig.name}' has no sensor that measures the position of a drive; add one to [[sensors]]"
@@ -97,3 +97,7 @@ def sensor_for(sensors: tuple[Sensor, ...], part: str) -> Sensor | None:
         part: name of a drive or tendon.
     """
     return next((sensor for sensor in sensors if sensor.of == part), None)
+
+
+UNKNOWN_PLACE = {"slider": 0.01, "capstan": 1.0}
+"""Standard deviation of a drive's place where nothing measures it and no stop bounds it [m, rad]."""

@@ -10,19 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
+from distal.estimators.gaps import rows_of
 from distal.kernels import Kernel
 from distal.logs import frozen
 from distal.rig import Rig
 
 Floats = NDArray[np.float64]
 
-MOST_BRIDGES = 100_000
-
 LARGEST_ANGLE = 50.0
 """A joint angle beyond this [rad] is a filter that diverged."""
-
-SPLIT = 1.25
-"""An interval longer than this times the nominal one is bridged by several predictions."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +72,11 @@ class Innovation:
 
 @runtime_checkable
 class Estimator(Protocol):
-    """An estimator of joint angles from proximal sensors; one driver runs any of them offline."""
+    """An estimator of joint angles from proximal sensors; one driver runs any of them offline.
+
+    The first states are the angles of the rig's joints [rad], in their order. ``measured`` names the channels that have an
+    innovation.
+    """
 
     name: str
     rig: Rig
@@ -118,8 +118,7 @@ class KernelEstimator:
     """What estimators share that are a kernel (carry, x, p) → (carry⁺, y).
 
     x = (dt, values of the channels, mask of the channels); y = (innovations, variances) of the measured channels.
-    A missing value (NaN) becomes a zero in the mask. An interval longer than `SPLIT` · `interval` is bridged by several
-    equal predictions, so that sub-steps stay short.
+    A missing value (NaN) becomes a zero in the mask; long intervals are bridged, see `distal.estimators.gaps`.
 
     Args:
         name: of the estimator.
@@ -128,7 +127,7 @@ class KernelEstimator:
         p: its parameters.
         channels: names of the sensors it reads.
         measured: those of them that have an innovation.
-        state_names: names of the states; the joint angle ``theta`` is the first.
+        state_names: names of the states; the joints' angles are the first.
         interval: nominal time between samples [s].
     """
 
@@ -147,6 +146,7 @@ class KernelEstimator:
         self.kernel: Any = kernel
         self.channels, self.measured, self.state_names = channels, measured, state_names
         self._p, self._interval = frozen(p), interval
+        self._begin: ca.Function | None = None
 
     def initial(self, time: float, sample: Floats) -> Belief:
         """Return the belief before the first sample.
@@ -163,15 +163,19 @@ class KernelEstimator:
 
     def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
         """Return mean, covariance and remembered inputs before the first sample, which fills what has no prior."""
-        raise EstimationError(f"{self.name} has no prior")
+        if self._begin is None:
+            self._begin = self.prior_function()
+        there = np.isfinite(sample)
+        mean, spread, memory = self._begin(np.where(there, sample, 0.0), there)
+        return np.array(mean).ravel(), np.diag(np.array(spread).ravel()), np.array(memory).ravel()
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask) → (mean, covariance's diagonal, memory) before the first sample, as `initial` has them.
+        """Return (values, mask) → (mean, covariance's diagonal, memory) before the first sample.
 
         Raises:
             EstimationError: this estimator has no such function, and cannot be exported.
         """
-        raise EstimationError(f"{self.name} cannot be exported; adaptive, iterated, ekf and ekf-2008 can")
+        raise EstimationError(f"{self.name} cannot be exported; adaptive, ekf and ekf-2008 can")
 
     def export_function(self) -> ca.Function:
         """Return (carry, x, p) → (carry⁺, y) in the form for small memories: matrices as loops, the same numbers."""
@@ -190,16 +194,16 @@ class KernelEstimator:
             EstimationError: the stamp is not after the belief's, or the sample has the wrong shape or is infinite.
         """
         sample, time = self._accepted(belief, time, sample)
-        rows, _ = self._rows(np.array([time - belief.time]), sample[None, :])
+        rows, _ = self.rows(np.array([time - belief.time]), sample[None, :])
         carry = belief.carry
         for row in rows:
             carry, y = self.kernel.step(carry, row, self._p)
-        if not (abs(float(carry[0])) <= LARGEST_ANGLE and np.isfinite(carry.sum())):
+        if not (np.all(np.abs(carry[self.angles]) <= LARGEST_ANGLE) and np.isfinite(carry.sum())):
             raise EstimationError(
                 f"{self.name}: left all bounds at {time:g} s; the sample {sample} is far from any motion"
             )
         carry.flags.writeable = False
-        values, variances = self._innovations(y[None, :], sample[None, :])
+        values, variances = self.innovations_of(y[None, :], sample[None, :])
         return Belief(float(time), carry, belief.size, belief.samples + 1), innovation(values[0], variances[0])
 
     def scan(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -216,7 +220,7 @@ class KernelEstimator:
         rows, last = self.checked_rows(belief, times, samples)
         carries, ys = self.kernel.scan(belief.carry, rows, self._p)
         carries, n = carries[last], belief.size
-        values, variances = self._innovations(ys[last], np.asarray(samples, dtype=np.float64))
+        values, variances = self.innovations_of(ys[last], np.asarray(samples, dtype=np.float64))
         return carries[:, :n].copy(), carries[:, n : n + n * n].reshape(-1, n, n).copy(), values, variances
 
     def checked_rows(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
@@ -241,18 +245,17 @@ class KernelEstimator:
         steps = np.diff(times, prepend=belief.time)
         for i in np.flatnonzero(~(steps > 0)):
             check_time(self.name, times[i] - steps[i], times[i], bool(i == 0 and belief.samples == 0))
-        return self._rows(steps, samples)
+        return self.rows(steps, samples)
 
     @property
-    def n_places(self) -> int:
-        """Number of position sensors among the channels, which come first."""
-        sensors = {sensor.name: sensor for sensor in self.rig.sensors}
-        return sum(sensors[channel].measures == "position" for channel in self.channels)
+    def angles(self) -> slice:
+        """Where the joints' angles stand among the states."""
+        return slice(0, len(self.rig.joints))
 
     @property
-    def leads_gaps(self) -> bool:
-        """Whether displacements cross a gap in a straight line to the reading that ends it."""
-        return False
+    def bridged(self) -> int:
+        """Number of channels, the first ones, that cross a gap in a straight line to the reading that ends it."""
+        return 0
 
     @property
     def interval(self) -> float:
@@ -264,14 +267,16 @@ class KernelEstimator:
         """The kernel's parameters, (n_p,)."""
         return self._p
 
-    def told(self, ys: Floats, samples: Floats) -> tuple[Floats, Floats]:
-        """Return innovations and variances, (k, m) each, from what the kernel put out.
+    def innovations_of(self, ys: Floats, samples: Floats) -> tuple[Floats, Floats]:
+        """Return innovations, NaN where the value was missing, and their variances, (k, m) each, from the kernel's output.
 
         Args:
             ys: the kernel's output at the samples, (k, n_y).
             samples: values of `channels`, (k, n_channels).
         """
-        return self._innovations(ys, samples)
+        m = len(self.measured)
+        columns = [self.channels.index(name) for name in self.measured]
+        return np.where(np.isnan(samples[:, columns]), np.nan, ys[:, :m]), ys[:, m : 2 * m].copy()
 
     def _accepted(self, belief: Belief, time: float, sample: Floats) -> tuple[Floats, float]:
         """Return sample and stamp as they should be, or raise."""
@@ -307,38 +312,17 @@ class KernelEstimator:
             raise EstimationError(f"{self.name}: the sample {sample} is infinite; NaN stands for a missing value")
         return sample
 
-    def _rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
-        """Return the kernel's rows (dt, values, mask), bridges included, and the index of each sample's own row."""
-        width, there = len(self.channels), np.isfinite(samples)
-        if steps.max(initial=0.0) <= SPLIT * self._interval:  # nothing to bridge: one row each
-            rows = np.empty((len(steps), 1 + 2 * width))
-            rows[:, 0], rows[:, 1 + width :] = steps, there
-            rows[:, 1 : 1 + width] = np.where(there, samples, 0.0)
-            return rows, np.arange(len(steps))
-        needed = np.maximum(1.0, np.ceil(steps / (SPLIT * self._interval) - 1e-9))
-        if needed.max(initial=1.0) > MOST_BRIDGES:
-            raise EstimationError(
-                f"{self.name}: a gap of {steps.max():g} s is too long to bridge "
-                f"(at most {MOST_BRIDGES * SPLIT * self._interval:g} s); split the log there"
-            )
-        if needed.sum() > 4 * MOST_BRIDGES + 4 * len(steps):
-            raise EstimationError(
-                f"{self.name}: the stamps are {np.median(steps):g} s apart, the rig's sensors give a value every "
-                f"{self._interval:g} s: {needed.sum():.3g} predictions would be needed; set the sensors' rate to the log's"
-            )
-        parts = needed.astype(np.int64)
-        last = np.cumsum(parts) - 1
-        rows = np.zeros((int(parts.sum()), 1 + 2 * width))
-        rows[:, 0] = np.repeat(steps / parts, parts)
-        rows[last, 1 : 1 + width] = np.where(there, samples, 0.0)
-        rows[last, 1 + width :] = there
-        return rows, last
+    def rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
+        """Return the kernel's rows (dt, values, mask), bridges included, and the index of each sample's own row.
 
-    def _innovations(self, ys: Floats, samples: Floats) -> tuple[Floats, Floats]:
-        """Split the kernel's outputs into innovations, NaN where the value was missing, and their variances."""
-        m = len(self.measured)
-        columns = [self.channels.index(name) for name in self.measured]
-        return np.where(np.isnan(samples[:, columns]), np.nan, ys[:, :m]), ys[:, m : 2 * m].copy()
+        Args:
+            steps: intervals before the samples [s], (k,).
+            samples: values of `channels`, NaN where missing, (k, n_channels).
+
+        Raises:
+            EstimationError: a gap is too long.
+        """
+        return rows_of(self.name, steps, samples, self._interval, self.bridged)
 
 
 def innovation(values: Floats, variances: Floats) -> Innovation:

@@ -9,12 +9,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators.channels import Channels, channels_of, sensor_for
+from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.kalman import predict_covariance, update
 from distal.kernels import Kernel
 from distal.model import Mechanism, substeps, tangent_step
-from distal.rig import Rig, effort_unit, position_unit
+from distal.rig import Rig, angle_names, effort_unit, position_unit, speed_names, tendon_angle_name
 from distal.sensors import systematic_variance, variance
 
 Floats = NDArray[np.float64]
@@ -148,27 +148,13 @@ class FullStateFilter(KernelEstimator):
             self._channels.interval,
         )
 
-    def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
-        rig, channels = self.rig, self._channels
-        mean = np.zeros(2 * self._mechanism.n_bodies)
-        mean[0] = rig.joints[0].initial.value
-        pulls = self._nominal.copy()
-        for i, drive in enumerate(rig.drives):
-            sensor = sensor_for(channels.forces, drive.name)
-            value = np.nan if sensor is None else sample[channels.names.index(sensor.name)] - sensor.bias.value
-            pulls[i] = value if np.isfinite(value) else pulls[i]
-        for i, drive in enumerate(rig.drives):
-            sensor = sensor_for(channels.positions, drive.name)
-            value = np.nan if sensor is None else sample[channels.names.index(sensor.name)] - sensor.bias.value
-            mean[self._mechanism.n_joints + i] = value if np.isfinite(value) else 0.0
-        return mean, np.diag(self._noise.initial), pulls
-
     def prior_function(self) -> ca.Function:
         """Return (values, mask) → (mean, covariance's diagonal, memory) before the first sample."""
         rig, channels, nj = self.rig, self._channels, self._mechanism.n_joints
         values, mask = ca.SX.sym("values", len(channels.names)), ca.SX.sym("mask", len(channels.names))
         mean, pulls = ca.SX.zeros(2 * self._mechanism.n_bodies), ca.SX(ca.DM(self._nominal))
-        mean[0] = rig.joints[0].initial.value
+        for j, joint in enumerate(rig.joints):
+            mean[j] = joint.initial.value
         for i, drive in enumerate(rig.drives):
             for sensors, target, at in ((channels.forces, pulls, i), (channels.positions, mean, nj + i)):
                 sensor = sensor_for(sensors, drive.name)
@@ -179,20 +165,23 @@ class FullStateFilter(KernelEstimator):
 
 
 def state_names(rig: Rig) -> tuple[str, ...]:
-    """Return the names of (q, v): theta, positions, theta_dot, velocities."""
+    """Return the names of (q, v): angles, positions, their speeds, velocities."""
     drives = [drive.name for drive in rig.drives]
-    return ("theta", *(f"position_{d}" for d in drives), "theta_dot", *(f"velocity_{d}" for d in drives))
+    joints = [joint.name for joint in rig.joints]
+    positions, velocities = (tuple(f"{kind}_{drive}" for drive in drives) for kind in ("position", "velocity"))
+    return (*angle_names(joints), *positions, *speed_names(joints), *velocities)
 
 
 def state_units(rig: Rig) -> dict[str, str]:
     """Return the SI units of the states that `state_names` and other estimators name."""
-    units = {"theta": "rad", "theta_dot": "rad/s"}
+    joints = [joint.name for joint in rig.joints]
+    units = dict.fromkeys(angle_names(joints), "rad") | dict.fromkeys(speed_names(joints), "rad/s")
     for drive in rig.drives:
         units[f"position_{drive.name}"] = position_unit(drive)
         units[f"velocity_{drive.name}"] = f"{position_unit(drive)}/s"
         units[f"force_{drive.name}"] = effort_unit(drive)
     for tendon in rig.tendons:
-        units[f"theta_{tendon.name}"] = "rad"
+        units[tendon_angle_name(tendon.name)] = "rad"
     return units
 
 
@@ -233,9 +222,6 @@ def _initial_variances(rig: Rig, channels: Channels, mechanism: Mechanism) -> Fl
     speeds = [START_SPEED[turning] for turning in turns]
     return np.array([*angles, *places, *speeds]) ** 2
 
-
-UNKNOWN_PLACE = {"slider": 0.01, "capstan": 1.0}
-"""Standard deviation of a drive's place where nothing measures it and no stop bounds it [m, rad]."""
 
 START_SPEED = {True: 0.5, False: 0.005}
 """Standard deviation of a velocity at the first sample: of an angle [rad/s], of a slider [m/s]."""

@@ -10,7 +10,7 @@ from distal.estimators.channels import Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
 from distal.kernels import Kernel
 from distal.model import Mechanism
-from distal.rig import Rig
+from distal.rig import Rig, angle_names, tendon_angle_name
 from distal.sensors import systematic_variance, variance
 
 Floats = NDArray[np.float64]
@@ -24,8 +24,8 @@ def kinematic_function(
 ) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of a kinematic estimator.
 
-    Each tendon gives the angle at which its length, ℓ − l = e_0 + (F − F_0)/k, fits the drive's displacement; ``theta``
-    is their mean. `inextensible` leaves the stretch (F − F_0)/k out. e_0 is the length at the first sample, with the
+    Each tendon gives the angle at which its length, ℓ − l = e_0 + (F − F_0)/k, fits the drive's displacement; a joint's
+    angle is the mean over its tendons. `inextensible` leaves the stretch (F − F_0)/k out. e_0 is the length at the first sample, with the
     joint at its `initial` angle; F is a tendon's share of its drive's pull, low-passed, and F_0 that at the first sample.
 
     Args:
@@ -34,8 +34,8 @@ def kinematic_function(
         tendons: those whose drive has a position sensor.
         elastic: remove the stretch.
     """
-    k, nd = len(tendons), mechanism.n_drives
-    n, width = 1 + k, len(channels.names)
+    k, nd, nj = len(tendons), mechanism.n_drives, mechanism.n_joints
+    n, width = nj + k, len(channels.names)
     places = [drive.name for drive in mechanism.rig.drives]
     carry, x, p = (
         ca.SX.sym("carry", n + n * n + k + 3 * nd),
@@ -55,7 +55,7 @@ def kinematic_function(
         i, j = places.index(sensor.of), channels.names.index(sensor.name)
         read = values[j] - sensor.bias.value
         filtered[i] = ca.if_else(mask[j], read + forget * (pulls[i] - read), pulls[i])
-    q = ca.vertcat(mean[0], *positions)
+    q = ca.vertcat(mean[:nj], *positions)
     angles = []
     for row, tendon in enumerate(tendons):
         drive = mechanism.drive_of[tendon] - mechanism.n_joints
@@ -64,8 +64,12 @@ def kinematic_function(
             change = _share(mechanism, tendon) * (filtered[drive] - first[drive])
             length += change / mechanism.parameters[f"tendons.{tendon}.stiffness"]
         angles.append(mechanism.angle_at(tendon, length, q))
+    joints = []
+    for j in range(nj):
+        own = [angle for angle, tendon in zip(angles, tendons) if mechanism.joint_of[tendon] == j]
+        joints.append(sum(own) / len(own) if own else mean[j])
     following = ca.vertcat(
-        sum(angles) / k, *angles, carry[n : n + n * n], lengths, ca.vertcat(*positions), ca.vertcat(*filtered), first
+        *joints, *angles, carry[n : n + n * n], lengths, ca.vertcat(*positions), ca.vertcat(*filtered), first
     )
     return ca.Function("kinematic", [carry, x, p], [following, ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"])
 
@@ -110,20 +114,21 @@ class KinematicEstimator(KernelEstimator):
         self._lengths = ca.Function(
             "lengths", [q, p.symbols], [self._mechanism.elongations(q), self._mechanism.length_jacobian(q)]
         )
-        names = ("theta", *(f"theta_{rig.tendons[i].name}" for i in self._tendons))
+        joints = [joint.name for joint in rig.joints]
+        names = (*angle_names(joints), *(tendon_angle_name(rig.tendons[i].name) for i in self._tendons))
         channels = self._channels
         super().__init__(name, rig, Kernel(function, compiled), p.values, channels.names, (), names, channels.interval)
 
     def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
         rig, channels, m = self.rig, self._channels, self._mechanism
-        joint = rig.joints[0].initial
+        initial = np.array([joint.initial.value for joint in rig.joints])
         places, pulls = np.zeros(m.n_drives), np.array([d.nominal_force.value for d in rig.drives])
         for values, sensors in ((places, channels.positions), (pulls, channels.forces)):
             for i, drive in enumerate(rig.drives):
                 sensor = sensor_for(sensors, drive.name)
                 read = np.nan if sensor is None else sample[channels.names.index(sensor.name)] - sensor.bias.value
                 values[i] = read if np.isfinite(read) else values[i]
-        q = np.concatenate([[joint.value], places])
+        q = np.concatenate([initial, places])
         lengths, jacobian = (np.array(part) for part in self._lengths(q, self._mechanism.parameters.values))
         # one zero for all tendons: its error is shared; the sensors' errors count twice, then and now
         own = []
@@ -132,8 +137,10 @@ class KinematicEstimator(KernelEstimator):
             error = 0.0 if sensor is None else 2.0 * (variance(sensor) + systematic_variance(sensor))
             slope = jacobian[i, m.drive_of[i]] / jacobian[i, m.joint_of[i]]
             own.append(float(slope) ** 2 * error)
-        k = len(self._tendons)
-        mixing = np.vstack([np.full(k, 1.0 / k), np.eye(k)])
-        covariance = mixing @ (np.diag(own) + joint.std**2) @ mixing.T
+        k, joints = len(self._tendons), np.array([m.joint_of[i] for i in self._tendons])
+        of_joint = joints[:, None] == np.arange(m.n_joints)
+        mixing = np.vstack([(of_joint / np.maximum(of_joint.sum(axis=0), 1)).T, np.eye(k)])
+        zeros = np.vstack([np.eye(m.n_joints), of_joint]) @ np.diag([joint.initial.std for joint in rig.joints])
+        covariance = mixing @ np.diag(own) @ mixing.T + zeros @ zeros.T
         memory = np.concatenate([lengths.ravel()[list(self._tendons)], places, pulls, pulls])
-        return np.full(1 + k, joint.value), covariance, memory
+        return np.concatenate([initial, initial[joints]]), covariance, memory

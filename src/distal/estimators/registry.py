@@ -9,15 +9,10 @@ from distal.estimators.adaptive import AdaptiveFilter
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.full_state import FullStateFilter, paper_noise, rig_noise
 from distal.estimators.kinematic import KinematicEstimator
-from distal.estimators.particle import ParticleFilter
-from distal.estimators.unscented import UnscentedFilter
 from distal.rig import Rig
 
 ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
     "adaptive": lambda rig, compiled: AdaptiveFilter(rig, compiled),
-    "iterated": lambda rig, compiled: AdaptiveFilter(rig, compiled, updates=3, name="iterated"),
-    "unscented": lambda rig, compiled: UnscentedFilter(rig),
-    "particle": lambda rig, compiled: ParticleFilter(rig),
     "inextensible": lambda rig, compiled: KinematicEstimator("inextensible", rig, elastic=False, compiled=compiled),
     "elastic": lambda rig, compiled: KinematicEstimator("elastic", rig, elastic=True, compiled=compiled),
     "ekf-2008": lambda rig, compiled: FullStateFilter("ekf-2008", rig, paper_noise(rig), compiled),
@@ -25,8 +20,8 @@ ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
 }
 """Name → maker (rig, compiled)."""
 
-SLOW = frozenset({"unscented", "particle"})
-"""Rivals for comparison, about 1 and 6 ms per sample; commands that compare all leave them out unless they are named."""
+RIVALS = ("iterated", "particle", "unscented")
+"""Names of release 0.1 that are no choices any more; `benchmarks.rivals` has them for comparison."""
 
 DEFAULT = "adaptive"
 
@@ -44,6 +39,11 @@ def make_estimator(name: str, rig: Rig, compiled: bool = True) -> KernelEstimato
     """
     if not isinstance(name, str) or not isinstance(rig, Rig):
         raise EstimationError(f"make_estimator takes a name and a Rig, {name!r} and {type(rig).__name__} came")
+    if name in RIVALS:
+        raise EstimationError(
+            f"'{name}' is no estimator to choose since release 0.2: it gave the numbers of adaptive, or worse ones, at a "
+            f"multiple of the time; use adaptive ({', '.join(ESTIMATORS)} are there)"
+        )
     if name not in ESTIMATORS:
         raise EstimationError(f"unknown estimator '{name}'{did_you_mean(name, ESTIMATORS)}")
     return ESTIMATORS[name](rig, compiled)

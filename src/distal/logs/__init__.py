@@ -1,18 +1,19 @@
 """Logs: time series of sensors, read, checked and written."""
 
 from distal.logs.datasets import da_vinci_grasper
-from distal.logs.files import read_log, read_truth, write_columns, write_log
+from distal.logs.files import FROM_SENSOR, read_log, read_truth, write_columns, write_log
 from distal.logs.frames import pandas_frame
 from distal.logs.log import Log, check_stamps, frozen
 from distal.logs.messages import MessageReader
 from distal.logs.output import check_writable, write_whole
-from distal.logs.recorder import ESTIMATE_SCHEMA, ESTIMATE_TOPIC, SAMPLE_SCHEMA, SAMPLE_TOPIC, Recorder
+from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_SCHEMA, SAMPLE_TOPIC, Recorder, estimate_schema
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.tables import Table, read_table
+from distal.logs.truth import true_angles
 
 __all__ = [
-    "ESTIMATE_SCHEMA",
     "ESTIMATE_TOPIC",
+    "FROM_SENSOR",
     "SAMPLE_SCHEMA",
     "SAMPLE_TOPIC",
     "Log",
@@ -22,6 +23,7 @@ __all__ = [
     "check_stamps",
     "check_writable",
     "da_vinci_grasper",
+    "estimate_schema",
     "frozen",
     "is_recording",
     "open_recording",
@@ -29,6 +31,7 @@ __all__ = [
     "read_log",
     "read_table",
     "read_truth",
+    "true_angles",
     "write_columns",
     "write_log",
     "write_whole",

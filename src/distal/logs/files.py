@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +16,14 @@ from distal.logs.log import Log, check_stamps
 from distal.logs.output import write_whole
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.tables import Table, open_table, read_table, table_of
-from distal.rig import Capstan, Rig, Sensor, log_factor
+from distal.rig import Capstan, Rig, Sensor, angle_names, log_factor
 from distal.units import unit_factor
 
 Floats = NDArray[np.float64]
 
 
-SIMULATED_TRUTH = "true_theta"
-"""Column in which `write_log` keeps the true joint angle [rad] of a simulation."""
+FROM_SENSOR = "the reference sensor"
+"""How the origin of a log's truth ends where it is the rig's own angle sensor."""
 
 
 def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
@@ -43,8 +43,9 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
     """
     references = {sensor.log_column: sensor for sensor in rig.sensors if sensor.measures == "angle"}
     needed = [sensor for sensor in rig.sensors if sensor.measures != "angle"]
+    simulated = [f"true_{name}" for name in angle_names([joint.name for joint in rig.joints])]
     if is_recording(path):
-        asked = [rig.log.time.column, *(s.log_column for s in needed), *references, SIMULATED_TRUTH]
+        asked = [rig.log.time.column, *(s.log_column for s in needed), *references, *simulated]
         asked += [str(truth)] if truth is not None and not Path(truth).exists() else []
         factor = unit_factor(rig.log.time.unit, "s")
         frame, source, first_row = open_recording(path, asked, rig.log.time.column, factor), Path(path), 0
@@ -52,7 +53,7 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
         frame, source, first_row = open_table(path)
     names = tuple(map(str, frame.columns))
     column = str(truth) if truth is not None and _is_column(names, str(truth)) else None
-    optional = [*references, SIMULATED_TRUTH, *([column] if column else [])]
+    optional = [*references, *simulated, *([column] if column else [])]
     wanted = [rig.log.time.column, *(sensor.log_column for sensor in needed)]
     table = table_of(frame, source, first_row, wanted, optional)
     time = table.columns[rig.log.time.column] * unit_factor(rig.log.time.unit, "s")
@@ -60,31 +61,46 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
     if len(time) < 2:
         raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
     channels = {sensor.name: _in_si(sensor, table) for sensor in needed}
-    known, origin = {}, ""
-    if column is not None:
-        sensor = references.get(column)
-        origin = f"column '{column}'" + (", the reference sensor" if sensor is not None else "")
-        known["theta"] = table.columns[column] if sensor is None else _in_si(sensor, table)
-    elif truth is not None:
-        known["theta"], origin = read_truth(truth, time), str(truth)
-    elif SIMULATED_TRUTH in table.columns:
-        known["theta"], origin = table.columns[SIMULATED_TRUTH], f"column '{SIMULATED_TRUTH}'"
-    else:
-        for sensor in references.values():
-            if sensor.log_column in table.columns:
-                known["theta"], origin = _in_si(sensor, table), f"column '{sensor.log_column}', the reference sensor"
-    theta = known.get("theta")
-    if theta is not None and not np.isfinite(theta).any():
+    known, origin = _known_angles(rig, table, references, column, truth)
+    if known and not any(np.isfinite(values).any() for values in known.values()):
         if truth is not None:
             raise LogError(f"{table.source}: the truth ({origin}) has no value at all")
-        known, origin, theta = {}, "", None  # a reference that was never connected
-    if theta is not None and float(np.nanmax(np.abs(theta))) > 1e6:
-        raise LogError(
-            f"{table.source}: the truth ({origin}) reaches {np.nanmax(np.abs(theta)):.3g} rad, which is no angle"
-        )
+        known, origin = {}, ""  # a reference that was never connected
+    for values in known.values():
+        largest = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+        if largest > 1e6:
+            raise LogError(f"{table.source}: the truth ({origin}) reaches {largest:.3g} rad, which is no angle")
     log = Log(time, channels, known, table.source, origin)
     _warn_of_units(log, rig)
     return log
+
+
+def _known_angles(
+    rig: Rig, table: Table, references: Mapping[str, Sensor], column: str | None, truth: str | Path | None
+) -> tuple[dict[str, Floats], str]:
+    """Return name → true angle [rad] as far as a log or a file beside it has them, and where they come from."""
+    joints = [joint.name for joint in rig.joints]
+    names = dict(zip(joints, angle_names(joints)))
+    time = table.columns[rig.log.time.column] * unit_factor(rig.log.time.unit, "s")
+    if column is not None:
+        sensor = references.get(column)
+        if sensor is None and len(joints) > 1:
+            raise LogError(
+                f"truth '{column}' is one column, but the rig has the joints {', '.join(joints)}; give a file with t, "
+                f"{', '.join(names.values())}, or an angle sensor for each joint in the rig file"
+            )
+        values = table.columns[column] if sensor is None else _in_si(sensor, table)
+        origin = f"column '{column}'" + (f", {FROM_SENSOR}" if sensor is not None else "")
+        return {names[joints[0] if sensor is None else sensor.of]: values}, origin
+    if truth is not None:
+        return read_truth(truth, time, joints), str(truth)
+    simulated = {name: f"true_{name}" for name in names.values()}
+    if any(there in table.columns for there in simulated.values()):
+        known = {name: table.columns[there] for name, there in simulated.items() if there in table.columns}
+        return known, "column " + ", ".join(f"'{simulated[name]}'" for name in known)
+    read = {names[s.of]: s for s in references.values() if s.log_column in table.columns}
+    listed = ", ".join(f"'{sensor.log_column}'" for sensor in read.values())
+    return {name: _in_si(sensor, table) for name, sensor in read.items()}, f"column {listed}, {FROM_SENSOR}" if read else ""
 
 
 def _is_column(names: tuple[str, ...], name: str) -> bool:
@@ -96,26 +112,31 @@ def _is_column(names: tuple[str, ...], name: str) -> bool:
     raise LogError(f"truth '{name}' is neither a file nor a column (the log has {', '.join(names)})")
 
 
-def read_truth(path: str | Path, time: Floats) -> Floats:
-    """Return the true angle [rad] at `time`, by straight lines between the stamps of a file with ``t`` and ``theta``.
+def read_truth(path: str | Path, time: Floats, joints: Sequence[str] = ("joint",)) -> dict[str, Floats]:
+    """Return name → true angle [rad] at `time`, by straight lines between the stamps of a file with ``t`` and ``theta``.
 
     Args:
-        path: CSV or Parquet, SI.
+        path: CSV or Parquet, SI; with several joints, a column for each (`distal.rig.angle_names`).
         time: stamps of the log [s], (n,).
+        joints: names of the joints.
 
     Raises:
         LogError: it cannot be read, or does not overlap the log.
     """
-    table = read_table(path, ["t", "theta"])
-    stamps, theta = table.columns["t"], table.columns["theta"]
+    names = angle_names(joints)
+    table = read_table(path, ["t", *names])
+    stamps, known = table.columns["t"], dict[str, Floats]()
     check_stamps(stamps, table.source, table.first_row)
-    there = np.isfinite(theta)
-    if not there.any() or stamps[there][-1] < time[0] or stamps[there][0] > time[-1]:
-        raise LogError(
-            f"{table.source}: does not overlap the log in time ({stamps[0]:g} to {stamps[-1]:g} s; "
-            f"the log has {time[0]:g} to {time[-1]:g} s)"
-        )
-    return np.interp(time, stamps[there], theta[there], left=np.nan, right=np.nan)
+    for name in names:
+        theta = table.columns[name]
+        there = np.isfinite(theta)
+        if not there.any() or stamps[there][-1] < time[0] or stamps[there][0] > time[-1]:
+            raise LogError(
+                f"{table.source}: does not overlap the log in time ({stamps[0]:g} to {stamps[-1]:g} s; "
+                f"the log has {time[0]:g} to {time[-1]:g} s)"
+            )
+        known[name] = np.interp(time, stamps[there], theta[there], left=np.nan, right=np.nan)
+    return known
 
 
 def _in_si(sensor: Sensor, table: Table) -> Floats:
@@ -157,8 +178,9 @@ def _warn_of_units(log: Log, rig: Rig) -> None:
             DistalWarning,
             stacklevel=3,
         )
+    names = dict(zip((joint.name for joint in rig.joints), angle_names([joint.name for joint in rig.joints])))
     for sensor in rig.sensors_of("angle"):
-        theta = log.truth.get("theta")
+        theta = log.truth.get(names[sensor.of])
         if theta is not None and np.isfinite(theta).any() and float(np.nanmax(np.abs(theta))) > 20.0:
             warnings.warn(
                 f"{log.source}: the reference angle reaches {float(np.nanmax(np.abs(theta))):.3g} rad; is it in degrees? "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from distal.errors import OutputError
 from distal.logs.output import check_writable
+from distal.rig import angle_names, std_name
 
 Floats = NDArray[np.float64]
 
@@ -25,19 +27,27 @@ SAMPLE_SCHEMA = {
     "additionalProperties": {"type": ["number", "null"]},
 }
 
-ESTIMATE_SCHEMA = {
-    "title": "distal.Estimate",
-    "description": "The joint angle at a stamp, and how it came about.",
-    "type": "object",
-    "properties": {
-        "t": {"type": "number", "description": "stamp of the sample [s]"},
-        "theta": {"type": ["number", "null"], "description": "joint angle [rad]; null where the sample was skipped"},
-        "theta_std": {"type": ["number", "null"], "description": "standard deviation of its error [rad]"},
-        "health": {"type": "string", "description": "one word: see distal.estimators.HEALTH"},
-        "detail": {"type": "string", "description": "which sensor, how long"},
-    },
-    "required": ["t", "theta", "theta_std", "health", "detail"],
-}
+
+def estimate_schema(joints: Sequence[str]) -> dict[str, Any]:
+    """Return the schema of an estimate: stamp, angle and std of each joint, health, detail.
+
+    Args:
+        joints: names of the joints.
+    """
+    number, properties = {"type": ["number", "null"]}, {"t": {"type": "number", "description": "stamp of the sample [s]"}}
+    for name, joint in zip(angle_names(joints), joints):
+        which = "joint angle" if len(joints) == 1 else f"angle of the joint {joint}"
+        properties[name] = number | {"description": f"{which} [rad]; null where the sample was skipped"}
+        properties[std_name(name)] = number | {"description": "standard deviation of its error [rad]"}
+    properties["health"] = {"type": "string", "description": "one word: see distal.running.HEALTH"}
+    properties["detail"] = {"type": "string", "description": "which sensor, how long"}
+    return {
+        "title": "distal.Estimate",
+        "description": "The joint angle at a stamp, and how it came about.",
+        "type": "object",
+        "properties": properties,
+        "required": list(properties),
+    }
 
 
 class Recorder:
@@ -45,12 +55,13 @@ class Recorder:
 
     Args:
         path: where.
+        joints: names of the joints.
 
     Raises:
         OutputError: it cannot be written, or the package mcap is missing.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, joints: Sequence[str] = ("joint",)) -> None:
         try:
             from mcap.writer import Writer
         except ImportError:
@@ -70,7 +81,7 @@ class Recorder:
         self._writer: Any = Writer(self._file)
         self._writer.start(profile="", library="distal")
         self._channels = {}
-        for topic, schema in ((SAMPLE_TOPIC, SAMPLE_SCHEMA), (ESTIMATE_TOPIC, ESTIMATE_SCHEMA)):
+        for topic, schema in ((SAMPLE_TOPIC, SAMPLE_SCHEMA), (ESTIMATE_TOPIC, estimate_schema(joints))):
             number = self._writer.register_schema(str(schema["title"]), "jsonschema", json.dumps(schema).encode())
             self._channels[topic] = self._writer.register_channel(topic, "json", number)
         self._count, self._samples = 0, 0

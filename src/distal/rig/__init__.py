@@ -1,5 +1,6 @@
 """The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
 
+from distal.rig.columns import angle_names, speed_names, std_name, tendon_angle_name
 from distal.rig.drives import (
     Capstan,
     CapstanFriction,
@@ -59,6 +60,7 @@ __all__ = [
     "Stepping",
     "Stribeck",
     "Tendon",
+    "angle_names",
     "build_rig",
     "edited_text",
     "effort_unit",
@@ -73,6 +75,9 @@ __all__ = [
     "rig_text",
     "set_value",
     "shipped_rigs",
+    "speed_names",
+    "std_name",
     "template_text",
+    "tendon_angle_name",
     "validated",
 ]

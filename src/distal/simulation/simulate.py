@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from distal.errors import ScenarioError
 from distal.logs import Log
 from distal.model import Mechanism, substeps
-from distal.rig import Rig, Sensor, load_rig
+from distal.rig import Rig, angle_names, Sensor, load_rig
 from distal.sensors import measure
 from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
 from distal.simulation.plant import equilibrium, longest_interval, run_plant
@@ -127,7 +127,8 @@ def sampled(prepared: Prepared, motion: dict[str, Floats], seed: int) -> Log:
         values = np.full(len(stamps), np.nan)
         values[np.searchsorted(stamps, np.round(own, 9))] = read
         channels[sensor.name] = values
-    truth = {"theta": np.interp(stamps, grid, motion["q"][:, 0])}
+    angles = enumerate(angle_names([joint.name for joint in plant.rig.joints]))
+    truth = {name: np.interp(stamps, grid, motion["q"][:, j]) for j, name in angles}
     for i, drive in enumerate(plant.rig.drives):
         truth[f"position_{drive.name}"] = np.interp(stamps, grid, motion["q"][:, plant.n_joints + i])
         truth[f"force_{drive.name}"] = np.interp(stamps, grid, motion["pulls"][:, i])
@@ -146,8 +147,8 @@ def _true_values(plant: Mechanism, sensor: Sensor, motion: dict[str, Floats]) ->
     """Return what there is to measure over the grid, and the travel of the sensor's linearity."""
     rig = plant.rig
     if sensor.measures == "angle":
-        values = motion["q"][:, [joint.name for joint in rig.joints].index(sensor.of)]
-        stops = rig.joints[0].stops
+        index = [joint.name for joint in rig.joints].index(sensor.of)
+        values, stops = motion["q"][:, index], rig.joints[index].stops
     elif sensor.measures == "tension":
         values, stops = motion["tensions"][:, [tendon.name for tendon in rig.tendons].index(sensor.of)], None
     else:

@@ -6,16 +6,62 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distal.errors import OutputError
-from distal.estimators.result import BAND, Estimate
+from distal.logs import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+
+BAND = 1.959963984540054
+"""Half-width of a 95 % band in standard deviations."""
+
+
+class Curves(Protocol):
+    """What is drawn of an estimate: see `distal.Estimate`."""
+
+    @property
+    def estimator(self) -> str:
+        """Its name."""
+        ...
+
+    @property
+    def rig(self) -> str:
+        """Title of the rig."""
+        ...
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        ...
+
+    @property
+    def time(self) -> Floats:
+        """Stamps [s], (k,)."""
+        ...
+
+    @property
+    def angles(self) -> Floats:
+        """Angles of the joints [rad], (k, n_joints)."""
+        ...
+
+    @property
+    def angle_stds(self) -> Floats:
+        """Standard deviations of their errors [rad], (k, n_joints)."""
+        ...
+
+    @property
+    def truths(self) -> Floats | None:
+        """True angles [rad], (k, n_joints), or None."""
+        ...
+
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart; each curve has its own dash as well
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -90,8 +136,6 @@ def save_figure(made: Figure, path: str | Path) -> None:
     """
     import io
 
-    from distal.logs import write_whole
-
     path = Path(path)
     kind = plot_kind(path)
     import matplotlib
@@ -108,13 +152,13 @@ def save_figure(made: Figure, path: str | Path) -> None:
 
 
 def plot_estimates(
-    estimates: Sequence[Estimate],
+    estimates: Sequence[Curves],
     path: str | Path | None = None,
     title: str | None = None,
     bands: bool = True,
     errors: bool | None = None,
 ) -> Figure:
-    """Draw truth, estimates and their 95 % bands over time; below, their errors.
+    """Draw truth, estimates and their 95 % bands over time; below, their errors. One column of axes for each joint.
 
     Args:
         estimates: of the same log.
@@ -126,38 +170,65 @@ def plot_estimates(
     Raises:
         OutputError: the file cannot be written.
     """
-    truth = estimates[0].truth
-    with_errors = (truth is not None) if errors is None else errors
-    rows = 2 if with_errors else 1
-    size = (6.5, 5.2) if with_errors else (6.5, 3.4)
-    with figure(rows, 1, size, sharex=True, height_ratios=[2, 1][:rows]) as (made, axes):
-        top = axes[0]
-        if truth is not None:
-            top.plot(estimates[0].time, np.rad2deg(truth), color="black", linewidth=1.6, label="truth")
-        for i, result in enumerate(estimates):
-            draw_estimate(top, result, i, bands)
-        _limit_angles(top, estimates)
-        top.set_ylabel("joint angle θ [°]")
-        top.set_title(plain((title or estimates[0].rig)[:90]), fontsize=9, loc="left")
-        top.legend(loc="best", fontsize=8, ncols=2)
-        if with_errors:
-            for i, result in enumerate(estimates):
-                colour, dash = COLOURS[i % len(COLOURS)], DASHES[i % len(DASHES)]
-                axes[1].plot(result.time, np.rad2deg(result.errors()), color=colour, linestyle=dash, linewidth=1.0)
-                if bands:
-                    half = np.rad2deg(BAND * result.theta_std)
-                    axes[1].fill_between(result.time, -half, half, color=colour, alpha=0.15, linewidth=0)
-            axes[1].axhline(0.0, color="black", linewidth=0.6)
-            _limit_errors(axes[1], estimates)
-            axes[1].set_ylabel("error [°]")
-        axes[-1].set_xlabel("time [s]")
+    first = estimates[0]
+    with_errors = (first.truths is not None) if errors is None else errors
+    rows, columns = (2 if with_errors else 1), len(first.joint_names)
+    size = (6.5 if columns == 1 else 4.0 * columns, 5.2 if with_errors else 3.4)
+    with figure(rows, columns, size, sharex=True, height_ratios=[2, 1][:rows]) as (made, axes):
+        for joint, name in enumerate(first.joint_names):
+            _draw_joint(axes[joint::columns], estimates, joint, bands)
+            if columns > 1:
+                axes[joint].set_title(plain(name[:90]), fontsize=9)
+        if columns == 1:
+            axes[0].set_title(plain((title or first.rig)[:90]), fontsize=9, loc="left")
+        else:
+            made.suptitle(plain((title or first.rig)[:90]), fontsize=9)
     if path is not None:
         save_figure(made, path)
     return made
 
 
-def draw_estimate(axes: Axes, result: Estimate, index: int, band: bool = True, label: str | None = None) -> None:
-    """Draw one estimate and its 95 % band [°].
+def _draw_joint(axes: Sequence[Axes], estimates: Sequence[Curves], joint: int, bands: bool) -> None:
+    """Draw one joint: angles above, errors below where there are axes for them."""
+    top, truth = axes[0], _truth(estimates[0], joint)
+    if truth is not None:
+        top.plot(estimates[0].time, np.rad2deg(truth), color="black", linewidth=1.6, label="truth")
+    for i, result in enumerate(estimates):
+        draw_estimate(top, result, i, bands, joint=joint)
+    _limit_angles(top, estimates, joint)
+    top.set_ylabel("joint angle θ [°]")
+    top.legend(loc="best", fontsize=8, ncols=2)
+    if len(axes) > 1:
+        errors = [np.rad2deg(_error(result, joint)) for result in estimates]
+        for i, (result, error) in enumerate(zip(estimates, errors)):
+            colour, dash = COLOURS[i % len(COLOURS)], DASHES[i % len(DASHES)]
+            axes[1].plot(result.time, error, color=colour, linestyle=dash, linewidth=1.0)
+            if bands:
+                half = np.rad2deg(BAND * result.angle_stds[:, joint])
+                axes[1].fill_between(result.time, -half, half, color=colour, alpha=0.15, linewidth=0)
+        axes[1].axhline(0.0, color="black", linewidth=0.6)
+        _limit_errors(axes[1], errors)
+        axes[1].set_ylabel("error [°]")
+    axes[-1].set_xlabel("time [s]")
+
+
+def _truth(result: Curves, joint: int) -> Floats | None:
+    """Return a joint's true angle [rad], None where it is nowhere known."""
+    if result.truths is None or not np.isfinite(result.truths[:, joint]).any():
+        return None
+    return result.truths[:, joint]
+
+
+def _error(result: Curves, joint: int) -> Floats:
+    """Return a joint's error [rad], NaN where its truth is not known."""
+    truth = _truth(result, joint)
+    return result.angles[:, joint] - (np.nan if truth is None else truth)
+
+
+def draw_estimate(
+    axes: Axes, result: Curves, index: int, band: bool = True, label: str | None = None, joint: int = 0
+) -> None:
+    """Draw one estimate of a joint and its 95 % band [°].
 
     Args:
         axes: where.
@@ -165,9 +236,10 @@ def draw_estimate(axes: Axes, result: Estimate, index: int, band: bool = True, l
         index: of its colour and dash.
         band: draw the 95 % band.
         label: in the legend; default the estimator's name.
+        joint: index of the joint.
     """
     colour, dash = COLOURS[index % len(COLOURS)], DASHES[index % len(DASHES)]
-    theta, half = np.rad2deg(result.theta), np.rad2deg(BAND * result.theta_std)
+    theta, half = np.rad2deg(result.angles[:, joint]), np.rad2deg(BAND * result.angle_stds[:, joint])
     name = label or result.estimator
     axes.plot(result.time, theta, color=colour, linestyle=dash, linewidth=1.2, label=name)
     if band:
@@ -175,19 +247,21 @@ def draw_estimate(axes: Axes, result: Estimate, index: int, band: bool = True, l
         axes.fill_between(result.time, theta - half, theta + half, label=f"{name}, 95 % band", **shade)
 
 
-def _limit_angles(axes: Axes, estimates: Sequence[Estimate]) -> None:
+def _limit_angles(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
     """Keep the curves readable where a band is much wider than they are: it then runs out of the picture."""
-    curves = [np.rad2deg(result.theta) for result in estimates]
-    curves += [np.rad2deg(result.truth) for result in estimates[:1] if result.truth is not None]
+    curves = [np.rad2deg(result.angles[:, joint]) for result in estimates]
+    truth = _truth(estimates[0], joint)
+    curves += [] if truth is None else [np.rad2deg(truth)]
     lowest, highest = (float(f([f(curve) for curve in curves])) for f in (np.nanmin, np.nanmax))
     low, high = axes.get_ylim()
     room = 0.3 * max(highest - lowest, 1.0)
     axes.set_ylim(max(low, lowest - room), min(high, highest + room))
 
 
-def _limit_errors(axes: Axes, estimates: Sequence[Estimate]) -> None:
+def _limit_errors(axes: Axes, errors: Sequence[Floats]) -> None:
     """Keep the errors readable where a band is much wider than they are."""
-    largest = max(float(np.nanmax(np.abs(np.rad2deg(result.errors())))) for result in estimates)
+    known = np.abs(np.concatenate(errors))
+    largest = float(np.max(known[np.isfinite(known)], initial=0.0))
     low, high = axes.get_ylim()
     bound = 2.0 * max(largest, 0.05)
     axes.set_ylim(max(low, -bound), min(high, bound))

@@ -11,14 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators.adaptive import AdaptiveFilter
-from distal.estimators.contract import LARGEST_ANGLE, Belief, KernelEstimator
-from distal.estimators.full_state import FullStateFilter
-from distal.estimators.reference import check_homing, homed, with_reference
-from distal.estimators.registry import DEFAULT, make_estimator
-from distal.estimators.result import Estimate
-from distal.logs import Log, frozen, read_log
+from distal.estimators import (
+    DEFAULT,
+    LARGEST_ANGLE,
+    AdaptiveFilter,
+    Belief,
+    Estimator,
+    FullStateFilter,
+    KernelEstimator,
+    make_estimator,
+)
+from distal.logs import Log, frozen, read_log, true_angles
+from distal.results import Estimate
 from distal.rig import Rig, load_rig
+from distal.running.homing import check_homing, homed, with_references
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +67,7 @@ def first_values(samples: Floats) -> Floats:
 def estimate(
     log: Any,
     rig: Rig | str | Path,
-    estimator: str | KernelEstimator = DEFAULT,
+    estimator: str | Estimator = DEFAULT,
     passes: int = 1,
     truth: str | Path | None = None,
     compiled: bool = True,
@@ -75,7 +81,7 @@ def estimate(
     Args:
         log: sensors over time: a `Log`, the path of a CSV or Parquet file, or a polars or pandas frame (see `read_log`).
         rig: the description, or a shipped rig's name, or a path.
-        estimator: a name (see `ESTIMATORS`) or a ready one.
+        estimator: a name (see `ESTIMATORS`), or anything that is an `Estimator`.
         passes: how often to filter; each pass starts with the last covariance of the one before, as in the 2008 paper.
         truth: where `log` is no `Log`: the true angle's column or file.
         compiled: compile kernels where possible.
@@ -122,7 +128,7 @@ class Run:
     """
 
     log: Log
-    runner: KernelEstimator
+    runner: Estimator
     samples: Floats
     start: Belief
     homing: float | None
@@ -133,18 +139,29 @@ class Run:
         return self.homing is not None and reads_reference(self.runner)
 
 
-def reads_reference(runner: KernelEstimator) -> bool:
-    """Return whether an estimator has a sensor of the joint's angle, as its last channel.
+def reads_reference(runner: Estimator) -> bool:
+    """Return whether an estimator reads sensors of the joints' angles.
 
     Args:
         runner: the estimator.
     """
-    return any(sensor.name in runner.channels for sensor in runner.rig.sensors_of("angle"))
+    return bool(references_of(runner))
+
+
+def references_of(runner: Estimator) -> dict[str, int]:
+    """Return channel → index of the joint, for each sensor of a joint's angle that an estimator reads.
+
+    Args:
+        runner: the estimator.
+    """
+    joints = [joint.name for joint in runner.rig.joints]
+    sensors = {sensor.name: joints.index(sensor.of) for sensor in runner.rig.sensors_of("angle")}
+    return {channel: sensors[channel] for channel in runner.channels if channel in sensors}
 
 
 def runner_for(
-    log: Log, rig: Rig, estimator: str | KernelEstimator, compiled: bool = True, homing: float | None = None
-) -> KernelEstimator:
+    log: Log, rig: Rig, estimator: str | Estimator, compiled: bool = True, homing: float | None = None
+) -> Estimator:
     """Return the estimator to run over a log, one that reads the reference where there is homing.
 
     Args:
@@ -157,18 +174,17 @@ def runner_for(
     Raises:
         EstimationError: it is no estimator, or cannot run on this rig, or there is nothing to home by.
     """
-    if not isinstance(estimator, (str, KernelEstimator)):
+    if not isinstance(estimator, (str, Estimator)):
         raise EstimationError(f"an estimator is a name or one from make_estimator, {estimator!r} came")
     if homing is not None:
-        rig, reference = with_reference(rig, log)
-        check_homing(homing, log)
-        if estimator in HOMED:
-            name = str(estimator)
-            return AdaptiveFilter(rig, compiled, updates=HOMED[name], name=name, reference=reference)
+        rig, references = with_references(rig, log)
+        check_homing(homing, log, [joint.name for joint in rig.joints])
+        if isinstance(estimator, str) and estimator in HOMED:
+            return AdaptiveFilter(rig, compiled, references=references)
     return make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
 
 
-def prepared(log: Log, runner: KernelEstimator, homing: float | None = None) -> Run:
+def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
     """Return a log, ready for an estimator.
 
     Args:
@@ -181,10 +197,10 @@ def prepared(log: Log, runner: KernelEstimator, homing: float | None = None) -> 
     """
     read = log
     if homing is not None:
-        check_homing(homing, log)
-        if reads_reference(runner):
-            early = log.time - log.time[0] < homing
-            read = with_channel(log, runner.channels[-1], np.where(early, log.truth["theta"], np.nan))
+        known = check_homing(homing, log, [joint.name for joint in runner.rig.joints])
+        early = log.time - log.time[0] < homing
+        for channel, joint in references_of(runner).items():
+            read = with_channel(read, channel, np.where(early, known[:, joint], np.nan))
     samples = samples_of(read, runner.channels, runner.name)
     return Run(log, runner, samples, runner.initial(log.time[0], first_values(samples)), homing)
 
@@ -200,7 +216,7 @@ def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
     Raises:
         EstimationError: see above; says from when on.
     """
-    bad = out_of_bounds(means, spreads)
+    bad = out_of_bounds(means, spreads, len(run.runner.rig.joints))
     if len(bad):
         row = int(bad[0])
         raise EstimationError(
@@ -223,14 +239,17 @@ def finished(
         covariances: (k, n, n), or None where they are not kept.
     """
     log, runner = run.log, run.runner
-    known = log.truth.get("theta")
+    joints = tuple(joint.name for joint in runner.rig.joints)
+    known = true_angles(log, joints)
     if run.homing is not None and known is not None:
-        known = np.where(log.time - log.time[0] < run.homing, np.nan, known)
+        early = log.time - log.time[0] < run.homing
         if not run.reads_reference:
             means = means.copy()
-            means[:, 0] = homed(means[:, 0], log, run.homing)
-    # the reference is no sensor of the estimate: what it told is in the states
-    measured = runner.measured[:-1] if run.reads_reference else runner.measured
+            means[:, : len(joints)] = homed(means[:, : len(joints)], known, early)
+        known = np.where(early[:, None], np.nan, known)
+    # a reference is no sensor of the estimate: what it said is in the states
+    references = references_of(runner)
+    columns = [i for i, name in enumerate(runner.measured) if name not in references]
     return Estimate(
         runner.name,
         runner.rig.name,
@@ -238,16 +257,17 @@ def finished(
         runner.state_names,
         frozen(means),
         frozen(spreads),
-        measured,
-        frozen(innovations[:, : len(measured)]),
-        frozen(variances[:, : len(measured)]),
-        known,
+        tuple(runner.measured[i] for i in columns),
+        frozen(innovations[:, columns]),
+        frozen(variances[:, columns]),
+        None if known is None else frozen(known),
         None if covariances is None else frozen(covariances),
+        joints,
     )
 
 
-HOMED = {"adaptive": 1, "iterated": 3}
-"""Estimators that read a reference as a sensor, and how often they linearise an update."""
+HOMED = frozenset({"adaptive"})
+"""Estimators that read a reference as a sensor; the others are shifted by their mean error."""
 
 
 def with_channel(log: Log, name: str, values: Floats) -> Log:
@@ -261,18 +281,20 @@ def with_channel(log: Log, name: str, values: Floats) -> Log:
     return Log(log.time, {**log.channels, name: values}, log.truth, log.source, log.truth_source)
 
 
-def out_of_bounds(means: Floats, spreads: Floats) -> NDArray[np.intp]:
+def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[np.intp]:
     """Return the rows that are not finite, have a negative variance, or an angle that no joint has.
 
     Args:
         means: (k, n).
         spreads: variances, (k, n).
+        n_joints: number of joints, whose angles come first.
     """
+    far = np.any(np.abs(means[:, :n_joints]) > LARGEST_ANGLE, axis=1)
     # one pass where all is well: sums are finite only if all terms are
     if np.isfinite(means.sum()) and np.isfinite(spreads.sum()) and spreads.min() >= 0.0:
-        return np.flatnonzero(np.abs(means[:, 0]) > LARGEST_ANGLE)
+        return np.flatnonzero(far)
     fine = np.isfinite(means).all(axis=1) & np.isfinite(spreads).all(axis=1) & (spreads >= 0.0).all(axis=1)
-    return np.flatnonzero(~(fine & (np.abs(means[:, 0]) <= LARGEST_ANGLE)))
+    return np.flatnonzero(far | ~fine)
 
 
 def with_covariance(belief: Belief, covariance: Floats) -> Belief:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from math import ceil, isfinite
+from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators.contract import LARGEST_ANGLE, MOST_BRIDGES, SPLIT, Belief, KernelEstimator, check_time
-from distal.estimators.registry import DEFAULT, make_estimator
+from distal.estimators import DEFAULT, LARGEST_ANGLE, Belief, KernelEstimator, check_time, make_estimator
+from distal.estimators.gaps import MOST_BRIDGES, fill, predictions
 from distal.rig import Rig, load_rig
 
 Floats = NDArray[np.float64]
 
 
 class LiveEstimator:
-    """Estimates the joint angle sample by sample, with the numbers that `estimate` gives over the whole log.
+    """Estimates the joints' angles sample by sample, with the numbers that `estimate` gives over the whole log.
 
     ```python
     live = distal.LiveEstimator("paper-2008")
@@ -27,7 +28,7 @@ class LiveEstimator:
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
-        estimator: a name (see `ESTIMATORS`) or a ready one.
+        estimator: a name (see `ESTIMATORS`) or a ready one that is a kernel.
         compiled: compile its kernel where possible.
 
     Raises:
@@ -44,19 +45,21 @@ class LiveEstimator:
         self._runner, self._n, self._m = runner, len(runner.state_names), len(runner.measured)
         self._loop = runner.kernel.loop(runner.numbers)
         self._carry, self._x, self._y = self._loop.carry, self._loop.x, self._loop.y
-        width, places = len(runner.channels), runner.n_places if runner.leads_gaps else 0
+        width, self._angles = len(runner.channels), runner.angles
         self._values, self._mask = self._x[1 : 1 + width], self._x[1 + width :]
-        self._places, self._sample = places, np.zeros(width)
+        self._sample = np.zeros(width)
         self._there, self._infinite = np.zeros(width, dtype=bool), np.zeros(width, dtype=bool)
         self._read = [runner.channels.index(name) for name in runner.measured]
         self._innovations = np.full(self._m, np.nan)
-        self._begin: tuple[float | None, float] = (None, 0.0)
-        self._longest, self._time, self._samples = SPLIT * runner.interval, float("nan"), 0
+        self._begin: tuple[Floats | None, float] = (None, 0.0)
+        self._time, self._samples = float("nan"), 0
         self._mean = _view(self._carry[: self._n])
+        # a strided view of the covariance's diagonal, which can be written
+        self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
         self._covariance = _view(self._carry[self._n : self._n * (self._n + 1)].reshape(self._n, self._n))
 
-    def step(self, time: float, sample: Floats) -> float:
-        """Take in a sample and return the joint angle [rad].
+    def step(self, time: float, sample: Floats) -> float | Floats:
+        """Take in a sample and return the joint angle [rad], of several joints their `angles`.
 
         Args:
             time: of the sample [s], after the last one's.
@@ -66,7 +69,7 @@ class LiveEstimator:
             EstimationError: the stamp is late or repeats or follows too long a gap, the sample has the wrong shape or is
                 infinite: nothing has changed then. Or the filter left all bounds: call `reset`.
         """
-        name = self._runner.name
+        name, runner = self._runner.name, self._runner
         if not isinstance(sample, np.ndarray) or sample.shape != self._sample.shape or sample.dtype.kind not in "fiu":
             raise EstimationError(f"{name}: a sample is an array of {len(self._sample)} numbers for {self.channels}")
         if np.isinf(sample, out=self._infinite).any():
@@ -74,47 +77,52 @@ class LiveEstimator:
         if self._samples == 0:
             if not isfinite(time):
                 raise EstimationError(f"{name}: the stamp {time} is not a finite time")
-            self._carry[:] = self._runner.initial(time, sample).carry
-            mean, std = self._begin
-            self._carry[0] = self._carry[0] if mean is None else mean
-            self._carry[self._n] = max(self._carry[self._n], std * std)
+            self._start(time, sample)
             dt = 0.0
         else:
             check_time(name, self._time, time, False)
             dt = time - self._time
-        parts = max(1, ceil(dt / self._longest - 1e-9))
+        parts = predictions(dt, runner.interval)
         if parts > MOST_BRIDGES:
             raise EstimationError(f"{name}: a gap of {dt:g} s is too long to bridge; call reset")
         np.isfinite(sample, out=self._there)
         self._sample[:] = sample
         self._sample[~self._there] = 0.0
         self._x[0] = dt / parts
-        for left in range(parts, 1, -1):
-            # displacements cross a gap in a straight line to the reading that ends it
-            self._values[:] = 0.0
-            self._mask[:] = 0.0
-            self._values[: self._places] = self._sample[: self._places]
-            np.multiply(self._there[: self._places], -float(left), out=self._mask[: self._places])
+        for left in range(parts - 1, -1, -1):
+            fill(self._values, self._mask, self._sample, self._there, left, runner.bridged)
             self._loop.step()
-        self._values[:] = self._sample
-        self._mask[:] = self._there
-        self._loop.step()
         self._time, self._samples = float(time), self._samples + 1
         for i, k in enumerate(self._read):
             self._innovations[i] = self._y[i] if self._there[k] else np.nan
-        angle = float(self._carry[0])
-        if not abs(angle) <= LARGEST_ANGLE or not isfinite(self._carry.sum()):
+        angles = self._carry[self._angles]
+        if not max(angles.max(), -angles.min()) <= LARGEST_ANGLE or not isfinite(self._carry.sum()):
             raise EstimationError(f"{name}: left all bounds at {time:g} s; call reset")
-        return angle
+        return float(angles[0]) if len(angles) == 1 else self.angles
 
-    def reset(self, angle: float | None = None, angle_std: float = 0.0) -> None:
+    def _start(self, time: float, sample: Floats) -> None:
+        """Begin with the prior, at the angles and with the std that `reset` was given."""
+        self._carry[:] = self._runner.initial(time, sample).carry
+        angles, std = self._begin
+        if angles is not None:
+            self._carry[self._angles] = angles
+        joints = np.arange(self._angles.stop)
+        self._diagonal[joints] = np.maximum(self._diagonal[joints], std * std)
+
+    def reset(self, angle: float | Sequence[float] | None = None, angle_std: float = 0.0) -> None:
         """Forget everything: the next sample is the first.
 
         Args:
-            angle: where the joint then probably is [rad]; default the rig's `initial`.
+            angle: where the joint then probably is [rad], one number for each joint; default the rig's `initial`.
             angle_std: how sure that is at best [rad]; the rig's own std where that is larger.
+
+        Raises:
+            EstimationError: there are more or fewer angles than joints.
         """
-        self._begin = (angle, angle_std)
+        given = None if angle is None else np.atleast_1d(np.asarray(angle, dtype=np.float64))
+        if given is not None and given.shape != (self._angles.stop,):
+            raise EstimationError(f"reset takes {self._angles.stop} angles, one for each joint, {angle!r} came")
+        self._begin = (given, angle_std)
         self._samples, self._time = 0, float("nan")
         self._innovations[:] = np.nan
 
@@ -155,13 +163,37 @@ class LiveEstimator:
 
     @property
     def angle(self) -> float:
-        """Joint angle [rad]."""
-        return float(self._carry[0])
+        """Joint angle [rad].
+
+        Raises:
+            EstimationError: there are several joints.
+        """
+        return self._only(self._carry[self._angles], "angle")
 
     @property
     def angle_std(self) -> float:
-        """Standard deviation of its error [rad]."""
-        return float(np.sqrt(max(self._carry[self._n], 0.0)))
+        """Standard deviation of its error [rad].
+
+        Raises:
+            EstimationError: there are several joints.
+        """
+        return self._only(self.angle_stds, "angle_std")
+
+    @property
+    def angles(self) -> Floats:
+        """Angles of the joints [rad], (n_joints,), a read-only view that changes with each step."""
+        return _view(self._carry[self._angles])
+
+    @property
+    def angle_stds(self) -> Floats:
+        """Standard deviations of their errors [rad], (n_joints,)."""
+        return np.sqrt(np.maximum(self._diagonal[self._angles], 0.0))
+
+    def _only(self, values: Floats, name: str) -> float:
+        if len(values) != 1:
+            joints = ", ".join(joint.name for joint in self.rig.joints)
+            raise EstimationError(f"'{name}' is for rigs of one joint, this one has {joints}; use '{name}s'")
+        return float(values[0])
 
     @property
     def mean(self) -> Floats:

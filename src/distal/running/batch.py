@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 
 from distal.errors import DistalError, EstimationError
-from distal.estimators.contract import KernelEstimator
-from distal.estimators.estimate import Run, check_bounds, finished, prepared, runner_for
-from distal.estimators.reference import check_homing
-from distal.estimators.registry import DEFAULT
-from distal.estimators.result import Estimate
-from distal.kernels import grouped
+from distal.estimators import DEFAULT, Estimator, KernelEstimator
+from distal.kernels import LaneKernel, grouped
 from distal.logs import Log, read_log
+from distal.results import Estimate
 from distal.rig import Rig, load_rig
+from distal.running.homing import check_homing
+from distal.running.offline import Run, check_bounds, finished, prepared, runner_for
 
 AHEAD = 2
 """Groups of runs in work or ready, per worker."""
@@ -32,7 +31,7 @@ Skip = Callable[[str, DistalError], None]
 def estimate_batch(
     logs: Iterable[Any],
     rig: Rig | str | Path,
-    estimator: str | KernelEstimator = DEFAULT,
+    estimator: str | Estimator = DEFAULT,
     truth: str | Path | None = None,
     homing: float | None = None,
     workers: int | None = None,
@@ -73,7 +72,7 @@ def estimate_batch(
 def _batch(
     logs: Iterator[Any],
     rig: Rig,
-    estimator: str | KernelEstimator,
+    estimator: str | Estimator,
     truth: str | Path | None,
     homing: float | None,
     workers: int,
@@ -101,14 +100,14 @@ def _batch(
             raise problem
         skip(_named(source), problem)
 
-    runner: KernelEstimator | None = None
+    runner: Estimator | None = None
     for source in logs:  # the first that can be estimated says how a reference is read
         first = load(source)
         try:
             if isinstance(first, DistalError):
                 raise first
             if homing is not None:
-                check_reference(first, homing)
+                check_homing(homing, first, [joint.name for joint in rig.joints])
         except DistalError as problem:
             done += 1
             if progress is not None:
@@ -119,7 +118,7 @@ def _batch(
         break
     if runner is None:
         return
-    lanes = runner.kernel.lanes() if runner.kernel is not None else None
+    lanes = _lanes(runner)
     size = lanes.lanes if lanes is not None else 1
     yield from _ahead(chain([first], logs), size, work, workers, refused, done, progress)
 
@@ -165,29 +164,17 @@ def _ahead(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def check_reference(log: Log, homing: float) -> None:
-    """Refuse a log that one cannot home by.
-
-    Args:
-        log: the log.
-        homing: for how long [s].
-
-    Raises:
-        EstimationError: it has no truth, or none at its beginning.
-    """
-    if "theta" not in log.truth:
-        raise EstimationError(f"{log.source}: homing needs the joint's angle for a while, and this log has none")
-    check_homing(homing, log)
+def _lanes(runner: Estimator) -> LaneKernel | None:
+    """Return an estimator's kernel for several runs at once, None where it has none."""
+    return runner.kernel.lanes() if isinstance(runner, KernelEstimator) and runner.kernel is not None else None
 
 
 def _named(source: Any) -> str:
     return source.source if isinstance(source, Log) else str(source) if isinstance(source, (str, Path)) else "the frame"
 
 
-def _ready(log: Log, runner: KernelEstimator, homing: float | None) -> Run | DistalError:
+def _ready(log: Log, runner: Estimator, homing: float | None) -> Run | DistalError:
     try:
-        if homing is not None:
-            check_reference(log, homing)
         return prepared(log, runner, homing)
     except DistalError as problem:
         return problem
@@ -202,8 +189,8 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
     if not runs:
         return []
     runner = runs[0].runner
-    lanes = runner.kernel.lanes() if runner.kernel is not None else None
-    if lanes is None or len(runs) == 1:
+    lanes = _lanes(runner)
+    if lanes is None or len(runs) == 1 or not isinstance(runner, KernelEstimator):
         return [_alone(run) for run in runs]
     n = runs[0].start.size
     rows = []
@@ -213,15 +200,15 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
         except DistalError:
             return [_alone(each) for each in runs]
     keep = [*range(n), *range(n, n + n * n, n + 1)]
-    told = lanes.scan([run.start.carry for run in runs], [row for row, _ in rows], [runner.numbers] * len(runs), keep)
+    scanned = lanes.scan([run.start.carry for run in runs], [row for row, _ in rows], [runner.numbers] * len(runs), keep)
     results: list[Estimate | DistalError] = []
-    for run, (_, last), (kept, ys) in zip(runs, rows, told):
+    for run, (_, last), (kept, ys) in zip(runs, rows, scanned):
         if len(last) < len(kept):
             kept, ys = kept[last], ys[last]
         kept.flags.writeable = False
         try:
             check_bounds(run, kept[:, :n], kept[:, n:])
-            innovations, variances = runner.told(ys, run.samples)
+            innovations, variances = runner.innovations_of(ys, run.samples)
             results.append(finished(run, kept[:, :n], kept[:, n:], innovations, variances))
         except DistalError as problem:
             results.append(problem)

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators.augmented import travel
-from distal.estimators.contract import LARGEST_ANGLE
-from distal.estimators.live import LiveEstimator
+from distal.estimators import LARGEST_ANGLE
+from distal.estimators.adaptive import travel
 from distal.model import Mechanism
 from distal.rig import Rig, Sensor
+from distal.running.live import LiveEstimator
 
 Floats = NDArray[np.float64]
 Health = Literal["ok", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"]
@@ -75,17 +75,40 @@ class Reading:
 
     Args:
         time: stamp of the sample [s].
-        angle: of the joint [rad]; NaN where the sample was skipped.
-        angle_std: standard deviation of its error [rad].
+        angles: of the joints [rad], (n_joints,); NaN where the sample was skipped.
+        angle_stds: standard deviations of their errors [rad], (n_joints,).
         health: one word.
         detail: which sensor, how long; may be empty.
     """
 
     time: float
-    angle: float
-    angle_std: float
+    angles: tuple[float, ...]
+    angle_stds: tuple[float, ...]
     health: Health
     detail: str = ""
+
+    @property
+    def angle(self) -> float:
+        """Angle of the one joint [rad].
+
+        Raises:
+            EstimationError: there are several.
+        """
+        return self._only(self.angles, "angle")
+
+    @property
+    def angle_std(self) -> float:
+        """Standard deviation of its error [rad].
+
+        Raises:
+            EstimationError: there are several joints.
+        """
+        return self._only(self.angle_stds, "angle_std")
+
+    def _only(self, values: tuple[float, ...], name: str) -> float:
+        if len(values) != 1:
+            raise EstimationError(f"'{name}' is for rigs of one joint, this one has {len(values)}; use '{name}s'")
+        return values[0]
 
 
 class Monitor:
@@ -126,9 +149,9 @@ class Monitor:
         """
         live = self._live
         if not isinstance(time, (float, int)) or not isfinite(time):
-            return Reading(nan, nan, nan, "bad", "the stamp is no finite number")
+            return self._skipped(nan, "bad", "the stamp is no finite number")
         if not isinstance(sample, np.ndarray) or sample.shape != self._seen.shape or sample.dtype.kind not in "fiu":
-            return Reading(time, nan, nan, "bad", f"a sample is an array of {len(self._seen)} numbers")
+            return self._skipped(time, "bad", f"a sample is an array of {len(self._seen)} numbers")
         said: list[tuple[Health, str]] = []
         infinite = np.isinf(sample)
         if infinite.any():
@@ -153,7 +176,7 @@ class Monitor:
                 )
         self._late, self._last_late = 0, -inf
         if not live.samples and not np.isfinite(sample).any():
-            return Reading(time, nan, nan, "bad", "the first sample has no value at all")
+            return self._skipped(time, "bad", "the first sample has no value at all")
         before, self._time = self._time, time
         try:
             live.step(time, sample)
@@ -164,34 +187,41 @@ class Monitor:
                 live.step(time, sample)
             except EstimationError:
                 self._restart("the filter left all bounds")
-                return Reading(time, nan, nan, "bad", "the filter leaves all bounds with this sample")
+                return self._skipped(time, "bad", "the filter leaves all bounds with this sample")
         if self._anew:
             said.append(("restarted", self._anew))
             self._anew = ""
         dt = time - before if 0.0 < time - before < LONGEST_GAP else live.interval
         said += self._sensors(time, sample, min(dt / MEMORY, 1.0))
         said += self._innovations(min(dt / MEMORY, 1.0))
-        if live.angle_std > UNKNOWN and live.samples > 1:
+        stds = live.angle_stds
+        if stds.max() > UNKNOWN and live.samples > 1:
             said.append(("disagrees", "the angle is not known"))
         health, detail = max(said, key=lambda one: list(HEALTH).index(one[0]), default=("ok", ""))
-        return Reading(time, live.angle, live.angle_std, health, detail)
+        return Reading(time, tuple(live.angles.tolist()), tuple(stds.tolist()), health, detail)
+
+    def _skipped(self, time: float, health: Health, detail: str = "") -> Reading:
+        """Return a reading without an estimate."""
+        nothing = (nan,) * len(self._live.rig.joints)
+        return Reading(time, nothing, nothing, health, detail)
 
     def _late_or_twice(self, time: float) -> Reading | None:
         """Return a reading without an estimate where a stamp does not rise; None where it may go on."""
         if time > self._time:
             return None
         if time == self._time:
-            return Reading(time, nan, nan, "duplicate")
+            return self._skipped(time, "duplicate")
         self._late = self._late + 1 if time > self._last_late else 1
         self._last_late = time
         if self._late >= REWOUND:
             return None
-        return Reading(time, nan, nan, "late", f"{self._time - time:.3g} s")
+        return self._skipped(time, "late", f"{self._time - time:.3g} s")
 
     def _restart(self, why: str) -> None:
         # where the joint went meanwhile is not known
-        last = self._live.angle if self._live.samples and abs(self._live.angle) <= LARGEST_ANGLE else None
-        self._live.reset(last, ANYWHERE)
+        angles = self._live.angles
+        known = self._live.samples and bool(np.all(np.abs(angles) <= LARGEST_ANGLE))
+        self._live.reset(tuple(angles.tolist()) if known else None, ANYWHERE)
         self._anew = why
         self._seen[:] = self._changed[:] = nan
         self._outside[:] = 0.0

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import EstimationError
+from distal.errors import EstimationError, did_you_mean
 from distal.logs import pandas_frame
+from distal.results.plots import BAND, plot_estimates
+from distal.rig import std_name
 
 if TYPE_CHECKING:
     import pandas
@@ -18,10 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
-
-BAND = 1.959963984540054
-"""Half-width of a 95 % band in standard deviations."""
-
 
 @dataclass(frozen=True)
 class Estimate:
@@ -31,14 +29,15 @@ class Estimate:
         estimator: its name.
         rig: title of the rig.
         time: stamps [s], (k,).
-        state_names: names of the n states, ``theta`` [rad] first.
+        state_names: names of the n states; the joints' angles [rad] are the first.
         means: (k, n), SI.
         variances: of the states' errors, (k, n).
         measured: names of the m channels with an innovation.
         innovations: (k, m), NaN where missing, or not compared (a force whose slider is at a stop).
         innovation_variances: (k, m).
-        truth: true angle [rad], (k,), where it is known, else None.
+        truths: true angles [rad], (k, n_joints), NaN where a joint's is not known; None where none is.
         covariances: (k, n, n); None from a batch, where they would fill the memory.
+        joint_names: names of the joints.
     """
 
     estimator: str
@@ -50,21 +49,72 @@ class Estimate:
     measured: tuple[str, ...]
     innovations: Floats
     innovation_variances: Floats
-    truth: Floats | None = None
+    truths: Floats | None = None
     covariances: Floats | None = None
+    joint_names: tuple[str, ...] = ("joint",)
 
     def __len__(self) -> int:
         return len(self.time)
 
     @property
+    def angles(self) -> Floats:
+        """Angles of the joints [rad], (k, n_joints)."""
+        return self.means[:, : len(self.joint_names)]
+
+    @property
+    def angle_stds(self) -> Floats:
+        """Standard deviations of their errors [rad], (k, n_joints)."""
+        return np.sqrt(self.variances[:, : len(self.joint_names)])
+
+    @property
     def theta(self) -> Floats:
-        """Joint angle [rad], (k,)."""
-        return self.means[:, 0]
+        """Angle of the one joint [rad], (k,).
+
+        Raises:
+            EstimationError: there are several.
+        """
+        return self._only(self.angles, "theta", "angles")
 
     @property
     def theta_std(self) -> Floats:
-        """Standard deviation of the joint angle's error [rad], (k,)."""
-        return np.sqrt(self.variances[:, 0])
+        """Standard deviation of its error [rad], (k,).
+
+        Raises:
+            EstimationError: there are several joints.
+        """
+        return self._only(self.angle_stds, "theta_std", "angle_stds")
+
+    @property
+    def truth(self) -> Floats | None:
+        """True angle of the one joint [rad], (k,), where it is known, else None.
+
+        Raises:
+            EstimationError: there are several joints.
+        """
+        return None if self.truths is None else self._only(self.truths, "truth", "truths")
+
+    def _only(self, columns: Floats, name: str, several: str) -> Floats:
+        if len(self.joint_names) != 1:
+            raise EstimationError(
+                f"'{name}' is for rigs of one joint, this one has {', '.join(self.joint_names)}; "
+                f"use '{several}', (samples, joints)"
+            )
+        return columns[:, 0]
+
+    def state(self, name: str) -> Floats:
+        """Return a state over time, (k,).
+
+        Args:
+            name: one of `state_names`.
+
+        Raises:
+            EstimationError: there is no such state.
+        """
+        if name not in self.state_names:
+            old = f"tendon_angle_{name.removeprefix('theta_')}"
+            renamed = f"; it is called '{old}' since release 0.2" if old in self.state_names else ""
+            raise EstimationError(f"no state is called '{name}'{renamed or did_you_mean(name, self.state_names)}")
+        return self.means[:, self.state_names.index(name)]
 
     @property
     def stds(self) -> Floats:
@@ -85,21 +135,22 @@ class Estimate:
         return float(-0.5 * np.sum(self.innovations[there] ** 2 / variances + np.log(2 * np.pi * variances)))
 
     def errors(self, truth: Floats | None = None) -> Floats:
-        """Return estimate minus truth [rad], (k,); NaN where the truth is missing.
+        """Return estimate minus truth [rad], (k,), or (k, n_joints) for several joints; NaN where the truth is missing.
 
         Args:
-            truth: true angle [rad], (k,); default the log's own.
+            truth: true angles [rad], of the same shape; default the log's own.
 
         Raises:
             EstimationError: no truth is known.
         """
-        known = self.truth if truth is None else np.asarray(truth, dtype=np.float64)
+        known = self.truths if truth is None else np.asarray(truth, dtype=np.float64).reshape(self.angles.shape)
         if known is None:
             raise EstimationError("the log has no truth; pass it, or read the log with truth=…")
-        return self.theta - known
+        errors = self.angles - known
+        return errors[:, 0] if len(self.joint_names) == 1 else errors
 
     def rms_error(self, truth: Floats | None = None) -> float:
-        """Return the root mean square of `errors` [rad]."""
+        """Return the root mean square of `errors` [rad], of all joints together."""
         return float(np.sqrt(np.nanmean(self.errors(truth) ** 2)))
 
     def max_error(self, truth: Floats | None = None) -> float:
@@ -107,17 +158,17 @@ class Estimate:
         return float(np.nanmax(np.abs(self.errors(truth))))
 
     def inside_band(self, truth: Floats | None = None) -> float:
-        """Return the share of samples whose truth is inside the estimate's 95 % band."""
+        """Return the share of samples whose truth is inside the estimate's 95 % band, of all joints together."""
         errors = self.errors(truth)
-        there = np.isfinite(errors)
-        return float(np.mean(np.abs(errors[there]) <= BAND * self.theta_std[there]))
+        there, stds = np.isfinite(errors), self.angle_stds.reshape(errors.shape)
+        return float(np.mean(np.abs(errors[there]) <= BAND * stds[there]))
 
     def columns(self) -> dict[str, Floats]:
         """Return ``t``, then each state and its ``_std``, SI."""
         columns = {"t": self.time}
         stds = self.stds
         for i, name in enumerate(self.state_names):
-            columns[name], columns[f"{name}_std"] = self.means[:, i], stds[:, i]
+            columns[name], columns[std_name(name)] = self.means[:, i], stds[:, i]
         return columns
 
     def to_polars(self) -> polars.DataFrame:
@@ -139,8 +190,6 @@ class Estimate:
 
         Args:
             path: where to save (PNG, SVG or PDF by its suffix); None only returns the figure.
-            options: see `distal.estimators.plot_estimates`.
+            options: see `distal.plot_estimates`.
         """
-        from distal.estimators.traces import plot_estimates
-
         return plot_estimates([self], path=path, **options)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators.result import Estimate
+from distal.results.estimate import Estimate
 
 Floats = NDArray[np.float64]
 

@@ -1,0 +1,7 @@
+"""The adaptive filter: docs/adaptive.md is its algorithm, `filter` the whole of it on one page."""
+
+from distal.estimators.adaptive.estimator import AdaptiveFilter
+from distal.estimators.adaptive.robustness import Robustness
+from distal.estimators.adaptive.states import KINDS, State, StateVector, travel, uncertain_parameters
+
+__all__ = ["KINDS", "AdaptiveFilter", "Robustness", "State", "StateVector", "travel", "uncertain_parameters"]

@@ -1,0 +1,104 @@
+"""The adaptive filter, whole: an interval, then a sample. The equations are those of docs/adaptive.md.
+
+The carry is the mean, the covariance, what is remembered of each drive's motion, and of each drive's force.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from distal.estimators.adaptive.drive_tracking import MEMORY, tracking
+from distal.estimators.adaptive.measurement import updated
+from distal.estimators.adaptive.motion import Moved, moved
+from distal.estimators.adaptive.play import play
+from distal.estimators.adaptive.prediction import predicted, revert
+from distal.estimators.adaptive.states import StateVector
+from distal.estimators.kalman import symmetric
+
+
+def adaptive_function(states: StateVector, count: int, loops: bool = False, trace: bool = False) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y) of the displacement-driven filter; y = (innovations, variances).
+
+    Args:
+        states: the state vector.
+        count: sub-steps per interval.
+        loops: keep matrices as matrices, for small memories; else the update is one function of scalars, which is faster.
+        trace: append the predicted mean, its covariance and the transition to y, for smoothing.
+    """
+    n, nd, setup = len(states), states.setup.n_drives, states.setup
+    carry, x = ca.MX.sym("carry", n + n * n + nd * (MEMORY + 1)), ca.MX.sym("x", setup.width)
+    p = ca.MX.sym("p", len(setup.mechanism.parameters))
+    mean, covariance = carry[:n], ca.reshape(carry[n : n + n * n], n, n)
+    memory, forces = carry[n + n * n : n + n * n + nd * MEMORY], carry[n + n * n + nd * MEMORY :]
+    tracks = tracking(setup)(memory, x, p)  # (1) to (6)
+    motion = moved(states, count, mean, covariance, memory, tracks, x, p)  # (7) to (10)
+    given = [mean, covariance, *_parts(motion), tracks, memory, forces, x, p]
+    step = corrected(states, given, loops=True) if loops else _Step(*_scalars(states, given)(*given))
+    following = ca.vertcat(step.mean, ca.vec(step.covariance), tracks[: MEMORY * nd], step.forces)
+    y = step.y
+    if trace:
+        y = ca.vertcat(y, step.predicted_mean, ca.vec(step.predicted_covariance), ca.vec(step.transition))
+    return ca.Function("adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+
+
+@dataclass(frozen=True)
+class _Step:
+    """The filter after a sample, and before its update."""
+
+    mean: Any
+    covariance: Any
+    forces: Any
+    y: Any
+    predicted_mean: Any
+    predicted_covariance: Any
+    transition: Any
+
+
+def corrected(states: StateVector, given: list[Any], loops: bool) -> _Step:
+    """Return the filter after a sample, once the joints have moved.
+
+    Args:
+        states: the state vector.
+        given: mean, covariance, the joints' motion, tracks, what is remembered of the drives' motions and forces, the
+            sample, the parameters.
+        loops: whether this stays a function of matrices.
+    """
+    mean, covariance, *motion, tracks, memory, forces, x, p = given
+    motion = Moved(*motion)
+    state, spread = predicted(states, mean, covariance, motion, tracks, memory, x, p)  # (11), (12)
+    transition = _moving(states, motion)
+    revert(states, state, spread, transition, x, p)  # (13)
+    spread = spread if loops else symmetric(spread)
+    kept = [forces[i] for i in range(states.setup.n_drives)]
+    for i in range(states.setup.n_drives):
+        if states.transmitted(i) is not None:
+            kept[i] = play(states, i, state, spread, transition, tracks, motion.rates, kept[i], x, p)  # (14), (15)
+    before, uncertain = ca.MX(state), ca.MX(spread)
+    after, spread, kept, y = updated(states, state, spread, tracks, motion.rates, kept, x, p, loops)  # (16) to (26)
+    for i in np.flatnonzero(np.isfinite(states.lowest)):
+        after[int(i)] = ca.fmax(after[int(i)], states.lowest[i])  # (27)
+    return _Step(after, spread, ca.vertcat(*kept), y, before, uncertain, transition)
+
+
+def _moving(states: StateVector, motion: Moved) -> Any:
+    """Return the transition Φ, (n, n), of an interval in which nothing but angles and speeds moves."""
+    n, nj = len(states), states.setup.n_joints
+    transition = ca.MX(ca.DM.eye(n).full())
+    transition[:nj, :], transition[nj : 2 * nj, :] = motion.angle_slopes[:, :n], motion.speed_slopes[:, :n]
+    return transition
+
+
+def _parts(whole: Moved | _Step) -> list[Any]:
+    return [getattr(whole, field.name) for field in fields(whole)]
+
+
+def _scalars(states: StateVector, given: list[Any]) -> ca.Function:
+    """Return `corrected` as one function of scalars: what is zero or twice the same is then left out."""
+    symbols = [ca.MX.sym(f"i{k}", *entry.shape) for k, entry in enumerate(given)]
+    whole = ca.Function("update", symbols, _parts(corrected(states, symbols, loops=False)))
+    scalars = [ca.SX.sym(f"i{k}", *entry.shape) for k, entry in enumerate(given)]
+    return ca.Function("update", scalars, ca.cse([ca.densify(entry) for entry in whole.call(scalars, True)]))

@@ -1,0 +1,264 @@
+"""Update: measured forces against the tensions that follow from the state, one after the other. Equations (16) to (26)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from distal.estimators.adaptive.drive_tracking import Tracks
+from distal.estimators.adaptive.robustness import Robustness, extra_variance, robust_variance, stop_distance
+from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.states import StateVector
+from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
+from distal.estimators.kalman import lowered
+from distal.sensors import variance
+
+TIE = 0.3
+"""How closely the transmitted effort fits the tendons' pull, in standard deviations of the effort's sensor."""
+
+NOMINAL_TIME = 1.0
+"""Time over which an unmeasured pull's departure from its nominal value lasts [s]."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One force, tension or angle to compare, as expressions of a symbolic state.
+
+    Args:
+        name: of its sensor, or of the drive where the pull is only nominal.
+        residual: measured minus expected without friction.
+        variance: of the sensor and of the drive's place.
+        mask: 1 where it counts.
+        limit: friction limit of the drive, the mean of both directions.
+        asymmetry: by how much the limit is larger against motion to +, and smaller against motion to −.
+        drive: index of the drive whose friction is in it, or None.
+        measured: whether a sensor measures it; else the pull is nominal.
+        trusted: a reference, which is never taken as wild.
+    """
+
+    name: str
+    residual: Any
+    variance: Any
+    mask: Any
+    limit: Any = 0
+    asymmetry: Any = 0
+    drive: int | None = None
+    measured: bool = True
+    trusted: bool = False
+
+
+def rows_of(states: StateVector, state: Any, tracks: Tracks, rates: Any, x: Any) -> list[Row]:
+    """Return what is compared: U = Σ T ∂ℓ/∂s + b ṡ + friction of each drive, measured tensions, a reference's angle.
+
+    Args:
+        states: the state vector.
+        state: symbolic, (n,).
+        tracks: of the drives.
+        rates: mean speed of each drive over the interval, (n_drives,).
+        x: the sample.
+    """
+    setup, mechanism, nj = states.setup, states.setup.mechanism, states.setup.n_joints
+    places = [states.place(i, tracks[i].place, state) for i in range(setup.n_drives)]
+    q, v = ca.vertcat(state[:nj], *places), ca.vertcat(state[nj : 2 * nj], rates)
+    mechanics = _mechanics(setup)(q, v, states.parameters(state))
+    tensions, pulls, limits, asymmetries, tension_slopes, pull_slopes = mechanics
+    rows = []
+    for i, drive in enumerate(mechanism.rig.drives):
+        sensor, body, track = setup.force_sensor(i), nj + i, tracks[i]
+        unsure = track.variance + extra_variance(setup.robustness, track.lost, track.unknown)
+        spread = unsure * pull_slopes[body, body] ** 2
+        free, expected = away_from_stops(setup, i, track.place), pulls[body] + states.force(i, state)
+        friction = (limits[body] + states.friction(i, state), asymmetries[body], i)
+        if sensor is None:
+            known = float(drive.nominal_force.std > 0.0)
+            lasting = drive.nominal_force.std**2 * 2 * NOMINAL_TIME / ca.fmax(x[0], 1e-6)
+            residual = drive.nominal_force.value - expected
+            rows.append(Row(drive.name, residual, spread + lasting, known * free, *friction, measured=False))
+            continue
+        own, mask = setup.noise(sensor), setup.mask(x, sensor) * free
+        transmitted = states.transmitted(i)
+        if transmitted is not None:
+            damped = mechanism.dampings()[body] * rates[i]
+            rows.append(Row(sensor.name, state[transmitted[0]] - (expected - damped), TIE**2 * own + spread, mask))
+            continue
+        residual = setup.value(x, sensor) - expected - states.sensor_error(sensor, state)
+        rows.append(Row(sensor.name, residual, own + spread, mask, *friction))
+    tendons = [tendon.name for tendon in mechanism.rig.tendons]
+    for sensor in setup.channels.tensions:
+        t = tendons.index(sensor.of)
+        body = mechanism.drive_of[t]
+        own = setup.noise(sensor) + tension_slopes[t, body] ** 2 * tracks[body - nj].variance
+        residual = setup.value(x, sensor) - tensions[t] - states.sensor_error(sensor, state)
+        rows.append(Row(sensor.name, residual, own, setup.mask(x, sensor)))
+    joints = [joint.name for joint in mechanism.rig.joints]
+    for sensor in setup.channels.angles:
+        residual = setup.value(x, sensor) - state[joints.index(sensor.of)] - states.sensor_error(sensor, state)
+        rows.append(Row(sensor.name, residual, setup.noise(sensor), setup.mask(x, sensor), trusted=True))
+    # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
+    names = [sensor.name for sensor in setup.channels.compared]
+    return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))
+
+
+def _mechanics(setup: Setup) -> ca.Function:
+    """Return (q, v, p) → tensions, pulls on the bodies, friction limits and asymmetries, slopes of the first two by q."""
+    mechanism = setup.mechanism
+    q, v, p = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("v", mechanism.n_bodies), mechanism.parameters.symbols
+    tensions = mechanism.tensions(q, v)
+    pulls = ca.mtimes(mechanism.length_jacobian(q).T, tensions) + mechanism.dampings() * v
+    friction = mechanism.friction_limits(q, v, tensions)
+    outputs = [tensions, pulls, *(ca.vertcat(*(getattr(limit, part) for limit in friction)) for part in ("mean", "asymmetry"))]
+    return ca.Function("mechanics", [q, v, p], [*outputs, ca.jacobian(tensions, q), ca.jacobian(pulls, q)])
+
+
+def away_from_stops(setup: Setup, drive: int, place: Any) -> Any:
+    """Return 1 where a drive is certainly not at a stop: there the contact force is unknown, (17).
+
+    Args:
+        setup: the rig.
+        drive: its index.
+        place: what its sensor reads.
+    """
+    part, sensor = setup.mechanism.rig.drives[drive], setup.position_sensor(drive)
+    if part.stops is None or sensor is None:
+        return ca.SX(1)
+    low, high = part.stops
+    margin = stop_distance(setup.robustness, sensor.linearity, float(np.sqrt(variance(sensor))), high - low)
+    return ca.if_else(ca.logic_and(place > low + margin, place < high - margin), 1, 0)
+
+
+def updated(
+    states: StateVector, prior: Any, covariance: Any, tracks: Any, rates: Any, memory: Sequence[Any], x: Any, p: Any,
+    loops: bool,
+) -> tuple[Any, Any, list[Any], Any]:
+    """Return mean, covariance, what is remembered of each drive's force, and (innovations, variances) after a sample.
+
+    For each row with slope a of what is expected: ν, S = a P aᵀ + R, S' by `robust_variance`, x⁺ = x + P aᵀ ν/S',
+    P⁺ = P − P aᵀ a P/S': equations (22) to (26).
+
+    Args:
+        states: the state vector.
+        prior: state before, (n,).
+        covariance: before, (n, n).
+        tracks: of the drives.
+        rates: mean speed of each drive over the interval.
+        memory: what is remembered of each drive's force; see `Comparison`.
+        x: the sample.
+        p: the model's parameters.
+        loops: whether this stays a function of matrices.
+    """
+    rows, table = row_functions(states)
+    values, *slopes = table(prior, tracks, rates, x, p)
+    mean, kept, innovations, spreads = prior, list(memory), list[Any](), list[Any]()
+    for k, row in enumerate(rows):
+        slope, limit_slope, asymmetry_slope = own = slopes[3 * k : 3 * k + 3]
+        ahead = [ca.mtimes(covariance, each) for each in own]
+        since = [_along(each, mean - prior) for each in own]
+        numbers = ca.vertcat(*since, _along(slope, ahead[0]), _along(limit_slope, ahead[1]))
+        remembered = ca.MX(0) if row.drive is None else kept[row.drive]
+        innovation, own_variance, after, by_limit, by_asymmetry, counts = comparison_function(states, row)(
+            values[5 * k : 5 * k + 5], ca.vertcat(numbers, remembered), tracks, x, p
+        )
+        across = -ahead[0]
+        for share, each, there in ((by_limit, ahead[1], limit_slope), (by_asymmetry, ahead[2], asymmetry_slope)):
+            across = across + share * each if there.nnz() else across
+        spread = -_along(slope, across)
+        spread += by_limit * _along(limit_slope, across) + by_asymmetry * _along(asymmetry_slope, across)
+        weight, root, robust, shown = weights(states.setup.robustness, row.trusted)(
+            spread + own_variance, innovation, values[5 * k + 4], counts
+        )
+        change = (weight * innovation) * across
+        for at in states.considered:
+            change[at] = 0
+        if row.drive is not None:
+            # a mean residual moves with the state; a count of samples does not
+            declared = states.setup.declares_friction(row.drive)
+            kept[row.drive] = after + _along(slope, change) if declared else after
+        mean = mean + change
+        covariance = _lowered(states, covariance, across, weight, root, robust, loops)
+        innovations.append(shown)
+        spreads.append(spread + own_variance)
+    measured = [k for k, row in enumerate(rows) if row.measured]
+    y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
+    return mean, covariance, kept, y
+
+
+def _lowered(
+    states: StateVector, covariance: Any, across: Any, weight: Any, root: Any, robust: Any, loops: bool
+) -> Any:
+    """Return the covariance after a row: with the optimal gain, or with none for considered states (25), (26)."""
+    if not states.considered:
+        return lowered(covariance, root * across, None, loops)
+    gain = weight * across
+    for at in states.considered:
+        gain[at] = 0
+    return lowered(covariance, gain, across - (0.5 * robust) * gain, loops)
+
+
+def _along(slope: Any, values: Any) -> Any:
+    """Return a slope times a vector."""
+    return ca.mtimes(slope.T, values) if slope.nnz() else ca.MX(0)
+
+
+def row_functions(states: StateVector) -> tuple[list[Row], ca.Function]:
+    """Return what is compared, and (state, tracks, rates, x, p) → (values, slopes) of all of it.
+
+    Values are residual, limit, asymmetry, variance and mask of each row; slopes of the first three are columns of their own.
+
+    Args:
+        states: the state vector.
+    """
+    setup, state = states.setup, ca.SX.sym("state", len(states))
+    vector, rates = ca.SX.sym("tracks", Tracks.size(setup.n_drives)), ca.SX.sym("rates", setup.n_drives)
+    x = ca.SX.sym("x", setup.width)
+    rows = rows_of(states, state, Tracks(vector, setup.n_drives), rates, x)
+    values = [part for row in rows for part in (row.residual, row.limit, row.asymmetry, row.variance, row.mask)]
+    sloped = [ca.SX(part) for row in rows for part in (row.residual, row.limit, row.asymmetry)]
+    slopes = [ca.sparsify(ca.jacobian(part, state)).T for part in sloped]
+    arguments = [state, vector, rates, x, setup.mechanism.parameters.symbols]
+    return rows, ca.Function("rows", arguments, ca.cse([ca.densify(ca.vertcat(*values)), *slopes]))
+
+
+def comparison_function(states: StateVector, row: Row) -> ca.Function:
+    """Return (values, numbers, tracks, x, p) → `Comparison` of one row.
+
+    Numbers are the changes of residual, limit and asymmetry since the prior, the variances of residual and limit by the
+    state's, and what is remembered of the drive.
+
+    Args:
+        states: the state vector.
+        row: which.
+    """
+    setup = states.setup
+    values, numbers = ca.SX.sym("values", 5), ca.SX.sym("numbers", 6)
+    vector, x = ca.SX.sym("tracks", Tracks.size(setup.n_drives)), ca.SX.sym("x", setup.width)
+    residual, limit, asymmetry = (values[i] + numbers[i] for i in range(3))
+    if row.drive is None:
+        comparison = Comparison(residual, values[3], numbers[5])
+    else:
+        whole = Residual(
+            residual, ca.fmax(limit, 0), asymmetry, values[3], numbers[4], numbers[3], numbers[5], values[4]
+        )
+        comparison = compared(setup, row.drive, Tracks(vector, setup.n_drives)[row.drive], whole, x[0])
+    parts = [getattr(comparison, name) for name in Comparison.__dataclass_fields__]
+    arguments = [values, numbers, vector, x, setup.mechanism.parameters.symbols]
+    return ca.Function("compare", arguments, ca.cse([ca.densify(ca.SX(part)) for part in parts]))
+
+
+def weights(robustness: Robustness, trusted: bool) -> ca.Function:
+    """Return (S, ν, mask, counts) → (mask/S', its root, S', ν to show), see `robust_variance`.
+
+    A mask of −1 says: compared, but not used. What is not compared (its drive at a stop) has no innovation to show.
+
+    Args:
+        robustness: the guards.
+        trusted: never taken as wild.
+    """
+    spread, innovation, mask, counts = (ca.SX.sym(name) for name in ("S", "nu", "mask", "counts"))
+    robust = spread if trusted else robust_variance(robustness, spread, innovation)
+    weight = ca.fmax(mask, 0) / robust
+    shown = ca.if_else(ca.logic_and(mask != 0, counts), innovation, np.nan)
+    return ca.Function("weights", [spread, innovation, mask, counts], [weight, ca.sqrt(weight), robust, shown])

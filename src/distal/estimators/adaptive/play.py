@@ -1,0 +1,132 @@
+"""Play: what a drive's transmission passes on follows the measured effort by its hysteresis. Equations (14) and (15)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from distal.estimators.adaptive.drive_tracking import Tracks
+from distal.estimators.adaptive.prediction import set_row
+from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.states import StateVector, Transmitted
+from distal.model import clip_moments
+from distal.sensors import variance
+
+CALM = 8.0
+"""The effort that moves a play is smoothed until its noise is below the play's limit over this (docs/da-vinci.md)."""
+
+CREST = 2.0
+"""A play is moved by the crests of the noise: its limits are wider by this many of its standard deviations."""
+
+LEAST_WEIGHT = 0.02
+"""Smallest weight of a new reading of the effort: 50 samples."""
+
+TINY_SPREAD = 1e-9
+"""Added to the spread of z, so that its moments stay finite where it is certain [N, N m]."""
+
+
+def play(
+    states: StateVector,
+    drive: int,
+    state: Any,
+    covariance: Any,
+    transition: Any,
+    tracks: Any,
+    rates: Any,
+    remembered: Any,
+    x: Any,
+    p: Any,
+) -> Any:
+    """Let what a drive transmits follow the measured effort by its play, in place; return the effort to remember.
+
+    z⁺ = clip(z, U − b ṡ − h, U − b ṡ + h) of a normal z (`clip_moments`): where it is free, it and its uncertainty stay;
+    where it is held at a limit, it is as certain as the limit. Noise of U does not wear it down.
+
+    Args:
+        states: the state vector.
+        drive: its index.
+        state: predicted, (n,).
+        covariance: predicted, (n, n).
+        transition: Φ, (n, n).
+        tracks: of the drives.
+        rates: mean speed of each drive over the interval, (n_drives,).
+        remembered: effort, smoothed; see `smoothed_effort`.
+        x: the sample.
+        p: the model's parameters.
+    """
+    transmitted = states.transmitted(drive)
+    assert transmitted is not None  # `play` is called for drives with hysteresis
+    at, _ = transmitted
+    mean, row, rest, there, effort = play_function(states, drive)(
+        state, covariance[at, at], tracks, rates, remembered, x, p
+    )
+    across = ca.mtimes(covariance, row)
+    own = ca.mtimes(row.T, across) + rest
+    state[at] = mean
+    set_row(covariance, at, ca.if_else(there, across, covariance[:, at]), ca.if_else(there, own, covariance[at, at]))
+    transition[at, :] = ca.if_else(there, ca.mtimes(row.T, transition), transition[at, :])
+    return effort
+
+
+def reading_weight(block: Transmitted) -> float:
+    """Return the weight of a new reading of a drive's effort, 1 where its noise is small against the play's limit: (14).
+
+    Args:
+        block: of what the drive transmits.
+    """
+    ratio = min((block.limit / CALM) ** 2 / variance(block.sensor), 1.0)
+    return max(2.0 * ratio / (1.0 + ratio), LEAST_WEIGHT)
+
+
+def smoothed_effort(setup: Setup, block: Transmitted, remembered: Any, x: Any) -> Any:
+    """Return a drive's measured effort, smoothed; 0 stands for none yet.
+
+    Args:
+        setup: the rig.
+        block: of what the drive transmits.
+        remembered: the last one.
+        x: the sample.
+    """
+    effort = setup.value(x, block.sensor)
+    following = remembered + reading_weight(block) * (effort - remembered)
+    return ca.if_else(
+        setup.mask(x, block.sensor) > 0, ca.if_else(remembered == 0, effort, following), remembered
+    )
+
+
+def play_function(states: StateVector, drive: int) -> ca.Function:
+    """Return (state, variance of z, tracks, rates, effort, x, p) → (z⁺, its slopes, rest, there, effort⁺) of a play.
+
+    Args:
+        states: the state vector.
+        drive: its index.
+    """
+    setup, n, nd = states.setup, len(states), states.setup.n_drives
+    mechanism, p, nj = setup.mechanism, setup.mechanism.parameters.symbols, setup.n_joints
+    transmitted = states.transmitted(drive)
+    assert transmitted is not None  # as above
+    at, block = transmitted
+    state, own, vector = ca.SX.sym("state", n), ca.SX.sym("P_z"), ca.SX.sym("tracks", Tracks.size(nd))
+    rates, remembered, x = ca.SX.sym("rates", nd), ca.SX.sym("effort"), ca.SX.sym("x", setup.width)
+    tracks = Tracks(vector, nd)
+    places = [states.place(i, tracks[i].place, state) for i in range(nd)]
+    q, still = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
+    limit = mechanism.hysteresis_limit(drive, q, mechanism.tensions(q, still))
+    held = ca.Function("limit", [q, p], [limit])(ca.vertcat(state[:nj], *places), states.parameters(state))
+    slope = ca.densify(ca.jacobian(held, state))
+    kept = smoothed_effort(setup, block, remembered, x)
+    error = states.sensor_error(block.sensor, state)
+    effort = kept - error - mechanism.dampings()[nj + drive] * rates[drive]
+    share = reading_weight(block)
+    left = share / (2 - share) * setup.noise(block.sensor)
+    held += CREST * ca.sqrt(left)
+    moments = clip_moments(effort - held, effort + held, state[at], ca.sqrt(ca.fmax(own, 0)) + TINY_SPREAD)
+    row = (moments.by_high - moments.by_low) * slope
+    row[0, at] += moments.by_mean
+    ends = moments.by_low + moments.by_high
+    row -= ends * ca.jacobian(error, state)
+    there = setup.mask(x, block.sensor) > 0
+    outputs = [ca.if_else(there, moments.mean, state[at]), row.T, moments.rest + ends**2 * left, there, kept]
+    arguments = [state, own, vector, rates, remembered, x, p]
+    return ca.Function("play", arguments, ca.cse([ca.densify(entry) for entry in outputs]))

@@ -1,0 +1,141 @@
+"""Predict mean and covariance: angles and speeds as they moved, every other number stays, fades or walks. Equations (11) to (13)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+
+from distal.estimators.adaptive.drive_tracking import MEMORY, UNKNOWN, Tracks
+from distal.estimators.adaptive.motion import Moved
+from distal.estimators.adaptive.robustness import followed_share
+from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.states import StateVector
+
+
+def predicted(
+    states: StateVector, mean: Any, covariance: Any, moved: Moved, tracks: Any, memory: Any, x: Any, p: Any
+) -> tuple[Any, Any]:
+    """Return mean and covariance after the joints have moved and what walks has walked: equations (10) to (12).
+
+    Only angles and speeds move: the rest of the covariance stays, but for walks.
+
+    Args:
+        states: the state vector.
+        mean: before, (n,).
+        covariance: before, (n, n).
+        moved: the joints after the interval.
+        tracks: of the drives, now.
+        memory: of the drives.
+        x: the sample.
+        p: the model's parameters.
+    """
+    setup, n = states.setup, len(states)
+    nj = setup.n_joints
+    slopes = [s[j, :] for s in (moved.angle_slopes, moved.speed_slopes) for j in range(nj)]
+    ahead = [ca.mtimes(covariance, slope[:, :n].T) for slope in slopes]
+    pairs = [(i, j) for i in range(2 * nj) for j in range(i, 2 * nj)]
+    products = ca.vertcat(*(ca.mtimes(slopes[i][:, :n], ahead[j]) for i, j in pairs))
+    places = ca.vertcat(*(slope[:, n:].T for slope in slopes))
+    corner = _corner(setup, pairs)(products, places, moved.rest, tracks, memory, x, p)
+    after = ca.MX(covariance)
+    for k, column in enumerate(ahead):
+        set_row(after, k, column, column[k])
+    for at, (i, j) in enumerate(pairs):
+        after[i, j] = corner[at]
+        if i != j:
+            after[j, i] = corner[at]
+    state = ca.MX(mean)
+    for j in range(nj):
+        state[j], state[nj + j] = moved.angles[j], moved.speeds[j]
+    walking = [i for i in range(n) if states.walks[i] > 0.0]
+    if walking:
+        flat, diagonal = ca.vec(after), [i * (n + 1) for i in walking]
+        flat[diagonal] = flat[diagonal] + x[0] * ca.DM(states.walks[walking] ** 2)
+        after = ca.reshape(flat, n, n)
+    return state, after
+
+
+def _corner(setup: Setup, pairs: Sequence[tuple[int, int]]) -> ca.Function:
+    """Return (M P Mᵀ, S_drives, rest, tracks, memory, x, p) → the covariance of angles and speeds, with what is added.
+
+    Places err by their variances, unknown torques and unmodelled ones shake the speeds, lost places may have been followed.
+    """
+    nj, nd = setup.n_joints, setup.n_drives
+    products, of_places = ca.SX.sym("products", len(pairs)), ca.SX.sym("S_drives", 2 * nj * nd)
+    rest, vector = ca.SX.sym("rest", nj), ca.SX.sym("tracks", Tracks.size(nd))
+    memory, x = ca.SX.sym("memory", MEMORY * nd), ca.SX.sym("x", setup.width)
+    variances, entries = Tracks(vector, nd).variances, []
+    for at, (i, j) in enumerate(pairs):
+        one, other = (of_places[k * nd : (k + 1) * nd] for k in (i, j))
+        entry = products[at] + ca.sum1(one * other * variances)
+        if i == j and i < nj:
+            entry += followed_variance(setup, i, vector, memory)
+        elif i == j:
+            entry += rest[i - nj] + setup.unmodelled(i - nj) ** 2 * x[0]
+        entries.append(entry)
+    arguments = [products, of_places, rest, vector, memory, x, setup.mechanism.parameters.symbols]
+    return ca.Function("corner", arguments, ca.cse([ca.densify(ca.vertcat(*entries))]))
+
+
+def followed_variance(setup: Setup, joint: int, tracks: Any, memory: Any) -> Any:
+    """Return the variance of θ that comes from drives whose place is not known: the joint follows them at its arm.
+
+    What an unknown place does within one interval is small, but it stays wrong until it is measured again: the longer
+    it is missing, the more the joint has followed it. One missing sample does no harm. Equation (12).
+
+    Args:
+        setup: the rig.
+        joint: index of the joint.
+        tracks: of the drives, now.
+        memory: of the drives.
+    """
+    rig, total, drives = setup.mechanism.rig, ca.SX(0), Tracks(tracks, setup.n_drives)
+    for i, drive in enumerate(rig.drives):
+        tendon = next((t for t in rig.tendons if t.drive == drive.name and t.joint == rig.joints[joint].name), None)
+        if tendon is None:
+            continue
+        lever = drive.radius.value if drive.kind == "capstan" else 1.0
+        grown = ca.fmax(drives[i].unknown - memory[MEMORY * i + UNKNOWN], 0)
+        total += followed_share(setup.robustness, drives[i].lost) * grown * (lever / tendon.insertion.radius.value) ** 2
+    return total
+
+
+def revert(states: StateVector, state: Any, covariance: Any, transition: Any, x: Any, p: Any) -> None:
+    """Let what fades fade towards zero over an interval, in place: x⁺ = f x, variance σ² (1 − f²) added. Equation (13).
+
+    Args:
+        states: the state vector.
+        state: (n,).
+        covariance: (n, n).
+        transition: Φ, (n, n).
+        x: the sample.
+        p: the model's parameters.
+    """
+    sample = ca.SX.sym("x", states.setup.width)
+    fadings = states.fadings(sample[0])
+    if not fadings:
+        return
+    values = [part for _, f in fadings for part in (f.factor, f.std**2 * (1 - f.factor**2))]
+    symbols = [sample, states.setup.mechanism.parameters.symbols]
+    fades = ca.Function("fading", symbols, [ca.vertcat(*values)])(x, p)
+    for k, (at, _) in enumerate(fadings):
+        fade, added = fades[2 * k], fades[2 * k + 1]
+        state[at] = fade * state[at]
+        transition[at, :] = fade * transition[at, :]
+        set_row(covariance, at, fade * covariance[:, at], fade * fade * covariance[at, at] + added)
+
+
+def set_row(covariance: Any, at: int, row: Any, own: Any) -> None:
+    """Replace a row and a column of a covariance, in place.
+
+    Args:
+        covariance: (n, n).
+        at: which.
+        row: the new one, (n, 1).
+        own: what stands on the diagonal.
+    """
+    covariance[:, at] = row
+    covariance[at, :] = row.T
+    covariance[at, at] = own

@@ -1,0 +1,166 @@
+"""All that guards the filter against a wrong model or a bad sensor, as one frozen description.
+
+`Robustness.none()` leaves the textbook filter (docs/adaptive.md, section 7 lists what each number does and where it was measured).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Any
+
+import casadi as ca
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """The numbers of the guards; each default says its unit, its meaning, and where it was measured.
+
+    Args:
+        wild_displacement: a reading farther than this times the recent motion from where it should be is wild [1].
+        real_jump: chance that a wild reading is a real jump: its square times this is doubted until the next one [1].
+        bridged_share: error of a place that is led on for less than its sensor's interval, as a share of the motion [1].
+        bend_share: share of the bend between samples that a straight line may miss [1].
+        follow_time: time in which the joint follows a drive whose place is not known [s].
+        followed_variance: how often the variance of a place that is lost is added to its force [1].
+        wild_force: a squared innovation beyond this times its variance counts less [1].
+        stop_margin: a drive nearer to a stop than this times its sensor's linearity may touch it [1].
+        stop_noise: and than this many standard deviations of its sensor's noise [1].
+        stop_travel: and than this share of its travel [1].
+        sticking_samples: samples over which friction of a drive that sticks is the same [1].
+        turning_samples: the same while a drive turns back [1].
+        unknown_friction: std of friction that the rig does not declare, in those of the drive's force sensor [1]; 0: not
+            looked for.
+        unknown_friction_walk: its random walk, in the same unit per √s.
+        declared_friction: a drive with more friction than this at its nominal load declares it [N].
+        parameter_walk: random walk of a parameter without a `drift`, in its standard deviations per √s.
+        unmodelled: share of the rig's `unmodelled` torque that is added [1].
+        moving_only: count only forces of drives that clearly move where friction is declared, as a fit does.
+    """
+
+    wild_displacement: float = 6.0
+    """docs/estimators.md, spoiled logs; `python -m benchmarks.strangers loads glitches`"""
+    real_jump: float = 0.1
+    """docs/estimators.md, "a wild one is bridged"; as above"""
+    bridged_share: float = 0.3
+    """docs/estimators.md, logs at 10 to 100 Hz: `python -m benchmarks.sensitivity`"""
+    bend_share: float = 0.12
+    """a parabola misses 1/8 of its second difference; docs/adaptive.md, equation (6)"""
+    follow_time: float = 0.05
+    """docs/estimators.md, "What misses its goal": the sample after a gap"""
+    followed_variance: float = 20.0
+    """`python -m benchmarks.sensitivity`, table sensitivity-lost"""
+    wild_force: float = 9.0
+    """3 σ; docs/identification.md uses the same bound in the criterion of a fit"""
+    stop_margin: float = 1.0
+    """0.1 mm on 1e5 N/m is 10 N; docs/estimators.md, "In the hard places\""""
+    stop_noise: float = 10.0
+    """as above"""
+    stop_travel: float = 0.002
+    """as above"""
+    sticking_samples: float = 50.0
+    """docs/estimators.md, "In the hard places\""""
+    turning_samples: float = 10.0
+    """as above"""
+    unknown_friction: float = 0.7
+    """`python -m benchmarks.sensitivity`, table sensitivity-priors"""
+    unknown_friction_walk: float = 0.6
+    """as above"""
+    declared_friction: float = 0.1
+    """a third of a load cell's σ on the paper's rig: less cannot be told from noise"""
+    parameter_walk: float = 0.02
+    """docs/estimators.md: 2 % of the std per √s"""
+    unmodelled: float = 1.0
+    """the rig file says how much: docs/rig-files.md"""
+    moving_only: bool = False
+    """docs/identification.md, "Friction that the rig does not declare\""""
+
+    @classmethod
+    def none(cls) -> Robustness:
+        """Return no guards: the textbook filter, right where the model is and the sensors err as described.
+
+        At a stop a force is still left out, since its contact force is part of no model of the joint.
+        """
+        return cls(
+            wild_displacement=inf,
+            bend_share=0.0,
+            followed_variance=0.0,
+            wild_force=inf,
+            sticking_samples=0.0,
+            turning_samples=0.0,
+            unknown_friction=0.0,
+            parameter_walk=0.0,
+            unmodelled=0.0,
+        )
+
+    @classmethod
+    def fitting(cls) -> Robustness:
+        """Return the guards of a fit: it takes friction as the rig says, and goes by drives that clearly move."""
+        return cls(unknown_friction=0.0, moving_only=True)
+
+
+STILL_LOST = 3
+"""Power with which a lost place comes to move its joint: one missing sample does no harm."""
+
+
+def is_wild(robustness: Robustness, away: Any, motion: Any, noise: Any) -> Any:
+    """Return 1 where a displacement is farther from where it should be than the recent motion can have led: (1).
+
+    Args:
+        robustness: the guards.
+        away: reading less the place that the mean speed leads to [m, rad].
+        motion: mean square of the recent motion, and what is unknown of the place [m², rad²].
+        noise: variance of the sensor's random error.
+    """
+    if not isfinite(robustness.wild_displacement):
+        return ca.SX(0)
+    return away**2 > robustness.wild_displacement**2 * (motion + 2 * noise)
+
+
+def followed_share(robustness: Robustness, lost: Any) -> Any:
+    """Return how far a joint has followed a drive whose place is lost, from 0 to 1: (12).
+
+    Args:
+        robustness: the guards.
+        lost: for how long [s].
+    """
+    return (lost / (lost + robustness.follow_time)) ** STILL_LOST
+
+
+def extra_variance(robustness: Robustness, lost: Any, unknown: Any) -> Any:
+    """Return the variance to add to a place that has long been missing, so that its force does not speak of the joint: (16).
+
+    The joint went where the drive went: its error and the place's are one, and cancel in the tension. The filter, to
+    which they are independent, would otherwise share the residual between them.
+
+    Args:
+        robustness: the guards.
+        lost: for how long [s].
+        unknown: variance of the place [m², rad²].
+    """
+    return robustness.followed_variance * followed_share(robustness, lost) * unknown
+
+
+def stop_distance(robustness: Robustness, linearity: float, noise: float, travel: float) -> float:
+    """Return how near to a stop a drive may touch it [m, rad]: (17).
+
+    Args:
+        robustness: the guards.
+        linearity: largest systematic error of its sensor.
+        noise: standard deviation of its sensor's random error.
+        travel: distance of its stops.
+    """
+    return robustness.stop_margin * linearity + robustness.stop_noise * noise + robustness.stop_travel * travel
+
+
+def robust_variance(robustness: Robustness, variance: Any, innovation: Any) -> Any:
+    """Return S' = S max(1, ν²/(c S)), c = `wild_force`: a wild force counts less the farther it is, (22).
+
+    Args:
+        robustness: the guards.
+        variance: of the innovation, S.
+        innovation: ν.
+    """
+    if not isfinite(robustness.wild_force):
+        return variance
+    return variance * ca.fmax(1, innovation**2 / (robustness.wild_force * variance))

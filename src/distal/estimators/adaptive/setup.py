@@ -1,0 +1,140 @@
+"""What every part of the filter asks: the rig's equations, the sensors that are read, the guards, and a sample's values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from distal.estimators.adaptive.robustness import Robustness
+from distal.estimators.channels import Channels, sensor_for
+from distal.model import Mechanism
+from distal.rig import Sensor
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A rig as the filter reads it.
+
+    Args:
+        mechanism: the rig's equations.
+        channels: the sensors that are read.
+        robustness: the guards.
+    """
+
+    mechanism: Mechanism
+    channels: Channels
+    robustness: Robustness
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return self.mechanism.n_joints
+
+    @property
+    def n_drives(self) -> int:
+        """Number of drives."""
+        return self.mechanism.n_drives
+
+    @property
+    def width(self) -> int:
+        """Numbers in a sample x = (dt, values, mask)."""
+        return 1 + 2 * len(self.channels.names)
+
+    def position_sensor(self, drive: int) -> Sensor | None:
+        """Return the sensor of a drive's position, or None.
+
+        Args:
+            drive: its index.
+        """
+        return sensor_for(self.channels.positions, self.mechanism.rig.drives[drive].name)
+
+    def force_sensor(self, drive: int) -> Sensor | None:
+        """Return the sensor of a drive's force or torque, or None.
+
+        Args:
+            drive: its index.
+        """
+        return sensor_for(self.channels.forces, self.mechanism.rig.drives[drive].name)
+
+    def value(self, x: Any, sensor: Sensor) -> Any:
+        """Return what a sensor reads in a sample, its known offset taken away; 0 less that where it is missing.
+
+        Args:
+            x: the sample.
+            sensor: one of the channels.
+        """
+        return x[1 + self.channels.names.index(sensor.name)] - self.offset(sensor)
+
+    def mask(self, x: Any, sensor: Sensor) -> Any:
+        """Return 1 where a sensor has a value in a sample, 0 where it is missing, else see `distal.estimators.gaps`.
+
+        Args:
+            x: the sample.
+            sensor: one of the channels.
+        """
+        return x[1 + len(self.channels.names) + self.channels.names.index(sensor.name)]
+
+    def number(self, path: str, otherwise: float) -> Any:
+        """Return a number of the description: an input of the filter where it is given, else a constant.
+
+        Args:
+            path: of the number.
+            otherwise: its value.
+        """
+        p = self.mechanism.parameters
+        return p[path] if path in p.given else otherwise
+
+    def noise(self, sensor: Sensor) -> Any:
+        """Return the variance of a sensor's random error, σ² + Δ²/12.
+
+        Args:
+            sensor: one of the rig's.
+        """
+        sigma = self.number(f"{self.path(sensor)}.noise", sensor.noise)
+        return sigma * sigma + sensor.resolution**2 / 12.0
+
+    def offset(self, sensor: Sensor) -> Any:
+        """Return a sensor's constant offset as far as it is known.
+
+        Args:
+            sensor: one of the rig's.
+        """
+        return self.number(f"{self.path(sensor)}.bias", sensor.bias.value)
+
+    def path(self, sensor: Sensor) -> str:
+        """Return the path of a sensor in the description.
+
+        Args:
+            sensor: one of the rig's.
+        """
+        names = [each.name for each in self.mechanism.rig.sensors]
+        return f"sensors.{names.index(sensor.name)}"
+
+    def unmodelled(self, joint: int) -> Any:
+        """Return the random torque of a joint that the model does not know, as the std of ω that it makes in 1 s [rad/s].
+
+        Args:
+            joint: its index.
+        """
+        rig = self.mechanism.rig
+        return self.robustness.unmodelled * self.number(f"joints.{joint}.unmodelled", rig.joints[joint].unmodelled)
+
+    def declares_friction(self, drive: int) -> bool:
+        """Return whether the rig declares friction at a drive: more than `Robustness.declared_friction` at its load.
+
+        Args:
+            drive: its index.
+        """
+        part = self.mechanism.rig.drives[drive]
+        lever = part.radius.value if part.kind == "capstan" else 1.0
+        tendons = [t for t in self.mechanism.rig.tendons if t.drive == part.name]
+        load = max(abs(part.nominal_force.value) / lever, sum(t.pretension.value for t in tendons), 1.0)
+        constant, growing = part.friction.constant, part.friction.load
+        known = (constant.value + constant.std) / lever + (growing.value + growing.std) * load
+        for tendon in tendons:
+            if tendon.path is not None:
+                rubs = tendon.path.friction
+                known += load * float(np.expm1((rubs.value + rubs.std) * tendon.path.wrap.value))
+        return bool(known >= self.robustness.declared_friction)

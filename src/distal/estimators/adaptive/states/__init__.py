@@ -1,0 +1,18 @@
+"""The kinds of states of the adaptive filter, one file each, and the vector that they make up."""
+
+from distal.estimators.adaptive.states.linearity import travel
+from distal.estimators.adaptive.states.parameter import UncertainParameter, uncertain_parameters
+from distal.estimators.adaptive.states.state import Fading, State
+from distal.estimators.adaptive.states.transmission import Transmitted
+from distal.estimators.adaptive.states.vector import KINDS, StateVector
+
+__all__ = [
+    "KINDS",
+    "Fading",
+    "State",
+    "StateVector",
+    "Transmitted",
+    "UncertainParameter",
+    "travel",
+    "uncertain_parameters",
+]

@@ -1,0 +1,89 @@
+"""The systematic error of a sensor of force, tension or angle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.states.state import Fading, State
+from distal.rig import Sensor
+from distal.sensors import systematic_variance
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SensorBias(State):
+    """b, which stays, or walks by the bias's `drift`; that of a reference of a joint's angle stays within its std as it walks.
+
+    A reference's bias that wanders is a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt, T = 2 σ²/drift².
+    It is what the model's angle and the joint's differ by, so that a moment's reference tells less than a long one.
+
+    Args:
+        setup: the rig.
+        sensor: whose bias it is.
+    """
+
+    setup: Setup
+    sensor: Sensor
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """``bias_SENSOR``."""
+        return (f"bias_{self.sensor.name}",)
+
+    @property
+    def means(self) -> Floats:
+        """None is expected beyond the known offset."""
+        return np.zeros(1)
+
+    @property
+    def stds(self) -> Floats:
+        """Bias and linearity together."""
+        return np.array([float(np.hypot(self.sensor.bias.std, np.sqrt(systematic_variance(self.sensor))))])
+
+    @property
+    def _wanders(self) -> bool:
+        return bool(self.sensor.measures == "angle" and self.sensor.bias.drift)
+
+    @property
+    def walk(self) -> float:
+        """The bias's `drift` per √s; 0 for a reference's, which fades instead."""
+        return 0.0 if self._wanders or self.sensor.bias.drift is None else float(self.sensor.bias.drift)
+
+    def fading(self, dt: Any) -> Fading | None:
+        """Return e^{−dt drift²/(2 σ²)} and σ of a reference that wanders, None for others.
+
+        Args:
+            dt: length of the interval [s].
+        """
+        if not self._wanders:
+            return None
+        path = f"{self.setup.path(self.sensor)}.bias"
+        std = self.setup.number(f"{path}.std", float(self.stds[0]))
+        drift = self.setup.number(f"{path}.drift", self.sensor.bias.drift or 0.0)
+        return Fading(ca.exp(-dt * drift**2 / (2 * std**2)), std)
+
+    def sensor_error(self, sensor: Sensor, own: Any) -> Any:
+        """Return b where it is this sensor's.
+
+        Args:
+            sensor: which.
+            own: b.
+        """
+        return own[0] if sensor.name == self.sensor.name else 0
+
+
+def sensor_biases(setup: Setup) -> list[State]:
+    """Return a block for each compared sensor that errs systematically.
+
+    Args:
+        setup: the rig.
+    """
+    blocks = [SensorBias(setup, sensor) for sensor in setup.channels.compared]
+    return [block for block in blocks if block.stds[0] > 0.0]

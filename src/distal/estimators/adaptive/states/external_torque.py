@@ -1,0 +1,73 @@
+"""A torque on a joint that nobody measures, such as a hand's or a contact's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.states.state import Fading, State
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ExternalTorque(State):
+    """τ_ext, a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt.
+
+    Args:
+        setup: the rig.
+        joint: index of the joint.
+    """
+
+    setup: Setup
+    joint: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """``external_torque``, with the joint's name where there are several."""
+        joints = self.setup.mechanism.rig.joints
+        return ("external_torque" if len(joints) == 1 else f"external_torque_{joints[self.joint].name}",)
+
+    @property
+    def means(self) -> Floats:
+        """None is expected, [N m]."""
+        return np.zeros(1)
+
+    @property
+    def stds(self) -> Floats:
+        """The rig's ``external_torque.std`` [N m]."""
+        return np.array([self.setup.mechanism.rig.joints[self.joint].external_torque.std])
+
+    def fading(self, dt: Any) -> Fading:
+        """Return e^{−dt/T} and the std [N m].
+
+        Args:
+            dt: length of the interval [s].
+        """
+        torque = self.setup.mechanism.rig.joints[self.joint].external_torque
+        std = self.setup.number(f"joints.{self.joint}.external_torque.std", torque.std)
+        return Fading(ca.exp(-dt / torque.correlation_time), std)
+
+    def torque(self, joint: int, own: Any) -> Any:
+        """Return τ_ext where it is this joint's [N m].
+
+        Args:
+            joint: its index.
+            own: τ_ext.
+        """
+        return own[0] if joint == self.joint else 0
+
+
+def external_torques(setup: Setup) -> list[State]:
+    """Return a block for each joint on which an external torque can act: one with a std.
+
+    Args:
+        setup: the rig.
+    """
+    joints = setup.mechanism.rig.joints
+    return [ExternalTorque(setup, j) for j, joint in enumerate(joints) if joint.external_torque.std > 0.0]

@@ -1,0 +1,130 @@
+"""The systematic error of a position sensor: a smooth curve over the drive's travel, the same whenever it comes back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.states.state import State
+from distal.model import Mechanism
+from distal.rig import Sensor
+
+Floats = NDArray[np.float64]
+
+BASIS = 6
+"""Basis functions of a sensor's linearity over its travel: more changed no error on the logs of `make accuracy`."""
+
+SMOOTHNESS = 3.0
+"""Order at which the prior of the basis falls off: half waves over the travel, as `distal.sensors` draws its curves."""
+
+LINEARITY_PRIOR = 0.6
+"""Standard deviation of a curve, as a share of its largest magnitude (tests/sensors/test_errors.py measures it)."""
+
+
+@dataclass(frozen=True)
+class Linearity(State):
+    """Weights w_j of the error Σ w_j cos(π j ξ), ξ = 0 … 1 over the travel.
+
+    A Gaussian process over the travel with a squared-exponential spectrum: the stds of w_j fall off as exp(−(j/j₀)²/2), scaled so
+    that the mean variance over the travel is that of the linearity. A bias with a std adds to the constant.
+
+    Args:
+        setup: the rig.
+        drive: index of the drive.
+        sensor: of its position.
+    """
+
+    setup: Setup
+    drive: int
+    sensor: Sensor
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """``linearity_SENSOR_j``, one for each weight."""
+        return tuple(f"linearity_{self.sensor.name}_{j}" for j in range(len(self.stds)))
+
+    @property
+    def means(self) -> Floats:
+        """The sensor's known `curve`, else zeros [m, rad]."""
+        known = np.zeros(len(self.stds))
+        curve = getattr(self.sensor, "curve", ())[: len(known)]
+        known[: len(curve)] = curve
+        return known
+
+    @cached_property
+    def stds(self) -> Floats:
+        """Prior standard deviations of the weights [m, rad]; none where the sensor has no systematic error."""
+        sensor = self.sensor
+        if sensor.linearity == 0.0:
+            return np.array([sensor.bias.std]) if sensor.bias.std > 0.0 else np.zeros(0)
+        shape = np.exp(-0.5 * (np.arange(BASIS) / SMOOTHNESS) ** 2)
+        shape /= np.sqrt(shape[0] ** 2 + 0.5 * np.sum(shape[1:] ** 2))
+        stds: Floats = LINEARITY_PRIOR * sensor.linearity * shape
+        stds[0] = np.hypot(stds[0], sensor.bias.std)
+        return stds
+
+    @cached_property
+    def _travel(self) -> tuple[float, float]:
+        return travel(self.setup.mechanism, self.drive)
+
+    def place_error(self, drive: int, reading: Any, own: Any) -> Any:
+        """Return Σ w_j cos(π j ξ) where it is this drive's sensor [m, rad].
+
+        By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ): one cosine for all (Chebyshev).
+
+        Args:
+            drive: its index.
+            reading: what the sensor reads.
+            own: the weights.
+        """
+        count = len(self.stds)
+        if drive != self.drive or count == 0:
+            return 0
+        low, high = self._travel
+        terms = [ca.SX(1), ca.cos(ca.pi * ((reading - low) / (high - low)))]
+        while len(terms) < count:
+            terms.append(2 * terms[1] * terms[-1] - terms[-2])
+        return ca.dot(ca.vertcat(*terms[:count]), own)
+
+
+def linearities(setup: Setup) -> list[State]:
+    """Return a block for each position sensor that errs systematically.
+
+    Args:
+        setup: the rig.
+    """
+    blocks = []
+    for i in range(setup.n_drives):
+        sensor = setup.position_sensor(i)
+        if sensor is not None:
+            blocks.append(Linearity(setup, i, sensor))
+    return [block for block in blocks if len(block.stds)]
+
+
+REACH = 1.2
+"""A drive without stops is taken to move as far as the joint turns by this, either way [rad]."""
+
+
+def travel(mechanism: Mechanism, drive: int) -> tuple[float, float]:
+    """Return the ends of a drive's travel, where its sensor's linearity is defined: its stops, or what it can use.
+
+    Without stops: ±`REACH` of the joint about the place that the nominal force stretches the tendon to.
+
+    Args:
+        mechanism: the rig's equations.
+        drive: its index.
+    """
+    part = mechanism.rig.drives[drive]
+    if part.stops is not None:
+        return part.stops
+    tendon = next(t for t in mechanism.rig.tendons if t.drive == part.name)
+    lever = part.radius.value if part.kind == "capstan" else 1.0
+    reach = REACH * tendon.insertion.radius.value / lever
+    centre = 0.0 if part.kind == "capstan" else part.nominal_force.value / tendon.stiffness.value
+    return centre - reach, centre + reach

@@ -1,0 +1,76 @@
+"""The place of a drive that no sensor measures: its force tells of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.states.linearity import travel
+from distal.estimators.adaptive.states.state import State
+
+Floats = NDArray[np.float64]
+
+PLACE_WALK = 1.0
+"""Random walk of a drive's place that nothing measures, in its travel per √s: it may cross it within a second."""
+
+
+@dataclass(frozen=True)
+class UnmeasuredPlace(State):
+    """s of a drive without a position sensor: anywhere on its travel, and it walks.
+
+    Args:
+        setup: the rig.
+        drive: index of the drive.
+    """
+
+    setup: Setup
+    drive: int
+
+    @cached_property
+    def _travel(self) -> tuple[float, float]:
+        return travel(self.setup.mechanism, self.drive)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """``position_DRIVE``."""
+        return (f"position_{self.setup.mechanism.rig.drives[self.drive].name}",)
+
+    @property
+    def means(self) -> Floats:
+        """The middle of the travel [m, rad]."""
+        return np.array([sum(self._travel) / 2])
+
+    @property
+    def stds(self) -> Floats:
+        """That of a uniform distribution over the travel [m, rad]."""
+        low, high = self._travel
+        return np.array([(high - low) / np.sqrt(12.0)])
+
+    @property
+    def walk(self) -> float:
+        """`PLACE_WALK` travels per √s."""
+        low, high = self._travel
+        return (high - low) * PLACE_WALK
+
+    def place(self, drive: int, own: Any) -> Any:
+        """Return s where it is this drive's [m, rad].
+
+        Args:
+            drive: its index.
+            own: s.
+        """
+        return own[0] if drive == self.drive else None
+
+
+def unmeasured_places(setup: Setup) -> list[State]:
+    """Return a block for each drive without a position sensor.
+
+    Args:
+        setup: the rig.
+    """
+    return [UnmeasuredPlace(setup, i) for i in range(setup.n_drives) if setup.position_sensor(i) is None]

@@ -1,0 +1,138 @@
+"""What a kind of state is: a block of numbers that the filter does not know, and what they do.
+
+A block says its names, its prior, how it fades and walks, and what it adds: to the model's parameters, to the torque on
+a joint, to the place of a drive, to friction, to what a sensor reads. Each of these has the default "nothing", so that a
+kind says only what is its own. `StateVector` puts blocks side by side and adds up what they do.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.rig import Sensor
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fading:
+    """How a state fades towards zero over an interval: x⁺ = f x + noise of variance σ² (1 − f²).
+
+    Args:
+        factor: what is left of it, f.
+        std: standard deviation that it has after a long time, σ.
+    """
+
+    factor: Any
+    std: Any
+
+
+class State(ABC):
+    """A block of the state vector."""
+
+    @property
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Names of its numbers, (k,)."""
+
+    @property
+    @abstractmethod
+    def means(self) -> Floats:
+        """Prior means, (k,), SI."""
+
+    @property
+    @abstractmethod
+    def stds(self) -> Floats:
+        """Prior standard deviations, (k,), SI."""
+
+    @property
+    def walk(self) -> float:
+        """Standard deviation that each of its numbers gains as a random walk, per √s."""
+        return 0.0
+
+    @property
+    def lowest(self) -> float:
+        """Its numbers are kept at or above this."""
+        return -np.inf
+
+    @property
+    def considered(self) -> bool:
+        """Whether its uncertainty counts but it is never estimated (Schmidt, 1966)."""
+        return False
+
+    def fading(self, dt: Any) -> Fading | None:
+        """Return how its numbers fade over an interval, None where they stay.
+
+        Args:
+            dt: length of the interval [s].
+        """
+        return None
+
+    def parameters(self, own: Any, p: Any) -> Any:
+        """Return the model's parameters with what this block says of them; it must be linear in the block.
+
+        Args:
+            own: its numbers, symbolic, (k,).
+            p: the parameters so far, (n_p,).
+        """
+        return p
+
+    def torque(self, joint: int, own: Any) -> Any:
+        """Return what it adds to the torque on a joint [N m].
+
+        Args:
+            joint: its index.
+            own: its numbers, symbolic, (k,).
+        """
+        return 0
+
+    def place(self, drive: int, own: Any) -> Any:
+        """Return the place of a drive that nothing measures [m, rad], None where it does not say.
+
+        Args:
+            drive: its index.
+            own: its numbers, symbolic, (k,).
+        """
+        return None
+
+    def place_error(self, drive: int, reading: Any, own: Any) -> Any:
+        """Return what it adds to the reading of a drive's position sensor [m, rad].
+
+        Args:
+            drive: its index.
+            reading: what the sensor reads.
+            own: its numbers, symbolic, (k,).
+        """
+        return 0
+
+    def friction(self, drive: int, own: Any) -> Any:
+        """Return what it adds to the friction limit of a drive [N, N m].
+
+        Args:
+            drive: its index.
+            own: its numbers, symbolic, (k,).
+        """
+        return 0
+
+    def force(self, drive: int, own: Any) -> Any:
+        """Return what it adds to the force that is expected at a drive [N, N m].
+
+        Args:
+            drive: its index.
+            own: its numbers, symbolic, (k,).
+        """
+        return 0
+
+    def sensor_error(self, sensor: Sensor, own: Any) -> Any:
+        """Return what it adds to the reading of a sensor of force, tension or angle.
+
+        Args:
+            sensor: which.
+            own: its numbers, symbolic, (k,).
+        """
+        return 0

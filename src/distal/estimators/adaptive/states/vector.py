@@ -1,0 +1,162 @@
+"""The state vector: blocks side by side, and the sums of what they do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.states.bias import sensor_biases
+from distal.estimators.adaptive.states.external_torque import external_torques
+from distal.estimators.adaptive.states.friction import unknown_frictions
+from distal.estimators.adaptive.states.joint import JointMotion
+from distal.estimators.adaptive.states.linearity import linearities
+from distal.estimators.adaptive.states.parameter import uncertain_parameters
+from distal.estimators.adaptive.states.place import unmeasured_places
+from distal.estimators.adaptive.states.state import Fading, State
+from distal.estimators.adaptive.states.transmission import Transmitted, transmissions
+from distal.rig import Sensor
+
+KINDS: tuple[Callable[[Setup], Sequence[State]], ...] = (
+    external_torques,
+    uncertain_parameters,
+    linearities,
+    unmeasured_places,
+    unknown_frictions,
+    transmissions,
+    sensor_biases,
+)
+"""Each returns the blocks of one kind that a rig has; their order is that of the state vector, after the joints."""
+
+
+class StateVector:
+    """All blocks of a rig; the layout of the state follows from their order.
+
+    Args:
+        setup: the rig.
+        kinds: what blocks there may be beside the joints' motion; default all.
+    """
+
+    def __init__(self, setup: Setup, kinds: Sequence[Callable[[Setup], Sequence[State]]] = KINDS) -> None:
+        self.setup = setup
+        blocks: list[State] = [JointMotion(setup.mechanism.rig.joints)]
+        for kind in kinds:
+            blocks += kind(setup)
+        self.blocks = tuple(blocks)
+        ends = np.cumsum([len(block.names) for block in blocks])
+        self._slices = {id(block): slice(int(e) - len(block.names), int(e)) for block, e in zip(blocks, ends)}
+        self.names = tuple(name for block in blocks for name in block.names)
+        self.means = np.concatenate([block.means for block in blocks])
+        self.stds = np.concatenate([block.stds for block in blocks])
+        self.walks = np.concatenate([np.full(len(block.names), block.walk) for block in blocks])
+        self.lowest = np.concatenate([np.full(len(block.names), block.lowest) for block in blocks])
+        self.considered = tuple(i for block in blocks if block.considered for i in self.indices(block))
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def indices(self, block: State) -> range:
+        """Return where a block's numbers stand.
+
+        Args:
+            block: one of `blocks`.
+        """
+        own = self._slices[id(block)]
+        return range(own.start, own.stop)
+
+    def own(self, block: State, state: Any) -> Any:
+        """Return a block's numbers of a state.
+
+        Args:
+            block: one of `blocks`.
+            state: (n,).
+        """
+        return state[self._slices[id(block)]]
+
+    def fadings(self, dt: Any) -> list[tuple[int, Fading]]:
+        """Return index and fading of every number that fades.
+
+        Args:
+            dt: length of the interval [s].
+        """
+        every = ((block, block.fading(dt)) for block in self.blocks)
+        return [(i, fading) for block, fading in every if fading is not None for i in self.indices(block)]
+
+    def parameters(self, state: Any) -> Any:
+        """Return the model's parameters at a state, (n_p,).
+
+        Args:
+            state: (n,).
+        """
+        p = self.setup.mechanism.parameters.symbols
+        for block in self.blocks:
+            p = block.parameters(self.own(block, state), p)
+        return p
+
+    def torques(self, state: Any) -> Any:
+        """Return the external torque on each joint, (n_joints,) [N m].
+
+        Args:
+            state: (n,).
+        """
+        return ca.vertcat(
+            *(
+                sum((block.torque(j, self.own(block, state)) for block in self.blocks), ca.SX(0))
+                for j in range(self.setup.n_joints)
+            )
+        )
+
+    def place(self, drive: int, reading: Any, state: Any) -> Any:
+        """Return the place of a drive [m, rad]: its reading less what its sensor errs by, or the state that stands for it.
+
+        Args:
+            drive: its index.
+            reading: what its sensor reads, if it has one.
+            state: (n,).
+        """
+        for block in self.blocks:
+            place = block.place(drive, self.own(block, state))
+            if place is not None:
+                return place
+        return reading - sum((b.place_error(drive, reading, self.own(b, state)) for b in self.blocks), ca.SX(0))
+
+    def friction(self, drive: int, state: Any) -> Any:
+        """Return what is added to the friction limit of a drive [N, N m].
+
+        Args:
+            drive: its index.
+            state: (n,).
+        """
+        return sum((block.friction(drive, self.own(block, state)) for block in self.blocks), ca.SX(0))
+
+    def force(self, drive: int, state: Any) -> Any:
+        """Return what is added to the force that is expected at a drive [N, N m].
+
+        Args:
+            drive: its index.
+            state: (n,).
+        """
+        return sum((block.force(drive, self.own(block, state)) for block in self.blocks), ca.SX(0))
+
+    def sensor_error(self, sensor: Sensor, state: Any) -> Any:
+        """Return what is added to the reading of a sensor of force, tension or angle.
+
+        Args:
+            sensor: which.
+            state: (n,).
+        """
+        return sum((block.sensor_error(sensor, self.own(block, state)) for block in self.blocks), ca.SX(0))
+
+    def transmitted(self, drive: int) -> tuple[int, Transmitted] | None:
+        """Return index and block of what a drive's play passes on, None where it has no play.
+
+        Args:
+            drive: its index.
+        """
+        for block in self.blocks:
+            if isinstance(block, Transmitted) and block.drive == drive:
+                return self.indices(block)[0], block
+        return None

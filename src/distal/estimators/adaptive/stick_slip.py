@@ -1,0 +1,195 @@
+"""What friction makes of a force, by how its drive moves: against its motion, or anything up to its limit while it sticks.
+
+Equations (18) to (21). A drive that moves has friction against its motion. One that sticks has any friction up to its limit:
+where the rig declares friction, its mean residual is compared with the limits and only what is beyond them counts (a clipped
+residual); where friction is unknown, it keeps the sign that it had, and a sample counts little.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from distal.estimators.adaptive.drive_tracking import MOTION_TIME, Drive
+from distal.estimators.adaptive.setup import Setup
+
+MOTION_SPAN = MOTION_TIME / 2.5
+"""Time over which a drive's motion is compared with its sensor's noise [s]: one sample at 100 Hz."""
+
+SLOW_DECLARED, SLOW_UNKNOWN = 0.6, 0.8
+"""A drive that moves by this many standard deviations of its sensor within `MOTION_SPAN` sticks half: with friction declared, and not."""
+
+CLEAR_STICK = 0.15
+"""A drive that sticks by less than this clearly moves."""
+
+TURNING, CLEAR_DIRECTION = 0.5, 0.9
+"""Its direction, −1 to 1, is remembered beyond the first of these, and is clear beyond the second."""
+
+SHARP_BEND = 10.0
+"""A bend of this many standard deviations of its sensor between two samples halves the direction."""
+
+TURNING_DECLARED = 3.0
+"""Where friction is declared, it is unsure for so many times as many samples while its drive turns back."""
+
+MEAN_TIME = 0.1
+"""Time constant of the mean residual of a force whose drive sticks [s]."""
+
+STICK_STD = 0.42
+"""Standard deviation of a tension within its friction's limits, as a share of the limit: between a uniform one's 0.58 and none."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How a force is compared. With slopes h of the residual, l of the limit and a of its asymmetry, the slope of what is
+    expected is −h + β l + γ a.
+
+    Args:
+        innovation: measured minus expected.
+        variance: of the innovation without the state's.
+        memory: what is remembered of the drive: its mean residual where the rig declares friction, else its last clear
+            direction times the samples since then.
+        by_limit: β.
+        by_asymmetry: γ.
+        counts: 1 where its innovation belongs to a likelihood: a guess at the friction of a drive that hardly moves does
+            not, since its variance is part of the guess.
+    """
+
+    innovation: Any
+    variance: Any
+    memory: Any
+    by_limit: Any = 0
+    by_asymmetry: Any = 0
+    counts: Any = 1
+
+
+@dataclass(frozen=True)
+class Residual:
+    """A force before friction is taken into account, all scalars.
+
+    Args:
+        value: measured minus expected, without friction.
+        limit: friction limit, the mean of both directions.
+        asymmetry: by how much it is larger against motion to +, and smaller against motion to −.
+        variance: of the sensor and of the drive's place.
+        limit_variance: of the limit by the state's, l P lᵀ.
+        value_variance: of the residual by the state's, h P hᵀ.
+        memory: what is remembered of the drive's force.
+        mask: 1 where the force counts.
+    """
+
+    value: Any
+    limit: Any
+    asymmetry: Any
+    variance: Any
+    limit_variance: Any
+    value_variance: Any
+    memory: Any
+    mask: Any
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How a drive moves.
+
+    Args:
+        stuck: 0 where it clearly moves to 1 where it does not, (18).
+        direction: −1 to 1, (19).
+        clear: 1 where it clearly moves in one direction.
+    """
+
+    stuck: Any
+    direction: Any
+    clear: Any
+
+
+def motion_of(drive: Drive, noise: Any, dt: Any, slow: float) -> Motion:
+    """Return how a drive moves: mean motion over `MOTION_SPAN` against what its sensor's noise alone would show.
+
+    Args:
+        drive: its tracks.
+        noise: variance of its position sensor.
+        dt: length of the interval [s].
+        slow: `SLOW_DECLARED` or `SLOW_UNKNOWN`.
+    """
+    mean, square = MOTION_SPAN * drive.speed, MOTION_SPAN**2 * drive.square
+    still = slow**2 * noise
+    alone = 2 * noise * (MOTION_SPAN / ca.fmax(dt, 1e-6)) ** 2
+    moving = ca.fmax(ca.fmax(square - alone, 0), mean**2)
+    stuck = still / (moving + still)
+    direction = mean / ca.sqrt(moving + still) / (1 + drive.bend**2 / (SHARP_BEND**2 * noise))
+    return Motion(stuck, direction, ca.logic_and(stuck < CLEAR_STICK, ca.fabs(direction) > CLEAR_DIRECTION))
+
+
+def compared(setup: Setup, index: int, drive: Drive, residual: Residual, dt: Any) -> Comparison:
+    """Return how a drive's force is compared.
+
+    Args:
+        setup: the rig.
+        index: of the drive.
+        drive: its tracks.
+        residual: of its force.
+        dt: length of the interval [s].
+    """
+    sensor = setup.position_sensor(index)
+    if sensor is None:
+        # nobody knows how it moves: any friction up to its limit
+        return Comparison(residual.value, residual.variance + residual.limit**2, residual.memory)
+    noise = setup.noise(sensor)
+    if setup.declares_friction(index):
+        return _declared(setup, motion_of(drive, noise, dt, SLOW_DECLARED), residual, dt)
+    return _unknown(setup, motion_of(drive, noise, dt, SLOW_UNKNOWN), residual)
+
+
+def _slipping(residual: Residual, direction: Any, doubt: Any) -> tuple[Any, Any]:
+    """Return innovation and variance with friction against a motion, its limit in doubt: (20)."""
+    value = residual.value - direction * residual.limit - ca.fabs(direction) * residual.asymmetry
+    return value, residual.variance + doubt * (residual.limit**2 + residual.limit_variance)
+
+
+def _unknown(setup: Setup, motion: Motion, residual: Residual) -> Comparison:
+    """Return how a force is compared whose friction the rig does not declare."""
+    robustness = setup.robustness
+    # the last clear direction, times the samples since: friction of a drive that stops stays as it was
+    turned = ca.logic_and(motion.stuck < CLEAR_STICK, ca.fabs(motion.direction) > TURNING)
+    since = residual.memory + ca.sign(residual.memory)
+    memory = ca.if_else(
+        residual.mask > 0, ca.if_else(turned, ca.sign(motion.direction), since), residual.memory
+    )
+    direction = ca.if_else(motion.stuck < CLEAR_STICK, motion.direction, ca.sign(memory))
+    # while it sticks its friction stays the same: a long stick tells little more than a short one
+    sticking: Any = 0
+    if robustness.sticking_samples > 0.0:
+        sticking = ca.fmax(robustness.sticking_samples, memory * memory / robustness.sticking_samples)
+    turning = (1 - motion.stuck) * (1 - direction**2) * robustness.turning_samples
+    innovation, variance = _slipping(residual, direction, motion.stuck * sticking + turning)
+    return Comparison(innovation, variance, memory, direction, ca.fabs(direction))
+
+
+def _declared(setup: Setup, motion: Motion, residual: Residual, dt: Any) -> Comparison:
+    """Return how a force is compared whose friction the rig declares: a clipped residual while its drive sticks, (21)."""
+    robustness, stuck, direction = setup.robustness, motion.stuck, motion.direction
+    turning = (1 - stuck) * (1 - direction**2) * TURNING_DECLARED * robustness.turning_samples
+    doubt, counts = stuck * robustness.sticking_samples + turning, ca.SX(1)
+    if robustness.moving_only:
+        # a fit goes by the drives that clearly move: there friction is what it is
+        doubt, counts = ca.if_else(motion.clear, 0, doubt), motion.clear
+    innovation, variance = _slipping(residual, direction, doubt)
+    fade = ca.exp(-dt / MEAN_TIME)
+    mean = ca.if_else(residual.mask > 0, fade * residual.memory + (1 - fade) * residual.value, residual.memory)
+    sign = ca.sign(mean)
+    allowed = residual.limit + sign * residual.asymmetry
+    beyond = ca.fabs(mean) > allowed
+    # inside the limits nothing moves the mean, but the tension is no less certain than the limits themselves
+    bound = (STICK_STD * residual.limit) ** 2 + residual.variance + residual.limit_variance
+    within = 1 / ca.fmax(1 / bound - 1 / ca.fmax(residual.value_variance, 1e-12), 1e-9)
+    sticks = stuck > 0.5
+    return Comparison(
+        ca.if_else(sticks, ca.if_else(beyond, mean - sign * allowed, 0), innovation),
+        ca.if_else(sticks, ca.if_else(beyond, residual.variance, within), variance),
+        mean,
+        ca.if_else(sticks, ca.if_else(beyond, sign, 0), direction),
+        ca.if_else(sticks, ca.if_else(beyond, 1, 0), ca.fabs(direction)),
+        counts,
+    )

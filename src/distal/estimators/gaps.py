@@ -1,0 +1,99 @@
+"""Gaps between samples: a long interval is bridged by several predictions, so that sub-steps stay short.
+
+A row of a kernel is x = (dt, values, mask). In a row without a sample of its own the mask is 0; of a displacement that
+crosses the gap in a straight line to the reading that ends it, it is −k, k rows before that reading.
+"""
+
+from __future__ import annotations
+
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import EstimationError
+
+Floats = NDArray[np.float64]
+
+MOST_BRIDGES = 100_000
+"""So many predictions may bridge one gap."""
+
+SPLIT = 1.25
+"""An interval longer than this times the nominal one is bridged by several predictions."""
+
+ROUNDING = 1e-9
+"""Share of an interval by which a stamp may be off without another prediction."""
+
+
+def predictions(dt: float, interval: float) -> int:
+    """Return how many predictions an interval needs.
+
+    Args:
+        dt: its length [s].
+        interval: nominal time between samples [s].
+    """
+    return max(1, ceil(dt / (SPLIT * interval) - ROUNDING))
+
+
+def fill(
+    values: Floats, mask: Floats, sample: Floats, there: NDArray[np.bool_], left: int = 0, bridged: int = 0
+) -> None:
+    """Write values and mask of one row.
+
+    Args:
+        values: to write, (n_channels,).
+        mask: to write, (n_channels,).
+        sample: the sample that ends the interval, 0 where a value is missing.
+        there: where it has a value.
+        left: rows that follow in the same interval; 0 for the sample's own.
+        bridged: number of channels, the first ones, that cross a gap in a straight line.
+    """
+    if left == 0:
+        values[:] = sample
+        mask[:] = there
+        return
+    values[:] = 0.0
+    mask[:] = 0.0
+    values[:bridged] = sample[:bridged]
+    np.multiply(there[:bridged], -float(left + 1), out=mask[:bridged])
+
+
+def rows_of(
+    name: str, steps: Floats, samples: Floats, interval: float, bridged: int
+) -> tuple[Floats, NDArray[np.intp]]:
+    """Return a kernel's rows (dt, values, mask) for a log, and the index of each sample's own row.
+
+    Args:
+        name: of the estimator, for messages.
+        steps: intervals before the samples [s], (k,).
+        samples: NaN where missing, (k, n_channels).
+        interval: nominal time between samples [s].
+        bridged: number of channels, the first ones, that cross a gap in a straight line.
+
+    Raises:
+        EstimationError: too many predictions would be needed.
+    """
+    width, there = samples.shape[1], np.isfinite(samples)
+    known = np.where(there, samples, 0.0)
+    parts = np.maximum(1.0, np.ceil(steps / (SPLIT * interval) - ROUNDING))
+    if parts.max(initial=1.0) > MOST_BRIDGES:
+        raise EstimationError(
+            f"{name}: a gap of {steps.max():g} s is too long to bridge "
+            f"(at most {MOST_BRIDGES * SPLIT * interval:g} s); split the log there"
+        )
+    if parts.sum() > 4 * MOST_BRIDGES + 4 * len(steps):
+        raise EstimationError(
+            f"{name}: the stamps are {np.median(steps):g} s apart, the rig's sensors give a value every "
+            f"{interval:g} s: {parts.sum():.3g} predictions would be needed; set the sensors' rate to the log's"
+        )
+    counts = parts.astype(np.int64)
+    last = np.cumsum(counts) - 1
+    rows = np.zeros((int(counts.sum()), 1 + 2 * width))
+    rows[:, 0] = np.repeat(steps / parts, counts)
+    values, masks = rows[:, 1 : 1 + width], rows[:, 1 + width :]
+    values[last], masks[last] = known, there
+    for i in np.flatnonzero(counts > 1):
+        for left in range(1, int(counts[i])):
+            row = last[i] - left
+            fill(values[row], masks[row], known[i], there[i], left, bridged)
+    return rows, last

@@ -1,0 +1,43 @@
+"""Names of the joints' angles wherever one is written: states, columns, truth, C, JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+def angle_names(joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the joints' angles: ``theta`` for one joint, else ``theta_JOINT``.
+
+    A standard deviation has ``_std`` behind it (`std_name`), a speed ``_dot`` (`speed_names`).
+
+    Args:
+        joints: names of the joints, in their order.
+    """
+    return ("theta",) if len(joints) == 1 else tuple(f"theta_{joint}" for joint in joints)
+
+
+def speed_names(joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the joints' speeds: ``theta_dot``, or ``theta_JOINT_dot``.
+
+    Args:
+        joints: names of the joints, in their order.
+    """
+    return tuple(f"{name}_dot" for name in angle_names(joints))
+
+
+def std_name(name: str) -> str:
+    """Return the name of the standard deviation of what is called `name`.
+
+    Args:
+        name: of a state.
+    """
+    return f"{name}_std"
+
+
+def tendon_angle_name(tendon: str) -> str:
+    """Return the name of the angle that one tendon alone gives, of the kinematic estimators: ``tendon_angle_TENDON``.
+
+    Args:
+        tendon: its name.
+    """
+    return f"tendon_angle_{tendon}"

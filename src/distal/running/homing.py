@@ -1,0 +1,113 @@
+"""A reference of joints' angles: a sensor that is read while it is there (homing, fitting), or a truth column."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import EstimationError
+from distal.logs import FROM_SENSOR, Log, true_angles
+from distal.rig import Rig, Sensor, angle_names, build_rig
+
+Floats = NDArray[np.float64]
+
+TRUTH_NOISE = np.deg2rad(0.1)
+"""Standard deviation of a truth that is no sensor of the rig [rad]."""
+
+
+
+def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
+    """Return a rig in which the log's truth is a sensor of each joint whose angle is known, and these sensors.
+
+    They are the rig's own where the truth comes from them; else ones called ``reference`` are added, with `TRUTH_NOISE`.
+
+    Args:
+        rig: the description.
+        log: with a truth.
+
+    Raises:
+        EstimationError: the log has no truth.
+    """
+    joints = [joint.name for joint in rig.joints]
+    known = [joint for joint, name in zip(joints, angle_names(joints)) if name in log.truth]
+    if not known:
+        raise EstimationError(
+            f"{log.source}: homing needs the joint's angle for a while; give --truth, or log the column of the rig's "
+            "angle sensor"
+        )
+    rate = 1.0 / float(np.median(np.diff(log.time))) if len(log) > 1 else 100.0
+    names = []
+    for joint in known:
+        own = [sensor for sensor in rig.sensors_of("angle") if sensor.of == joint]
+        if own and log.truth_source.endswith(FROM_SENSOR):
+            if own[0].noise == 0.0 and own[0].resolution == 0.0:
+                path = f"sensors.{[each.name for each in rig.sensors].index(own[0].name)}.noise"
+                rig = rig.with_values({path: TRUTH_NOISE})
+            names.append(own[0].name)
+        else:
+            rig, added = added_reference(rig, rate, joint)
+            names.append(added.name)
+    return rig, tuple(sensor for name in names for sensor in rig.sensors if sensor.name == name)
+
+
+def added_reference(rig: Rig, rate: float, joint: str | None = None) -> tuple[Rig, Sensor]:
+    """Return the rig with one more sensor of a joint's angle, and that sensor.
+
+    Args:
+        rig: the description.
+        rate: of the sensor [Hz].
+        joint: name of the joint; default the first.
+    """
+    joint = rig.joints[0].name if joint is None else joint
+    own, names = [s for s in rig.sensors_of("angle") if s.of == joint], {sensor.name for sensor in rig.sensors}
+    stem = "reference" if len(rig.joints) == 1 else f"reference_{joint}"
+    name = next(n for n in (stem, f"{stem}_angle", f"{stem}_angle_2") if n not in names)
+    raw = rig.model_dump()
+    added = {"name": name, "measures": "angle", "of": joint, "noise": TRUTH_NOISE}
+    if own:
+        added["bias"] = own[0].bias.model_dump()  # how far the model's angle and the joint's may be apart
+    raw["sensors"] = [*raw["sensors"], {**added, "rate": float(np.clip(rate, 1e-3, 1e6))}]
+    described = build_rig(raw, rig.name)
+    return described, described.sensors[-1]
+
+
+def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:
+    """Refuse a time of homing that leaves nothing to home by, or nothing to estimate; return the true angles.
+
+    Args:
+        homing: [s].
+        log: that it is for.
+        joints: names of the joints.
+
+    Raises:
+        EstimationError: see above.
+    """
+    span = float(log.time[-1] - log.time[0])
+    if not np.isfinite(homing) or not 0.0 < homing < span:
+        raise EstimationError(
+            f"homing must be longer than 0 s and shorter than the log ({span:g} s), {homing:g} s came"
+        )
+    known = true_angles(log, joints)
+    if known is None:
+        raise EstimationError(f"{log.source}: homing needs the joint's angle for a while, and this log has none")
+    if not np.isfinite(known[log.time - log.time[0] < homing]).any():
+        raise EstimationError(f"{log.source}: the reference has no value in the first {homing:g} s; homing needs one")
+    return known
+
+
+def homed(angles: Floats, known: Floats, early: NDArray[np.bool_]) -> Floats:
+    """Return angles shifted so that their mean errors over the first moments are zero: homing without a filter.
+
+    Args:
+        angles: [rad], (k, n_joints).
+        known: the reference's angles, NaN where it has none, (k, n_joints).
+        early: when it is used, (k,).
+    """
+    shifted = angles.copy()
+    for j in range(angles.shape[1]):
+        there = early & np.isfinite(known[:, j])
+        if there.any():
+            shifted[:, j] -= np.mean(angles[there, j] - known[there, j])
+    return shifted

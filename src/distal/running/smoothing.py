@@ -1,0 +1,71 @@
+"""A fixed-interval smoother: each estimate uses the whole log, not only what came before. Offline only."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import EstimationError
+from distal.estimators import AdaptiveFilter
+from distal.logs import Log, frozen, true_angles
+from distal.results import Estimate
+from distal.rig import Rig
+from distal.running.offline import first_values, out_of_bounds, samples_of
+
+Floats = NDArray[np.float64]
+
+
+def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
+    """Return the estimate of `adaptive` smoothed backwards over the log (Rauch, Tung and Striebel, AIAA Journal 3, 1965).
+
+    C_k = P_k Φᵀ (P⁻_{k+1})⁻¹, x^s_k = x_k + C_k (x^s_{k+1} − x⁻_{k+1}), and, as a sum of what cannot be negative,
+    P^s_k = (I − C_k Φ) P_k (I − C_k Φ)ᵀ + C_k (P^s_{k+1} + Q) C_kᵀ with Q = P⁻_{k+1} − Φ P_k Φᵀ. Φ is the whole transition of the
+    filter's own predictions: joints, what fades, plays, bridges of gaps.
+
+    Args:
+        log: sensors over time.
+        rig: the description.
+        compiled: compile the kernel where possible.
+
+    Raises:
+        EstimationError: the log lacks a sensor, or the sensors do not suffice.
+    """
+    runner = AdaptiveFilter(rig, compiled, trace=True, name="adaptive, smoothed")
+    samples = samples_of(log, runner.channels, runner.name)
+    belief = runner.initial(log.time[0], first_values(samples))
+    rows, last = runner.checked_rows(belief, log.time, samples)
+    carries, ys = runner.kernel.scan(belief.carry, rows, runner.numbers)
+    n, m, joints = belief.size, len(runner.measured), tuple(joint.name for joint in rig.joints)
+    if len(out_of_bounds(carries[:, :n], carries[:, n : n + n * n : n + 1], len(joints))):
+        raise EstimationError(f"{log.source}: the filter left all bounds; check the units of the log and the rig")
+    means, covariances = carries[:, :n].copy(), carries[:, n : n + n * n].reshape(-1, n, n).copy()
+    predicted, rest = ys[:, 2 * m : 2 * m + n], ys[:, 2 * m + n :].reshape(-1, 2, n, n)
+    # columns lie one after the other: a covariance is symmetric, a transition is turned round
+    uncertain, transitions = rest[:, 0], np.swapaxes(rest[:, 1], 1, 2)
+    # each state in its own prior std, so that the inverse is well scaled
+    scale = np.maximum(runner.states.stds, 1e-12)
+    for k in range(len(rows) - 2, -1, -1):
+        transition, before = transitions[k + 1], covariances[k]
+        ahead = uncertain[k + 1] / np.outer(scale, scale)
+        cross = (before @ transition.T) / scale
+        gain = np.linalg.lstsq(ahead, cross.T, rcond=1e-12)[0].T / scale
+        means[k] += gain @ (means[k + 1] - predicted[k + 1])
+        process = uncertain[k + 1] - transition @ before @ transition.T
+        left = np.eye(n) - gain @ transition
+        smoothed = left @ before @ left.T + gain @ (covariances[k + 1] + process) @ gain.T
+        covariances[k] = (smoothed + smoothed.T) / 2
+    values, variances = runner.innovations_of(ys[last], samples)
+    return Estimate(
+        runner.name,
+        rig.name,
+        log.time,
+        runner.state_names,
+        frozen(means[last]),
+        frozen(np.einsum("kii->ki", covariances[last])),
+        runner.measured,
+        frozen(values),
+        frozen(variances),
+        true_angles(log, joints),
+        frozen(covariances[last]),
+        joints,
+    )
