@@ -18,8 +18,6 @@ KNOWN = {
     frozenset(f"distal.kernels.{name}" for name in ("emitter", "lifetimes", "matrices", "products")),
     # a fit and its file
     frozenset({"distal.identification.result", "distal.identification.fitted_file"}),
-    # a rig and its files
-    frozenset({"distal.rig.rig", "distal.rig.files"}),
 }
 
 Graph = dict[str, set[str]]
