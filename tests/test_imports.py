@@ -16,8 +16,6 @@ KNOWN = {
     frozenset({"distal.estimators.result", "distal.estimators.traces"}),
     # the emitter, one class spread over files that inherit from each other
     frozenset(f"distal.kernels.{name}" for name in ("emitter", "lifetimes", "matrices", "products")),
-    # a fit and its file
-    frozenset({"distal.identification.result", "distal.identification.fitted_file"}),
 }
 
 Graph = dict[str, set[str]]

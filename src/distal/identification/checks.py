@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, FitError
 from distal.estimators import estimate
+from distal.identification.fitted import Fitted
 from distal.identification.likelihood import Likelihood
-from distal.identification.result import Fitted
 from distal.logs import Log
 from distal.rig import Capstan, Rig, Sensor
 from distal.sensors import variance

@@ -14,10 +14,10 @@ from distal.errors import FitError
 from distal.estimators import added_reference, check_homing, with_reference
 from distal.identification.checks import check_logs, check_outcome, warn_of
 from distal.identification.curves import curves as curves_of
-from distal.identification.fitted_file import assignments
+from distal.identification.fitted import Fitted, assignments
 from distal.identification.free import Free
 from distal.identification.likelihood import Likelihood
-from distal.identification.result import Fit, Fitted
+from distal.identification.result import Fit
 from distal.identification.search import Found, search
 from distal.identification.selection import choose
 from distal.identification.uncertainty import Uncertainty, uncertainty
