@@ -9,7 +9,6 @@ from distal.rig.drives import (
     SliderHysteresis,
     SliderStribeck,
     effort_unit,
-    inertia_of,
     position_unit,
 )
 from distal.rig.files import (
@@ -62,7 +61,6 @@ __all__ = [
     "build_rig",
     "edited_text",
     "effort_unit",
-    "inertia_of",
     "load_rig",
     "log_factor",
     "number",
