@@ -15,9 +15,6 @@ from distal.model.friction import free_response, soft
 from distal.model.mechanism import Mechanism
 from distal.model.stops import Stop, kick_at_stops, restitution, velocity_in_stops
 
-RESPONSE = ("a", "b", "rebound", "implicitness")
-"""Columns of the response matrix of `responses`."""
-
 RESOLUTION = 0.6
 """Largest product of sub-step and stiffest frequency; see docs/numerics.md for the table behind it."""
 
