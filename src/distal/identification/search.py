@@ -27,7 +27,6 @@ class Found:
     Args:
         z: coordinates, (n,).
         cost: −ln p there, less constants.
-        start_cost: where it began.
         iterations: accepted and refused steps.
         converged: whether it ended by itself.
         interrupted: whether the user stopped it.
@@ -35,7 +34,6 @@ class Found:
 
     z: Floats
     cost: float
-    start_cost: float
     iterations: int
     converged: bool
     interrupted: bool = False
@@ -57,10 +55,10 @@ def search(likelihood: Likelihood, start: Floats, progress: Progress | None = No
         progress: called with the iteration and the cost after each step.
     """
     bounds = np.array([part.bounds for part, _ in likelihood.parts()]).reshape(-1, 2)
-    best = Found(np.clip(start, bounds[:, 0], bounds[:, 1]), np.inf, np.inf, 0, False)
+    best = Found(np.clip(start, bounds[:, 0], bounds[:, 1]), np.inf, 0, False)
     try:
         here = likelihood.derivatives(best.z)
-        best = replace(best, cost=here.cost, start_cost=here.cost)
+        best = replace(best, cost=here.cost)
         damping = 1e-2
         for iteration in range(1, MOST_ITERATIONS + 1):
             step, promised = _step(here, best.z, bounds, damping)
