@@ -96,7 +96,7 @@ class Likelihood:
         samples = np.column_stack([proximal, truth])
         positions = [sensor for sensor in self.rig.sensors if sensor.name in runner.channels[: runner.places]]
         noise = np.sqrt([variance(sensor) for sensor in positions])
-        steps = steps_per_sample(log.time, samples[:, : runner.places], noise)
+        steps = steps_per_sample(samples[:, : runner.places], noise)
         times, fine, own = refined(log.time, samples, runner.places, steps)
         rows, last = runner.rows(np.diff(times, prepend=times[0]), fine)
         last = last[own]

@@ -75,7 +75,7 @@ def _uncertain(rig: Rig, reference: Sensor, per_log: Sequence[str]) -> list[Free
         if not own.intersection(paths):
             numbers = [number(rig, path) for path in paths]
             name = paths[0] if len(paths) == 1 else f"{paths[0].split('.')[0]}.*.{paths[0].split('.', 2)[2]}"
-            free.append(_free(rig, name, numbers, False))
+            free.append(_free(name, numbers, False))
     taken = {path for part in free for path in part.paths} | own
     alike: dict[tuple[str, float, float], list[str]] = {}
     for path in _held(rig):
@@ -87,7 +87,7 @@ def _uncertain(rig: Rig, reference: Sensor, per_log: Sequence[str]) -> list[Free
             alike.setdefault(key, []).append(path)
     for (name, _, _), paths in alike.items():
         numbers = [number(rig, path) for path in paths]
-        free.append(_free(rig, paths[0] if len(paths) == 1 else name, numbers, False))
+        free.append(_free(paths[0] if len(paths) == 1 else name, numbers, False))
     return free
 
 
@@ -121,10 +121,10 @@ def _asked(rig: Rig, wanted: str, per_log: bool) -> Free:
         numbers = [number(rig, path) for path in _paths(rig, wanted)]
     except RigError as problem:
         raise FitError(f"--free {problem}") from None
-    return _free(rig, wanted, numbers, per_log)
+    return _free(wanted, numbers, per_log)
 
 
-def _free(rig: Rig, name: str, numbers: Sequence[Number], per_log: bool) -> Free:
+def _free(name: str, numbers: Sequence[Number], per_log: bool) -> Free:
     first = numbers[0]
     if not first.is_parameter:
         return _noise(name, numbers)
