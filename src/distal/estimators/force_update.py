@@ -90,7 +90,7 @@ def force_rows(augmented: AugmentedState, state: Any, motions: Any, speeds: Any,
     outputs = [
         tensions,
         pulls,
-        *(ca.vertcat(*(getattr(limit, part) for limit in friction)) for part in ("mean", "lean")),
+        *(ca.vertcat(*(getattr(limit, part) for limit in friction)) for part in ("mean", "asymmetry")),
     ]
     outputs += [ca.jacobian(tensions, symbols[0]), ca.jacobian(pulls, symbols[0])]
     values = ca.Function("pulls", symbols, outputs)(q, v, augmented.model_parameters(state))
