@@ -67,7 +67,9 @@ def test_what_the_logs_cannot_tell_stays_at_its_prior(rig: Rig, tmp_path: Path) 
         logs_of(described, {**plant, "joints.0.damping": 1e-5}, 5, ("ramps",), 5.0), described, FREE, noise=False
     )
     part = found["joints.0.damping"]
-    assert not part.told
+    assert not part.identified
+    with pytest.raises(AttributeError, match="is called Fitted.identified now"):
+        _ = part.told
     assert part.value == 1e-5
     assert found.rig.joints[0].damping.value == 1e-5
     found.save(tmp_path / "fitted.toml")

@@ -27,7 +27,7 @@ class Fitted:
         prior_std: of the prior; NaN where there was none.
         value: found.
         error: standard error of it.
-        told: whether the logs told it; else it stays at its prior.
+        identified: whether the logs identify it; else it stays at its prior.
         noise: whether it is a noise.
         values: of all `paths`.
         per_log: value by log, where each log has its own.
@@ -41,16 +41,21 @@ class Fitted:
     prior_std: float
     value: float
     error: float
-    told: bool
+    identified: bool
     noise: bool
     values: tuple[float, ...]
     per_log: Mapping[str, float] = field(default_factory=dict)
     kept: bool = False
 
     @property
+    def told(self) -> bool:
+        """Answer the name that `identified` had in release 0.1."""
+        raise AttributeError("Fitted.told is called Fitted.identified now: whether the logs identify the number")
+
+    @property
     def origin(self) -> str:
         """Where the value comes from, in a word or two."""
-        if not self.told:
+        if not self.identified:
             return "prior (these logs cannot tell)"
         if self.kept and self.value < self.start:
             return "fitted; the file keeps the start"
@@ -58,7 +63,7 @@ class Fitted:
 
 
 def assignments(fitted: Sequence[Fitted], start: Rig) -> dict[str, Any]:
-    """Return path → value, with its std where it had one, of what the logs told.
+    """Return path → value, with its std where it had one, of what the logs identify.
 
     Args:
         fitted: every free number.
@@ -66,7 +71,7 @@ def assignments(fitted: Sequence[Fitted], start: Rig) -> dict[str, Any]:
     """
     changed: dict[str, Any] = {}
     for part in fitted:
-        if not part.told:
+        if not part.identified:
             continue
         for path, value in zip(part.paths, part.values):
             before = number(start, path)
