@@ -83,8 +83,8 @@ def estimate_many(
         failed[Path(source)] = str(problem)
 
     rows: list[tuple[Path, str, str, str, str, str]] = []
-    with _few_warnings(), _progress("estimating", len(logs)) as told:
-        results = estimate_batch(logs, rig, estimator, truth, homing, progress=told, skip=skip)
+    with _few_warnings(), _progress("estimating", len(logs)) as advance:
+        results = estimate_batch(logs, rig, estimator, truth, homing, progress=advance, skip=skip)
         for result in results:
             path = next(p for p in logs if p not in failed and p not in {row[0] for row in rows})
             if out is not None:
@@ -148,7 +148,7 @@ def simulate_many(rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path,
         seed: of the first run.
         runs: how many.
         out: the folder.
-        settings: what `distal estimate` must be told, as options.
+        settings: options that `distal estimate` needs.
     """
     from distal.logs import write_log
     from distal.simulation import simulate_batch
@@ -160,9 +160,9 @@ def simulate_many(rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path,
     except OSError as problem:
         raise OutputError(f"{out}: cannot be made ({problem.strerror})") from None
     seeds = range(seed, seed + runs)
-    with _progress("simulating", runs) as told:
+    with _progress("simulating", runs) as advance:
         jobs = ((scenario, number) for number in seeds)
-        for number, log in zip(seeds, simulate_batch(rig, jobs, progress=told)):
+        for number, log in zip(seeds, simulate_batch(rig, jobs, progress=advance)):
             write_log(log, rig, out / f"run_{number:0{len(str(seeds[-1]))}d}.csv")
     say(f"{rig.name}: {runs} runs of {scenario.duration:g} s, seeds {seeds[0]} to {seeds[-1]}")
     say(f"wrote {runs} logs to {out}")

@@ -125,8 +125,10 @@ def cross_validate(
     groups = groups_of([log.source for log in read], pattern)
     held, fits = [], []
     for group in dict.fromkeys(groups):
-        told = None if progress is None else _named(progress, group)
-        fitted = fit([log for log, g in zip(read, groups) if g != group], rig, homing=homing, progress=told, **options)
+        report = None if progress is None else _named(progress, group)
+        fitted = fit(
+            [log for log, g in zip(read, groups) if g != group], rig, homing=homing, progress=report, **options
+        )
         fits.append(fitted)
         for log in (log for log, g in zip(read, groups) if g == group):
             estimates = [estimate(log, each, homing=homing) for each in (rig, fitted.rig)]

@@ -234,8 +234,8 @@ def _kept(part: Free) -> Fitted:
 
 def _nis(likelihood: Likelihood, z: Floats) -> tuple[float, ...]:
     """Return the mean of ν²/S per channel over all logs."""
-    told = likelihood.each(z, likelihood.run)
-    ratios = np.vstack([values**2 / variances for values, variances in told])
+    innovations = likelihood.each(z, likelihood.run)
+    ratios = np.vstack([values**2 / variances for values, variances in innovations])
     means = [float(np.nanmean(column)) if np.isfinite(column).any() else float("nan") for column in ratios.T]
     return tuple(means)
 

@@ -210,10 +210,10 @@ class Likelihood:
             z: all coordinates, (size,).
         """
         self.evaluations += 1 + 2 * len(self.free)
-        told = self.each(z, self._log_derivatives)
+        of_logs = self.each(z, self._log_derivatives)
         n = self.size
         cost, gradient, information, meat, spans = 0.0, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0
-        for j, part in enumerate(told):
+        for j, part in enumerate(of_logs):
             places = self.columns(j)
             cost += part.cost
             gradient[places] += part.gradient

@@ -186,8 +186,8 @@ def _noises(rig: Rig, reference: Sensor, homing: bool) -> list[Free]:
         place = rig.sensors[indices[0]].measures == "position"
         free.append(replace(_noise(name, [number(rig, path) for path in paths]), kept_by_file=place))
     if reference.noise > 0.0:
-        told = _noise(f"sensors.{at}.noise", [number(rig, f"sensors.{at}.noise")], prior=False)
-        free.append(replace(told, low=min(max(told.low, EXACT), told.start)))
+        own = _noise(f"sensors.{at}.noise", [number(rig, f"sensors.{at}.noise")], prior=False)
+        free.append(replace(own, low=min(max(own.low, EXACT), own.start)))
     paths = [f"drives.{i}.hysteresis.error" for i, d in enumerate(rig.drives) if d.hysteresis is not None]
     paths = [path for path in paths if number(rig, path).value > 0.0]
     if rig.joints[0].unmodelled > 0.0:
