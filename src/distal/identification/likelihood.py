@@ -50,7 +50,7 @@ class Likelihood:
     """Innovations ν and their variances S of logs at parameters z: −ln p = ½ Σ (ν²/S + ln 2πS) + prior.
 
     The prediction-error method (Ljung, System Identification, 1999, ch. 7; Åström, Automatica 16, 1980): hidden states,
-    missing samples and sensor noise are treated as in use, because it is the filter that is used. A wild innovation
+    missing samples and sensor noise are treated as in use, because it is the filter that is used. An outlier
     counts as in the filter: beyond ν² = 9 S its variance grows with it.
 
     Args:
@@ -243,14 +243,14 @@ class Likelihood:
         slopes[~np.isfinite(slopes)] = 0.0
         log_slopes[~np.isfinite(log_slopes)] = 0.0
         ratio = nu * nu / spread
-        wild = np.maximum(1.0, ratio / np.broadcast_to(tolerance(values), values.shape)[there])
-        # with S' = S · wild the terms beyond 9 S are ln ν²: no slope in S, a bounded one in ν
-        calm = wild <= 1.0
-        # score of each sample, calm: ν ν'/S + ½ (ln S)' (1 − ν²/S); wild: ν'/ν
-        pull = np.where(calm, nu / spread, 1.0 / np.where(nu == 0.0, 1.0, nu))
-        scores = slopes * pull + 0.5 * log_slopes * np.where(calm, 1.0 - ratio, 0.0)
-        root = slopes / np.sqrt(spread * wild)
-        spreads = np.sqrt(0.5) * log_slopes * calm
+        inflation = np.maximum(1.0, ratio / np.broadcast_to(tolerance(values), values.shape)[there])
+        # with S' = S · inflation the terms beyond 9 S are ln ν²: no slope in S, a bounded one in ν
+        inlier = inflation <= 1.0
+        # score of each sample, inlier: ν ν'/S + ½ (ln S)' (1 − ν²/S); outlier: ν'/ν
+        influence = np.where(inlier, nu / spread, 1.0 / np.where(nu == 0.0, 1.0, nu))
+        scores = slopes * influence + 0.5 * log_slopes * np.where(inlier, 1.0 - ratio, 0.0)
+        root = slopes / np.sqrt(spread * inflation)
+        spreads = np.sqrt(0.5) * log_slopes * inlier
         information = root @ root.T + spreads @ spreads.T
         times = np.broadcast_to(self.data[log].log.time[:, None], values.shape)[there]
         return LogDerivatives(
@@ -299,7 +299,7 @@ class Derivatives:
 
 
 def cost_of(values: Floats, variances: Floats) -> float:
-    """Return ½ Σ (ν²/S + ln S) over what was compared, with S grown for wild innovations.
+    """Return ½ Σ (ν²/S + ln S) over what was compared, with S grown for outliers.
 
     Args:
         values: innovations ν, NaN where nothing was compared.
@@ -310,12 +310,12 @@ def cost_of(values: Floats, variances: Floats) -> float:
     if not np.all(np.isfinite(spread)) or np.any(spread <= 0.0):
         return float("inf")
     ratio = nu * nu / spread
-    wild = np.maximum(1.0, ratio / np.broadcast_to(tolerance(values), values.shape)[there])
-    return 0.5 * float(np.sum(ratio / wild + np.log(spread * wild)))
+    inflation = np.maximum(1.0, ratio / np.broadcast_to(tolerance(values), values.shape)[there])
+    return 0.5 * float(np.sum(ratio / inflation + np.log(spread * inflation)))
 
 
 def tolerance(values: Floats) -> Floats:
-    """Return ν²/S beyond which an innovation is wild, (m,): never for the reference, which is the last channel.
+    """Return ν²/S beyond which an innovation is an outlier, (m,): never for the reference, which is the last channel.
 
     Args:
         values: innovations, (k, m).

@@ -57,21 +57,21 @@ class Uncertainty:
         return correlations
 
 
-def uncertainty_at(here: Derivatives, z: Floats, parts: Sequence[tuple[Free, int | None]]) -> Uncertainty:
+def uncertainty_at(derivatives: Derivatives, z: Floats, parts: Sequence[tuple[Free, int | None]]) -> Uncertainty:
     """Return standard errors and what stays unknown at the end of a fit.
 
     Args:
-        here: derivatives there.
+        derivatives: of −ln p there.
         z: coordinates, (n,).
         parts: the free parameter behind each coordinate.
     """
     n = len(z)
     # a very wide prior keeps what neither logs nor priors know from dividing by zero
-    hessian = here.information + here.prior + 1e-12 * np.eye(n)
+    hessian = derivatives.information + derivatives.prior + 1e-12 * np.eye(n)
     inverse = np.linalg.pinv(hessian, hermitian=True)
     # few spans of time tell too small a variance (MacKinnon and White, J. Econometrics 29, 1985)
-    few = here.spans / max(here.spans - n, 1)
-    sandwich = inverse @ (few * here.meat + here.prior) @ inverse
+    few = derivatives.spans / max(derivatives.spans - n, 1)
+    sandwich = inverse @ (few * derivatives.meat + derivatives.prior) @ inverse
     covariance = np.where(np.eye(n) > 0, np.maximum(np.diag(sandwich), np.diag(inverse)), 0.0)
     scale = np.sqrt(np.diag(covariance) / np.maximum(np.diag(inverse), 1e-300))
     covariance = inverse * np.outer(scale, scale)
@@ -87,11 +87,11 @@ def uncertainty_at(here: Derivatives, z: Floats, parts: Sequence[tuple[Free, int
             part.spread if part.has_prior else VAGUE * abs(part.value(coordinate)) / max(part.slope(coordinate), 1e-300)
         )
         identified.append(bool(error < (IDENTIFIED if part.has_prior else 1.0) * known))
-    return Uncertainty(covariance, tuple(identified), _combinations(here, z, parts))
+    return Uncertainty(covariance, tuple(identified), _combinations(derivatives, z, parts))
 
 
-def _combinations(here: Derivatives, z: Floats, parts: Sequence[tuple[Free, int | None]]) -> tuple[str, ...]:
-    """Return lines on directions that the logs tell less of than the priors, each over two parameters or more."""
+def _combinations(derivatives: Derivatives, z: Floats, parts: Sequence[tuple[Free, int | None]]) -> tuple[str, ...]:
+    """Return lines on directions that the logs say less of than the priors, each over two parameters or more."""
     own = [k for k, (part, _) in enumerate(parts) if not part.noise]
     if len(own) < 2:
         return ()
@@ -103,7 +103,7 @@ def _combinations(here: Derivatives, z: Floats, parts: Sequence[tuple[Free, int 
             for k in own
         ]
     )
-    relative = here.information[np.ix_(own, own)] * np.outer(yardstick, yardstick)
+    relative = derivatives.information[np.ix_(own, own)] * np.outer(yardstick, yardstick)
     amounts, directions = np.linalg.eigh((relative + relative.T) / 2)
     lines = []
     for amount, direction in zip(amounts, directions.T):
