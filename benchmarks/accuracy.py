@@ -34,7 +34,8 @@ from benchmarks.report import FOLDER, table
 from distal import ESTIMATORS, Log, Rig, estimate, load_rig, read_log
 from distal.analysis import lower_bound
 from distal.errors import DistalError
-from distal.estimators import BAND, SLOW, KernelEstimator, make_estimator
+from distal.estimators import SLOW, KernelEstimator, make_estimator
+from distal.results import BAND
 
 RIVALS = tuple(name for name in ESTIMATORS if name not in SLOW)
 
@@ -225,7 +226,7 @@ def recorded() -> None:
 
 def picture(scores: list[Score]) -> None:
     """Draw RMS error of each estimator on each plant, mid-range, and the share inside the band."""
-    from distal.estimators import COLOURS, figure, save_figure
+    from distal.results import COLOURS, figure, save_figure
 
     plants = [plant for plant in PLANTS if plant != "no linearity error"]
     with figure(1, 2, (7.2, 4.2), sharey=True, width_ratios=[1.3, 1]) as (made, axes):

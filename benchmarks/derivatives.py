@@ -10,18 +10,19 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from distal.estimators.displacement_driven import adaptive_function
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from benchmarks.fitting import FREE, drawn_plant, logs_of, start_rig
 from benchmarks.report import table
-from distal.estimators import AdaptiveFilter, added_reference
-from distal.estimators.displacement_driven import adaptive_function
+from distal.estimators import AdaptiveFilter
 from distal.identification import likelihood as criterion
 from distal.identification.likelihood import Likelihood
 from distal.identification.search import search
 from distal.identification.selection import choose
 from distal.kernels import Kernel
+from distal.running import added_reference
 
 Floats = NDArray[np.float64]
 ROWS = 2000

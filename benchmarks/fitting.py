@@ -80,10 +80,10 @@ def blind(seed: int) -> tuple[float, float, float]:
 def parameters(seeds: int, processes: int) -> None:
     """Print how well k, μ and b are found, and how honest their standard errors are."""
     with ProcessPoolExecutor(processes) as pool:
-        told = np.array(list(pool.map(with_truth, range(seeds))))
+        fitted = np.array(list(pool.map(with_truth, range(seeds))))
     rows = []
     for i, name in enumerate(("stiffness k", "friction coefficient μ", "damping b")):
-        value, error, true = told[:, i, :].T
+        value, error, true = fitted[:, i, :].T
         z = (value - true) / error
         rows.append(
             [
@@ -111,9 +111,9 @@ def parameters(seeds: int, processes: int) -> None:
 def next_log(seeds: int, processes: int) -> None:
     """Print the errors on new logs after a fit without truth."""
     with ProcessPoolExecutor(processes) as pool:
-        told = np.array(list(pool.map(blind, range(seeds))))
-    pooled = np.sqrt(np.mean(told**2, axis=0))
-    ratio = told[:, 1] / told[:, 2]
+        fitted = np.array(list(pool.map(blind, range(seeds))))
+    pooled = np.sqrt(np.mean(fitted**2, axis=0))
+    ratio = fitted[:, 1] / fitted[:, 2]
     row = [*(f"{value:.3f}" for value in pooled), f"{pooled[1] / pooled[2]:.2f}", f"{ratio.max():.2f}"]
     columns = ["rig as it came [°]", "fitted [°]", "true rig [°]", "fitted / true", "worst seed"]
     table("fit-blind", f"Fitted to three logs without truth, RMS on new logs, {seeds} plants", columns, [row])
@@ -136,9 +136,9 @@ def other_simulator() -> None:
             return
         cells = [f"friction × {share:g}"]
         for each in (rig, fit(logs[:1], rig).rig, fit(logs[:1], rig, curves=True).rig):
-            told = [estimate(log, each) for log in logs[1:]]
-            rms = np.sqrt(np.mean([one.rms_error() ** 2 for one in told]))
-            cells += [f"{np.rad2deg(rms):.3f}", f"{100 * np.mean([one.inside_band() for one in told]):.0f} %"]
+            estimates = [estimate(log, each) for log in logs[1:]]
+            rms = np.sqrt(np.mean([one.rms_error() ** 2 for one in estimates]))
+            cells += [f"{np.rad2deg(rms):.3f}", f"{100 * np.mean([one.inside_band() for one in estimates]):.0f} %"]
         rows.append(cells)
     columns = ["plant", "as it came [°]", "band", "fitted [°]", "band", "fitted with --curves [°]", "band"]
     table("fit-mujoco", "MuJoCo: fitted to one servo log, RMS on five others of the same sensors", columns, rows)
@@ -158,9 +158,9 @@ def instrument() -> None:
     started = time.perf_counter()
     whole = fit(logs, rig, homing=3.0)
     took = time.perf_counter() - started
-    told = cross_validate(logs, rig, r"run_(.)", homing=3.0)
+    validation = cross_validate(logs, rig, r"run_(.)", homing=3.0)
     rows, point = [], []
-    for one, fitted in ((one, f) for f in told.fits for one in told.held_out if one.log not in f.logs):
+    for one, fitted in ((one, f) for f in validation.fits for one in validation.held_out if one.log not in f.logs):
         log = next(log for log in logs if log.source == one.log)
         near = estimate(log, fitted.rig, homing=0.2)
         point.append(near)
@@ -172,11 +172,11 @@ def instrument() -> None:
             ]
         )
     errors = np.rad2deg([one.rms_error() for one in point])
-    mean = ["mean", f"{np.rad2deg(np.mean([one.before.rms_error() for one in told.held_out])):.3f}"]
-    mean += [f"{np.rad2deg(told.mean_rms):.3f}", f"{errors.mean():.3f}", f"{100 * told.inside_band:.0f} %"]
+    mean = ["mean", f"{np.rad2deg(np.mean([one.before.rms_error() for one in validation.held_out])):.3f}"]
+    mean += [f"{np.rad2deg(validation.mean_rms):.3f}", f"{errors.mean():.3f}", f"{100 * validation.inside_band:.0f} %"]
     rows += [[*mean, f"{100 * np.mean([one.inside_band() for one in point]):.0f} %"]]
-    worst = np.rad2deg(max(one.before.rms_error() for one in told.held_out))
-    rows += [["worst", f"{worst:.3f}", f"{np.rad2deg(told.worst_rms):.3f}", f"{errors.max():.3f}", "", ""]]
+    worst = np.rad2deg(max(one.before.rms_error() for one in validation.held_out))
+    rows += [["worst", f"{worst:.3f}", f"{np.rad2deg(validation.worst_rms):.3f}", f"{errors.max():.3f}", "", ""]]
     columns = ["run", "move, before [°]", "homing move [°]", "homing point [°]", "band, move", "band, point"]
     title = (
         f"da Vinci grasper, fitted without the run's motion class (all {len(logs)} runs at once: {took:.0f} s, "

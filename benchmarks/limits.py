@@ -12,10 +12,11 @@ import casadi as ca
 import numpy as np
 
 from distal import Log, estimate_batch, make_estimator
-from distal.estimators import KernelEstimator, LiveEstimator, samples_of
+from distal.estimators import KernelEstimator
 from distal.kernels import find_compiler
 from distal.kernels.compiler import FLAGS
 from distal.rig import Rig
+from distal.running import LiveEstimator, samples_of
 
 HANDWRITTEN = Path(__file__).parent / "handwritten" / "ekf.c"
 REPEATS = 25

@@ -13,8 +13,8 @@ import numpy as np
 
 from benchmarks.report import table
 from distal import LiveEstimator, load_scenario, make_estimator, scenario_rig, simulate
-from distal.estimators import Monitor, samples_of
 from distal.logs import MessageReader
+from distal.running import Monitor, samples_of
 
 CHUNK = 100_000
 

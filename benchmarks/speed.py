@@ -18,10 +18,10 @@ import numpy as np
 from benchmarks.limits import batch_time, casadi_time, filterpy_numpy, handwritten_time, live_times, scan_time
 from benchmarks.report import FOLDER, table
 from distal import load_rig, load_scenario, make_estimator, scenario_rig, simulate, simulate_batch
-from distal.estimators import samples_of
 from distal.kernels import Kernel, find_compiler
 from distal.logs import write_log
 from distal.model import Mechanism, substeps
+from distal.running import samples_of
 from distal.simulation.plant import plant_function
 
 SAMPLES = 800
@@ -176,7 +176,7 @@ def _ratio(value: float) -> str:
 
 def picture(found: list[tuple[str, float]]) -> None:
     """Draw the medians as bars on a logarithmic scale."""
-    from distal.estimators import COLOURS, figure, save_figure
+    from distal.results import COLOURS, figure, save_figure
 
     with figure(1, 1, (7.2, 4.6)) as (made, (axes,)):
         names, medians = [name for name, _ in found], [median for _, median in found]

@@ -70,10 +70,15 @@ def euler(mechanism: Mechanism, count: int, implicit: bool) -> Step:
     return _loop("euler", mechanism, count, call)
 
 
+def stop_force(position: ca.SX, velocity: ca.SX, low: ca.SX, high: ca.SX, stiffness: ca.SX, damping: ca.SX) -> ca.SX:
+    """Return F_stop of equation (14), reconstructed; see `distal.model.stops`."""
+    above = ca.fmax(stiffness * (position - high) + damping * velocity, 0)
+    below = ca.fmin(stiffness * (position - low) + damping * velocity, 0)
+    return ca.if_else(position > high, above, 0) + ca.if_else(position < low, below, 0)
+
+
 def runge_kutta(mechanism: Mechanism, count: int, width: float = 0.01) -> Step:
     """Return classical RK4 with sgn smoothed to tanh(v/ε), ε = `width` rad/s at the joint; stops as they are."""
-    from distal.model import stop_force
-
     n, p = mechanism.n_bodies, mechanism.parameters
     q, v, effort, h = (ca.SX.sym(name, size) for name, size in (("q", n), ("v", n), ("effort", n), ("h", 1)))
     tensions = mechanism.tensions(q, v)
@@ -181,7 +186,7 @@ def costs(mechanism: Mechanism) -> None:
 
 def picture(errors: dict[str, dict[str, list[float]]]) -> None:
     """Draw the errors over the sub-steps."""
-    from distal.estimators import COLOURS, figure, save_figure
+    from distal.results import COLOURS, figure, save_figure
 
     with figure(1, 2, (7.2, 3.4), sharey=True) as (made, axes):
         for axis, case, title in zip(axes, ("free", "stops"), ("free motion", "driven into the stops")):

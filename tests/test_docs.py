@@ -85,7 +85,7 @@ def test_pictures_and_pages_that_are_named_exist() -> None:
 
 def keys(model: type, seen: set[type]) -> set[str]:
     """Return every key of a description, nested ones too."""
-    from distal.rig.files import _models_in
+    from distal.rig.validation import models_in
 
     if model in seen:
         return set()
@@ -93,7 +93,7 @@ def keys(model: type, seen: set[type]) -> set[str]:
     found = set()
     for name, field in model.model_fields.items():  # type: ignore[attr-defined]
         found.add(name)
-        for inner in _models_in(field):
+        for inner in models_in(field):
             found |= keys(inner, seen)
     return found
 

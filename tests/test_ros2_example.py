@@ -36,7 +36,7 @@ class Node(StandIn):
     parameters: dict[str, Any] = {}  # noqa: RUF012
 
     def __init__(self, name: str) -> None:
-        super().__init__(sent=[], told=[])
+        super().__init__(sent=[], messages=[])
 
     def declare_parameter(self, name: str, default: Any) -> StandIn:
         return StandIn(value=self.parameters.get(name, default))
@@ -48,7 +48,7 @@ class Node(StandIn):
         self.call = call
 
     def get_logger(self) -> StandIn:
-        return StandIn(info=self.told.append, warning=self.told.append)
+        return StandIn(info=self.messages.append, warning=self.messages.append)
 
 
 @pytest.fixture
@@ -103,4 +103,4 @@ def test_what_it_cannot_read_is_said_not_raised(node: Any, log: Log) -> None:
         stamp = StandIn(sec=1, nanosec=0)
         node.call(StandIn(header=StandIn(stamp=stamp), name=name, position=position, effort=[]))
     assert [message.message for _, message in node.sent] == ["bad"] * 3
-    assert any("['m1'] expected in one message, ['nobody'] came" in text for text in node.told)
+    assert any("['m1'] expected in one message, ['nobody'] came" in text for text in node.messages)

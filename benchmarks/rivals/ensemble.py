@@ -7,16 +7,16 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
-
-from distal.estimators.adaptive import LONGEST_SUBSTEP, prior_memory, with_places
 from distal.estimators.augmented import AugmentedState
-from distal.estimators.channels import channels_of, sensor_for
-from distal.estimators.contract import Belief, Innovation, KernelEstimator, innovation
 from distal.estimators.displacement_driven import follow_all
 from distal.estimators.force_update import force_rows
 from distal.estimators.motion import MEMORY
 from distal.estimators.stick_slip import friction_row
+from numpy.typing import NDArray
+
+from distal.estimators.adaptive import LONGEST_SUBSTEP, prior_memory, with_places
+from distal.estimators.channels import channels_of, sensor_for
+from distal.estimators.contract import Belief, Innovation, KernelEstimator, innovation
 from distal.logs import frozen
 from distal.model import Kick, Mechanism, kick_and_drift, responses
 from distal.rig import Rig

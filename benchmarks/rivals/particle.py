@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
-
 from distal.estimators.ensemble import EnsembleFilter
 from distal.estimators.force_update import WILD_FORCE
 from distal.estimators.motion import MEMORY
+from numpy.typing import NDArray
+
 from distal.rig import Rig
 
 Floats = NDArray[np.float64]

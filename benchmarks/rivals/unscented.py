@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
-
 from distal.estimators.ensemble import EnsembleFilter
 from distal.estimators.force_update import WILD_FORCE
 from distal.estimators.motion import MEMORY
+from numpy.typing import NDArray
+
 from distal.rig import Rig
 
 Floats = NDArray[np.float64]
@@ -23,6 +23,7 @@ class UnscentedFilter(EnsembleFilter):
 
     def __init__(self, rig: Rig, name: str = "unscented") -> None:
         from distal.estimators.augmented import AugmentedState
+
         from distal.estimators.channels import channels_of
         from distal.model import Mechanism
 

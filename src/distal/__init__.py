@@ -1,21 +1,13 @@
 """Where a tendon-driven joint is, without a sensor in the joint."""
 
 from distal.errors import DistalError, DistalWarning
-from distal.estimators import (
-    ESTIMATORS,
-    Belief,
-    Estimate,
-    Estimator,
-    Innovation,
-    LiveEstimator,
-    estimate,
-    estimate_batch,
-    make_estimator,
-    plot_estimates,
-)
+from distal.estimators import ESTIMATORS, Belief, Estimator, Innovation, make_estimator
+from distal.export import export_c
 from distal.identification import Fit, cross_validate, fit, observability
 from distal.logs import Log, read_log, write_log
+from distal.results import Estimate, diagnose, plot_estimates
 from distal.rig import Rig, load_rig, shipped_rigs
+from distal.running import LiveEstimator, Monitor, estimate, estimate_batch, smooth
 from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate, simulate_batch
 
 __all__ = [
@@ -29,11 +21,14 @@ __all__ = [
     "Innovation",
     "LiveEstimator",
     "Log",
+    "Monitor",
     "Rig",
     "Scenario",
     "cross_validate",
+    "diagnose",
     "estimate",
     "estimate_batch",
+    "export_c",
     "fit",
     "load_rig",
     "load_scenario",
@@ -46,5 +41,6 @@ __all__ = [
     "shipped_scenarios",
     "simulate",
     "simulate_batch",
+    "smooth",
     "write_log",
 ]

@@ -15,8 +15,8 @@ import polars as pl
 import pytest
 
 from distal import Log, Rig, estimate, load_scenario, read_log, scenario_rig, simulate
-from distal.estimators import HEALTH
 from distal.logs import write_log
+from distal.running import HEALTH
 
 COMMAND = [sys.executable, "-m", "distal", "stream", "--rig", "paper-2008"]
 for path, value in load_scenario("series-2").set.items():

@@ -21,8 +21,10 @@ from benchmarks.cases import (
 from distal import Estimate, Log, Rig, estimate, make_estimator
 from distal.analysis import lower_bound
 from distal.errors import EstimationError
-from distal.estimators import BAND, AdaptiveFilter, diagnose, smooth
+from distal.estimators import AdaptiveFilter
+from distal.results import BAND, diagnose
 from distal.rig import build_rig
+from distal.running import smooth
 from tests.helpers import rms_degrees
 
 

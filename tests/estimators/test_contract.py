@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from distal.estimators.particle import PARTICLES
 
 from distal import (
     ESTIMATORS,
@@ -18,8 +19,7 @@ from distal import (
     simulate,
 )
 from distal.errors import EstimationError
-from distal.estimators import samples_of
-from distal.estimators.particle import PARTICLES
+from distal.running import samples_of
 from distal.simulation import build_scenario
 
 NAMES = tuple(ESTIMATORS)

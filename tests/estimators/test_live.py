@@ -10,7 +10,7 @@ import pytest
 
 from distal import LiveEstimator, Log, Rig, estimate, load_scenario, make_estimator, scenario_rig, simulate
 from distal.errors import EstimationError
-from distal.estimators import HEALTH, Monitor, Reading, first_values, samples_of
+from distal.running import HEALTH, Monitor, Reading, first_values, samples_of
 from tests.export.helpers import spoiled
 
 

@@ -17,11 +17,11 @@ from typer.testing import CliRunner
 from distal import Log, Rig, estimate, load_rig, load_scenario, make_estimator, scenario_rig, simulate
 from distal.cli.app import app
 from distal.errors import EstimationError, ExportError, OutputError
-from distal.estimators import first_values, samples_of
 from distal.export import Exported, c_filter, export_c, project_files
 from distal.export.source import c_name
 from distal.kernels import find_compiler
 from distal.logs import write_log
+from distal.running import first_values, samples_of
 from distal.simulation import build_scenario
 from tests.export.helpers import spoiled
 

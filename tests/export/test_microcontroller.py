@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from distal import Rig, estimate, load_scenario, scenario_rig, simulate
-from distal.estimators import make_estimator, samples_of
+from distal.estimators import make_estimator
 from distal.export import Exported, c_filter
+from distal.running import samples_of
 from distal.simulation import Scenario, build_scenario
 from tests.export.helpers import missing_tools
 
@@ -110,8 +111,8 @@ def measure(rig: Rig, scenario: Scenario, name: str, folder: Path) -> tuple[Meas
     )
     assert run.returncode == 0, run.stderr[-400:]
     lines = (run.stdout + run.stderr).splitlines()
-    told = [[int(word, 16) for word in line.split()[1:]] for line in lines if line.startswith("ticks")]
-    used, most, stack, million = told[0]
+    ticks = [[int(word, 16) for word in line.split()[1:]] for line in lines if line.startswith("ticks")]
+    used, most, stack, million = ticks[0]
     bits = [line.split() for line in lines if len(line.split()) == 2 and not line.startswith("ticks")]
     angles = np.array([[struct.unpack(">f", bytes.fromhex(word))[0] for word in pair] for pair in bits])
     per_tick = 1e6 / million  # SysTick counts 25 MHz of a clock of 1 GHz, one instruction each

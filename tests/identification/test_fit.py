@@ -67,7 +67,9 @@ def test_what_the_logs_cannot_tell_stays_at_its_prior(rig: Rig, tmp_path: Path) 
         logs_of(described, {**plant, "joints.0.damping": 1e-5}, 5, ("ramps",), 5.0), described, FREE, noise=False
     )
     part = found["joints.0.damping"]
-    assert not part.told
+    assert not part.identified
+    with pytest.raises(AttributeError, match=r"is called Fitted\.identified now"):
+        _ = part.told
     assert part.value == 1e-5
     assert found.rig.joints[0].damping.value == 1e-5
     found.save(tmp_path / "fitted.toml")
@@ -237,14 +239,14 @@ def test_groups_are_whole_logs() -> None:
 def test_cross_validation_estimates_logs_it_has_not_seen(rig: Rig) -> None:
     plant = {"joints.0.friction.coefficient": 0.62, "tendons.0.stiffness": 740.0, "tendons.1.stiffness": 740.0}
     logs = logs_of(rig, plant, 11, ("ramps", "servo"), 6.0)
-    told = cross_validate(logs, rig, noise=False)
-    assert [one.log for one in told.held_out] == [log.source for log in logs]
+    validation = cross_validate(logs, rig, noise=False)
+    assert [one.log for one in validation.held_out] == [log.source for log in logs]
     assert all(
         set(found.logs) == {log.source for log in logs if log.source != one.group}
-        for found, one in zip(told.fits, told.held_out)
+        for found, one in zip(validation.fits, validation.held_out)
     )
-    assert told.worst_rms >= told.mean_rms > 0.0
-    assert told.mean_rms < np.mean([one.before.rms_error() for one in told.held_out])
+    assert validation.worst_rms >= validation.mean_rms > 0.0
+    assert validation.mean_rms < np.mean([one.before.rms_error() for one in validation.held_out])
     with pytest.raises(FitError, match="has no truth"):
         cross_validate([without_truth(log) for log in logs], rig)
 
@@ -293,11 +295,11 @@ def test_the_shipped_instrument(data: Path) -> None:
     from distal.logs import da_vinci_grasper
 
     for homing, mean, worst in ((3.0, 0.28, 0.6), (0.2, 0.55, 1.2)):
-        told = [estimate(path, "da-vinci-grasper", homing=homing) for path in da_vinci_grasper()]
-        errors = np.rad2deg([one.rms_error() for one in told])
+        estimates = [estimate(path, "da-vinci-grasper", homing=homing) for path in da_vinci_grasper()]
+        errors = np.rad2deg([one.rms_error() for one in estimates])
         assert errors.mean() <= mean
         assert errors.max() <= worst
-        assert 0.88 <= np.mean([one.inside_band() for one in told]) <= 0.98
+        assert 0.88 <= np.mean([one.inside_band() for one in estimates]) <= 0.98
 
 
 @pytest.mark.slow
@@ -310,8 +312,8 @@ def test_on_another_simulator() -> None:
     logs = [mujoco_plant.log(s, sensors=60, link_friction=0.8 * mujoco_plant.LINK_FRICTION) for s in range(4)]
     found = fit(logs[:1], described, curves=True)
     assert found["joints.0.friction.coefficient"].value == pytest.approx(0.4, rel=0.02)
-    told = [estimate(log, found.rig) for log in logs[1:]]
-    assert np.rad2deg(np.sqrt(np.mean([one.rms_error() ** 2 for one in told]))) <= 0.25
+    estimates = [estimate(log, found.rig) for log in logs[1:]]
+    assert np.rad2deg(np.sqrt(np.mean([one.rms_error() ** 2 for one in estimates]))) <= 0.25
     other = mujoco_plant.log(9, sensors=61, link_friction=0.8 * mujoco_plant.LINK_FRICTION)
     with pytest.raises(FitError, match="was it mounted anew"):
         fit([logs[0], other], described, curves=True)

@@ -18,7 +18,6 @@ from distal.model import (
     free_response,
     restitution,
     soft,
-    stop_force,
     stretched,
     stribeck,
 )
@@ -153,17 +152,6 @@ def test_free_response_is_exact_and_smooth_at_zero_damping() -> None:
         expected = 0.05 if damping == 0 else -np.expm1(-x) / damping
         assert got_b == pytest.approx(expected, rel=1e-12)
         assert np.all(np.isfinite(slope))
-
-
-def test_stops_only_push() -> None:
-    def force(x: float, v: float) -> float:
-        return float(stop_force(ca.DM(x), ca.DM(v), -2.0, 3.0, 100.0, 5.0))
-
-    assert force(0.0, 50.0) == 0.0
-    assert force(3.1, 0.0) == pytest.approx(10.0)
-    assert force(3.1, -50.0) == 0.0  # as written in the paper it would pull
-    assert force(-2.1, 0.0) == pytest.approx(-10.0)
-    assert force(-2.1, 50.0) == 0.0
 
 
 def test_restitution_is_that_of_the_contact() -> None:

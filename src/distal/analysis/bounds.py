@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from distal.estimators import AdaptiveFilter, first_values, samples_of
-from distal.logs import Log
+from distal.errors import EstimationError
+from distal.estimators import AdaptiveFilter, Robustness
+from distal.logs import Log, true_angles
 from distal.rig import Rig
+from distal.running import first_values, samples_of
 
 
 def lower_bound(rig: Rig, log: Log) -> float:
-    """Return the RMS over a log of the posterior Cramér–Rao bound on the joint angle's std [rad].
+    """Return the RMS over a log and its joints of the posterior Cramér–Rao bound on an angle's std [rad].
 
-    The covariance recursion of the augmented state of `adaptive`, with the same priors, linearised along the true
+    The covariance recursion of the state of `adaptive`, with the same priors, linearised along the true
     trajectory and without what guards against a wrong model (Tichavský, Muravchik and Nehorai, 1998). The true
     trajectory is had by feeding the filter with noise-free sensors from the true initial angle; the plant must be
     as the rig.
@@ -20,8 +24,15 @@ def lower_bound(rig: Rig, log: Log) -> float:
     Args:
         rig: the description, equal to the plant.
         log: with the truth of a simulation.
+
+    Raises:
+        EstimationError: the log has no truth, or the rig's sensors do not suffice.
     """
-    bound = AdaptiveFilter(rig, ideal=True, name="bound")
+    usual = Robustness()
+    guards = replace(
+        Robustness.none(), wild_displacement=usual.wild_displacement, unknown_friction=usual.unknown_friction
+    )
+    bound = AdaptiveFilter(rig, robustness=guards, name="bound")
     places = {sensor.of: sensor.name for sensor in rig.sensors_of("position")}
     forces = {sensor.of: sensor.name for sensor in rig.sensors_of("force")}
     channels = {name: log.truth[f"position_{of}"] for of, name in places.items()}
@@ -31,7 +42,11 @@ def lower_bound(rig: Rig, log: Log) -> float:
     samples = samples_of(true, bound.channels, bound.name)
     belief = bound.initial(true.time[0], first_values(samples))
     carry = np.array(belief.carry)
-    carry[0] = log.truth["theta"][0]
+    known = true_angles(log, [joint.name for joint in rig.joints])
+    if known is None:
+        raise EstimationError(f"{log.source}: has no truth; the bound is for simulated logs")
+    carry[bound.angles] = known[0]
     started = type(belief)(belief.time, carry, belief.size)
     _, covariances, _, _ = bound.scan(started, true.time, samples)
-    return float(np.sqrt(np.mean(covariances[:, 0, 0])))
+    variances = np.diagonal(covariances, axis1=1, axis2=2)[:, bound.angles]
+    return float(np.sqrt(np.mean(variances)))

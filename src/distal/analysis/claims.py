@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.analysis.reproduction import PLANTS, Run
+from distal.rig import tendon_angle_name
 
 Floats = NDArray[np.float64]
 
@@ -108,9 +109,8 @@ def rms(runs: Sequence[Run], series: str, estimator: str) -> float:
 def potentiometer_errors(run: Run) -> tuple[Floats, Floats]:
     """Return the errors of the left and right potentiometer's angle, tendons taken as inextensible [rad]."""
     result = run.estimates["inextensible"]
-    columns = (result.state_names.index("theta_left"), result.state_names.index("theta_right"))
-    truth = run.log.truth["theta"]
-    return result.means[:, columns[0]] - truth, result.means[:, columns[1]] - truth
+    left, right = (result.state(tendon_angle_name(side)) - run.log.truth["theta"] for side in ("left", "right"))
+    return left, right
 
 
 def _each_potentiometer(runs: Sequence[Run], series: str) -> tuple[float, float]:

@@ -71,8 +71,10 @@ def estimate_many(
         homing: for how long the truth is used [s].
         out: folder for the estimates, or None.
     """
-    from distal.estimators import BAND, ESTIMATORS, diagnose, estimate_batch
+    from distal.estimators import ESTIMATORS
     from distal.logs import write_columns
+    from distal.results import BAND, diagnose
+    from distal.running import estimate_batch
 
     if estimator not in ESTIMATORS:
         raise EstimationError(f"unknown estimator '{estimator}'{did_you_mean(estimator, ESTIMATORS)}")
@@ -83,8 +85,8 @@ def estimate_many(
         failed[Path(source)] = str(problem)
 
     rows: list[tuple[Path, str, str, str, str, str]] = []
-    with _few_warnings(), _progress("estimating", len(logs)) as told:
-        results = estimate_batch(logs, rig, estimator, truth, homing, progress=told, skip=skip)
+    with _few_warnings(), _progress("estimating", len(logs)) as advance:
+        results = estimate_batch(logs, rig, estimator, truth, homing, progress=advance, skip=skip)
         for result in results:
             path = next(p for p in logs if p not in failed and p not in {row[0] for row in rows})
             if out is not None:
@@ -93,9 +95,9 @@ def estimate_many(
                 except OutputError as problem:
                     failed[path] = str(problem)
                     continue
-            half = np.rad2deg(BAND * float(np.median(result.theta_std)))
+            half = np.rad2deg(BAND * float(np.median(result.angle_stds)))
             error, inside = "–", "–"
-            if result.truth is not None:
+            if result.truths is not None:
                 error, inside = f"{np.rad2deg(result.rms_error()):.3f}", f"{100 * result.inside_band():.0f} %"
             rows.append((path, f"{len(result)}", f"±{half:.2f}", error, inside, diagnose(result).text.split(":")[0]))
     if rows:
@@ -148,7 +150,7 @@ def simulate_many(rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path,
         seed: of the first run.
         runs: how many.
         out: the folder.
-        settings: what `distal estimate` must be told, as options.
+        settings: options that `distal estimate` needs.
     """
     from distal.logs import write_log
     from distal.simulation import simulate_batch
@@ -160,9 +162,9 @@ def simulate_many(rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path,
     except OSError as problem:
         raise OutputError(f"{out}: cannot be made ({problem.strerror})") from None
     seeds = range(seed, seed + runs)
-    with _progress("simulating", runs) as told:
+    with _progress("simulating", runs) as advance:
         jobs = ((scenario, number) for number in seeds)
-        for number, log in zip(seeds, simulate_batch(rig, jobs, progress=told)):
+        for number, log in zip(seeds, simulate_batch(rig, jobs, progress=advance)):
             write_log(log, rig, out / f"run_{number:0{len(str(seeds[-1]))}d}.csv")
     say(f"{rig.name}: {runs} runs of {scenario.duration:g} s, seeds {seeds[0]} to {seeds[-1]}")
     say(f"wrote {runs} logs to {out}")

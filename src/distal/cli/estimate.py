@@ -13,8 +13,8 @@ from distal.cli.options import PlotOption, RigOption, SetOption, seconds
 from distal.errors import EstimationError, OutputError
 
 if TYPE_CHECKING:
-    from distal.estimators import Estimate
     from distal.logs import Log
+    from distal.results import Estimate
     from distal.rig import Rig
 
 
@@ -46,10 +46,12 @@ def estimate_command(
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
-    from distal.estimators import DEFAULT, ESTIMATORS, SLOW, diagnose, estimate
-    from distal.estimators import smooth as smoothed
-    from distal.logs import read_log, write_columns
+    from distal.estimators import DEFAULT, ESTIMATORS
+    from distal.logs import read_log, true_angles, write_columns
+    from distal.results import BAND, diagnose
     from distal.rig import load_rig
+    from distal.running import estimate
+    from distal.running import smooth as smoothed
 
     if len(logs) > 1:
         asked = {"--plot": plot is not None, "--smooth": smooth, "--passes": passes > 1}
@@ -67,8 +69,8 @@ def estimate_command(
     description = load_rig(rig, set_ or ())
     data = read_log(log, description, truth)
     _describe(data, description)
-    usual = [DEFAULT, *(name for name in ESTIMATORS if name not in SLOW)] if "theta" in data.truth else [DEFAULT]
-    names = list(dict.fromkeys(estimator or usual))
+    known = true_angles(data, [joint.name for joint in description.joints]) is not None
+    names = list(dict.fromkeys(estimator or ([DEFAULT, *ESTIMATORS] if known else [DEFAULT])))
     home = seconds(homing) if homing is not None else None
     results = [estimate(data, description, name, passes, homing=home) for name in names]
     if smooth:
@@ -79,16 +81,17 @@ def estimate_command(
         write_columns(results[0].columns(), out)
     if plot is not None:
         results[0].plot(plot) if estimator is None else _plot(results, plot)
-    if "theta" in data.truth:
+    if known:
         used = f"; used for the first {home:g} s, compared with afterwards" if home is not None else ""
         say(f"truth: {data.truth_source}{used}")
         _compare(results)
     final = results[0]
-    half = np.rad2deg(1.96 * float(np.median(final.theta_std)))
-    say(
-        f"{final.estimator}: angle from {np.rad2deg(final.theta.min()):.2f}° to {np.rad2deg(final.theta.max()):.2f}°, "
-        f"95 % band ±{half:.2f}° (median)"
-    )
+    for joint, angles, stds in zip(final.joint_names, np.rad2deg(final.angles.T), final.angle_stds.T):
+        which = "angle" if len(final.joint_names) == 1 else f"angle of {joint}"
+        half = np.rad2deg(BAND * float(np.median(stds)))
+        say(
+            f"{final.estimator}: {which} from {angles.min():.2f}° to {angles.max():.2f}°, 95 % band ±{half:.2f}° (median)"
+        )
     say(diagnose(final).text)
     for path in (out, plot):
         if path is not None:
@@ -97,8 +100,8 @@ def estimate_command(
 
 def _check_outputs(log: Path, truth: str | None, out: Path | None, plot: Path | None) -> None:
     """Refuse, before anything is computed, outputs that cannot be written or would replace an input."""
-    from distal.estimators import plot_kind
     from distal.logs import check_writable
+    from distal.results import plot_kind
 
     if plot is not None:
         plot_kind(plot)
@@ -113,7 +116,7 @@ def _check_outputs(log: Path, truth: str | None, out: Path | None, plot: Path | 
 
 
 def _plot(results: list[Estimate], path: Path) -> None:
-    from distal.estimators import plot_estimates
+    from distal.results import plot_estimates
 
     plot_estimates(results, path)
 
@@ -140,13 +143,15 @@ def _describe(log: Log, rig: Rig) -> None:
 
 
 def _compare(results: list[Estimate]) -> None:
+    from distal.results import BAND
+
     rows = [
         (
             result.estimator,
             f"{np.rad2deg(result.rms_error()):.3f}",
             f"{np.rad2deg(result.max_error()):.3f}",
             f"{100 * result.inside_band():.0f} %",
-            f"±{np.rad2deg(1.96 * float(np.median(result.theta_std))):.3f}",
+            f"±{np.rad2deg(BAND * float(np.median(result.angle_stds))):.3f}",
         )
         for result in results
     ]

@@ -84,15 +84,15 @@ def fit_command(
     with Progress(*columns, **shown) as progress, warnings.catch_warnings():
         task = progress.add_task("reading")
 
-        def told(stage: str, iteration: int, cost: float) -> None:
+        def show(stage: str, iteration: int, cost: float) -> None:
             progress.update(task, description=f"{stage}: iteration {iteration}, −ln p = {cost:.1f}")
 
-        result = fitted_to(read, description, homing=home, progress=told, **options)
+        result = fitted_to(read, description, homing=home, progress=show, **options)
         # what it warns of was said of the fit to all logs
         warnings.simplefilter("ignore", DistalWarning)
         if holdout is not None and not result.interrupted:
             pattern = None if holdout == "log" else holdout
-            validation = cross_validate(read, description, pattern, home, progress=told, **options)
+            validation = cross_validate(read, description, pattern, home, progress=show, **options)
     _say(result)
     if validation is not None:
         _say_held_out(validation)

@@ -42,10 +42,7 @@ def simulate_command(
         return
     log = simulate(rig, description, seed)
     write_log(log, rig, out)
-    theta = np.rad2deg(log.truth["theta"])
-    say(
-        f"{rig.name}: {len(log)} samples, {description.duration:g} s, angle from {theta.min():.2f}° to {theta.max():.2f}°"
-    )
+    say(f"{rig.name}: {len(log)} samples, {description.duration:g} s, {_ranges(log, rig)}")
     say(f"wrote {out}")
     ignored = sorted(set(values) & set(description.plant))
     if ignored:
@@ -81,3 +78,15 @@ def show_command(name: Annotated[str, typer.Argument(help="A shipped scenario's 
     from distal.simulation import scenario_text
 
     print(scenario_text(name)[0], end="")
+
+
+def _ranges(log: Log, rig: Rig) -> str:
+    """Return from where to where each joint's angle goes, as text."""
+    from distal.rig import angle_names
+
+    joints, texts = [joint.name for joint in rig.joints], []
+    for joint, name in zip(joints, angle_names(joints)):
+        theta = np.rad2deg(log.truth[name])
+        which = "angle" if len(joints) == 1 else f"angle of {joint}"
+        texts.append(f"{which} from {theta.min():.2f}° to {theta.max():.2f}°")
+    return ", ".join(texts)

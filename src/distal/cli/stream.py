@@ -10,6 +10,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
+from itertools import chain
 from math import isfinite, nan
 from pathlib import Path
 from time import monotonic
@@ -22,8 +23,8 @@ from distal.cli.options import RigOption, SetOption
 from distal.errors import LogError, OutputError
 
 if TYPE_CHECKING:
-    from distal.estimators import Reading
     from distal.logs import MessageReader, Recorder
+    from distal.running import Reading
 
 LONGEST_LINE = 1 << 20
 """A line is no longer than this [bytes]: a stream without line ends must not fill the memory."""
@@ -53,9 +54,9 @@ def stream_command(
     Columns and units are those that the rig's sensors name. CSV begins with a header. Each line is answered at once:
     t, theta, theta_std [rad], health, detail.
     """
-    from distal.estimators import LiveEstimator, Monitor
     from distal.logs import MessageReader, Recorder
     from distal.rig import load_rig
+    from distal.running import LiveEstimator, Monitor
 
     if idle is not None and udp is None:
         raise OutputError("--idle is for --udp; standard input ends by itself")
@@ -67,7 +68,7 @@ def stream_command(
     with ExitStack() as stack:
         source = stack.enter_context(_bound(udp)) if udp is not None else None
         target = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) if to_udp is not None else None
-        recorder = Recorder(record) if record is not None else None
+        recorder = Recorder(record, [joint.name for joint in described.joints]) if record is not None else None
         session = _Session(monitor, reader, recorder, target, to_udp or 0, as_json or udp is not None)
         session.csv = False if udp is not None else None
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -97,6 +98,11 @@ class _Session:
     ) -> None:
         self._monitor, self._reader, self._recorder = monitor, reader, recorder
         self._target, self._port, self._json = target, port, as_json
+        from distal.rig import angle_names, std_name
+
+        self._joints = [joint.name for joint in monitor.rig.joints]
+        names = angle_names(self._joints)
+        self._names = [column for name in names for column in (name, std_name(name))]
         self.csv: bool | None = None  # not known before the first line
         self.lost = False
         self._counts: Counter[str] = Counter()
@@ -117,7 +123,7 @@ class _Session:
             raise KeyboardInterrupt
 
     def _take(self, line: bytes) -> None:
-        from distal.estimators import Reading
+        from distal.running import Reading
 
         text = line.decode("utf-8", "replace").strip().lstrip("\ufeff").strip()
         if not text or (self.csv is None and text.startswith("#")):
@@ -130,14 +136,15 @@ class _Session:
                 if self._reader.absent:
                     print(f"warning: the stream has no column {', '.join(self._reader.absent)}", file=sys.stderr)
                 if not self._json:
-                    self._write("t,theta,theta_std,health,detail")
+                    self._write(",".join(["t", *self._names, "health", "detail"]))
                 return
         try:
             if len(line) >= LONGEST_LINE:
                 raise LogError("the line is too long")
             time, sample = self._reader.csv(text) if self.csv else self._reader.json(text)
         except LogError as problem:
-            self._answer(Reading(nan, nan, nan, "bad", str(problem)), None)
+            nothing = (nan,) * len(self._joints)
+            self._answer(Reading(nan, nothing, nothing, "bad", str(problem)), None)
             return
         self._answer(self._monitor.take(time, sample), sample)
 
@@ -145,8 +152,7 @@ class _Session:
         self._counts[reading.health] += 1
         message = {
             "t": _finite(reading.time),
-            "theta": _finite(reading.angle),
-            "theta_std": _finite(reading.angle_std),
+            **dict(zip(self._names, map(_finite, chain(*zip(reading.angles, reading.angle_stds))))),
             "health": reading.health,
             "detail": reading.detail,
         }
@@ -154,7 +160,7 @@ class _Session:
         if self._json or not self.csv:
             self._write(json.dumps(message))
         else:
-            numbers = ",".join("" if value is None else repr(value) for value in list(message.values())[:3])
+            numbers = ",".join("" if value is None else repr(value) for value in list(message.values())[:-2])
             detail = reading.detail.replace('"', "'")
             self._write(f'{numbers},{reading.health},"{detail}"' if detail else f"{numbers},{reading.health},")
         if self._target is not None:

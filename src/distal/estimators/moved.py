@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 MOVED = {
-    "distal": ("LiveEstimator", "Monitor", "diagnose", "estimate", "estimate_batch", "plot_estimates", "smooth", "Estimate"),
+    "distal": (
+        "LiveEstimator",
+        "Monitor",
+        "diagnose",
+        "estimate",
+        "estimate_batch",
+        "plot_estimates",
+        "smooth",
+        "Estimate",
+    ),
     "distal.results": ("BAND", "COLOURS", "DASHES", "Diagnosis", "draw_estimate", "figure", "plot_kind", "save_figure"),
     "distal.running": ("HEALTH", "HOMED", "Reading", "TRUTH_NOISE", "added_reference", "first_values", "samples_of"),
     "benchmarks.rivals": ("ParticleFilter", "UnscentedFilter"),

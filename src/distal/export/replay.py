@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 
 from distal.estimators import KernelEstimator
-from distal.rig import log_factor
+from distal.rig import Rig, angle_names, log_factor, std_name
 from distal.units import unit_factor
 
 
 def replay_program(runner: KernelEstimator, name: str) -> str:
-    """Return a C program that reads a log and writes t, theta and theta_std.
+    """Return a C program that reads a log and writes t, then angle and standard deviation of each joint.
 
     Args:
         runner: the estimator.
@@ -20,13 +20,40 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
     read = [sensors[channel] for channel in runner.channels]
     columns = [runner.rig.log.time.column, *(sensor.log_column for sensor in read)]
     factors = [unit_factor(runner.rig.log.time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in read)]
+    names = [
+        column
+        for angle in angle_names([joint.name for joint in runner.rig.joints])
+        for column in (angle, std_name(angle))
+    ]
+    fields = [f"(double)out.{field}" for pair in angle_fields(runner.rig) for field in pair]
     values = {
+        "header": ",".join(["t", *names]),
+        "format": ",".join(["%.17g"] * (1 + len(names))),
+        "fields": ", ".join(fields),
         "name": name,
         "NAME": name.upper(),
         "columns": ", ".join(c_string(column) for column in columns),
         "factors": ", ".join(f"{factor:.17g}" for factor in factors),
     }
     return re.sub(r"\$(\w+)\$", lambda m: values[m[1]], _PROGRAM)
+
+
+def angle_fields(rig: Rig) -> list[tuple[str, str]]:
+    """Return the names of angle and standard deviation of each joint in an exported filter's output.
+
+    ``angle`` and ``angle_std`` for one joint, else those of `angle_names`, with _ for what C does not allow in a name.
+
+    Args:
+        rig: the description.
+    """
+    joints = [joint.name for joint in rig.joints]
+    if len(joints) == 1:
+        return [("angle", "angle_std")]
+    names: list[str] = []
+    for angle in angle_names(joints):
+        plain = re.sub(r"[^A-Za-z0-9]", "_", angle)
+        names.append(next(n for n in (plain, *(f"{plain}_{i}" for i in range(2, 10_000))) if n not in names))
+    return [(name, std_name(name)) for name in names]
 
 
 def c_string(text: str) -> str:
@@ -40,7 +67,7 @@ def c_string(text: str) -> str:
 
 
 _PROGRAM = """\
-/* replay LOG.csv: run the filter over a log with the columns that the rig names; t, theta, theta_std on stdout.
+/* replay LOG.csv: run the filter over a log with the columns that the rig names; $header$ on stdout.
  *
  * Written by `distal export-c`. What a sample needs is in take(): values in the header's order and units, NAN where one
  * is missing. The rest reads CSV.
@@ -128,7 +155,7 @@ int main(int argc, char** argv) {
       $name$_real values[$NAME$_CHANNELS];
       for (i = 1; i < COLUMNS; ++i) values[i - 1] = ($name$_real)first[i];
       $name$_begin(&state, values);
-      printf("t,theta,theta_std\\n");
+      printf("$header$\\n");
     }
     rewind(log);
     for (row = 1; fgets(line, sizeof line, log); ++row) {
@@ -152,7 +179,7 @@ int main(int argc, char** argv) {
         if (code != $NAME$_OK) return fail(argv[1], row, "the filter left all bounds; are the units right?", "");
         before = now[0];
         ++samples;
-        printf("%.17g,%.17g,%.17g\\n", now[0], (double)out.angle, (double)out.angle_std);
+        printf("$format$\\n", now[0], $fields$);
       }
     }
   }

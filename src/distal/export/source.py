@@ -6,9 +6,9 @@ import re
 from dataclasses import dataclass
 
 from distal.errors import ExportError
-from distal.estimators import KernelEstimator, make_estimator, state_units
-from distal.estimators.contract import LARGEST_ANGLE, MOST_BRIDGES, SPLIT
-from distal.export.replay import replay_program
+from distal.estimators import LARGEST_ANGLE, KernelEstimator, make_estimator, state_units
+from distal.estimators.gaps import MOST_BRIDGES, SPLIT
+from distal.export.replay import angle_fields, replay_program
 from distal.kernels.dialects import CodeError, Plain
 from distal.kernels.emitter import Emitter
 from distal.rig import Rig
@@ -209,7 +209,10 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "n_innovations": str(max(m, 1)),
         "n_carry": str(runner.kernel.n_carry),
         "n_numbers": str(len(numbers)),
-        "n_places": str(runner.n_places),
+        "n_bridged": str(runner.bridged),
+        "n_joints": str(len(runner.rig.joints)),
+        "outputs": _outputs(runner.rig, dialect.type, name),
+        "angles": _angles(runner.rig, n),
         "numbers": ",\n  ".join(rows),
         "prelude": dialect.prelude(),
         "functions": emitter.text,
@@ -224,8 +227,25 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "one": dialect.constant(1.0),
         "slack": dialect.constant(1e-9 if not dialect.single else 1e-5),
         "sqrt": "sqrtf" if dialect.single else "sqrt",
-        "led": "1" if runner.leads_gaps else "0",
     }
+
+
+def _outputs(rig: Rig, kind: str, name: str) -> str:
+    """Return the members of the output that are angles and their standard deviations."""
+    lines = []
+    for (angle, std), joint in zip(angle_fields(rig), rig.joints):
+        which = "the joint" if len(rig.joints) == 1 else comment(joint.name)
+        lines += [f"  {name}_real {angle}; /* of {which} [rad] */"]
+        lines += [f"  {name}_real {std}; /* standard deviation of its error [rad] */"]
+    return "\n".join(lines)
+
+
+def _angles(rig: Rig, n: int) -> str:
+    """Return the lines that fill them."""
+    lines = []
+    for j, (angle, std) in enumerate(angle_fields(rig)):
+        lines += [f"    out->{angle} = state->carry[{j}];", f"    out->{std} = root(state->carry[{n + j * (n + 1)}]);"]
+    return "\n".join(lines)
 
 
 _HEADER = """\
@@ -265,8 +285,7 @@ typedef struct {
 } $name$_state;
 
 typedef struct {
-  $name$_real angle;                     /* of the joint [rad] */
-  $name$_real angle_std;                 /* standard deviation of its error [rad] */
+$outputs$
   $name$_real innovations[$n_innovations$];           /* measured minus predicted, NAN where nothing was compared */
   $name$_real innovation_variances[$n_innovations$];
 } $name$_output;
@@ -311,6 +330,8 @@ static const unsigned char measured[$n_innovations$] = {$which$};
 
 static int is_there($real$ value) { return value == value; }
 
+static $real$ root($real$ variance) { return variance <= $zero$ ? $zero$ : $sqrt$(variance); }
+
 void $name$_begin($name$_state* state, const $real$* values) {
   $real$ known[$n_channels$], mask[$n_channels$], spread[$n_states$];
   int i;
@@ -338,7 +359,7 @@ int $name$_step($name$_state* state, $real$ dt, const $real$* values, $name$_out
   x[0] = dt / ($real$)parts;
   for (k = parts; k > 0; --k) {
     for (i = 0; i < $n_channels$; ++i) {
-      const int last = k == 1, led = $led$ && i < $n_places$;
+      const int last = k == 1, led = i < $n_bridged$;
       const int there = is_there(values[i]);
       /* displacements cross a gap in a straight line to the reading that ends it */
       x[1 + i] = there && (last || led) ? values[i] : $zero$;
@@ -348,9 +369,7 @@ int $name$_step($name$_state* state, $real$ dt, const $real$* values, $name$_out
   }
   if (state->samples < 2) state->samples += 1;
   if (out) {
-    const $real$ variance = state->carry[$n_states$];
-    out->angle = state->carry[0];
-    out->angle_std = variance <= $zero$ ? $zero$ : $sqrt$(variance);
+$angles$
     for (i = 0; i < $n_measured$; ++i) {
       out->innovations[i] = is_there(values[measured[i]]) ? y[i] : $nan$;
       out->innovation_variances[i] = y[$n_measured$ + i];
@@ -361,6 +380,8 @@ int $name$_step($name$_state* state, $real$ dt, const $real$* values, $name$_out
     if (!(state->carry[i] - state->carry[i] == $zero$)) return $NAME$_LOST;
     if (!(state->carry[$n_states$ + i * ($n_states$ + 1)] >= $zero$)) return $NAME$_LOST;
   }
-  return state->carry[0] >= -$largest$ && state->carry[0] <= $largest$ ? $NAME$_OK : $NAME$_LOST;
+  for (i = 0; i < $n_joints$; ++i)
+    if (!(state->carry[i] >= -$largest$ && state->carry[i] <= $largest$)) return $NAME$_LOST;
+  return $NAME$_OK;
 }
 """

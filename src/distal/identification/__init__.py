@@ -2,9 +2,10 @@
 
 from distal.identification.crossvalidation import CrossValidation, HeldOut, cross_validate, groups_of
 from distal.identification.fit import fit
+from distal.identification.fitted import Fitted
 from distal.identification.free import Free
 from distal.identification.observability import Observability, observability
-from distal.identification.result import Fit, Fitted
+from distal.identification.result import Fit
 
 __all__ = [
     "CrossValidation",

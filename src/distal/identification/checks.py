@@ -9,43 +9,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, FitError
-from distal.estimators import estimate
+from distal.identification.fitted import Fitted
 from distal.identification.likelihood import Likelihood
-from distal.identification.result import Fitted
-from distal.logs import Log
+from distal.logs import Log, true_angles
 from distal.rig import Capstan, Rig, Sensor
+from distal.running import estimate
 from distal.sensors import variance
 
 Floats = NDArray[np.float64]
 
-STILL = 20.0
+MOTION_TO_NOISE = 20.0
 """A drive that moves by less than this times its sensor's noise does not move."""
 
-SMALL_TURN = np.deg2rad(2.0)
+SMALLEST_TURN = np.deg2rad(2.0)
 """A drive that moves by less than this turn of the joint does not move [rad]."""
 
-DEAD_TURN = np.deg2rad(20.0)
+DEAD_TRUTH_TURN = np.deg2rad(20.0)
 """A truth that is constant while the drives would turn the joint by more than this is dead [rad]: no friction holds so."""
 
-FITS = 0.8
+CLEAR_CORRELATION = 0.8
 """Correlation of truth and drives from which on their ratio can be judged."""
 
-RATES = 20.0
+RATE_FACTOR = 20.0
 """Stamps may be further apart, or closer, than the sensors' rate by this factor."""
 
-MISFIT = 5.0
+LARGEST_NIS = 5.0
 """Mean ν²/S from which on a log does not look like its rig."""
 
-GROWN = 4.0
+LARGEST_NOISE_GROWTH = 4.0
 """A sensor's noise that has to grow by this factor is none of its own."""
 
-ASTRAY = 10.0
+LARGEST_UNMODELLED_GROWTH = 10.0
 """Unmodelled motion that has to grow by this factor is most of the motion."""
 
-FAR = 4.0
+FAR_FROM_PRIOR = 4.0
 """A value this many standard deviations of its prior away is worth a word."""
 
-UNIT_RANGE = (1 / 12, 12.0)
+RATIO_RANGE = (1 / 12, 12.0)
 """Ratio of the truth's motion to that which the drives make, within which units can be right."""
 
 
@@ -70,8 +70,11 @@ def check_logs(logs: Sequence[Log], rig: Rig) -> None:
                 )
         _check_motion(log, rig)
         _check_sensors(log, rig)
-        if "theta" in log.truth:
-            _check_truth(log, rig)
+        joints = [joint.name for joint in rig.joints]
+        known = true_angles(log, joints)
+        for j, joint in enumerate(joints if known is not None else ()):
+            if len(joints) == 1 or np.isfinite(known[:, j]).any():
+                _check_truth(log, rig, known[:, j], "the joint" if len(joints) == 1 else f"the joint {joint}", j)
 
 
 def _same(log: Log, other: Log) -> bool:
@@ -84,7 +87,7 @@ def _same(log: Log, other: Log) -> bool:
 def _check_stamps(log: Log, rig: Rig) -> None:
     rate = max(sensor.rate for sensor in rig.sensors)
     step = float(np.median(np.diff(log.time)))
-    if not 1.0 / RATES < step * rate < RATES:
+    if not 1.0 / RATE_FACTOR < step * rate < RATE_FACTOR:
         raise FitError(
             f"{log.source}: the stamps are {step:g} s apart, the rig's sensors give a value every {1 / rate:g} s; is "
             "the unit of time right (--set 'log.time.unit=\"ms\"'), or the sensors' rate?"
@@ -106,7 +109,7 @@ def check_outcome(likelihood: Likelihood, z: Floats, nis: Sequence[float]) -> No
         "check the columns, units and signs of the log's sensors (distal estimate says which disagrees), then the rig"
     )
     for name, ratio in zip(likelihood.measured, nis):
-        if ratio > MISFIT:
+        if ratio > LARGEST_NIS:
             raise FitError(
                 f"the logs do not look like this rig: innovations of '{name}' are {np.sqrt(ratio):.3g} times larger than "
                 f"expected even after the fit; {advice}"
@@ -115,12 +118,12 @@ def check_outcome(likelihood: Likelihood, z: Floats, nis: Sequence[float]) -> No
         if not (part.noise and part.has_prior):
             continue
         grown = part.value(float(z[k])) / part.start
-        if part.paths[0].endswith(".unmodelled") and grown > ASTRAY:
+        if part.paths[0].endswith(".unmodelled") and grown > LARGEST_UNMODELLED_GROWTH:
             raise FitError(
                 f"the logs do not look like this rig: {part.name} would have to be {grown:.1f} times what the rig says, so "
                 f"that the joint hardly follows the model; {advice}, or say that it is so (--set {part.paths[0]}=…)"
             )
-        if part.paths[0].startswith("sensors.") and not part.kept_by_file and grown > GROWN:
+        if part.paths[0].startswith("sensors.") and not part.kept_by_file and grown > LARGEST_NOISE_GROWTH:
             raise FitError(
                 f"the logs do not look like this rig: {part.name} would have to be {grown:.1f} times what the rig says; "
                 f"{advice}, or say that the sensor is so noisy (--set {part.paths[0]}=…)"
@@ -138,7 +141,7 @@ def warn_of(fitted: Sequence[Fitted], likelihood: Likelihood) -> None:
     for part in fitted:
         low, high = bounds.get(part.name, (-np.inf, np.inf))
         away = abs(part.value - part.start) / part.prior_std if part.prior_std > 0.0 else 0.0
-        if not part.noise and away > FAR:
+        if not part.noise and away > FAR_FROM_PRIOR:
             warnings.warn(
                 f"{part.name} = {part.value:.4g} {part.si} is {away:.1f} standard deviations from what the rig file "
                 f"expected ({part.start:.4g} ± {part.prior_std:.2g}); is a unit or a radius wrong, or the std too small?",
@@ -158,7 +161,7 @@ def _span(values: Floats) -> float:
     return float(np.quantile(there, 0.99) - np.quantile(there, 0.01)) if len(there) else 0.0
 
 
-def _turn(rig: Rig, sensor: Sensor, span: float) -> float:
+def _joint_turn(rig: Rig, sensor: Sensor, span: float) -> float:
     """Return by how much the joint turns when a drive moves by `span` [rad]."""
     drive = next(drive for drive in rig.drives if drive.name == sensor.of)
     tendon = next(tendon for tendon in rig.tendons if tendon.drive == sensor.of)
@@ -171,11 +174,11 @@ def _check_motion(log: Log, rig: Rig) -> None:
     for sensor in rig.sensors_of("position"):
         span = _span(log.channels[sensor.name])
         noise = np.sqrt(variance(sensor))
-        moved.append(span > STILL * noise and _turn(rig, sensor, span) > SMALL_TURN)
+        moved.append(span > MOTION_TO_NOISE * noise and _joint_turn(rig, sensor, span) > SMALLEST_TURN)
     if moved and not any(moved):
         raise FitError(
-            f"{log.source}: nothing moves (no drive by more than {np.rad2deg(SMALL_TURN):g}° of the joint); a log without "
-            "motion tells nothing of friction and stiffness: leave it out"
+            f"{log.source}: nothing moves (no drive by more than {np.rad2deg(SMALLEST_TURN):g}° of the joint); a log "
+            "without motion tells nothing of friction and stiffness: leave it out"
         )
 
 
@@ -192,8 +195,8 @@ def _check_sensors(log: Log, rig: Rig) -> None:
             )
 
 
-def _check_truth(log: Log, rig: Rig) -> None:
-    truth = log.truth["theta"]
+def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> None:
+    """Refuse a truth that has too few values, is dead, or has a wrong sign or unit."""
     there = np.isfinite(truth)
     if there.sum() < 10:
         raise FitError(
@@ -201,11 +204,11 @@ def _check_truth(log: Log, rig: Rig) -> None:
         )
     # stretch removed where forces are measured: soft tendons let drives and joint go different ways
     baseline = "elastic" if rig.sensors_of("force") else "inextensible"
-    drives = estimate(Log(log.time, log.channels, {}, log.source), rig, baseline).theta
+    drives = estimate(Log(log.time, log.channels, {}, log.source), rig, baseline).angles[:, index]
     a, b = drives[there] - drives[there].mean(), truth[there] - truth[there].mean()
-    if float(np.sqrt(np.mean(a**2))) < SMALL_TURN / 2:
+    if float(np.sqrt(np.mean(a**2))) < SMALLEST_TURN / 2:
         return
-    if float(np.ptp(truth[there])) == 0.0 and float(np.ptp(a)) > DEAD_TURN:
+    if float(np.ptp(truth[there])) == 0.0 and float(np.ptp(a)) > DEAD_TRUTH_TURN:
         raise FitError(
             f"{log.source}: the truth ({log.truth_source}) is constant while the drives move; is the encoder connected?"
         )
@@ -213,15 +216,15 @@ def _check_truth(log: Log, rig: Rig) -> None:
         return  # the joint sticks: nothing to judge by
     correlation = float(a @ b / np.sqrt((a @ a) * (b @ b)))
     ratio = float(np.sqrt((b @ b) / (a @ a)))
-    if correlation < -FITS:
+    if correlation < -CLEAR_CORRELATION:
         raise FitError(
             f"{log.source}: the truth ({log.truth_source}) moves against the drives (correlation {correlation:.2f}); its "
             "sign is wrong: set the angle sensor's sign = -1, or swap the tendons' sides"
         )
-    if abs(correlation) > FITS and not UNIT_RANGE[0] < ratio < UNIT_RANGE[1]:
+    if abs(correlation) > CLEAR_CORRELATION and not RATIO_RANGE[0] < ratio < RATIO_RANGE[1]:
         near = "it looks like degrees read as radians" if 20.0 < ratio < 160.0 else "is the unit, or a radius, wrong?"
         near = "it looks like radians read as degrees" if 1 / 160.0 < ratio < 1 / 20.0 else near
         raise FitError(
-            f"{log.source}: the truth ({log.truth_source}) moves {ratio:.3g} times as far as the drives turn the joint; "
+            f"{log.source}: the truth ({log.truth_source}) moves {ratio:.3g} times as far as the drives turn {joint}; "
             f"{near} (set the angle sensor's unit)"
         )

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from distal.errors import FitError
-from distal.estimators import Estimate, estimate
 from distal.identification.fit import fit
 from distal.identification.result import Fit
-from distal.logs import Log, read_log
+from distal.logs import Log, read_log, true_angles
+from distal.results import Estimate
 from distal.rig import Rig, load_rig
+from distal.running import estimate
 
 
 @dataclass(frozen=True)
@@ -120,13 +121,15 @@ def cross_validate(
     logs = [logs] if isinstance(logs, (Log, str, Path)) else list(logs)
     read = [log if isinstance(log, Log) else read_log(log, rig, truth) for log in logs]
     for log in read:
-        if "theta" not in log.truth:
+        if true_angles(log, [joint.name for joint in rig.joints]) is None:
             raise FitError(f"{log.source}: has no truth; cross-validation compares with it")
     groups = groups_of([log.source for log in read], pattern)
     held, fits = [], []
     for group in dict.fromkeys(groups):
-        told = None if progress is None else _named(progress, group)
-        fitted = fit([log for log, g in zip(read, groups) if g != group], rig, homing=homing, progress=told, **options)
+        report = None if progress is None else _named(progress, group)
+        fitted = fit(
+            [log for log, g in zip(read, groups) if g != group], rig, homing=homing, progress=report, **options
+        )
         fits.append(fitted)
         for log in (log for log, g in zip(read, groups) if g == group):
             estimates = [estimate(log, each, homing=homing) for each in (rig, fitted.rig)]

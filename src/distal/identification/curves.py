@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from distal.errors import FitError
 from distal.identification.likelihood import Likelihood
+from distal.logs import true_angles
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +31,8 @@ def curves(likelihood: Likelihood, z: Floats) -> dict[str, object]:
     Raises:
         FitError: no sensor has a linearity, no log a truth, or the logs' curves differ: it was not the same sensor.
     """
-    known = [j for j, data in enumerate(likelihood.data) if "theta" in data.log.truth]
+    joints = [joint.name for joint in likelihood.rig.joints]
+    known = [j for j, data in enumerate(likelihood.data) if true_angles(data.log, joints) is not None]
     sensors = [s for s in likelihood.rig.sensors if s.measures == "position" and s.linearity > 0.0]
     if not known or not sensors:
         raise FitError(

@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError
-from distal.estimators import added_reference, check_homing, with_reference
 from distal.identification.checks import check_logs, check_outcome, warn_of
 from distal.identification.curves import curves as curves_of
-from distal.identification.fitted_file import assignments
+from distal.identification.fitted import Fitted, assignments
 from distal.identification.free import Free
 from distal.identification.likelihood import Likelihood
-from distal.identification.result import Fit, Fitted
+from distal.identification.result import Fit
 from distal.identification.search import Found, search
 from distal.identification.selection import choose
-from distal.identification.uncertainty import Uncertainty, uncertainty
-from distal.logs import Log, read_log
+from distal.identification.uncertainty import Uncertainty, uncertainty_at
+from distal.logs import Log, read_log, true_angles
 from distal.rig import Rig, Sensor, load_rig
+from distal.running import added_reference, check_homing, with_references
 
 Floats = NDArray[np.float64]
 
@@ -87,19 +87,20 @@ def fit(
         raise FitError(f"homing is a number of seconds, {homing!r} came")
     read = [log if isinstance(log, Log) else read_log(log, rig, truth) for log in logs]
     check_logs(read, rig)
-    known = [log for log in read if "theta" in log.truth]
+    joints = [joint.name for joint in rig.joints]
+    with_truth = [log for log in read if true_angles(log, joints) is not None]
     if homing is not None:
         for log in read:
-            if "theta" not in log.truth:
+            if true_angles(log, joints) is None:
                 raise FitError(f"{log.source}: has no truth, which a fit with homing needs on every log")
-            check_homing(homing, log)
-    described, reference = with_reference(rig, known[0]) if known else added_reference(rig, read[0].rate)
-    parts = choose(described, reference, free, per_log, noise, homing is not None)
-    if not known:
-        parts = tuple(part for part in parts if not _of_reference(described, reference, part))
+            check_homing(homing, log, joints)
+    described, references = with_references(rig, with_truth[0]) if with_truth else _unused_reference(rig, read[0])
+    parts = choose(described, references, free, per_log, noise, homing is not None)
+    if not with_truth:
+        parts = tuple(part for part in parts if not _of_references(described, references, part))
 
     def made(chosen: Sequence[Free], group: Sequence[Log]) -> Likelihood:
-        return Likelihood(described, reference, chosen, group, homing, compiled, workers)
+        return Likelihood(described, references, chosen, group, homing, compiled, workers)
 
     likelihood = made(parts, read)
     before = likelihood.cost(np.zeros(likelihood.size))
@@ -110,39 +111,39 @@ def fit(
     found = _best_of_starts(likelihood, seed, progress)
     if len(read) > 1 and not found.interrupted:
         _check_agreement(likelihood, found, made, read, progress)
-    told = uncertainty(likelihood.derivatives(found.z), found.z, likelihood.parts())
-    final, told_now, kept = likelihood, told, list[Free]()
+    all_free = uncertainty_at(likelihood.derivatives(found.z), found.z, likelihood.parts())
+    final, uncertainty, kept = likelihood, all_free, list[Free]()
     while not found.interrupted:
-        # what the logs cannot tell stays at its prior, and the others are fitted to that
-        untold = _untold(final, told_now)
-        if not untold or len(untold) == len(final.free):
+        # what the logs cannot identify stays at its prior, and the others are fitted to that
+        at_prior = _unidentified(final, uncertainty)
+        if not at_prior or len(at_prior) == len(final.free):
             break
-        kept += untold
-        start = np.array([found.z[k] for k, (part, _) in enumerate(final.parts()) if part not in untold])
-        final = made([part for part in final.free if part not in untold], read)
+        kept += at_prior
+        start = np.array([found.z[k] for k, (part, _) in enumerate(final.parts()) if part not in at_prior])
+        final = made([part for part in final.free if part not in at_prior], read)
         found = search(final, start, _staged(progress, "what the logs tell"))
-        told_now = uncertainty(final.derivatives(found.z), found.z, final.parts())
+        uncertainty = uncertainty_at(final.derivatives(found.z), found.z, final.parts())
     nis_after = _nis(final, found.z)
     if not found.interrupted:
         check_outcome(final, found.z, nis_after)
-    fitted = _fitted(final, found.z, told_now, found.interrupted) + [_kept(part) for part in kept]
+    fitted = _fitted(final, found.z, uncertainty, found.interrupted) + [_kept(part) for part in kept]
     warn_of(fitted, final)
     learned = curves_of(final, found.z) if curves else {}
     values = {**assignments(fitted, described), **learned}
     result = described.with_values(values) if values else described
-    if described is not rig and reference.name not in {sensor.name for sensor in rig.sensors}:
-        added = f"sensors.{len(rig.sensors)}."
+    added = tuple(f"sensors.{i}." for i in range(len(rig.sensors), len(described.sensors)))
+    if added:
         result = rig.with_values({path: value for path, value in values.items() if not path.startswith(added)})
     return Fit(
         rig=result,
         start=rig,
-        fitted=tuple(part for part in fitted if not part.name.startswith(f"sensors.{len(rig.sensors)}.")),
+        fitted=tuple(part for part in fitted if not (added and part.name.startswith(added))),
         logs=tuple(log.source for log in read),
         duration=float(sum(log.time[-1] - log.time[0] for log in read)),
         samples=sum(len(log) for log in read),
         homing=homing,
-        correlations=told_now.correlations,
-        combinations=told.combinations,
+        correlations=uncertainty.correlations,
+        combinations=all_free.combinations,
         channels=final.measured,
         nis_before=_nis(likelihood, np.zeros(likelihood.size)),
         nis_after=nis_after,
@@ -160,9 +161,16 @@ def _listed(paths: Sequence[str] | str) -> tuple[str, ...]:
     return (paths,) if isinstance(paths, str) else tuple(paths)
 
 
-def _of_reference(rig: Rig, reference: Sensor, part: Free) -> bool:
-    at = [sensor.name for sensor in rig.sensors].index(reference.name)
-    return all(path.startswith(f"sensors.{at}.") for path in part.paths)
+def _unused_reference(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
+    """Return a rig with a reference that has no value in any log: the filter of a fit always has one."""
+    described, reference = added_reference(rig, log.rate)
+    return described, (reference,)
+
+
+def _of_references(rig: Rig, references: Sequence[Sensor], part: Free) -> bool:
+    names = [sensor.name for sensor in rig.sensors]
+    own = tuple(f"sensors.{names.index(reference.name)}." for reference in references)
+    return all(path.startswith(own) for path in part.paths)
 
 
 def _staged(progress: Progress | None, stage: str) -> Callable[[int, float], None] | None:
@@ -186,22 +194,22 @@ def _best_of_starts(likelihood: Likelihood, seed: int, progress: Progress | None
     return replace(best, interrupted=other.interrupted, iterations=first.iterations + other.iterations)
 
 
-def _untold(likelihood: Likelihood, told: Uncertainty) -> list[Free]:
-    """Return the shared parameters that the logs do not tell and that have a prior to stay at."""
+def _unidentified(likelihood: Likelihood, uncertainty: Uncertainty) -> list[Free]:
+    """Return the shared parameters that the logs do not identify and that have a prior to stay at."""
     return [
         part
-        for (part, log), known in zip(likelihood.parts(), told.told)
-        if not known and log is None and part.has_prior and not part.noise
+        for (part, log), identified in zip(likelihood.parts(), uncertainty.identified)
+        if not identified and log is None and part.has_prior and not part.noise
     ]
 
 
-def _fitted(likelihood: Likelihood, z: Floats, told: Uncertainty, interrupted: bool) -> list[Fitted]:
+def _fitted(likelihood: Likelihood, z: Floats, uncertainty: Uncertainty, interrupted: bool) -> list[Fitted]:
     fitted = []
     coordinates = [likelihood.columns(j) for j in range(len(likelihood.data))]
     for k, part in enumerate(likelihood.free):
         places = sorted({columns[k] for columns in coordinates})
         each = np.array([part.value(z[place]) for place in places])
-        errors = np.array([told.errors[place] * part.slope(z[place]) for place in places])
+        errors = np.array([uncertainty.errors[place] * part.slope(z[place]) for place in places])
         names = [data.log.source for data in likelihood.data]
         mean = float(each.mean())
         spread = float(np.sqrt(each.var(ddof=1) + np.mean(errors**2))) if len(each) > 1 else float(errors[0])
@@ -218,7 +226,7 @@ def _fitted(likelihood: Likelihood, z: Floats, told: Uncertainty, interrupted: b
                 part.std,
                 mean,
                 spread,
-                bool(part.noise or part.per_log or not part.has_prior or told.told[places[0]]),
+                bool(part.noise or part.per_log or not part.has_prior or uncertainty.identified[places[0]]),
                 part.noise,
                 values,
                 dict(zip(names, map(float, each))) if part.per_log else {},
@@ -234,8 +242,8 @@ def _kept(part: Free) -> Fitted:
 
 def _nis(likelihood: Likelihood, z: Floats) -> tuple[float, ...]:
     """Return the mean of ν²/S per channel over all logs."""
-    told = likelihood.each(z, likelihood.run)
-    ratios = np.vstack([values**2 / variances for values, variances in told])
+    innovations = likelihood.each(z, likelihood.run)
+    ratios = np.vstack([values**2 / variances for values, variances in innovations])
     means = [float(np.nanmean(column)) if np.isfinite(column).any() else float("nan") for column in ratios.T]
     return tuple(means)
 

@@ -10,11 +10,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators import WILD_FORCE, AdaptiveFilter, first_values, samples_of
+from distal.estimators import AdaptiveFilter, Robustness
 from distal.identification.free import Free, prior_changes
 from distal.identification.resampling import refined, steps_per_sample
-from distal.logs import Log
+from distal.logs import Log, true_angles
 from distal.rig import Rig, Sensor
+from distal.running import first_values, samples_of
 from distal.sensors import variance
 
 Floats = NDArray[np.float64]
@@ -27,13 +28,17 @@ Friction has kinks: a step that is too small sees one side of them only. See doc
 """
 
 
+FINE = 0.2
+"""Largest product of sub-step and a joint's own frequency in a fit: its errors must not look like parameters."""
+
+
 @dataclass(frozen=True)
 class Data:
     """A log, ready for the filter.
 
     Args:
         log: as read.
-        samples: values of the filter's channels, (k, n_channels); the reference is the last.
+        samples: values of the filter's channels, (k, n_channels); references are the last.
         first: the first value of each channel.
         rows: what the kernel takes.
         last: index of each sample's own row.
@@ -50,12 +55,12 @@ class Likelihood:
     """Innovations ν and their variances S of logs at parameters z: −ln p = ½ Σ (ν²/S + ln 2πS) + prior.
 
     The prediction-error method (Ljung, System Identification, 1999, ch. 7; Åström, Automatica 16, 1980): hidden states,
-    missing samples and sensor noise are treated as in use, because it is the filter that is used. A wild innovation
+    missing samples and sensor noise are treated as in use, because it is the filter that is used. An outlier
     counts as in the filter: beyond ν² = 9 S its variance grows with it.
 
     Args:
         rig: the description at which the fit starts.
-        reference: the sensor of the joint's angle.
+        references: the sensors of joints' angles.
         free: what is varied.
         logs: with the reference as truth, NaN or absent where it is not known.
         homing: None to use the reference wherever it is; else for how long it is used [s]. What follows is compared with
@@ -67,19 +72,27 @@ class Likelihood:
     def __init__(
         self,
         rig: Rig,
-        reference: Sensor,
+        references: Sequence[Sensor],
         free: Sequence[Free],
         logs: Sequence[Log],
         homing: float | None = None,
         compiled: bool = True,
         workers: int = 2,
     ) -> None:
-        self.rig, self.reference, self.free = rig, reference, tuple(free)
+        self.rig, self.references, self.free = rig, tuple(references), tuple(free)
         given = [path for part in self.free for path in part.paths]
-        self._filter = AdaptiveFilter(rig, compiled, name="fit", reference=reference, given=given, suspicious=False)
+        self._filter = AdaptiveFilter(
+            rig,
+            compiled,
+            Robustness.fitting(),
+            name="fit",
+            references=self.references,
+            given=given,
+            resolution=FINE,
+        )
         names = self._filter.parameter_names
         self._index = [[names.index(path) for path in part.paths] for part in self.free]
-        self._base = self._filter.parameter_values
+        self._base = np.array(self._filter.numbers)
         self.measured = self._filter.measured
         self.state_names = self._filter.state_names
         self._homing = homing
@@ -91,19 +104,27 @@ class Likelihood:
 
     def _prepared(self, log: Log) -> Data:
         runner = self._filter
-        proximal = samples_of(log, runner.channels[:-1], "fit")
-        truth = log.truth.get("theta", np.full(len(log), np.nan))
-        samples = np.column_stack([proximal, truth])
-        positions = [sensor for sensor in self.rig.sensors if sensor.name in runner.channels[: runner.places]]
+        proximal = samples_of(log, runner.channels[: -len(self.references)], "fit")
+        joints = [joint.name for joint in self.rig.joints]
+        known = true_angles(log, joints)
+        truth = np.full((len(log), len(joints)), np.nan) if known is None else known
+        samples = np.column_stack([proximal, truth[:, [joints.index(sensor.of) for sensor in self.references]]])
+        positions = [sensor for sensor in self.rig.sensors if sensor.name in runner.channels[: runner.bridged]]
         noise = np.sqrt([variance(sensor) for sensor in positions])
-        steps = steps_per_sample(log.time, samples[:, : runner.places], noise)
-        times, fine, own = refined(log.time, samples, runner.places, steps)
+        steps = steps_per_sample(samples[:, : runner.bridged], noise)
+        times, fine, own = refined(log.time, samples, runner.bridged, steps)
         rows, last = runner.rows(np.diff(times, prepend=times[0]), fine)
         last = last[own]
         if self._homing is not None:
             late = last[log.time - log.time[0] >= self._homing]
-            rows[late, 2 * len(runner.channels)] *= -1.0  # a mask of −1: compared, but not used
+            rows[late, -len(self.references) :] *= -1.0  # a mask of −1: compared, but not used
         return Data(log, samples, first_values(samples), rows, last)
+
+    @property
+    def tolerance(self) -> Floats:
+        """ν²/S of each channel beyond which an innovation is an outlier, (m,): as in the filter, never for a reference."""
+        references = {sensor.name for sensor in self.references}
+        return np.array([np.inf if name in references else Robustness().wild_force for name in self.measured])
 
     @property
     def size(self) -> int:
@@ -150,10 +171,10 @@ class Likelihood:
         runner = self._filter if not changed else self._filter.with_prior(changed)
         carry = runner.initial(data.log.time[0], data.first).carry
         carries, ys = self._filter.kernel.scan(carry, data.rows, p)
-        values, variances = self._filter.told(ys[data.last], data.samples)
+        values, variances = self._filter.innovations_of(ys[data.last], data.samples)
         if self._homing is not None:
             values = values.copy()
-            values[:, :-1] = np.nan
+            values[:, : -len(self.references)] = np.nan
             values[data.log.time - data.log.time[0] < self._homing] = np.nan
         return values, variances, carries[data.last]
 
@@ -170,7 +191,7 @@ class Likelihood:
 
     def prior_state(self) -> tuple[Floats, Floats]:
         """Return mean and std of the filter's states before the first sample, (n,) each."""
-        return self._filter.prior_means, self._filter.prior_stds
+        return self._filter.states.means, self._filter.states.stds
 
     def each(self, z: Floats, job: Callable[[int, Floats], Result]) -> list[Result]:
         """Return job(log, its coordinates) of all logs, in threads: kernels run without the interpreter's lock.
@@ -192,7 +213,7 @@ class Likelihood:
             z: all coordinates, (size,).
         """
         self.evaluations += 1
-        costs = self.each(z, lambda j, own: cost_of(*self.run(j, own)))
+        costs = self.each(z, lambda j, own: cost_of(*self.run(j, own), self.tolerance))
         return float(np.sum(costs)) + 0.5 * float(np.sum(self.prior_residuals(z) ** 2))
 
     def prior_residuals(self, z: Floats) -> Floats:
@@ -210,10 +231,10 @@ class Likelihood:
             z: all coordinates, (size,).
         """
         self.evaluations += 1 + 2 * len(self.free)
-        told = self.each(z, self._log_derivatives)
+        of_logs = self.each(z, self._log_derivatives)
         n = self.size
         cost, gradient, information, meat, spans = 0.0, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0
-        for j, part in enumerate(told):
+        for j, part in enumerate(of_logs):
             places = self.columns(j)
             cost += part.cost
             gradient[places] += part.gradient
@@ -243,18 +264,21 @@ class Likelihood:
         slopes[~np.isfinite(slopes)] = 0.0
         log_slopes[~np.isfinite(log_slopes)] = 0.0
         ratio = nu * nu / spread
-        wild = np.maximum(1.0, ratio / np.broadcast_to(tolerance(values), values.shape)[there])
-        # with S' = S · wild the terms beyond 9 S are ln ν²: no slope in S, a bounded one in ν
-        calm = wild <= 1.0
-        # score of each sample, calm: ν ν'/S + ½ (ln S)' (1 − ν²/S); wild: ν'/ν
-        pull = np.where(calm, nu / spread, 1.0 / np.where(nu == 0.0, 1.0, nu))
-        scores = slopes * pull + 0.5 * log_slopes * np.where(calm, 1.0 - ratio, 0.0)
-        root = slopes / np.sqrt(spread * wild)
-        spreads = np.sqrt(0.5) * log_slopes * calm
+        inflation = np.maximum(1.0, ratio / np.broadcast_to(self.tolerance, values.shape)[there])
+        # with S' = S · inflation the terms beyond 9 S are ln ν²: no slope in S, a bounded one in ν
+        inlier = inflation <= 1.0
+        # score of each sample, inlier: ν ν'/S + ½ (ln S)' (1 − ν²/S); outlier: ν'/ν
+        influence = np.where(inlier, nu / spread, 1.0 / np.where(nu == 0.0, 1.0, nu))
+        scores = slopes * influence + 0.5 * log_slopes * np.where(inlier, 1.0 - ratio, 0.0)
+        root = slopes / np.sqrt(spread * inflation)
+        spreads = np.sqrt(0.5) * log_slopes * inlier
         information = root @ root.T + spreads @ spreads.T
         times = np.broadcast_to(self.data[log].log.time[:, None], values.shape)[there]
         return LogDerivatives(
-            cost_of(values, variances), scores.sum(axis=1), information, *long_run_covariance(scores, times)
+            cost_of(values, variances, self.tolerance),
+            scores.sum(axis=1),
+            information,
+            *long_run_covariance(scores, times),
         )
 
 
@@ -298,31 +322,21 @@ class Derivatives:
     spans: int
 
 
-def cost_of(values: Floats, variances: Floats) -> float:
-    """Return ½ Σ (ν²/S + ln S) over what was compared, with S grown for wild innovations.
+def cost_of(values: Floats, variances: Floats, tolerance: Floats) -> float:
+    """Return ½ Σ (ν²/S + ln S) over what was compared, with S grown for outliers.
 
     Args:
         values: innovations ν, NaN where nothing was compared.
         variances: S.
+        tolerance: ν²/S of each channel beyond which an innovation is an outlier, (m,).
     """
     there = np.isfinite(values)
     nu, spread = values[there], variances[there]
     if not np.all(np.isfinite(spread)) or np.any(spread <= 0.0):
         return float("inf")
     ratio = nu * nu / spread
-    wild = np.maximum(1.0, ratio / np.broadcast_to(tolerance(values), values.shape)[there])
-    return 0.5 * float(np.sum(ratio / wild + np.log(spread * wild)))
-
-
-def tolerance(values: Floats) -> Floats:
-    """Return ν²/S beyond which an innovation is wild, (m,): never for the reference, which is the last channel.
-
-    Args:
-        values: innovations, (k, m).
-    """
-    limits = np.full(values.shape[1], WILD_FORCE)
-    limits[-1] = np.inf
-    return limits
+    inflation = np.maximum(1.0, ratio / np.broadcast_to(tolerance, values.shape)[there])
+    return 0.5 * float(np.sum(ratio / inflation + np.log(spread * inflation)))
 
 
 CORRELATED = 2.0

@@ -11,17 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError
-from distal.estimators import (
-    AdaptiveFilter,
-    Estimate,
-    estimate,
-    first_values,
-    samples_of,
-    with_channel,
-    with_reference,
-)
+from distal.estimators import AdaptiveFilter
 from distal.logs import Log
-from distal.rig import Rig
+from distal.results import BAND, COLOURS, DASHES, Estimate, figure, save_figure
+from distal.rig import Rig, Sensor
+from distal.running import check_homing, estimate, first_values, samples_of, with_channel, with_references
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,6 +42,7 @@ class Observability:
         std: std of the angle along the whole log [rad], (k,).
         window: length of the windows [s].
         estimate: that it was computed along.
+        joint: index of the joint.
     """
 
     time: Floats
@@ -55,6 +50,7 @@ class Observability:
     std: Floats
     window: float
     estimate: Estimate
+    joint: int = 0
 
     def table(self, rows: int = 10) -> list[tuple[float, float, float, float, str]]:
         """Return (from [s], to [s], std [rad], std found from lost [rad], word) of equal parts of the log.
@@ -82,10 +78,8 @@ class Observability:
         Args:
             path: where to save (PNG, SVG or PDF by its suffix); None only returns the figure.
         """
-        from distal.estimators import BAND, COLOURS, DASHES, figure, save_figure
-
         with figure(2, 1, (6.5, 4.8), sharex=True) as (made, (angle, spread)):
-            theta, half = np.rad2deg(self.estimate.theta), np.rad2deg(BAND * self.std)
+            theta, half = np.rad2deg(self.estimate.angles[:, self.joint]), np.rad2deg(BAND * self.std)
             angle.fill_between(
                 self.time, theta - half, theta + half, color=COLOURS[0], alpha=0.25, lw=0, label="95 % band"
             )
@@ -109,7 +103,9 @@ class Observability:
         return made
 
 
-def observability(log: Log, rig: Rig, window: float = WINDOW, homing: float | None = None) -> Observability:
+def observability(
+    log: Log, rig: Rig, window: float = WINDOW, homing: float | None = None, joint: str | None = None
+) -> Observability:
     """Return how well the joint's angle is seen along a log.
 
     At the start of each window its variance is set to `LOST`², uncorrelated with everything else, and the filter's own
@@ -122,9 +118,10 @@ def observability(log: Log, rig: Rig, window: float = WINDOW, homing: float | No
         rig: the description.
         window: length of the windows [s].
         homing: as for `estimate`.
+        joint: name of the joint; default the only one.
 
     Raises:
-        FitError: the window does not fit the log.
+        FitError: the window does not fit the log, or it is not clear which joint is meant.
         EstimationError: as `estimate`.
     """
     if not isinstance(log, Log):
@@ -132,18 +129,24 @@ def observability(log: Log, rig: Rig, window: float = WINDOW, homing: float | No
     span = float(log.time[-1] - log.time[0])
     if not 0.0 < window < span:
         raise FitError(f"the window must be longer than 0 s and shorter than the log ({span:g} s), {window:g} s came")
+    joints = [each.name for each in rig.joints]
+    if (joint is None and len(joints) > 1) or (joint is not None and joint not in joints):
+        raise FitError(f"observability is of one joint; name one of {', '.join(joints)}, {joint!r} came")
+    at = 0 if joint is None else joints.index(joint)
     known = estimate(log, rig, homing=homing)
-    reference = None
+    references: tuple[Sensor, ...] = ()
     if homing is not None:
-        rig, reference = with_reference(rig, log)
-        early = np.where(log.time - log.time[0] < homing, log.truth["theta"], np.nan)
-        log = with_channel(log, reference.name, early)
-    runner = AdaptiveFilter(rig, reference=reference)
+        rig, references = with_references(rig, log)
+        true, early = check_homing(homing, log, joints), log.time - log.time[0] < homing
+        for sensor in references:
+            log = with_channel(log, sensor.name, np.where(early, true[:, joints.index(sensor.of)], np.nan))
+    runner = AdaptiveFilter(rig, references=references)
     samples = samples_of(log, runner.channels)
     belief = runner.initial(log.time[0], first_values(samples))
     rows, last = runner.rows(np.diff(log.time, prepend=log.time[0]), samples)
-    carries, _ = runner.kernel.scan(belief.carry, rows, runner.parameter_values)
-    found = np.array(known.theta_std)
+    carries, _ = runner.kernel.scan(belief.carry, rows, runner.numbers)
+    std = known.angle_stds[:, at]
+    found = np.array(std)
     number = np.floor((log.time - log.time[0]) / window).astype(int)
     n = len(runner.state_names)
     for k in range(int(number[-1]) + 1):
@@ -153,8 +156,8 @@ def observability(log: Log, rig: Rig, window: float = WINDOW, homing: float | No
         start = last[own[0] - 1] + 1 if own[0] else 0
         carry = np.array(carries[start - 1] if start else belief.carry)
         covariance = carry[n : n + n * n].reshape(n, n)
-        covariance[0, :], covariance[:, 0] = 0.0, 0.0
-        covariance[0, 0] = LOST**2
-        after, _ = runner.kernel.scan(carry, rows[start : last[own[-1]] + 1], runner.parameter_values)
-        found[own] = np.sqrt(np.maximum(after[last[own] - start, n], 0.0))
-    return Observability(log.time, np.maximum(found, known.theta_std), known.theta_std, window, known)
+        covariance[at, :], covariance[:, at] = 0.0, 0.0
+        covariance[at, at] = LOST**2
+        after, _ = runner.kernel.scan(carry, rows[start : last[own[-1]] + 1], runner.numbers)
+        found[own] = np.sqrt(np.maximum(after[last[own] - start, n + at * (n + 1)], 0.0))
+    return Observability(log.time, np.maximum(found, std), std, window, known, at)

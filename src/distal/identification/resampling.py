@@ -11,14 +11,13 @@ FINEST = 4
 """At most so many steps per sample."""
 
 
-def steps_per_sample(times: Floats, places: Floats, noise: Floats) -> int:
+def steps_per_sample(places: Floats, noise: Floats) -> int:
     """Return how many steps per sample keep straight lines within the sensors' noise, 1, 2 or `FINEST`.
 
     A chord leaves out ẍ dt²/8: where sliders swing, that much tension is missing at every crest, and stiffness would be
     fitted too large by (ω dt)²/12. With n steps it is n² times less.
 
     Args:
-        times: stamps [s], (k,).
         places: displacements, (k, m), NaN where missing.
         noise: of the sensors, (m,).
     """

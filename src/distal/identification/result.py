@@ -10,51 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.identification.fitted import Fitted, assignments
+from distal.identification.fitted_file import MARK, fitted_text
+from distal.logs import write_whole
 from distal.rig import Rig
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """One free number after a fit.
-
-    Args:
-        name: as asked for.
-        paths: in the description.
-        si: unit.
-        start: where it started, which is the mean of its prior.
-        prior_std: of the prior; NaN where there was none.
-        value: found.
-        error: standard error of it.
-        told: whether the logs told it; else it stays at its prior.
-        noise: whether it is a noise.
-        values: of all `paths`.
-        per_log: value by log, where each log has its own.
-        kept: whether the file keeps the start where the fit found less.
-    """
-
-    name: str
-    paths: tuple[str, ...]
-    si: str
-    start: float
-    prior_std: float
-    value: float
-    error: float
-    told: bool
-    noise: bool
-    values: tuple[float, ...]
-    per_log: Mapping[str, float] = field(default_factory=dict)
-    kept: bool = False
-
-    @property
-    def origin(self) -> str:
-        """Where the value comes from, in a word or two."""
-        if not self.told:
-            return "prior (these logs cannot tell)"
-        if self.kept and self.value < self.start:
-            return "fitted; the file keeps the start"
-        return "mean over the logs" if self.per_log else "fitted"
 
 
 @dataclass(frozen=True)
@@ -124,13 +85,34 @@ class Fit:
         Raises:
             OutputError: it cannot be written.
         """
-        from distal.identification.fitted_file import fitted_text
-        from distal.logs import write_whole
-
-        write_whole(path, fitted_text(self, text))
+        write_whole(path, fitted_text(self.rig, self.start, self.assignments(), self._account(), text))
 
     def assignments(self) -> dict[str, Any]:
         """Return path → value (with its std, where it had one) of what changed, as for `Rig.with_values`."""
-        from distal.identification.fitted_file import assignments
-
         return {**assignments(self.fitted, self.start), **self.curves}
+
+    def _account(self) -> str:
+        """Return the comment at the head of a fitted file: what it was fitted to, and where each value came from."""
+        names = ", ".join(name.rsplit("/", 1)[-1] for name in self.logs)
+        use = "" if self.homing is None else f", as used with a reference for the first {self.homing:g} s"
+        lines = [
+            f"{MARK} to {len(self.logs)} log{'s' if len(self.logs) > 1 else ''} ({self.duration:.0f} s){use}:",
+            f"# {names}",
+        ]
+        if self.interrupted:
+            lines.append("# The search was interrupted: these are the best values so far.")
+        rows = [("number", "value", "± standard error", "started at", "from")]
+        for part in self.fitted:
+            error = f"{part.error:.2g}" if np.isfinite(part.error) else "–"
+            prior = "" if np.isnan(part.prior_std) else f" ± {part.prior_std:.3g}"
+            rows.append(
+                (part.name, f"{part.value:.5g} {part.si}".strip(), error, f"{part.start:.5g}{prior}", part.origin)
+            )
+        widths = [max(len(row[i]) for row in rows) for i in range(4)]
+        lines += ["#   " + "  ".join([*(row[i].ljust(widths[i]) for i in range(4)), row[4]]) for row in rows]
+        if self.curves:
+            lines.append(
+                "# Learned too: the systematic curves of the position sensors (curve), and what linearity is left."
+            )
+        lines += [f"# These logs tell {line}." for line in self.combinations]
+        return "\n".join(lines) + "\n\n"

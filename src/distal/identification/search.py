@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 MOST_ITERATIONS = 40
 
 ENOUGH = 1e-2
-"""The search ends where the next step promises less than this of −ln p: a tenth of a standard error."""
+"""The search ends where the next step is predicted to gain less than this of −ln p: a tenth of a standard error."""
 
 SMALLEST_DAMPING, LARGEST_DAMPING = 1e-6, 1e8
 
@@ -27,7 +27,6 @@ class Found:
     Args:
         z: coordinates, (n,).
         cost: −ln p there, less constants.
-        start_cost: where it began.
         iterations: accepted and refused steps.
         converged: whether it ended by itself.
         interrupted: whether the user stopped it.
@@ -35,7 +34,6 @@ class Found:
 
     z: Floats
     cost: float
-    start_cost: float
     iterations: int
     converged: bool
     interrupted: bool = False
@@ -57,26 +55,26 @@ def search(likelihood: Likelihood, start: Floats, progress: Progress | None = No
         progress: called with the iteration and the cost after each step.
     """
     bounds = np.array([part.bounds for part, _ in likelihood.parts()]).reshape(-1, 2)
-    best = Found(np.clip(start, bounds[:, 0], bounds[:, 1]), np.inf, np.inf, 0, False)
+    best = Found(np.clip(start, bounds[:, 0], bounds[:, 1]), np.inf, 0, False)
     try:
-        here = likelihood.derivatives(best.z)
-        best = replace(best, cost=here.cost, start_cost=here.cost)
+        derivatives = likelihood.derivatives(best.z)
+        best = replace(best, cost=derivatives.cost)
         damping = 1e-2
         for iteration in range(1, MOST_ITERATIONS + 1):
-            step, promised = _step(here, best.z, bounds, damping)
+            step, predicted = _step(derivatives, best.z, bounds, damping)
             best = replace(best, iterations=iteration)
-            if promised < ENOUGH:
+            if predicted < ENOUGH:
                 return replace(best, converged=True)
             cost = likelihood.cost(best.z + step)
             if progress is not None:
                 progress(iteration, min(cost, best.cost))
             if cost < best.cost:
-                gained = best.cost - cost
+                decrease = best.cost - cost
                 best = replace(best, z=best.z + step, cost=cost)
-                damping = max(damping * (0.2 if gained > 0.5 * promised else 1.0), SMALLEST_DAMPING)
-                if gained < ENOUGH:
+                damping = max(damping * (0.2 if decrease > 0.5 * predicted else 1.0), SMALLEST_DAMPING)
+                if decrease < ENOUGH:
                     return replace(best, converged=True)
-                here = likelihood.derivatives(best.z)
+                derivatives = likelihood.derivatives(best.z)
             else:
                 damping *= 10.0
                 if damping > LARGEST_DAMPING:
@@ -87,19 +85,19 @@ def search(likelihood: Likelihood, start: Floats, progress: Progress | None = No
     return best
 
 
-def _step(here: Derivatives, z: Floats, bounds: Floats, damping: float) -> tuple[Floats, float]:
-    """Return the damped step within the bounds, and by how much it promises to lower the cost."""
+def _step(derivatives: Derivatives, z: Floats, bounds: Floats, damping: float) -> tuple[Floats, float]:
+    """Return the damped step within the bounds, and by how much the quadratic model lowers the cost."""
     from scipy.optimize import lsq_linear
 
-    hessian = here.information + here.prior
+    hessian = derivatives.information + derivatives.prior
     scale = np.sqrt(np.maximum(np.diag(hessian), 1e-12))
     scaled = hessian / np.outer(scale, scale) + (damping + 1e-9) * np.eye(len(z))
     factor = np.linalg.cholesky((scaled + scaled.T) / 2)
-    target = -np.linalg.solve(factor, here.gradient / scale)
+    target = -np.linalg.solve(factor, derivatives.gradient / scale)
     low, high = (bounds[:, 0] - z) * scale, (bounds[:, 1] - z) * scale
     # a coordinate at its bound still needs room for the solver
     low, high = np.minimum(low, -1e-12), np.maximum(high, 1e-12)
     step = lsq_linear(factor.T, target, (low, high), method="bvls" if len(z) <= 60 else "trf").x / scale
     step = np.clip(z + step, bounds[:, 0], bounds[:, 1]) - z
-    promised = -float(here.gradient @ step + 0.5 * step @ hessian @ step)
-    return step, promised
+    predicted = -float(derivatives.gradient @ step + 0.5 * step @ hessian @ step)
+    return step, predicted

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from distal.errors import FitError, RigError
-from distal.estimators import channels_of, parameter_states
+from distal.estimators import Robustness, channels_of
+from distal.estimators.adaptive import Setup, uncertain_parameters
 from distal.identification.free import Free
 from distal.model import Mechanism
 from distal.rig import Number, Rig, Sensor, number
@@ -28,7 +29,7 @@ SMALLEST = 1e-3
 
 
 def choose(
-    rig: Rig, reference: Sensor, asked: Sequence[str], per_log: Sequence[str], noise: bool, homing: bool
+    rig: Rig, references: Sequence[Sensor], asked: Sequence[str], per_log: Sequence[str], noise: bool, homing: bool
 ) -> tuple[Free, ...]:
     """Return what a fit varies.
 
@@ -37,8 +38,8 @@ def choose(
     hysteresis.
 
     Args:
-        rig: the description; must hold the reference.
-        reference: the sensor of the joint's angle.
+        rig: the description; must hold the references.
+        references: the sensors of joints' angles.
         asked: paths, ``*`` for all parts of a kind; empty for every parameter with a std.
         per_log: paths of which each log has its own.
         noise: whether the noise is varied too.
@@ -47,11 +48,11 @@ def choose(
     Raises:
         FitError: nothing is free, or a path cannot be.
     """
-    free = [_asked(rig, path, False) for path in asked] if asked else list(_uncertain(rig, reference, per_log))
+    free = [_asked(rig, path, False) for path in asked] if asked else list(_uncertain(rig, references, per_log))
     free += [_asked(rig, path, True) for path in per_log]
     if noise:
         own = {path for part in free for path in part.paths}
-        free += [part for part in _noises(rig, reference, homing) if not own.intersection(part.paths)]
+        free += [part for part in _noises(rig, references, homing) if not own.intersection(part.paths)]
     seen: dict[str, str] = {}
     for part in free:
         for path in part.paths:
@@ -66,16 +67,16 @@ def choose(
     return tuple(free)
 
 
-def _uncertain(rig: Rig, reference: Sensor, per_log: Sequence[str]) -> list[Free]:
+def _uncertain(rig: Rig, references: Sequence[Sensor], per_log: Sequence[str]) -> list[Free]:
     mechanism = Mechanism(rig)
     own = {path for wanted in per_log for path in _paths(rig, wanted)}
     free = []
-    for state in parameter_states(mechanism, channels_of(rig, "fit", reference)):
+    for state in uncertain_parameters(Setup(mechanism, channels_of(rig, "fit", references), Robustness.fitting())):
         paths = [mechanism.parameters.names[i] for i in state.indices]
         if not own.intersection(paths):
             numbers = [number(rig, path) for path in paths]
             name = paths[0] if len(paths) == 1 else f"{paths[0].split('.')[0]}.*.{paths[0].split('.', 2)[2]}"
-            free.append(_free(rig, name, numbers, False))
+            free.append(_free(name, numbers, False))
     taken = {path for part in free for path in part.paths} | own
     alike: dict[tuple[str, float, float], list[str]] = {}
     for path in _held(rig):
@@ -87,7 +88,7 @@ def _uncertain(rig: Rig, reference: Sensor, per_log: Sequence[str]) -> list[Free
             alike.setdefault(key, []).append(path)
     for (name, _, _), paths in alike.items():
         numbers = [number(rig, path) for path in paths]
-        free.append(_free(rig, paths[0] if len(paths) == 1 else name, numbers, False))
+        free.append(_free(paths[0] if len(paths) == 1 else name, numbers, False))
     return free
 
 
@@ -121,10 +122,10 @@ def _asked(rig: Rig, wanted: str, per_log: bool) -> Free:
         numbers = [number(rig, path) for path in _paths(rig, wanted)]
     except RigError as problem:
         raise FitError(f"--free {problem}") from None
-    return _free(rig, wanted, numbers, per_log)
+    return _free(wanted, numbers, per_log)
 
 
-def _free(rig: Rig, name: str, numbers: Sequence[Number], per_log: bool) -> Free:
+def _free(name: str, numbers: Sequence[Number], per_log: bool) -> Free:
     first = numbers[0]
     if not first.is_parameter:
         return _noise(name, numbers)
@@ -163,20 +164,20 @@ def _noise(name: str, numbers: Sequence[Number], prior: bool = True) -> Free:
     )
 
 
-def _noises(rig: Rig, reference: Sensor, homing: bool) -> list[Free]:
+def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
     """Return the noises: of sensors alike by one factor, of the reference, of what no model knows.
 
     Displacements are inputs: their noise shows only in what it shakes, and comes out too small; the file keeps what it had,
     as it keeps what the model does not know. An effort that moves a play is smoothed and nothing that is compared: its
     noise stays.
     """
+    angles = {reference.name for reference in references}
     playing = {drive.name for drive in rig.drives if drive.hysteresis is not None}
     groups: dict[tuple[str, str, float], list[int]] = {}
     for i, sensor in enumerate(rig.sensors):
         smooth = sensor.measures == "force" and sensor.of in playing
-        if sensor.name != reference.name and sensor.measures != "angle" and sensor.noise > 0.0 and not smooth:
+        if sensor.name not in angles and sensor.measures != "angle" and sensor.noise > 0.0 and not smooth:
             groups.setdefault((sensor.measures, sensor.si, sensor.noise), []).append(i)
-    at = next(i for i, sensor in enumerate(rig.sensors) if sensor.name == reference.name)
     if homing:
         return []  # what is predicted after homing tells nothing of a sensor's own noise
     free = []
@@ -185,12 +186,12 @@ def _noises(rig: Rig, reference: Sensor, homing: bool) -> list[Free]:
         name = paths[0] if len(paths) == 1 else f"noise of {', '.join(rig.sensors[i].name for i in indices)}"
         place = rig.sensors[indices[0]].measures == "position"
         free.append(replace(_noise(name, [number(rig, path) for path in paths]), kept_by_file=place))
-    if reference.noise > 0.0:
-        told = _noise(f"sensors.{at}.noise", [number(rig, f"sensors.{at}.noise")], prior=False)
-        free.append(replace(told, low=min(max(told.low, EXACT), told.start)))
+    for at, sensor in enumerate(rig.sensors):
+        if sensor.name in angles and sensor.noise > 0.0:
+            own = _noise(f"sensors.{at}.noise", [number(rig, f"sensors.{at}.noise")], prior=False)
+            free.append(replace(own, low=min(max(own.low, EXACT), own.start)))
     paths = [f"drives.{i}.hysteresis.error" for i, d in enumerate(rig.drives) if d.hysteresis is not None]
     paths = [path for path in paths if number(rig, path).value > 0.0]
-    if rig.joints[0].unmodelled > 0.0:
-        paths.append("joints.0.unmodelled")
+    paths += [f"joints.{j}.unmodelled" for j, joint in enumerate(rig.joints) if joint.unmodelled > 0.0]
     free += [replace(_noise(path, [number(rig, path)]), kept_by_file=path.endswith(".unmodelled")) for path in paths]
     return free

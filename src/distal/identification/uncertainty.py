@@ -13,8 +13,8 @@ from distal.identification.likelihood import Derivatives
 
 Floats = NDArray[np.float64]
 
-TOLD = 0.9
-"""A parameter whose standard error is above this share of its prior's std was not told by the logs."""
+IDENTIFIED = 0.9
+"""A parameter whose standard error is above this share of its prior's std is not identified by the logs."""
 
 STEPPING = 1e-3
 """Share of a value that the model's time step and the lines between samples leave uncertain, however long the logs."""
@@ -36,12 +36,12 @@ class Uncertainty:
     Args:
         covariance: of the coordinates' errors, (n, n): H⁻¹ (J + P) H⁻¹ with H = I + P, I Fisher's information, P the
             prior's and J the long-run covariance of the scores, but no less than H⁻¹; `STEPPING` added.
-        told: whether the logs told each coordinate more than its prior, (n,).
+        identified: whether the logs say more of each coordinate than its prior, (n,).
         combinations: plain lines on combinations that the logs do not tell.
     """
 
     covariance: Floats
-    told: tuple[bool, ...]
+    identified: tuple[bool, ...]
     combinations: tuple[str, ...]
 
     @property
@@ -57,21 +57,21 @@ class Uncertainty:
         return correlations
 
 
-def uncertainty(here: Derivatives, z: Floats, parts: Sequence[tuple[Free, int | None]]) -> Uncertainty:
+def uncertainty_at(derivatives: Derivatives, z: Floats, parts: Sequence[tuple[Free, int | None]]) -> Uncertainty:
     """Return standard errors and what stays unknown at the end of a fit.
 
     Args:
-        here: derivatives there.
+        derivatives: of −ln p there.
         z: coordinates, (n,).
         parts: the free parameter behind each coordinate.
     """
     n = len(z)
-    # a whisper of a prior keeps what nothing tells from dividing by zero
-    hessian = here.information + here.prior + 1e-12 * np.eye(n)
+    # a very wide prior keeps what neither logs nor priors know from dividing by zero
+    hessian = derivatives.information + derivatives.prior + 1e-12 * np.eye(n)
     inverse = np.linalg.pinv(hessian, hermitian=True)
     # few spans of time tell too small a variance (MacKinnon and White, J. Econometrics 29, 1985)
-    few = here.spans / max(here.spans - n, 1)
-    sandwich = inverse @ (few * here.meat + here.prior) @ inverse
+    few = derivatives.spans / max(derivatives.spans - n, 1)
+    sandwich = inverse @ (few * derivatives.meat + derivatives.prior) @ inverse
     covariance = np.where(np.eye(n) > 0, np.maximum(np.diag(sandwich), np.diag(inverse)), 0.0)
     scale = np.sqrt(np.diag(covariance) / np.maximum(np.diag(inverse), 1e-300))
     covariance = inverse * np.outer(scale, scale)
@@ -81,17 +81,17 @@ def uncertainty(here: Derivatives, z: Floats, parts: Sequence[tuple[Free, int | 
     limit = np.array([part.spread if part.has_prior else np.inf for part, _ in parts])
     shrink = np.minimum(1.0, limit / np.maximum(np.sqrt(np.diag(covariance)), 1e-300))
     covariance *= np.outer(shrink, shrink)
-    told = []
+    identified = []
     for (part, _), coordinate, error in zip(parts, z, np.sqrt(np.diag(covariance))):
         known = (
             part.spread if part.has_prior else VAGUE * abs(part.value(coordinate)) / max(part.slope(coordinate), 1e-300)
         )
-        told.append(bool(error < (TOLD if part.has_prior else 1.0) * known))
-    return Uncertainty(covariance, tuple(told), _combinations(here, z, parts))
+        identified.append(bool(error < (IDENTIFIED if part.has_prior else 1.0) * known))
+    return Uncertainty(covariance, tuple(identified), _combinations(derivatives, z, parts))
 
 
-def _combinations(here: Derivatives, z: Floats, parts: Sequence[tuple[Free, int | None]]) -> tuple[str, ...]:
-    """Return lines on directions that the logs tell less of than the priors, each over two parameters or more."""
+def _combinations(derivatives: Derivatives, z: Floats, parts: Sequence[tuple[Free, int | None]]) -> tuple[str, ...]:
+    """Return lines on directions that the logs say less of than the priors, each over two parameters or more."""
     own = [k for k, (part, _) in enumerate(parts) if not part.noise]
     if len(own) < 2:
         return ()
@@ -103,8 +103,8 @@ def _combinations(here: Derivatives, z: Floats, parts: Sequence[tuple[Free, int 
             for k in own
         ]
     )
-    told = here.information[np.ix_(own, own)] * np.outer(yardstick, yardstick)
-    amounts, directions = np.linalg.eigh((told + told.T) / 2)
+    relative = derivatives.information[np.ix_(own, own)] * np.outer(yardstick, yardstick)
+    amounts, directions = np.linalg.eigh((relative + relative.T) / 2)
     lines = []
     for amount, direction in zip(amounts, directions.T):
         members = [i for i in np.argsort(-np.abs(direction)) if abs(direction[i]) >= PART]

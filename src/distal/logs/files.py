@@ -100,7 +100,9 @@ def _known_angles(
         return known, "column " + ", ".join(f"'{simulated[name]}'" for name in known)
     read = {names[s.of]: s for s in references.values() if s.log_column in table.columns}
     listed = ", ".join(f"'{sensor.log_column}'" for sensor in read.values())
-    return {name: _in_si(sensor, table) for name, sensor in read.items()}, f"column {listed}, {FROM_SENSOR}" if read else ""
+    return {
+        name: _in_si(sensor, table) for name, sensor in read.items()
+    }, f"column {listed}, {FROM_SENSOR}" if read else ""
 
 
 def _is_column(names: tuple[str, ...], name: str) -> bool:

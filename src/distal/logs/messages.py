@@ -40,11 +40,6 @@ class MessageReader:
         self._width, self._separator = 0, ","
         self._sample = np.zeros(len(channels))
 
-    @property
-    def needs_header(self) -> bool:
-        """Whether no CSV header has come yet."""
-        return self._at is None
-
     def header(self, line: str) -> None:
         """Take the header of a CSV stream.
 

@@ -37,20 +37,19 @@ class Table:
     first_row: int
 
 
-def read_table(path: str | Path, wanted: Sequence[str] | None = None, optional: Iterable[str] = ()) -> Table:
+def read_table(path: str | Path, wanted: Sequence[str] | None = None) -> Table:
     """Read columns of a CSV or Parquet file as numbers.
 
     Args:
         path: the file; ``.parquet`` is Parquet, anything else CSV with a header, separated by comma, semicolon or tab.
         wanted: columns that must be there; None reads all.
-        optional: columns that are read where they are there.
 
     Raises:
         LogError: it cannot be read, a column is missing or doubled, a cell is not a number, a row is short or long, or
             there is no row.
     """
     frame, source, first_row = open_table(path)
-    return table_of(frame, source, first_row, wanted, optional)
+    return table_of(frame, source, first_row, wanted)
 
 
 def open_table(path: Any) -> tuple[polars.DataFrame, Path, int]:

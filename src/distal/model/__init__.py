@@ -28,7 +28,7 @@ from distal.model.stepping import (
     stiffest_frequency,
     substeps,
 )
-from distal.model.stops import restitution, stop_force
+from distal.model.stops import restitution
 from distal.model.tangents import tangent_step
 
 __all__ = [
@@ -60,7 +60,6 @@ __all__ = [
     "soft",
     "soft_moments",
     "stiffest_frequency",
-    "stop_force",
     "stretched",
     "stribeck",
     "substeps",

@@ -28,8 +28,8 @@ class Limit:
         return (self.up + self.down) / 2
 
     @property
-    def lean(self) -> Any:
-        """Return half their difference: 0 where friction is the same in both directions."""
+    def asymmetry(self) -> Any:
+        """Return half their difference, up less down: 0 where friction is the same in both directions."""
         return (self.up - self.down) / 2
 
     def times(self, factor: Any) -> Limit:

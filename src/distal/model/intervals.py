@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import casadi as ca
 
 from distal.model.mechanism import Mechanism
@@ -14,13 +12,11 @@ def interval_step(
     mechanism: Mechanism,
     count: int,
     rebounds: bool = True,
-    bodies: Sequence[int] | None = None,
     with_servo: bool = False,
 ) -> ca.Function:
     """Return the function (q, v, effort, added_inertia, servo, dt, p) → (q⁺, v⁺) over one interval.
 
-    Kick–drift–kick leapfrog: half kick, drift, then (full kick, drift) `count` − 1 times, half kick. Bodies that are
-    not free drift with the velocity they have: with `bodies` = the joints, the drives' displacements are inputs.
+    Kick–drift–kick leapfrog: half kick, drift, then (full kick, drift) `count` − 1 times, half kick.
     Everything that acts is constant over the interval: `effort` is force or torque, `added_inertia` rides on the bodies
     (hung weights), `servo` is (stiffness, target, damping) of a spring and damper to a target, taken implicitly (a hand,
     a position loop), all per body.
@@ -29,7 +25,6 @@ def interval_step(
         mechanism: the rig's equations.
         count: number of sub-steps.
         rebounds: whether bodies bounce off stops (simulation) or are pressed against them (filters).
-        bodies: which bodies move freely; default all.
         with_servo: whether a spring and damper to a target may act on the bodies.
     """
     n, p = mechanism.n_bodies, mechanism.parameters.symbols
@@ -43,8 +38,8 @@ def interval_step(
         implicit = ca.horzcat(stiffness * (target - q), stiffness * drift + damping)
     kick = Kick(q, v, effort, response, length, drift, implicit)
     arguments = [q, v, effort, response, length, drift, servo, p]
-    moving = ca.Function("substep", arguments, ca.cse(list(kick_and_drift(mechanism, kick, rebounds, bodies))))
-    closing = ca.Function("last_kick", arguments, ca.cse([last_kick(mechanism, kick, bodies)]))
+    moving = ca.Function("substep", arguments, ca.cse(list(kick_and_drift(mechanism, kick, rebounds))))
+    closing = ca.Function("last_kick", arguments, ca.cse([last_kick(mechanism, kick)]))
     added = ca.SX.sym("added_inertia", n)
     prepared = ca.Function("responses", [length, drift, added, p], [responses(mechanism, length, drift, added)])
 

@@ -215,10 +215,11 @@ class Mechanism:
             if not p.has(f"{name}.friction"):
                 continue
             wrap = p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[self.joint_of[i]]
-            rubs = capstan_limit(tensions[i], p[f"{name}.friction"], ca.fmax(wrap, 0)).times(lever)
+            path_friction = capstan_limit(tensions[i], p[f"{name}.friction"], ca.fmax(wrap, 0)).times(lever)
             # a capstan's positive angle lets out the tendons of side −1
             drawn = self.rig.tendons[i].side if self.rig.drives[body - self.n_joints].kind == "capstan" else 1
-            up, down = (up + rubs.up, down + rubs.down) if drawn > 0 else (up + rubs.down, down + rubs.up)
+            drawn_in, let_out = path_friction.up, path_friction.down
+            up, down = (up + drawn_in, down + let_out) if drawn > 0 else (up + let_out, down + drawn_in)
         return Limit(up, down)
 
     def stretch(self, drive: int, q: Any) -> Any:

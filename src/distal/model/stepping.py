@@ -15,9 +15,6 @@ from distal.model.friction import free_response, soft
 from distal.model.mechanism import Mechanism
 from distal.model.stops import Stop, kick_at_stops, restitution, velocity_in_stops
 
-RESPONSE = ("a", "b", "rebound", "implicitness")
-"""Columns of the response matrix of `responses`."""
-
 RESOLUTION = 0.6
 """Largest product of sub-step and stiffest frequency; see docs/numerics.md for the table behind it."""
 
@@ -133,23 +130,22 @@ def kick_and_drift(
     return ca.vertcat(*q), ca.vertcat(*v)
 
 
-def last_kick(mechanism: Mechanism, kick: Kick, bodies: Sequence[int] | None = None) -> Any:
+def last_kick(mechanism: Mechanism, kick: Kick) -> Any:
     """Return v⁺ after the half kick that ends an interval; its `drift` is the one that went before.
 
     Args:
         mechanism: the rig's equations.
         kick: its symbols.
-        bodies: which bodies move freely; default all.
     """
     z, limits, damping = impulses(mechanism, kick)
-    velocities = [kick.v[i] for i in range(mechanism.n_bodies)]
-    for i in range(mechanism.n_bodies) if bodies is None else bodies:
+    velocities = []
+    for i in range(mechanism.n_bodies):
         b = kick.response[i, 1]
         if mechanism.bodies[i].has_stops:
             stop = _stop(mechanism, i, kick.response, False)
-            velocities[i] = velocity_in_stops(stop, z[i], limits[i], b, damping[i], kick.q[i], kick.drift)
+            velocities.append(velocity_in_stops(stop, z[i], limits[i], b, damping[i], kick.q[i], kick.drift))
         else:
-            velocities[i] = soft(z[i], limits[i]) / (1 + b * damping[i])
+            velocities.append(soft(z[i], limits[i]) / (1 + b * damping[i]))
     return ca.vertcat(*velocities)
 
 

@@ -1,4 +1,8 @@
-"""End stops: springs and dampers that only push. Contact is implicit when pressed and a rebound when hit."""
+"""End stops: springs and dampers that only push. Contact is implicit when pressed and a rebound when hit.
+
+F_stop = max(k_s (x − x_H) + b_s ẋ, 0) above x_H, min(k_s (x − x_L) + b_s ẋ, 0) below x_L, else 0: equation (14),
+reconstructed. Mend: a stop only pushes, hence max and min (as written it pulls on release).
+"""
 
 from __future__ import annotations
 
@@ -8,24 +12,6 @@ from typing import Any
 import casadi as ca
 
 from distal.model.friction import slip, slipped, soft
-
-
-def stop_force(position: Any, velocity: Any, low: Any, high: Any, stiffness: Any, damping: Any) -> Any:
-    """Return F_stop: max(k_s (x − x_H) + b_s ẋ, 0) above x_H, min(k_s (x − x_L) + b_s ẋ, 0) below x_L, else 0.
-
-    Equation (14), reconstructed. Mend: a stop only pushes, hence max and min (as written it pulls on release).
-
-    Args:
-        position: x.
-        velocity: ẋ.
-        low: x_L.
-        high: x_H.
-        stiffness: k_s.
-        damping: b_s.
-    """
-    above = ca.fmax(stiffness * (position - high) + damping * velocity, 0)
-    below = ca.fmin(stiffness * (position - low) + damping * velocity, 0)
-    return ca.if_else(position > high, above, 0) + ca.if_else(position < low, below, 0)
 
 
 def restitution(stiffness: Any, damping: Any, inertia: Any) -> Any:

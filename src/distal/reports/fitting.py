@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.estimators import Estimate, estimate
 from distal.identification import CrossValidation, Fit, Observability, observability
 from distal.logs import Log, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.reports.reproduction import make_folder
+from distal.results import Estimate
+from distal.running import estimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,7 +86,7 @@ def _svg(made: Figure) -> str:
 def _parameters(fit: Fit) -> list[str]:
     rows = []
     for part in fit.fitted:
-        mark = "yes" if part.told else "no"
+        mark = "yes" if part.identified else "no"
         prior = "–" if np.isnan(part.prior_std) else f"{part.prior_std:.3g}"
         rows.append(
             (
@@ -113,7 +114,10 @@ def _parameters(fit: Fit) -> list[str]:
         f"{fit.fitted[i].name} and {fit.fitted[j].name}: {fit.correlations[i, j]:+.2f}"
         for i in range(len(fit.correlations))
         for j in range(i)
-        if i < len(fit.fitted) and abs(fit.correlations[i, j]) > 0.8 and fit.fitted[i].told and fit.fitted[j].told
+        if i < len(fit.fitted)
+        and abs(fit.correlations[i, j]) > 0.8
+        and fit.fitted[i].identified
+        and fit.fitted[j].identified
     ]
     if strong and not any(part.per_log for part in fit.fitted):
         parts.append(paragraph("Errors that go together (correlation): " + "; ".join(strong) + "."))

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators import BAND, COLOURS, DASHES, Estimate, figure
-from distal.logs import Log
+from distal.logs import Log, true_angles
+from distal.results import BAND, COLOURS, DASHES, Estimate, figure
 from distal.rig import Rig
 
 if TYPE_CHECKING:
@@ -41,40 +41,45 @@ def draw_traces(log: Log, before: Estimate, after: Estimate) -> Figure:
     # a page with a dozen logs stays small: no more points than a printed line can show
     some = slice(None, None, max(1, len(log) // POINTS))
     log, before, after = log.select(some), _some(before, some), _some(after, some)
-    truth = log.truth.get("theta")
-    rows = 2 if truth is not None else 1
-    with figure(rows, 1, (6.8, 4.4 if rows == 2 else 2.8), sharex=True, height_ratios=[1.6, 1][:rows]) as (made, axes):
-        top = axes[0]
-        if truth is not None:
-            top.plot(log.time, np.rad2deg(truth), color="black", lw=1.6, label="truth")
-        for i, (name, result) in enumerate((("before", before), ("after", after))):
-            _trace(top, result, i, name)
-        top.set_ylabel("joint angle θ [°]")
-        top.set_title(Path(log.source).name[:80], fontsize=9, loc="left")
-        top.legend(loc="best", fontsize=8, ncols=2)
-        if truth is not None:
-            for i, result in enumerate((before, after)):
-                error = np.rad2deg(result.theta - truth)
-                axes[1].plot(log.time, error, color=COLOURS[1 - i], ls=DASHES[1 - i], lw=1.0)
-            half = np.rad2deg(BAND * after.theta_std)
-            axes[1].fill_between(log.time, -half, half, color=COLOURS[0], alpha=0.18, lw=0)
-            axes[1].axhline(0.0, color="black", lw=0.6)
-            limit = 1.15 * float(np.nanquantile(np.abs(np.r_[half, np.rad2deg(after.theta - truth)]), 0.995))
-            worst = 1.15 * float(np.nanquantile(np.abs(np.rad2deg(before.theta - truth)), 0.98))
-            limit = max(limit, min(worst, 4.0 * limit))
-            axes[1].set_ylim(-limit, limit)
-            axes[1].set_ylabel("error [°]")
-        axes[-1].set_xlabel("time [s]")
+    truths, joints = true_angles(log, after.joint_names), after.joint_names
+    rows, columns = (1 if truths is None else 2), len(joints)
+    size = (6.8 if columns == 1 else 4.0 * columns, 2.8 if truths is None else 4.4)
+    with figure(rows, columns, size, sharex=True, height_ratios=[1.6, 1][:rows]) as (made, axes):
+        for j, joint in enumerate(joints):
+            own, truth = axes[j::columns], None if truths is None else truths[:, j]
+            if truth is not None and np.isfinite(truth).any():
+                own[0].plot(log.time, np.rad2deg(truth), color="black", lw=1.6, label="truth")
+                _errors(own[1], log.time, *(result.angles[:, j] - truth for result in (before, after)), after, j)
+            for i, (name, result) in enumerate((("before", before), ("after", after))):
+                _trace(own[0], result, i, name, j)
+            own[0].set_ylabel("joint angle θ [°]" if columns == 1 else f"{joint} [°]")
+            own[0].legend(loc="best", fontsize=8, ncols=2)
+            own[-1].set_xlabel("time [s]")
+        axes[0].set_title(Path(log.source).name[:80], fontsize=9, loc="left")
     return made
+
+
+def _errors(axes: Axes, time: Floats, before: Floats, after: Floats, result: Estimate, joint: int) -> None:
+    """Draw a joint's errors before and after the fit, and the band after it; large ones before it may be cut off."""
+    for i, error in enumerate((before, after)):
+        axes.plot(time, np.rad2deg(error), color=COLOURS[1 - i], ls=DASHES[1 - i], lw=1.0)
+    half = np.rad2deg(BAND * result.angle_stds[:, joint])
+    axes.fill_between(time, -half, half, color=COLOURS[0], alpha=0.18, lw=0)
+    axes.axhline(0.0, color="black", lw=0.6)
+    limit = 1.15 * float(np.nanquantile(np.abs(np.r_[half, np.rad2deg(after)]), 0.995))
+    worst = 1.15 * float(np.nanquantile(np.abs(np.rad2deg(before)), 0.98))
+    limit = max(limit, min(worst, 4.0 * limit))
+    axes.set_ylim(-limit, limit)
+    axes.set_ylabel("error [°]")
 
 
 def _some(result: Estimate, rows: slice) -> Estimate:
     return replace(result, time=result.time[rows], means=result.means[rows], variances=result.variances[rows])
 
 
-def _trace(axes: Axes, result: Estimate, index: int, name: str) -> None:
+def _trace(axes: Axes, result: Estimate, index: int, name: str, joint: int) -> None:
     colour, dash = COLOURS[1 - index], DASHES[1 - index]
-    theta, half = np.rad2deg(result.theta), np.rad2deg(BAND * result.theta_std)
+    theta, half = np.rad2deg(result.angles[:, joint]), np.rad2deg(BAND * result.angle_stds[:, joint])
     axes.plot(result.time, theta, color=colour, ls=dash, lw=1.2, label=name)
     if index == 1:
         axes.fill_between(
@@ -95,20 +100,25 @@ def draw_residuals(logs: Sequence[Log], before: Sequence[Estimate], after: Seque
         rig: the description.
     """
     force = next(iter(rig.sensors_of("force") or rig.sensors_of("tension")), None)
-    known = [i for i, log in enumerate(logs) if "theta" in log.truth]
-    chosen = known or list(range(len(logs)))
+    joints = range(len(rig.joints))
+    truths = [true_angles(log, [joint.name for joint in rig.joints]) for log in logs]
+    known = [
+        (i, j) for i, truth in enumerate(truths) for j in joints if truth is not None and np.isfinite(truth[:, j]).any()
+    ]
+    chosen = known or [(i, j) for i in range(len(logs)) for j in joints]
     against: list[tuple[str, list[Floats]]] = [("angle θ [°]", []), ("speed [°/s]", [])]
     if force is not None:
         against.append((f"{force.name} [{force.si}]", []))
-    for i in chosen:
-        angle = np.rad2deg(logs[i].truth["theta"] if known else after[i].theta)
+    for i, j in chosen:
+        true = truths[i]
+        angle = np.rad2deg((after[i].angles if true is None else true)[:, j])
         against[0][1].append(angle)
         against[1][1].append(smooth_speed(logs[i].time, angle))
         if force is not None:
             against[2][1].append(logs[i].channels[force.name])
     with figure(1, len(against), (7.2, 2.9), sharey=True) as (made, axes):
         for name, group, i in (("before", before, 1), ("after", after, 0)):
-            left = [_left(logs[j], group[j], bool(known)) for j in chosen]
+            left = [_left(truths[k] if known else None, group[k], j) for k, j in chosen]
             for place, (label, values) in zip(axes, against):
                 _binned(place, np.concatenate(values), np.concatenate(left), i, name)
                 place.set_xlabel(label)
@@ -119,9 +129,9 @@ def draw_residuals(logs: Sequence[Log], before: Sequence[Estimate], after: Seque
     return made
 
 
-def _left(log: Log, result: Estimate, known: bool) -> Floats:
-    if known:
-        left: Floats = np.rad2deg(result.theta - log.truth["theta"])
+def _left(truth: Floats | None, result: Estimate, joint: int) -> Floats:
+    if truth is not None:
+        left: Floats = np.rad2deg(result.angles[:, joint] - truth[:, joint])
         return left
     ratio: Floats = result.innovations[:, 0] / np.sqrt(result.innovation_variances[:, 0])
     return ratio

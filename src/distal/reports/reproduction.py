@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from distal.analysis import PLANTS, READINGS, SEEDS, SERIES_2, Claim, Measure, Run, all_runs, measure_claims, rms
 from distal.errors import OutputError
-from distal.estimators import save_figure
 from distal.logs import write_whole
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.reports.reproduction_figures import CAPTIONS, FIGURES, draw_figure
+from distal.results import save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from distal.analysis import PLANTS, Run
-from distal.estimators import BAND, COLOURS, DASHES, draw_estimate, figure
+from distal.results import BAND, COLOURS, DASHES, draw_estimate, figure
+from distal.rig import tendon_angle_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,7 +68,7 @@ def _potentiometers(top: Axes, bottom: Axes, run: Run) -> None:
     _encoder(top, run)
     result = run.estimates["inextensible"]
     for i, side in enumerate(("left", "right")):
-        theta = np.rad2deg(result.means[:, result.state_names.index(f"theta_{side}")])
+        theta = np.rad2deg(result.state(tendon_angle_name(side)))
         style: dict[str, Any] = {"color": COLOURS[i], "linestyle": DASHES[i], "linewidth": 1.2}
         top.plot(run.log.time, theta, label=f"from {side} potentiometer", **style)
         bottom.plot(run.log.time, theta - np.rad2deg(run.log.truth["theta"]), **style)

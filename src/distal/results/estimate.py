@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+
 @dataclass(frozen=True)
 class Estimate:
     """The states over a log, with their standard deviations, and the innovations.

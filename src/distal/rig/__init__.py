@@ -10,7 +10,6 @@ from distal.rig.drives import (
     SliderHysteresis,
     SliderStribeck,
     effort_unit,
-    inertia_of,
     position_unit,
 )
 from distal.rig.files import (
@@ -22,7 +21,6 @@ from distal.rig.files import (
     rig_text,
     shipped_rigs,
     template_text,
-    validated,
 )
 from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spring, Stribeck
 from distal.rig.numbers import Number, number
@@ -31,6 +29,7 @@ from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import LogFormat, Rig, Stepping
 from distal.rig.sensors import Sensor, SensorBase, log_factor
 from distal.rig.tendons import Linkage, Path, Pinned, Pulley, Tendon
+from distal.rig.validation import validated
 
 __all__ = [
     "Capstan",
@@ -64,7 +63,6 @@ __all__ = [
     "build_rig",
     "edited_text",
     "effort_unit",
-    "inertia_of",
     "load_rig",
     "log_factor",
     "number",

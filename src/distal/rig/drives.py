@@ -147,9 +147,3 @@ def position_unit(drive: Slider | Capstan) -> str:
 def effort_unit(drive: Slider | Capstan) -> str:
     """Return the SI unit of what pulls the drive: force or torque."""
     return "N" if drive.kind == "slider" else "N m"
-
-
-def inertia_of(drive: Slider | Capstan) -> Parameter:
-    """Return the drive's mass or moment of inertia."""
-    parameter: Parameter = drive.mass if drive.kind == "slider" else drive.inertia
-    return parameter

@@ -10,9 +10,11 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from distal.errors import RigError, did_you_mean
 from distal.rig.drives import Capstan, Drive, Slider, effort_unit, position_unit
 from distal.rig.joints import Joint
+from distal.rig.overrides import set_value
 from distal.rig.quantities import Description, In
 from distal.rig.sensors import Sensor, log_factor
 from distal.rig.tendons import Tendon
+from distal.rig.validation import validated
 from distal.units import unit_factor
 
 
@@ -147,15 +149,12 @@ class Rig(Description):
         Raises:
             RigError: a path does not exist, or the new description is wrong.
         """
-        from distal.rig.files import build_rig
-        from distal.rig.overrides import set_value
-
         if not isinstance(values, Mapping) or not all(isinstance(path, str) for path in values):
             raise RigError(f"with_values takes a mapping from path to value, {values!r} came")
         raw = self.model_dump()
         for path, value in values.items():
             set_value(raw, path, value, RigError)
-        return build_rig(raw, self.name)
+        return validated(Rig, raw, self.name, RigError)
 
 
 _MEASURED: dict[str, tuple[str, ...]] = {

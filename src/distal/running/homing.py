@@ -17,7 +17,6 @@ TRUTH_NOISE = np.deg2rad(0.1)
 """Standard deviation of a truth that is no sensor of the rig [rad]."""
 
 
-
 def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
     """Return a rig in which the log's truth is a sensor of each joint whose angle is known, and these sensors.
 

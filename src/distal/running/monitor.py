@@ -136,6 +136,11 @@ class Monitor:
         self._anew = ""
 
     @property
+    def rig(self) -> Rig:
+        """The description."""
+        return self._live.rig
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """Names of the sensors in a sample."""
         return self._live.channels

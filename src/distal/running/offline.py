@@ -18,7 +18,6 @@ from distal.estimators import (
     Belief,
     Estimator,
     FullStateFilter,
-    KernelEstimator,
     make_estimator,
 )
 from distal.logs import Log, frozen, read_log, true_angles

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from distal.errors import ScenarioError
 from distal.logs import Log
 from distal.model import Mechanism, substeps
-from distal.rig import Rig, angle_names, Sensor, load_rig
+from distal.rig import Rig, Sensor, angle_names, load_rig
 from distal.sensors import measure
 from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
 from distal.simulation.plant import equilibrium, longest_interval, run_plant

@@ -14,8 +14,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 import distal
-from distal.estimators import HEALTH, Monitor
 from distal.rig import log_factor
+from distal.running import HEALTH, Monitor
 
 LEVELS = {"ok": DiagnosticStatus.OK, "missing": DiagnosticStatus.WARN, "gap": DiagnosticStatus.WARN}
 

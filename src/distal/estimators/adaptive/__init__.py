@@ -2,6 +2,7 @@
 
 from distal.estimators.adaptive.estimator import AdaptiveFilter
 from distal.estimators.adaptive.robustness import Robustness
+from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states import KINDS, State, StateVector, travel, uncertain_parameters
 
-__all__ = ["KINDS", "AdaptiveFilter", "Robustness", "State", "StateVector", "travel", "uncertain_parameters"]
+__all__ = ["KINDS", "AdaptiveFilter", "Robustness", "Setup", "State", "StateVector", "travel", "uncertain_parameters"]

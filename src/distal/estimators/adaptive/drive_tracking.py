@@ -106,9 +106,7 @@ def tracking(setup: Setup) -> ca.Function:
             continue
         remembered = memory[MEMORY * i : MEMORY * (i + 1)]
         reading, there = setup.value(x, sensor), setup.mask(x, sensor)
-        drives.append(
-            track(remembered, reading, there, setup.noise(sensor), 1.0 / sensor.rate, x[0], setup.robustness)
-        )
+        drives.append(track(remembered, reading, there, setup.noise(sensor), 1.0 / sensor.rate, x[0], setup.robustness))
     kept = [getattr(drive, name) for drive in drives for name in REMEMBERED]
     vector = ca.vertcat(*kept, *(drive.bend for drive in drives), *(drive.variance for drive in drives))
     return ca.Function("track", [memory, x, p], [ca.cse(ca.densify(vector))])

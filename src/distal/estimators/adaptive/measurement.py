@@ -110,7 +110,11 @@ def _mechanics(setup: Setup) -> ca.Function:
     tensions = mechanism.tensions(q, v)
     pulls = ca.mtimes(mechanism.length_jacobian(q).T, tensions) + mechanism.dampings() * v
     friction = mechanism.friction_limits(q, v, tensions)
-    outputs = [tensions, pulls, *(ca.vertcat(*(getattr(limit, part) for limit in friction)) for part in ("mean", "asymmetry"))]
+    outputs = [
+        tensions,
+        pulls,
+        *(ca.vertcat(*(getattr(limit, part) for limit in friction)) for part in ("mean", "asymmetry")),
+    ]
     return ca.Function("mechanics", [q, v, p], [*outputs, ca.jacobian(tensions, q), ca.jacobian(pulls, q)])
 
 
@@ -131,7 +135,14 @@ def away_from_stops(setup: Setup, drive: int, place: Any) -> Any:
 
 
 def updated(
-    states: StateVector, prior: Any, covariance: Any, tracks: Any, rates: Any, memory: Sequence[Any], x: Any, p: Any,
+    states: StateVector,
+    prior: Any,
+    covariance: Any,
+    tracks: Any,
+    rates: Any,
+    memory: Sequence[Any],
+    x: Any,
+    p: Any,
     loops: bool,
 ) -> tuple[Any, Any, list[Any], Any]:
     """Return mean, covariance, what is remembered of each drive's force, and (innovations, variances) after a sample.

@@ -90,9 +90,7 @@ def smoothed_effort(setup: Setup, block: Transmitted, remembered: Any, x: Any) -
     """
     effort = setup.value(x, block.sensor)
     following = remembered + reading_weight(block) * (effort - remembered)
-    return ca.if_else(
-        setup.mask(x, block.sensor) > 0, ca.if_else(remembered == 0, effort, following), remembered
-    )
+    return ca.if_else(setup.mask(x, block.sensor) > 0, ca.if_else(remembered == 0, effort, following), remembered)
 
 
 def play_function(states: StateVector, drive: int) -> ca.Function:

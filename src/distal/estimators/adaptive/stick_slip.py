@@ -154,9 +154,7 @@ def _unknown(setup: Setup, motion: Motion, residual: Residual) -> Comparison:
     # the last clear direction, times the samples since: friction of a drive that stops stays as it was
     turned = ca.logic_and(motion.stuck < CLEAR_STICK, ca.fabs(motion.direction) > TURNING)
     since = residual.memory + ca.sign(residual.memory)
-    memory = ca.if_else(
-        residual.mask > 0, ca.if_else(turned, ca.sign(motion.direction), since), residual.memory
-    )
+    memory = ca.if_else(residual.mask > 0, ca.if_else(turned, ca.sign(motion.direction), since), residual.memory)
     direction = ca.if_else(motion.stuck < CLEAR_STICK, motion.direction, ca.sign(memory))
     # while it sticks its friction stays the same: a long stick tells little more than a short one
     sticking: Any = 0

@@ -119,9 +119,7 @@ def uncertain_parameters(setup: Setup) -> list[UncertainParameter]:
     for (kind, relative, walked), indices in shared.items():
         mean, spread = cut_normal(1.0, relative)
         name = p.names[indices[0]] if len(indices) == 1 else f"tendons.{kind}"
-        found.append(
-            UncertainParameter(f"{name}.factor", tuple(indices), True, mean, spread, walked, SMALLEST_FACTOR)
-        )
+        found.append(UncertainParameter(f"{name}.factor", tuple(indices), True, mean, spread, walked, SMALLEST_FACTOR))
     return found
 
 

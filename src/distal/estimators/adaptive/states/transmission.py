@@ -53,9 +53,7 @@ class Transmitted(State):
         mechanism = self.setup.mechanism
         tensions = ca.DM([tendon.pretension.value for tendon in mechanism.rig.tendons])
         angles = [joint.initial.value for joint in mechanism.rig.joints]
-        limit = mechanism.hysteresis_limit(
-            self.drive, ca.vertcat(*angles, ca.DM.zeros(mechanism.n_drives)), tensions
-        )
+        limit = mechanism.hysteresis_limit(self.drive, ca.vertcat(*angles, ca.DM.zeros(mechanism.n_drives)), tensions)
         p = mechanism.parameters
         return float(ca.Function("limit", [p.symbols], [limit])(p.values))
 

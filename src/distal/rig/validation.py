@@ -1,0 +1,116 @@
+"""A description from raw values: checked by pydantic, and what is wrong with it said in one line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from distal.errors import DistalError, did_you_mean
+
+Checked = TypeVar("Checked", bound=BaseModel)
+
+SHOWN = 3
+"""How many problems of a description are said at once."""
+
+
+def validated(kind: type[Checked], raw: Mapping[str, Any], source: str, error: type[DistalError]) -> Checked:
+    """Check a raw description of some kind; what is wrong is one line in an error of the kind's own.
+
+    Args:
+        kind: of description.
+        raw: as parsed.
+        source: its name in messages.
+        error: to raise.
+    """
+    try:
+        return kind.model_validate(raw)
+    except ValidationError as problem:
+        raise error(explain(problem, source, kind)) from None
+    except RecursionError:
+        raise error(f"{source}: nested too deeply") from None
+
+
+def explain(problem: ValidationError, source: str, root: type[BaseModel]) -> str:
+    """Return one line for pydantic's findings: the first few in full, the number of others.
+
+    Args:
+        problem: what pydantic found.
+        source: what to call the description.
+        root: the description's model.
+    """
+    findings = problem.errors(include_url=False)
+    line = f"{source}: " + "; also ".join(_finding(finding, root) for finding in findings[:SHOWN])
+    others = len(findings) - SHOWN
+    return line + (f" (and {others} more problem{'s' if others > 1 else ''})" if others > 0 else "")
+
+
+def _finding(finding: Any, root: type[BaseModel]) -> str:
+    tags = {"slider", "capstan", "pinned", "pulley", "linkage", "m", "rad", "N", "N m", "SliderServo", "CapstanServo"}
+    location = list(finding["loc"])
+    # a tag of a union follows an index or stands for the union itself; it is no key of the user's
+    keys = [k for i, k in enumerate(location) if not (k in tags and i > 0)]
+    path = ".".join(str(key) for key in keys)
+    kind, context = finding["type"], finding.get("ctx", {})
+    given = finding.get("input")
+    if kind == "extra_forbidden":
+        known = _known_keys(root, location[:-1])
+        return f"{path}: unknown key '{location[-1]}'{did_you_mean(str(location[-1]), known)}"
+    if kind == "missing":
+        return f"{path}: is missing"
+    if kind == "value_error":
+        text = str(context["error"])
+        # a list's own check starts with the index and key that it refuses
+        joint = "." if re.match(r"\d+(\.\w+)?: ", text) else ": "
+        return f"{path}{joint}{text}" if path else text
+    if kind == "literal_error":
+        return f"{path}: must be {context['expected']}, {given!r} came"
+    if kind == "union_tag_invalid":
+        key = str(context["discriminator"]).strip("'")
+        return f"{path}.{key}: must be {context['expected_tags']}, '{context['tag']}' came"
+    if kind == "union_tag_not_found":
+        return f"{path}: '{str(context['discriminator']).strip(chr(39))}' is missing"
+    if kind in ("tuple_type", "list_type"):
+        return f"{path}: must be a list, {given!r} came"
+    if kind in ("dict_type", "model_type", "model_attributes_type"):
+        return f"{path}: must be a table, {given!r} came"
+    if kind == "too_short":
+        return f"{path}: at least one is needed"
+    return f"{path}: {finding['msg'][0].lower()}{finding['msg'][1:]}, {given!r} came"
+
+
+def _known_keys(root: type[BaseModel], location: Sequence[Any]) -> list[str]:
+    """Return the keys allowed at a location, by walking the field types along it."""
+    models: list[type[BaseModel]] = [root]
+    for key in location:
+        if isinstance(key, int):
+            continue
+        inner = [m for model in models for m in models_in(model.model_fields.get(key))]
+        tagged = [m for m in models if any(_tag(m, name) == key for name in ("kind", "si"))]
+        models = inner or tagged or models
+    return sorted({name for model in models for name in model.model_fields if name != "si"})
+
+
+def models_in(field: Any) -> list[type[BaseModel]]:
+    """Return the descriptions that a field of a description can hold.
+
+    Args:
+        field: pydantic's account of it; None for none.
+    """
+    if field is None:
+        return []
+    found: list[type[BaseModel]] = []
+    stack = [field.annotation]
+    while stack:
+        kind = stack.pop()
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            found.append(kind)
+        stack.extend(getattr(kind, "__args__", ()))
+    return found
+
+
+def _tag(model: type[BaseModel], name: str) -> object:
+    field = model.model_fields.get(name)
+    return getattr(field.annotation, "__args__", (None,))[0] if field is not None else None
