@@ -5,13 +5,17 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
 from distal.cli.console import say, table
 from distal.cli.options import SeedOption, SetOption
+
+if TYPE_CHECKING:
+    from distal.logs import Log
+    from distal.rig import Rig
 
 app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
 

@@ -72,7 +72,9 @@ def check_logs(logs: Sequence[Log], rig: Rig) -> None:
         _check_sensors(log, rig)
         joints = [joint.name for joint in rig.joints]
         known = true_angles(log, joints)
-        for j, joint in enumerate(joints if known is not None else ()):
+        if known is None:
+            continue
+        for j, joint in enumerate(joints):
             if len(joints) == 1 or np.isfinite(known[:, j]).any():
                 _check_truth(log, rig, known[:, j], "the joint" if len(joints) == 1 else f"the joint {joint}", j)
 

@@ -34,10 +34,8 @@ def estimate_schema(joints: Sequence[str]) -> dict[str, Any]:
     Args:
         joints: names of the joints.
     """
-    number, properties = (
-        {"type": ["number", "null"]},
-        {"t": {"type": "number", "description": "stamp of the sample [s]"}},
-    )
+    number: dict[str, object] = {"type": ["number", "null"]}
+    properties: dict[str, object] = {"t": {"type": "number", "description": "stamp of the sample [s]"}}
     for name, joint in zip(angle_names(joints), joints):
         which = "joint angle" if len(joints) == 1 else f"angle of the joint {joint}"
         properties[name] = number | {"description": f"{which} [rad]; null where the sample was skipped"}

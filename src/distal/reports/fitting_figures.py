@@ -49,7 +49,7 @@ def draw_traces(log: Log, before: Estimate, after: Estimate) -> Figure:
             own, truth = axes[j::columns], None if truths is None else truths[:, j]
             if truth is not None and np.isfinite(truth).any():
                 own[0].plot(log.time, np.rad2deg(truth), color="black", lw=1.6, label="truth")
-                _errors(own[1], log.time, *(result.angles[:, j] - truth for result in (before, after)), after, j)
+                _errors(own[1], before.angles[:, j] - truth, after.angles[:, j] - truth, after, j)
             for i, (name, result) in enumerate((("before", before), ("after", after))):
                 _trace(own[0], result, i, name, j)
             own[0].set_ylabel("joint angle θ [°]" if columns == 1 else f"{joint} [°]")
@@ -59,12 +59,12 @@ def draw_traces(log: Log, before: Estimate, after: Estimate) -> Figure:
     return made
 
 
-def _errors(axes: Axes, time: Floats, before: Floats, after: Floats, result: Estimate, joint: int) -> None:
+def _errors(axes: Axes, before: Floats, after: Floats, result: Estimate, joint: int) -> None:
     """Draw a joint's errors before and after the fit, and the band after it; large ones before it may be cut off."""
     for i, error in enumerate((before, after)):
-        axes.plot(time, np.rad2deg(error), color=COLOURS[1 - i], ls=DASHES[1 - i], lw=1.0)
+        axes.plot(result.time, np.rad2deg(error), color=COLOURS[1 - i], ls=DASHES[1 - i], lw=1.0)
     half = np.rad2deg(BAND * result.angle_stds[:, joint])
-    axes.fill_between(time, -half, half, color=COLOURS[0], alpha=0.18, lw=0)
+    axes.fill_between(result.time, -half, half, color=COLOURS[0], alpha=0.18, lw=0)
     axes.axhline(0.0, color="black", lw=0.6)
     limit = 1.15 * float(np.nanquantile(np.abs(np.r_[half, np.rad2deg(after)]), 0.995))
     worst = 1.15 * float(np.nanquantile(np.abs(np.rad2deg(before)), 0.98))
@@ -102,9 +102,8 @@ def draw_residuals(logs: Sequence[Log], before: Sequence[Estimate], after: Seque
     force = next(iter(rig.sensors_of("force") or rig.sensors_of("tension")), None)
     joints = range(len(rig.joints))
     truths = [true_angles(log, [joint.name for joint in rig.joints]) for log in logs]
-    known = [
-        (i, j) for i, truth in enumerate(truths) for j in joints if truth is not None and np.isfinite(truth[:, j]).any()
-    ]
+    there = [np.zeros(len(joints), bool) if truth is None else np.isfinite(truth).any(axis=0) for truth in truths]
+    known = [(i, j) for i, own in enumerate(there) for j in joints if own[j]]
     chosen = known or [(i, j) for i in range(len(logs)) for j in joints]
     against: list[tuple[str, list[Floats]]] = [("angle θ [°]", []), ("speed [°/s]", [])]
     if force is not None:

@@ -187,7 +187,8 @@ class LiveEstimator:
     @property
     def angle_stds(self) -> Floats:
         """Standard deviations of their errors [rad], (n_joints,)."""
-        return np.sqrt(np.maximum(self._diagonal[self._angles], 0.0))
+        stds: Floats = np.sqrt(np.maximum(self._diagonal[self._angles], 0.0))
+        return stds
 
     def _only(self, values: Floats, name: str) -> float:
         if len(values) != 1:

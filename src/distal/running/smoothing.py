@@ -18,8 +18,8 @@ Floats = NDArray[np.float64]
 def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     """Return the estimate of `adaptive` smoothed backwards over the log (Rauch, Tung and Striebel, AIAA Journal 3, 1965).
 
-    C_k = P_k Φᵀ (P⁻_{k+1})⁻¹, x^s_k = x_k + C_k (x^s_{k+1} − x⁻_{k+1}), and, as a sum of what cannot be negative,
-    P^s_k = (I − C_k Φ) P_k (I − C_k Φ)ᵀ + C_k (P^s_{k+1} + Q) C_kᵀ with Q = P⁻_{k+1} − Φ P_k Φᵀ. Φ is the whole transition of the
+    C = P_k Φᵀ (P⁻_{k+1})⁻¹, x^s_k = x_k + C (x^s_{k+1} − x⁻_{k+1}), and, as a sum of what cannot be negative,
+    P^s_k = (I − C Φ) P_k (I − C Φ)ᵀ + C (P^s_{k+1} + Q) Cᵀ with Q = P⁻_{k+1} − Φ P_k Φᵀ. Φ is the whole transition of the
     filter's own predictions: joints, what fades, plays, bridges of gaps.
 
     Args:

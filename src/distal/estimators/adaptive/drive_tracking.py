@@ -75,9 +75,9 @@ class Tracks:
 
     def __getitem__(self, drive: int) -> Drive:
         """Return one drive's numbers."""
-        own = [self.vector[MEMORY * drive + i] for i in range(MEMORY)]
-        bend, variance = (self.vector[(MEMORY + i) * self._n + drive] for i in range(2))
-        return Drive(*own, bend, variance)
+        numbers = [self.vector[MEMORY * drive + i] for i in range(MEMORY)]
+        numbers += [self.vector[(MEMORY + i) * self._n + drive] for i in range(2)]
+        return Drive(**dict(zip(TRACKED, numbers)))
 
     @property
     def memory(self) -> Any:

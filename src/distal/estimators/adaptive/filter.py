@@ -47,7 +47,7 @@ def adaptive_function(states: StateVector, count: int, loops: bool = False, trac
 
 @dataclass(frozen=True)
 class _Step:
-    """The filter after a sample, and before its update."""
+    """The filter after a sample, and, with `predicted_` before their names and Φ, before its update."""
 
     mean: Any
     covariance: Any
@@ -67,8 +67,8 @@ def corrected(states: StateVector, given: list[Any], loops: bool) -> _Step:
             sample, the parameters.
         loops: whether this stays a function of matrices.
     """
-    mean, covariance, *motion, tracks, memory, forces, x, p = given
-    motion = Moved(*motion)
+    mean, covariance, *joints, tracks, memory, forces, x, p = given
+    motion = Moved(*joints)
     state, spread = predicted(states, mean, covariance, motion, tracks, memory, x, p)  # (11), (12)
     transition = _moving(states, motion)
     revert(states, state, spread, transition, x, p)  # (13)
@@ -79,8 +79,9 @@ def corrected(states: StateVector, given: list[Any], loops: bool) -> _Step:
             kept[i] = play(states, i, state, spread, transition, tracks, motion.rates, kept[i], x, p)  # (14), (15)
     before, uncertain = ca.MX(state), ca.MX(spread)
     after, spread, kept, y = updated(states, state, spread, tracks, motion.rates, kept, x, p, loops)  # (16) to (26)
-    for i in np.flatnonzero(np.isfinite(states.lowest)):
-        after[int(i)] = ca.fmax(after[int(i)], states.lowest[i])  # (27)
+    for at, lowest in enumerate(states.lowest):
+        if np.isfinite(lowest):
+            after[at] = ca.fmax(after[at], lowest)  # (27)
     return _Step(after, spread, ca.vertcat(*kept), y, before, uncertain, transition)
 
 

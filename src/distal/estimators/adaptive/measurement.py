@@ -217,7 +217,7 @@ def _along(slope: Any, values: Any) -> Any:
 def row_functions(states: StateVector) -> tuple[list[Row], ca.Function]:
     """Return what is compared, and (state, tracks, rates, x, p) → (values, slopes) of all of it.
 
-    Values are residual, limit, asymmetry, variance and mask of each row; slopes of the first three are columns of their own.
+    Values are residual, limit, asymmetry, variance and mask of each row; slopes of the first three are columns.
 
     Args:
         states: the state vector.

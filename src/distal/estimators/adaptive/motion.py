@@ -111,9 +111,9 @@ def _interval(states: StateVector, count: int) -> ca.Function:
 def _substep(states: StateVector) -> ca.Function:
     """Return one sub-step of the joints with its slopes, the drives moving as they were measured to.
 
-    (q, v, τ, σ_τ, response, h, p, S_θ, S_ω, S_drives) → (q⁺, v⁺, S_θ⁺, S_ω⁺, variance added to ω). Where an external torque can
-    occur, mean and motion are exact, but slopes and the variance left over are those of the expectation over the torque
-    (`soft_moments`): a stuck joint may be moved by a hand, though its linearisation says that it cannot.
+    (q, v, τ, σ_τ, response, h, p, S_θ, S_ω, S_drives) → (q⁺, v⁺, S_θ⁺, S_ω⁺, variance added to ω). Where an external
+    torque can occur, mean and motion are exact, but slopes and the variance left over are those of the expectation over
+    the torque (`soft_moments`): a stuck joint may be moved by a hand, though its linearisation says that it cannot.
     """
     setup, n, nd, nj = states.setup, len(states), states.setup.n_drives, states.setup.n_joints
     mechanism, p = setup.mechanism, setup.mechanism.parameters.symbols

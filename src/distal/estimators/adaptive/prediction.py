@@ -1,4 +1,4 @@
-"""Predict mean and covariance: angles and speeds as they moved, every other number stays, fades or walks. Equations (11) to (13)."""
+"""Predict mean and covariance: angles and speeds as they moved, all else stays, fades or walks. Equations (11) to (13)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """All that guards the filter against a wrong model or a bad sensor, as one frozen description.
 
-`Robustness.none()` leaves the textbook filter (docs/adaptive.md, section 7 lists what each number does and where it was measured).
+`Robustness.none()` leaves the textbook filter. docs/adaptive.md says where each guard stands in the algorithm.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def followed_share(robustness: Robustness, lost: Any) -> Any:
 
 
 def extra_variance(robustness: Robustness, lost: Any, unknown: Any) -> Any:
-    """Return the variance to add to a place that has long been missing, so that its force does not speak of the joint: (16).
+    """Return the variance to add to a place that is long lost, so that its force does not speak of the joint: (16).
 
     The joint went where the drive went: its error and the place's are one, and cancel in the tension. The filter, to
     which they are independent, would otherwise share the residual between them.

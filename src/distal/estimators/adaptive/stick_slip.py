@@ -1,8 +1,8 @@
 """What friction makes of a force, by how its drive moves: against its motion, or anything up to its limit while it sticks.
 
-Equations (18) to (21). A drive that moves has friction against its motion. One that sticks has any friction up to its limit:
-where the rig declares friction, its mean residual is compared with the limits and only what is beyond them counts (a clipped
-residual); where friction is unknown, it keeps the sign that it had, and a sample counts little.
+Equations (18) to (21). A drive that moves has friction against its motion. One that sticks has any friction up to its
+limit: where the rig declares friction, its mean residual is compared with the limits and only what is beyond them counts
+(a clipped residual); where friction is unknown, it keeps the sign that it had, and a sample counts little.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ MOTION_SPAN = MOTION_TIME / 2.5
 """Time over which a drive's motion is compared with its sensor's noise [s]: one sample at 100 Hz."""
 
 SLOW_DECLARED, SLOW_UNKNOWN = 0.6, 0.8
-"""A drive that moves by this many standard deviations of its sensor within `MOTION_SPAN` sticks half: with friction declared, and not."""
+"""A drive that moves by so many stds of its sensor in `MOTION_SPAN` sticks half: with friction declared, and not [1]."""
 
 CLEAR_STICK = 0.15
 """A drive that sticks by less than this clearly moves."""
@@ -37,7 +37,7 @@ MEAN_TIME = 0.1
 """Time constant of the mean residual of a force whose drive sticks [s]."""
 
 STICK_STD = 0.42
-"""Standard deviation of a tension within its friction's limits, as a share of the limit: between a uniform one's 0.58 and none."""
+"""Standard deviation of a tension within its friction's limits, as a share of the limit; 0.58 if it were uniform [1]."""
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SensorBias(State):
-    """b, which stays, or walks by the bias's `drift`; that of a reference of a joint's angle stays within its std as it walks.
+    """b, which stays, or walks by the bias's `drift`; that of a reference of a joint's angle walks within its std.
 
-    A reference's bias that wanders is a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt, T = 2 σ²/drift².
+    A reference's bias that walks is a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt, T = 2 σ²/drift².
     It is what the model's angle and the joint's differ by, so that a moment's reference tells less than a long one.
 
     Args:

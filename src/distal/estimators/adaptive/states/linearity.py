@@ -31,8 +31,8 @@ LINEARITY_PRIOR = 0.6
 class Linearity(State):
     """Weights w_j of the error Σ w_j cos(π j ξ), ξ = 0 … 1 over the travel.
 
-    A Gaussian process over the travel with a squared-exponential spectrum: the stds of w_j fall off as exp(−(j/j₀)²/2), scaled so
-    that the mean variance over the travel is that of the linearity. A bias with a std adds to the constant.
+    A Gaussian process over the travel with a squared-exponential spectrum: the stds of w_j fall off as exp(−(j/j₀)²/2),
+    scaled so that the mean variance over the travel is that of the linearity. A bias with a std adds to the constant.
 
     Args:
         setup: the rig.

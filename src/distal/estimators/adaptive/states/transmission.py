@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states.state import Fading, State
-from distal.rig import Hysteresis, Sensor
+from distal.rig import Hysteresis, Sensor, SliderHysteresis
 from distal.sensors import variance
 
 Floats = NDArray[np.float64]
@@ -70,7 +70,7 @@ class TransmissionError(State):
 
     setup: Setup
     drive: int
-    hysteresis: Hysteresis
+    hysteresis: Hysteresis | SliderHysteresis
 
     @property
     def names(self) -> tuple[str, ...]:
