@@ -102,7 +102,8 @@ def draw_residuals(logs: Sequence[Log], before: Sequence[Estimate], after: Seque
     force = next(iter(rig.sensors_of("force") or rig.sensors_of("tension")), None)
     joints = range(len(rig.joints))
     truths = [true_angles(log, [joint.name for joint in rig.joints]) for log in logs]
-    there = [np.zeros(len(joints), bool) if truth is None else np.isfinite(truth).any(axis=0) for truth in truths]
+    none = np.zeros(len(joints), dtype=np.bool_)
+    there: list[NDArray[np.bool_]] = [none if t is None else np.any(np.isfinite(t), axis=0) for t in truths]
     known = [(i, j) for i, own in enumerate(there) for j in joints if own[j]]
     chosen = known or [(i, j) for i in range(len(logs)) for j in joints]
     against: list[tuple[str, list[Floats]]] = [("angle θ [°]", []), ("speed [°/s]", [])]

@@ -12,11 +12,11 @@ import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.drive_tracking import MEMORY, tracking
-from distal.estimators.adaptive.measurement import updated
 from distal.estimators.adaptive.motion import Moved, moved
 from distal.estimators.adaptive.play import play
 from distal.estimators.adaptive.prediction import predicted, revert
 from distal.estimators.adaptive.states import StateVector
+from distal.estimators.adaptive.update import updated
 from distal.estimators.kalman import symmetric
 
 

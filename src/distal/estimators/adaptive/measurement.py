@@ -1,8 +1,7 @@
-"""Update: measured forces against the tensions that follow from the state, one after the other. Equations (16) to (26)."""
+"""What is compared: measured forces, tensions and angles against what follows from the state. Equations (16) and (17)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,11 +9,9 @@ import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.drive_tracking import Tracks
-from distal.estimators.adaptive.robustness import Robustness, extra_variance, robust_variance, stop_distance
+from distal.estimators.adaptive.robustness import extra_variance, stop_distance
 from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
-from distal.estimators.kalman import lowered
 from distal.sensors import variance
 
 TIE = 0.3
@@ -134,86 +131,6 @@ def away_from_stops(setup: Setup, drive: int, place: Any) -> Any:
     return ca.if_else(ca.logic_and(place > low + margin, place < high - margin), 1, 0)
 
 
-def updated(
-    states: StateVector,
-    prior: Any,
-    covariance: Any,
-    tracks: Any,
-    rates: Any,
-    memory: Sequence[Any],
-    x: Any,
-    p: Any,
-    loops: bool,
-) -> tuple[Any, Any, list[Any], Any]:
-    """Return mean, covariance, what is remembered of each drive's force, and (innovations, variances) after a sample.
-
-    For each row with slope a of what is expected: ν, S = a P aᵀ + R, S' by `robust_variance`, x⁺ = x + P aᵀ ν/S',
-    P⁺ = P − P aᵀ a P/S': equations (22) to (26).
-
-    Args:
-        states: the state vector.
-        prior: state before, (n,).
-        covariance: before, (n, n).
-        tracks: of the drives.
-        rates: mean speed of each drive over the interval.
-        memory: what is remembered of each drive's force; see `Comparison`.
-        x: the sample.
-        p: the model's parameters.
-        loops: whether this stays a function of matrices.
-    """
-    rows, table = row_functions(states)
-    values, *slopes = table(prior, tracks, rates, x, p)
-    mean, kept, innovations, spreads = prior, list(memory), list[Any](), list[Any]()
-    for k, row in enumerate(rows):
-        slope, limit_slope, asymmetry_slope = own = slopes[3 * k : 3 * k + 3]
-        ahead = [ca.mtimes(covariance, each) for each in own]
-        since = [_along(each, mean - prior) for each in own]
-        numbers = ca.vertcat(*since, _along(slope, ahead[0]), _along(limit_slope, ahead[1]))
-        remembered = ca.MX(0) if row.drive is None else kept[row.drive]
-        innovation, own_variance, after, by_limit, by_asymmetry, counts = comparison_function(states, row)(
-            values[5 * k : 5 * k + 5], ca.vertcat(numbers, remembered), tracks, x, p
-        )
-        across = -ahead[0]
-        for share, each, there in ((by_limit, ahead[1], limit_slope), (by_asymmetry, ahead[2], asymmetry_slope)):
-            across = across + share * each if there.nnz() else across
-        spread = -_along(slope, across)
-        spread += by_limit * _along(limit_slope, across) + by_asymmetry * _along(asymmetry_slope, across)
-        weight, root, robust, shown = weights(states.setup.robustness, row.trusted)(
-            spread + own_variance, innovation, values[5 * k + 4], counts
-        )
-        change = (weight * innovation) * across
-        for at in states.considered:
-            change[at] = 0
-        if row.drive is not None:
-            # a mean residual moves with the state; a count of samples does not
-            declared = states.setup.declares_friction(row.drive)
-            kept[row.drive] = after + _along(slope, change) if declared else after
-        mean = mean + change
-        covariance = _lowered(states, covariance, across, weight, root, robust, loops)
-        innovations.append(shown)
-        spreads.append(spread + own_variance)
-    measured = [k for k, row in enumerate(rows) if row.measured]
-    y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
-    return mean, covariance, kept, y
-
-
-def _lowered(
-    states: StateVector, covariance: Any, across: Any, weight: Any, root: Any, robust: Any, loops: bool
-) -> Any:
-    """Return the covariance after a row: with the optimal gain, or with none for considered states (25), (26)."""
-    if not states.considered:
-        return lowered(covariance, root * across, None, loops)
-    gain = weight * across
-    for at in states.considered:
-        gain[at] = 0
-    return lowered(covariance, gain, across - (0.5 * robust) * gain, loops)
-
-
-def _along(slope: Any, values: Any) -> Any:
-    """Return a slope times a vector."""
-    return ca.mtimes(slope.T, values) if slope.nnz() else ca.MX(0)
-
-
 def row_functions(states: StateVector) -> tuple[list[Row], ca.Function]:
     """Return what is compared, and (state, tracks, rates, x, p) → (values, slopes) of all of it.
 
@@ -231,45 +148,3 @@ def row_functions(states: StateVector) -> tuple[list[Row], ca.Function]:
     slopes = [ca.sparsify(ca.jacobian(part, state)).T for part in sloped]
     arguments = [state, vector, rates, x, setup.mechanism.parameters.symbols]
     return rows, ca.Function("rows", arguments, ca.cse([ca.densify(ca.vertcat(*values)), *slopes]))
-
-
-def comparison_function(states: StateVector, row: Row) -> ca.Function:
-    """Return (values, numbers, tracks, x, p) → `Comparison` of one row.
-
-    Numbers are the changes of residual, limit and asymmetry since the prior, the variances of residual and limit by the
-    state's, and what is remembered of the drive.
-
-    Args:
-        states: the state vector.
-        row: which.
-    """
-    setup = states.setup
-    values, numbers = ca.SX.sym("values", 5), ca.SX.sym("numbers", 6)
-    vector, x = ca.SX.sym("tracks", Tracks.size(setup.n_drives)), ca.SX.sym("x", setup.width)
-    residual, limit, asymmetry = (values[i] + numbers[i] for i in range(3))
-    if row.drive is None:
-        comparison = Comparison(residual, values[3], numbers[5])
-    else:
-        whole = Residual(
-            residual, ca.fmax(limit, 0), asymmetry, values[3], numbers[4], numbers[3], numbers[5], values[4]
-        )
-        comparison = compared(setup, row.drive, Tracks(vector, setup.n_drives)[row.drive], whole, x[0])
-    parts = [getattr(comparison, name) for name in Comparison.__dataclass_fields__]
-    arguments = [values, numbers, vector, x, setup.mechanism.parameters.symbols]
-    return ca.Function("compare", arguments, ca.cse([ca.densify(ca.SX(part)) for part in parts]))
-
-
-def weights(robustness: Robustness, trusted: bool) -> ca.Function:
-    """Return (S, ν, mask, counts) → (mask/S', its root, S', ν to show), see `robust_variance`.
-
-    A mask of −1 says: compared, but not used. What is not compared (its drive at a stop) has no innovation to show.
-
-    Args:
-        robustness: the guards.
-        trusted: never taken as wild.
-    """
-    spread, innovation, mask, counts = (ca.SX.sym(name) for name in ("S", "nu", "mask", "counts"))
-    robust = spread if trusted else robust_variance(robustness, spread, innovation)
-    weight = ca.fmax(mask, 0) / robust
-    shown = ca.if_else(ca.logic_and(mask != 0, counts), innovation, np.nan)
-    return ca.Function("weights", [spread, innovation, mask, counts], [weight, ca.sqrt(weight), robust, shown])
