@@ -19,8 +19,9 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     """Return the estimate of `adaptive` smoothed backwards over the log (Rauch, Tung and Striebel, AIAA Journal 3, 1965).
 
     C = P_k Φᵀ (P⁻_{k+1})⁻¹, x^s_k = x_k + C (x^s_{k+1} − x⁻_{k+1}), and, as a sum of what cannot be negative,
-    P^s_k = (I − C Φ) P_k (I − C Φ)ᵀ + C (P^s_{k+1} + Q) Cᵀ with Q = P⁻_{k+1} − Φ P_k Φᵀ. Φ is the whole transition of the
-    filter's own predictions: joints, what fades, plays, bridges of gaps.
+    P^s_k = (I − C Φ) P_k (I − C Φ)ᵀ + C (P^s_{k+1} + Q) Cᵀ with Q = P⁻_{k+1} − Φ P_k Φᵀ, equation (28) of docs/adaptive.md. Φ is
+    the whole transition of the filter's own predictions: joints, what fades, plays, bridges of gaps. Rows of C are zero
+    for states that are guards of the filter (`State.smoothed`); P^s holds for any C.
 
     Args:
         log: sensors over time.
@@ -43,12 +44,13 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     # columns lie one after the other: a covariance is symmetric, a transition is turned round
     uncertain, transitions = rest[:, 0], np.swapaxes(rest[:, 1], 1, 2)
     # each state in its own prior std, so that the inverse is well scaled
-    scale = np.maximum(runner.states.stds, 1e-12)
+    scale, unsmoothed = np.maximum(runner.states.stds, 1e-12), list(runner.states.unsmoothed)
     for k in range(len(rows) - 2, -1, -1):
         transition, before = transitions[k + 1], covariances[k]
         ahead = uncertain[k + 1] / np.outer(scale, scale)
         cross = (before @ transition.T) / scale
         gain = np.linalg.lstsq(ahead, cross.T, rcond=1e-12)[0].T / scale
+        gain[unsmoothed] = 0.0
         means[k] += gain @ (means[k + 1] - predicted[k + 1])
         process = uncertain[k + 1] - transition @ before @ transition.T
         left = np.eye(n) - gain @ transition

@@ -50,6 +50,11 @@ class UnknownFriction(State):
         """`Robustness.unknown_friction_walk` σ per √s."""
         return self.setup.robustness.unknown_friction_walk * float(np.sqrt(variance(self.sensor)))
 
+    @property
+    def smoothed(self) -> bool:
+        """It is not: what the filter takes for friction at one time says little of another (docs/estimators.md)."""
+        return False
+
     def friction(self, drive: int, own: Any) -> Any:
         """Return it where it is this drive's [N, N m].
 

@@ -65,6 +65,11 @@ class State(ABC):
         """Whether its uncertainty counts but it is never estimated (Schmidt, 1966)."""
         return False
 
+    @property
+    def smoothed(self) -> bool:
+        """Whether a smoother may change it by what came later; a guard's state stays as the filter had it."""
+        return True
+
     def fading(self, dt: Any) -> Fading | None:
         """Return how its numbers fade over an interval, None where they stay.
 

@@ -53,6 +53,7 @@ class StateVector:
         self.stds = np.concatenate([block.stds for block in blocks])
         self.walks = np.concatenate([np.full(len(block.names), block.walk) for block in blocks])
         self.lowest = np.concatenate([np.full(len(block.names), block.lowest) for block in blocks])
+        self.unsmoothed = tuple(i for block in blocks if not block.smoothed for i in self.indices(block))
         self.considered = tuple(i for block in blocks if block.considered for i in self.indices(block))
 
     def __len__(self) -> int:
