@@ -270,6 +270,7 @@ class Matrices(Terms):
         constant = Term(ca.MX(ca.DM(self.numbers(n, m))), self.size)
         options = [
             (ca.vertcat(a.value, b.value), a, b),
+            (ca.vertcat(ca.vec(b.value), ca.vec(a.value)), a, b),
             (ca.horzcat(a.value, c.value), a, c),
             (self.some(ca.vertsplit(a.value, [0, middle, n])), a, a),
             (self.some([v for v in ca.horzsplit(a.value, sorted({0, right, m})) if v.numel()]), a, a),

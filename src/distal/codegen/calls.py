@@ -28,8 +28,5 @@ def call(work: Workspace, step: Step) -> list[str]:
             results.append(work.placement.put(number, Value(f"r{output}", offset, size)))
         else:
             results.append(work.placement.new(step.k, number, size))
-    # arguments are read while results are written: blocks that end here must not be shared
-    for value in step.inputs:
-        work.memory.scratch.keep(value, step.k)
     addresses = [work.memory.address(value) for value in (*step.inputs, *results)]
     return [f"  {written.name}({', '.join(addresses)});"]

@@ -94,6 +94,5 @@ def _new_state(work: Workspace, state: list[tuple[Value, int]]) -> list[str]:
             value = through
         moved.append((value, offset))
     for value, offset in moved:
-        memory.scratch.keep(value, end + 1)
         lines += memory.copy(Value("state", offset, value.size), value)
     return lines
