@@ -6,28 +6,41 @@ import ctypes
 import subprocess
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from distal import Log, estimate_batch, make_estimator
 from distal.estimators import KernelEstimator
-from distal.kernels import find_compiler
+from distal.kernels import LaneKernel, find_compiler
 from distal.kernels.compiler import FLAGS
 from distal.rig import Rig
 from distal.running import LiveEstimator, samples_of
 
 HANDWRITTEN = Path(__file__).parent / "handwritten" / "ekf.c"
 REPEATS = 25
+Summary = Callable[[list[float]], Any]
 
 
-def scan_time(runner: KernelEstimator, log: Log) -> float:
+def scan_time(runner: KernelEstimator, log: Log, summary: Summary = np.median) -> float:
     """Return the time per sample of a whole log's loop in C [µs], the median of some repeats."""
     samples = samples_of(log, runner.channels)
     rows, _ = runner.checked_rows(runner.initial(log.time[0], samples[0]), log.time, samples)
     carry = runner.initial(log.time[0], samples[0]).carry
-    return _median(lambda: runner.kernel.scan(carry, rows, runner.numbers)) / len(rows)
+    return _timed(lambda: runner.kernel.scan(carry, rows, runner.numbers), summary) / len(rows)
+
+
+def lane_time(runner: KernelEstimator, log: Log, summary: Summary = np.median) -> float:
+    """Return the time per sample and run of as many logs as there are vector lanes, in one loop [µs]."""
+    samples = samples_of(log, runner.channels)
+    start = runner.initial(log.time[0], samples[0])
+    rows, _ = runner.checked_rows(start, log.time, samples)
+    kernel = LaneKernel(runner.kernel.function)
+    runs = [kernel.lanes * [each] for each in (start.carry, rows, runner.numbers)]
+    return _timed(lambda: kernel.scan(*runs, [0]), summary) / len(rows) / kernel.lanes
 
 
 _SCAN = """
@@ -48,7 +61,7 @@ long long loop(long long n, const double* carry, const double* x, const double* 
 """
 
 
-def casadi_time(runner: KernelEstimator, log: Log) -> float:
+def casadi_time(runner: KernelEstimator, log: Log, summary: Summary = np.median) -> float:
     """Return the time per sample of the same function in the C of CasADi's own generator [µs]."""
     compiler, function = find_compiler(), runner.kernel.function
     assert not isinstance(compiler, str)
@@ -75,7 +88,7 @@ def casadi_time(runner: KernelEstimator, log: Log) -> float:
         arrays = [np.array(start.carry), np.ascontiguousarray(rows), np.array(runner.numbers)]
         arrays += [np.zeros((len(rows), function.numel_out(i))) for i in range(2)]
         arguments = [ctypes.c_longlong(len(rows)), *(ctypes.c_void_p(array.ctypes.data) for array in arrays)]
-        return _median(lambda: call(*arguments)) / len(rows)
+        return _timed(lambda: call(*arguments), summary) / len(rows)
 
 
 def handwritten_time(rig: Rig, log: Log) -> tuple[float, float]:
@@ -93,19 +106,19 @@ def handwritten_time(rig: Rig, log: Log) -> tuple[float, float]:
         arrays = [np.array(start.carry), np.ascontiguousarray(rows), np.array(runner.numbers)]
         arrays += [np.zeros((len(rows), 44)), np.zeros((len(rows), 4))]
         arguments = [ctypes.c_longlong(len(rows)), *(ctypes.c_void_p(array.ctypes.data) for array in arrays)]
-        taken = _median(lambda: scan(*arguments)) / len(rows)
+        taken = _timed(lambda: scan(*arguments)) / len(rows)
         known, _ = runner.kernel.scan(start.carry, rows, runner.numbers)
     return taken, float(np.abs(arrays[3][:, 0] - known[:, 0]).max())
 
 
-def _median(call: object) -> float:
-    """Return the median time of a call [µs]."""
+def _timed(call: object, summary: Summary = np.median) -> float:
+    """Return the median time of a call, or another summary of its times [µs]."""
     taken = []
     for _ in range(REPEATS):
         start = time.perf_counter_ns()
         call()  # type: ignore[operator]
         taken.append((time.perf_counter_ns() - start) / 1e3)
-    return float(np.median(taken))
+    return float(summary(taken))
 
 
 def live_times(rig: Rig, log: Log, name: str = "adaptive") -> np.ndarray:

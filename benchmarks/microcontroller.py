@@ -1,19 +1,25 @@
 """The exported filters on an emulated Cortex-M4F: size, memory, instructions, and the error against double precision.
 
-`python -m benchmarks.microcontroller` (part of `make bench`); needs gcc-arm-none-eabi and qemu-system-arm.
+`python -m benchmarks.microcontroller` (part of `make bench`); needs gcc-arm-none-eabi and qemu-system-arm. Names of tables
+(float-errors, microcontroller, casadi) leave out the others; `casadi` compares with the C of CasADi's own generator.
 """
 
 from __future__ import annotations
 
+import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 from tests.export.helpers import missing_tools
 
 from benchmarks.report import table
-from distal import Log, estimate, load_scenario, scenario_rig, shipped_scenarios, simulate_batch
-from distal.export import c_filter
+from distal import Log, Rig, estimate, load_scenario, make_estimator, scenario_rig, shipped_scenarios, simulate_batch
+from distal.codegen import Emitter, Plain
+from distal.codegen.operations import CALLED
+from distal.export import Exported, c_filter
 from distal.kernels import find_compiler
 from distal.logs import write_log
 
@@ -62,14 +68,96 @@ def float_errors() -> None:
     table("float-errors", "Largest error of float against double, shipped scenarios", columns, rows)
 
 
+_PRIOR = """
+static void {name}_called(const float* known, const float* mask, float* mean, float* spread, float* rest) {{
+  const float* arg[{sz_arg}];
+  float* res[{sz_res}];
+  casadi_int iw[{sz_iw}];
+  float w[{sz_w}];
+  arg[0] = known; arg[1] = mask;
+  res[0] = mean; res[1] = spread; res[2] = rest;
+  {name}(arg, res, iw, w, 0);
+}}
+"""
+_STEP = """
+static void {name}_called(float* state, const float* x, const float* p, float* y) {{
+  const float* arg[{sz_arg}];
+  float* res[{sz_res}];
+  casadi_int iw[{sz_iw}];
+  float w[{sz_w}], next[{n_carry}];
+  arg[0] = state; arg[1] = x; arg[2] = p;
+  res[0] = next; res[1] = y;
+  {name}(arg, res, iw, w, 0);
+  memcpy(state, next, sizeof next);
+}}
+"""
+
+
+def in_casadis_c(rig: Rig, estimator: str) -> Exported:
+    """Return the float filter with its two functions in the C of CasADi's generator, and all the rest as it is.
+
+    CasADi knows only the names of functions of double precision: those of float are put in their place.
+    """
+    made = c_filter(rig, estimator, True, "filter")
+    runner = make_estimator(estimator, rig, compiled=False)
+    functions = runner.prior_function(), runner.export_function()
+    emitter = Emitter(Plain(True))
+    names = emitter.add(functions[0]), emitter.add(functions[1], in_place=True)
+    assert emitter.text in made.source
+    generator = ca.CodeGenerator("casadi.c", {"casadi_real": "float", "casadi_int": "int", "with_header": False})
+    calls = []
+    for function, template in zip(functions, (_PRIOR, _STEP)):
+        generator.add(function)
+        sizes = {"sz_arg": function.sz_arg(), "sz_res": function.sz_res(), "n_carry": function.numel_out(0)}
+        work = {"sz_iw": function.sz_iw() + 1, "sz_w": function.sz_w() + 1}
+        calls.append(template.format(name=function.name(), **sizes, **work))
+    floats = "\n".join(f"#define {function} {function}f" for function in sorted(set(CALLED.values())))
+    text = f"{floats}\n{generator.dump()}\n{''.join(calls)}"
+    before, after = made.source.split(emitter.text)
+    for name, function in zip(names, functions):
+        after = after.replace(f" {name}(", f" {function.name()}_called(")
+    return replace(made, source=before + text + after)
+
+
+def against_casadi() -> None:
+    """Compare the emitter with CasADi's generator: the same functions, compiler, flags and frame."""
+    from tests.export.test_microcontroller import cases, measure
+
+    rows = []
+    for rig_name, rig, scenario in cases():
+        for estimator in ("adaptive", "ekf-2008"):
+            found = []
+            for made in (None, in_casadis_c(rig, estimator)):
+                with tempfile.TemporaryDirectory() as folder:
+                    flags = [] if made is None else ["-fsingle-precision-constant", "-w", "-Wno-error"]
+                    measured, _ = measure(rig, scenario, estimator, Path(folder), made, flags)
+                assert measured.error_degrees < 0.02  # both are the same filter
+                found.append((measured.flash / 1024, measured.ram / 1024, measured.instructions[0]))
+            for whose, (flash, ram, instructions) in zip(("own", "CasADi"), found):
+                rows.append([rig_name, estimator, whose, f"{flash:.1f}", f"{ram:.1f}", f"{instructions:,.0f}"])
+            ratios = [f"{other / own:.2f} ×" for own, other in zip(*found)]
+            rows.append(["", "", "ratio", *ratios])
+    columns = ["rig", "estimator", "C", "flash [kB]", "RAM [kB]", "instructions"]
+    table("casadi", "The emitter and CasADi's generator: float, -Os, Cortex-M4F, as in the table before", columns, rows)
+
+
 def main() -> None:
     """Measure, print and save."""
-    if not isinstance(find_compiler(), str):
+    wanted = sys.argv[1:] or ["float-errors", "microcontroller", "casadi"]
+    if "float-errors" in wanted and not isinstance(find_compiler(), str):
         float_errors()
     missing = missing_tools()
     if missing:
         print(f"no Cortex-M here: {missing} is not installed")
         return
+    if "microcontroller" in wanted:
+        sizes()
+    if "casadi" in wanted:
+        against_casadi()
+
+
+def sizes() -> None:
+    """Measure flash, RAM, instructions and the error of the exported filters."""
     from tests.export.test_microcontroller import cases, measure
 
     rows = []

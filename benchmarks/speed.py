@@ -1,6 +1,7 @@
 """How fast: simulation and one filter step, compiled and interpreted, and the same job as a user would do it today.
 
 `python -m benchmarks.speed` (part of `make bench`). Times are medians within one run; compare the ratios, not the µs.
+`python -m benchmarks.speed emitters` compares only the C of the emitter with that of CasADi's generator.
 """
 
 from __future__ import annotations
@@ -15,16 +16,25 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.limits import batch_time, casadi_time, filterpy_numpy, handwritten_time, live_times, scan_time
+from benchmarks.limits import (
+    batch_time,
+    casadi_time,
+    filterpy_numpy,
+    handwritten_time,
+    lane_time,
+    live_times,
+    scan_time,
+)
 from benchmarks.report import FOLDER, table
 from distal import load_rig, load_scenario, make_estimator, scenario_rig, simulate, simulate_batch
-from distal.kernels import Kernel, find_compiler
+from distal.kernels import Kernel, find_compiler, lanes_here
 from distal.logs import write_log
 from distal.model import Mechanism, substeps
 from distal.running import samples_of
 from distal.simulation.plant import plant_function
 
 SAMPLES = 800
+ROUNDS = 5
 
 
 def step_times(kernel: Kernel, carry: np.ndarray, rows: np.ndarray, p: np.ndarray, repeats: int = 12) -> np.ndarray:
@@ -78,8 +88,33 @@ def filterpy_solve_ivp(rig_samples: np.ndarray, times: np.ndarray, count: int) -
     return np.array(taken)
 
 
+def emitters() -> None:
+    """Measure the same kernels in the emitter's C, one by one and in lanes, and in the C of CasADi's generator."""
+    scenario = load_scenario("series-2")
+    rig = scenario_rig(scenario)
+    log = simulate(rig, scenario)
+    rows = []
+    for name in ("adaptive", "ekf", "ekf-2008"):
+        runner = make_estimator(name, rig)
+        ways = {"CasADi's C": casadi_time, "own C": scan_time, f"own C, {lanes_here()} lanes": lane_time}
+        rounds = [[way(runner, log, np.min) for way in ways.values()] for _ in range(ROUNDS)]
+        least = np.min(rounds, axis=0)  # others on the machine only ever make it slower
+        for what, taken in zip(ways, least):
+            rows.append([name, what, f"{taken:.2f}", f"{least[0] / taken:.2f}"])
+    columns = ["estimator", "C", "per sample and run [µs]", "times as fast as CasADi's"]
+    table("emitters", "Whole logs in one thread, paper-2008", columns, rows)
+
+
 def main() -> None:
     """Measure, print and save."""
+    if sys.argv[1:] != ["emitters"]:
+        everything()
+    if not isinstance(find_compiler(), str):
+        emitters()
+
+
+def everything() -> None:
+    """Measure simulation, filters, batches, peers and whole processes."""
     scenario = load_scenario("series-2")
     rig = scenario_rig(scenario)
     log = simulate(rig, scenario)

@@ -10,14 +10,6 @@ import pytest
 
 import distal
 
-# To be removed, each with the change that dissolves it.
-KNOWN = {
-    # results and their plots: result.py and traces.py
-    frozenset({"distal.estimators.result", "distal.estimators.traces"}),
-    # the emitter, one class spread over files that inherit from each other
-    frozenset(f"distal.kernels.{name}" for name in ("emitter", "lifetimes", "matrices", "products")),
-}
-
 Graph = dict[str, set[str]]
 
 
@@ -112,8 +104,7 @@ def test_no_module_imports_itself_through_others() -> None:
     graph = import_graph(Path(distal.__file__).parent)
     found = circles(graph)
     assert len(graph) > 100, "the package was not read"
-    assert [imports_within(graph, circle) for circle in found - KNOWN] == []
-    assert [sorted(circle) for circle in KNOWN - found] == [], "dissolved: remove it from KNOWN and from pyproject.toml"
+    assert [imports_within(graph, circle) for circle in found] == []
 
 
 def package(folder: Path, sources: Mapping[str, str]) -> Path:

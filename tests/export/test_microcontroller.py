@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import subprocess
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,9 +70,11 @@ def literal(value: float) -> str:
     return "NAN" if np.isnan(value) else f"{value:.9e}f"
 
 
-def measure(rig: Rig, scenario: Scenario, name: str, folder: Path) -> tuple[Measured, Exported]:
+def measure(
+    rig: Rig, scenario: Scenario, name: str, folder: Path, made: Exported | None = None, flags: Sequence[str] = ()
+) -> tuple[Measured, Exported]:
     """Build the smallest product and a program with a log, look at one and run the other."""
-    made = c_filter(rig, name, True, "filter")
+    made = made or c_filter(rig, name, True, "filter")
     log = simulate(rig, scenario, 6).select(slice(0, SAMPLES))
     samples = samples_of(log, make_estimator(name, rig, compiled=False).channels)
     (folder / "filter.c").write_text(made.source)
@@ -92,6 +95,7 @@ def measure(rig: Rig, scenario: Scenario, name: str, folder: Path) -> tuple[Meas
         "-ffunction-sections",
         "-fdata-sections",
         *names,
+        *flags,
     ]
     linked = ["-nostartfiles", "--specs=nano.specs", "-Wl,--gc-sections", "-T", str(FIRMWARE / "mps2.ld"), "-lm"]
     for program in ("sized", "replayed"):

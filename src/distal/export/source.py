@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import LARGEST_ANGLE, KernelEstimator, make_estimator, state_units
 from distal.estimators.gaps import MOST_BRIDGES, SPLIT
 from distal.export.replay import angle_fields, replay_program
-from distal.kernels.dialects import CodeError, Plain
-from distal.kernels.emitter import Emitter
 from distal.rig import Rig
 
 TAKEN = frozenset(
@@ -128,7 +127,7 @@ def c_filter(rig: Rig, estimator: str = "adaptive", single: bool = False, name: 
         begin, advance = emitter.add(prior), emitter.add(step, in_place=True)
     except CodeError as problem:
         raise ExportError(f"{estimator} of '{rig.name}' has no C: {problem}") from None
-    values = _values(runner, name, emitter, begin, advance)
+    values, cost = _values(runner, name, emitter, begin, advance), emitter.functions[advance].cost
     return Exported(
         name,
         estimator,
@@ -140,9 +139,9 @@ def c_filter(rig: Rig, estimator: str = "adaptive", single: bool = False, name: 
         runner.state_names,
         runner.measured,
         int(step.numel_in(0)),
-        sum(emitter.scratch.values()),
-        emitter.operations[advance],
-        dict(sorted(emitter.library[advance].items())),
+        sum(written.scratch for written in emitter.functions.values()),
+        cost.operations,
+        dict(sorted(cost.library.items())),
         replay_program(runner, name),
     )
 

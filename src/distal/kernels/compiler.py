@@ -12,9 +12,8 @@ from pathlib import Path
 
 import casadi as ca
 
+from distal.codegen import CodeError, Emitter, Plain
 from distal.kernels.cache import Cache, cache_folder, cpu, digest
-from distal.kernels.dialects import CodeError, Plain
-from distal.kernels.emitter import Emitter
 
 # no fast-math and no fused multiply-add: the same numbers as the interpreter
 FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")

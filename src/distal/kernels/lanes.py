@@ -13,9 +13,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.codegen import CodeError, Emitter, Lanes
 from distal.kernels.compiler import CompileError, compiled_source
-from distal.kernels.dialects import CodeError, Lanes
-from distal.kernels.emitter import Emitter
 
 Floats = NDArray[np.float64]
 

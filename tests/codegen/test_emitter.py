@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import ctypes
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 
+from distal.codegen import CodeError, Emitter, Lanes, Plain
+from distal.codegen.memory import Value
 from distal.kernels import LaneKernel, find_compiler
 from distal.kernels.compiler import compiled_source
-from distal.kernels.dialects import CodeError, Plain
-from distal.kernels.emitter import Emitter
 
 pytestmark = pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")
 
@@ -118,7 +117,7 @@ def test_in_place_needs_little_scratch() -> None:
     for in_place in (True, False):
         emitter = Emitter(Plain())
         emitter.add(matrices(), in_place)
-        sizes.append(emitter.scratch["matrices"])
+        sizes.append(emitter.functions["matrices"].scratch)
         copies = [line for line in emitter.text.splitlines() if "i < 25" in line]
         assert bool(copies) is not in_place
     assert sizes[0] < sizes[1]
@@ -148,7 +147,84 @@ def test_the_source_says_the_same_each_time() -> None:
     assert len(texts) == 1
 
 
-def test_what_has_no_c_is_said(tmp_path: Path) -> None:
+def overlapping() -> ca.Function:
+    """Return a function in which values change that are read while they change."""
+    carry = ca.MX.sym("carry", 9)
+    square = ca.reshape(carry, 3, 3)
+    above = ca.mac(square, square, square)
+    turned = ca.MX(ca.vec(above))
+    turned[list(range(8, -1, -1))] = ca.vec(above)
+    return ca.Function("overlapping", [carry, ca.MX.sym("x", 2)], [turned, ca.sum1(turned)])
+
+
+@pytest.mark.parametrize("in_place", [False, True])
+def test_a_value_that_is_read_twice_is_not_overwritten_by_the_first_reading(in_place: bool) -> None:
+    """A + A A, and a vector turned around in itself: exact in whole numbers."""
+    given = [np.arange(1.0, 10.0), np.zeros(2)]
+    expected = overlapping()(*given)
+    for made, known in zip(run(overlapping(), given, Plain(), in_place), expected):
+        np.testing.assert_array_equal(made, np.array(known).ravel())
+
+
+def test_a_constant_in_pieces() -> None:
+    x = ca.MX.sym("x", 2)
+    first, second = ca.vertsplit(ca.MX(ca.DM([1.0, 2.0, 3.0, 4.0])), 2)
+    function = ca.Function("pieces", [x, ca.MX.sym("y")], [first * x, second + x])
+    made = run(function, [np.array([5.0, 6.0]), np.zeros(1)], Plain(), False)
+    assert [list(each) for each in made] == [[5.0, 12.0], [8.0, 10.0]]
+
+
+def test_zeros_keep_their_sign() -> None:
+    """Zero equals −0, but 1/x, copysign and atan2 tell them apart."""
+    assert [Plain().constant(zero) for zero in (0.0, -0.0, 0.0)] == ["0.0", "(-0.0)", "0.0"]
+    assert Value(None, 0, 2, numbers=(0.0, 0.0)).is_uniform
+    assert not Value(None, 0, 2, numbers=(0.0, -0.0)).is_uniform
+
+
+def test_lanes_have_constants_that_are_no_numbers() -> None:
+    """A table of constants is an initializer: neither ``nan`` nor ``inf`` is C."""
+    emitter = Emitter(Lanes(2))
+    x = ca.MX.sym("x", 4)
+    emitter.add(ca.Function("masked", [x], [ca.fmax(x, ca.DM([np.nan, np.inf, -np.inf, 1.0]))]))
+    assert "{(double)NAN, (double)NAN}, {INFINITY, INFINITY}, {(-INFINITY), (-INFINITY)}, {1, 1}" in emitter.text
+    compiled_source(f"#include <math.h>\n{emitter.dialect.prelude()}\n{emitter.text}")
+
+
+def test_one_emitter_writes_a_function_in_place_and_apart() -> None:
+    emitter, function = Emitter(Plain()), matrices()
+    assert [emitter.add(function, True), emitter.add(function), emitter.add(function, True)] == [
+        "matrices",
+        "matrices_2",
+        "matrices",
+    ]
+    assert "void matrices(double* restrict state, const double* restrict a1" in emitter.text
+    assert "void matrices_2(const double* restrict a0, const double* restrict a1" in emitter.text
+
+
+def test_scalars_are_read_before_they_change_in_place() -> None:
+    carry, x = ca.SX.sym("carry", 3), ca.SX.sym("x")
+    function = ca.Function("turned", [carry, x], [ca.vertcat(carry[1], carry[0] * x, carry[0]), carry[2] + x])
+    made = run(function, [np.array([2.0, 3.0, 4.0]), np.array([5.0])], Plain(), True)
+    assert [list(each) for each in made] == [[3.0, 10.0, 2.0], [9.0]]
+
+
+def test_what_cannot_be_changed_in_place_is_said() -> None:
+    x = ca.MX.sym("x", 3)
+    with pytest.raises(CodeError, match="'longer' has no C in place: its first input and output differ in shape"):
+        Emitter(Plain()).add(ca.Function("longer", [x], [ca.vertcat(x, x)]), in_place=True)
+
+
+def test_an_index_that_does_not_fit_is_said() -> None:
+    x = ca.MX.sym("x", 300)
+    function = ca.Function("scattered", [x], [x[[299, 3, 7, 100]]])
+    emitter = Emitter(Plain())
+    emitter.add(function)
+    assert "unsigned short t0[4] = {299, 3, 7, 100}" in emitter.text
+    with pytest.raises(CodeError, match="an index of 299 does not fit into 'unsigned char'"):
+        Emitter(Plain(), "unsigned char").add(function)
+
+
+def test_what_has_no_c_is_said() -> None:
     x = ca.MX.sym("x", 2, 2)
     inverse = ca.Function("inverse", [x, ca.MX.sym("y")], [ca.inv(x), ca.det(x)])
     with pytest.raises(CodeError, match="has no C here"):

@@ -1,67 +1,57 @@
-"""How numbers and operations are written in C: double, float, or several runs side by side in vector lanes."""
+"""How numbers and operations are written in C: double, float, or several runs side by side in vector lanes.
+
+A dialect knows nothing of functions, memory or loops. A new one (fixed-point numbers, say) is one more class here.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from math import copysign, isfinite
+from typing import Protocol
 
 import casadi as ca
 
-from distal.errors import DistalError
-
-INFIX = {
-    ca.OP_ADD: "{a} + {b}",
-    ca.OP_SUB: "{a} - {b}",
-    ca.OP_MUL: "{a} * {b}",
-    ca.OP_DIV: "{a} / {b}",
-    ca.OP_NEG: "-{a}",
-    ca.OP_SQ: "{a} * {a}",
-}
-"""Operations that C writes alike for numbers and for vectors of them."""
-
-COMPARED = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
-
-CALLED = {
-    ca.OP_SQRT: "sqrt",
-    ca.OP_EXP: "exp",
-    ca.OP_LOG: "log",
-    ca.OP_SIN: "sin",
-    ca.OP_COS: "cos",
-    ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin",
-    ca.OP_ACOS: "acos",
-    ca.OP_ATAN: "atan",
-    ca.OP_ATAN2: "atan2",
-    ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh",
-    ca.OP_TANH: "tanh",
-    ca.OP_FLOOR: "floor",
-    ca.OP_CEIL: "ceil",
-    ca.OP_FABS: "fabs",
-    ca.OP_FMIN: "fmin",
-    ca.OP_FMAX: "fmax",
-    ca.OP_POW: "pow",
-    ca.OP_CONSTPOW: "pow",
-    ca.OP_COPYSIGN: "copysign",
-    ca.OP_EXPM1: "expm1",
-    ca.OP_LOG1P: "log1p",
-    ca.OP_HYPOT: "hypot",
-    ca.OP_ERF: "erf",
-}
-"""Operations that are functions of C's library."""
+from distal.codegen.operations import BINARY, CALLED, COMPARED, INFIX, no_such_operation
 
 
-INLINE = frozenset([ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX, ca.OP_SQRT, ca.OP_COPYSIGN])
-"""Those of them that processors with a floating-point unit have as instructions, or that take a few."""
+class Dialect(Protocol):
+    """What the writers ask of a dialect."""
 
+    @property
+    def type(self) -> str:
+        """Name of the type of a number."""
+        ...
 
-class CodeError(DistalError):
-    """A function cannot be written as C."""
+    @property
+    def pairs_sines(self) -> bool:
+        """Whether the sine and the cosine of one angle are computed by one call, ``v_sincos``."""
+        ...
 
+    def prelude(self) -> str:
+        """Return the C that the operations need before the first function."""
+        ...
 
-def no_such_operation(operation: int) -> CodeError:
-    """Return the error for an operation that has no C here."""
-    return CodeError(f"CasADi's operation {operation} has no C here; a rig that needs it cannot be exported yet")
+    def constant(self, value: float) -> str:
+        """Return a number as C, for use in an expression."""
+        ...
+
+    def entry(self, value: float) -> str:
+        """Return a number as C, for use in a table of constants."""
+        ...
+
+    def operation(self, operation: int, a: str, b: str = "") -> str:
+        """Return the C of one operation.
+
+        Args:
+            operation: CasADi's number of it.
+            a: first operand.
+            b: second one.
+
+        Raises:
+            CodeError: there is none.
+        """
+        ...
 
 
 @dataclass(frozen=True)
@@ -79,6 +69,11 @@ class Plain:
         """Name of the type of a number."""
         return "float" if self.single else "double"
 
+    @property
+    def pairs_sines(self) -> bool:
+        """Whether sine and cosine are one call: the compiler of plain C sees to that itself."""
+        return False
+
     def prelude(self) -> str:
         """Return what the operations need: the larger and the smaller, without a call into the library."""
         kind = self.type
@@ -87,19 +82,13 @@ class Plain:
             f"static inline {kind} smaller({kind} a, {kind} b) {{ return a < b || b != b ? a : b; }}\n"
         )
 
-    @lru_cache(maxsize=4096)  # noqa: B019  (frozen, and two of them are all there are)
     def constant(self, value: float) -> str:
         """Return a number as C."""
-        if value != value:
-            return "NAN" if self.single else "(double)NAN"
-        if value in (float("inf"), float("-inf")):
-            return "INFINITY" if value > 0 else "(-INFINITY)"
-        if self.single:  # what a float cannot hold is its largest number, or zero
-            value = max(min(value, LARGEST_FLOAT), -LARGEST_FLOAT) if abs(value) > SMALLEST_FLOAT else 0.0
-        text = f"{value:.9g}" if self.single else f"{value:.17g}"
-        text = text if any(c in text for c in ".e") else f"{text}.0"
-        text = f"({text})" if text.startswith("-") else text
-        return text.replace(")", "f)") if self.single and text.endswith(")") else text + ("f" if self.single else "")
+        return _constant(value, copysign(1.0, value), self.single)
+
+    def entry(self, value: float) -> str:
+        """Return a number of a table of constants as C: as it is everywhere."""
+        return self.constant(value)
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
         """Return the C of one operation.
@@ -112,7 +101,6 @@ class Plain:
         Raises:
             CodeError: there is none.
         """
-        one, two, zero = self.constant(1.0), self.constant(2.0), self.constant(0.0)
         if operation in INFIX:
             return INFIX[operation].format(a=a, b=b)
         if operation in COMPARED:
@@ -122,6 +110,7 @@ class Plain:
         if operation in CALLED:
             arguments = f"{a}, {b}" if operation in BINARY else a
             return f"{CALLED[operation]}{'f' if self.single else ''}({arguments})"
+        one, two, zero = self.constant(1.0), self.constant(2.0), self.constant(0.0)
         others = {
             ca.OP_TWICE: f"{two} * {a}",
             ca.OP_INV: f"{one} / {a}",
@@ -137,12 +126,23 @@ class Plain:
         return others[operation]
 
 
-_FUNCTIONS = (ca.OP_ATAN2, ca.OP_FMIN, ca.OP_FMAX, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_COPYSIGN, ca.OP_HYPOT)
-_SIGNS = (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO, *COMPARED)
-BINARY = frozenset((*_FUNCTIONS, *_SIGNS))
-"""Operations with two operands."""
-
 LARGEST_FLOAT, SMALLEST_FLOAT = 3.40282346e38, 1.17549435e-38
+
+
+@lru_cache(maxsize=4096)
+def _constant(value: float, sign: float, single: bool) -> str:
+    """Return a number as C; its sign is an argument because 0.0 equals -0.0, and would be found in its place."""
+    if value != value:
+        return "NAN" if single else "(double)NAN"
+    if value in (float("inf"), float("-inf")):
+        return "INFINITY" if value > 0 else "(-INFINITY)"
+    if single:  # what a float cannot hold is its largest number, or zero
+        value = max(min(value, LARGEST_FLOAT), -LARGEST_FLOAT) if abs(value) > SMALLEST_FLOAT else 0.0
+    text = f"{value:.9g}" if single else f"{value:.17g}"
+    text = text if any(c in text for c in ".e") else f"{text}.0"
+    text = f"({text})" if text.startswith("-") else text
+    return text.replace(")", "f)") if single and text.endswith(")") else text + ("f" if single else "")
+
 
 _VECTORS = """
 typedef double V __attribute__((vector_size({bytes})));
@@ -193,6 +193,11 @@ class Lanes:
         """Name of the type of a number of each run."""
         return "V"
 
+    @property
+    def pairs_sines(self) -> bool:
+        """Whether sine and cosine are one call: within a lane the library has one for both."""
+        return True
+
     def prelude(self) -> str:
         """Return the vector types and what the operations need."""
         lines = [_VECTORS.format(bytes=8 * self.count, lanes=self.count)]
@@ -204,6 +209,11 @@ class Lanes:
     def constant(self, value: float) -> str:
         """Return a number, the same for all runs, as C."""
         return f"all({Plain().constant(value)})"
+
+    def entry(self, value: float) -> str:
+        """Return a number of a table of constants, the same for all runs, as C: an initializer, not a call."""
+        text = f"{value:.17g}" if isfinite(value) else Plain().constant(value)
+        return "{" + ", ".join([text] * self.count) + "}"
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
         """Return the C of one operation.

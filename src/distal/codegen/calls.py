@@ -1,0 +1,32 @@
+"""C of calls: a function's results go straight to an output where they are nothing else, else to scratch."""
+
+from __future__ import annotations
+
+from distal.codegen.memory import Value
+from distal.codegen.workspace import Step, Workspace
+
+
+def call(work: Workspace, step: Step) -> list[str]:
+    """Write a call of another function.
+
+    Args:
+        work: the function.
+        step: the instruction.
+
+    Raises:
+        CodeError: the called function has an operation that has no C here.
+    """
+    called = step.node.which_function()
+    written = work.written(called)
+    work.cost.operations += written.cost.operations
+    work.cost.library.update(written.cost.library)
+    results = []
+    for i, number in enumerate(step.makes):
+        size = int(called.nnz_out(i))
+        if number in work.flow.direct:
+            output, offset = work.flow.direct[number]
+            results.append(work.placement.put(number, Value(f"r{output}", offset, size)))
+        else:
+            results.append(work.placement.new(step.k, number, size))
+    addresses = [work.memory.address(value) for value in (*step.inputs, *results)]
+    return [f"  {written.name}({', '.join(addresses)});"]

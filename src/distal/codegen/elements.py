@@ -1,0 +1,32 @@
+"""C of what is done element by element; a single number goes with each of many."""
+
+from __future__ import annotations
+
+from distal.codegen.memory import UNROLLED
+from distal.codegen.operations import BINARY
+from distal.codegen.workspace import Step, Workspace
+
+
+def each(work: Workspace, step: Step) -> list[str]:
+    """Write an operation of scalars for each element.
+
+    Args:
+        work: the function.
+        step: the instruction.
+
+    Raises:
+        CodeError: the operation has no C here.
+    """
+    n = int(step.node.nnz())
+    work.cost.operations += n
+    to = work.placement.over_an_input(step.k, n)
+    used = step.inputs if step.operation in BINARY else step.inputs[:1]
+    memory = work.memory
+
+    def line(index: str | int) -> str:
+        operands = [memory.at(value, 0 if value.size == 1 else index) for value in used]
+        return f"{memory.at(to, index)} = {memory.dialect.operation(step.operation, *operands)};"
+
+    if n <= UNROLLED:
+        return [f"  {line(i)}" for i in range(n)]
+    return [f"  for (i = 0; i < {n}; ++i) {line('i')}"]

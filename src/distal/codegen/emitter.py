@@ -1,0 +1,69 @@
+"""Functions as C, each written once, after those that it calls."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from distal.codegen.dialects import Dialect
+from distal.codegen.matrices import write_matrices
+from distal.codegen.operations import CodeError
+from distal.codegen.scalars import write_scalars
+from distal.codegen.workspace import Written
+
+
+class Emitter:
+    """Writes CasADi functions as static C functions, each once.
+
+    Args:
+        dialect: how numbers are written.
+        index: type of tables of indices.
+    """
+
+    def __init__(self, dialect: Dialect, index: str = "unsigned short") -> None:
+        self.dialect, self._index = dialect, index
+        self.functions: dict[str, Written] = {}
+        self._names: dict[tuple[int, bool], str] = {}
+        self._taken: set[str] = set()
+        self._kept: list[ca.Function] = []  # a function's hash is its address: it must not be given to another one
+
+    @property
+    def text(self) -> str:
+        """All functions so far, each after those that it calls."""
+        return "\n".join(written.text for written in self.functions.values())
+
+    def add(self, function: ca.Function, in_place: bool = False) -> str:
+        """Write a function and those that it calls; return its name in C.
+
+        Args:
+            function: of scalars (SX) or of matrices (MX).
+            in_place: the first input and the first output are one array, ``state``, that is changed.
+
+        Raises:
+            CodeError: it has an operation that has no C here, or its state cannot be changed in place.
+        """
+        return self._written(function, in_place).name
+
+    def _written(self, function: ca.Function, in_place: bool = False) -> Written:
+        key = (function.__hash__(), in_place)
+        if key in self._names:
+            return self.functions[self._names[key]]
+        if in_place and function.sparsity_in(0) != function.sparsity_out(0):
+            raise CodeError(f"'{function.name()}' has no C in place: its first input and output differ in shape")
+        name = self._free_name(str(function.name()))
+        if function.is_a("SXFunction"):
+            written = write_scalars(function, name, in_place, self.dialect)
+        else:
+            written = write_matrices(function, name, in_place, self.dialect, self._index, self._written)
+        self.functions[name] = written
+        self._names[key] = name
+        self._kept.append(function)
+        return written
+
+    def _free_name(self, name: str) -> str:
+        """Return a function's name, with a number if another function has it."""
+        free, number = name, 1
+        while free in self._taken:
+            number += 1
+            free = f"{name}_{number}"
+        self._taken.add(free)
+        return free

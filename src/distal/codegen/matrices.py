@@ -1,0 +1,98 @@
+"""C of a function of matrices (MX): each instruction by its writer, then the outputs, with scratch laid out at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+
+from distal.codegen.calls import call
+from distal.codegen.dataflow import Dataflow
+from distal.codegen.dialects import Dialect
+from distal.codegen.elements import each
+from distal.codegen.frame import framed
+from distal.codegen.memory import Memory, Value
+from distal.codegen.placement import Placement
+from distal.codegen.products import dot, product, rank_one
+from distal.codegen.slices import argument, constant, get, join, put, shape, split, transpose
+from distal.codegen.workspace import Workspace, Writer, Written
+
+WRITERS: dict[int, Writer] = {
+    ca.OP_INPUT: argument,
+    ca.OP_CONST: constant,
+    ca.OP_CALL: call,
+    ca.OP_RESHAPE: shape,
+    ca.OP_TRANSPOSE: transpose,
+    ca.OP_GETNONZEROS: get,
+    ca.OP_SETNONZEROS: put,
+    ca.OP_ADDNONZEROS: put,
+    ca.OP_VERTCAT: join,
+    ca.OP_HORZCAT: join,
+    ca.OP_VERTSPLIT: split,
+    ca.OP_HORZSPLIT: split,
+    ca.OP_MTIMES: product,
+    ca.OP_RANK1: rank_one,
+    ca.OP_DOT: dot,
+}
+"""Operations on matrices; every other one is done element by element, or has no C."""
+
+
+def write_matrices(
+    function: ca.Function,
+    name: str,
+    in_place: bool,
+    dialect: Dialect,
+    index: str,
+    written: Callable[[ca.Function], Written],
+) -> Written:
+    """Return a function of matrices as C.
+
+    Args:
+        function: the function (MX).
+        name: in C.
+        in_place: the first input and the first output are one array.
+        dialect: how numbers are written.
+        index: type of tables of indices.
+        written: writes a function that is called, unless it is there already.
+
+    Raises:
+        CodeError: it has an operation that has no C here.
+    """
+    flow, memory = Dataflow(function, in_place), Memory(dialect, index)
+    work = Workspace(flow, memory, Placement(flow, memory), written, in_place)
+    lines = list[str]()
+    state: list[tuple[Value, int]] = []
+    for k, operation in enumerate(flow.operations):
+        step = work.step(k)
+        if operation != ca.OP_OUTPUT:
+            lines += WRITERS.get(operation, each)(work, step)
+        elif step.inputs:
+            info, (value,) = step.node.info(), step.inputs
+            home, offset = f"r{info['ind']}", int(info["offset"])
+            if in_place and info["ind"] == 0:
+                state.append((value, offset))
+            elif value.home != home:  # a call has not put it there
+                lines += memory.copy(Value(home, offset, value.size), value)
+    lines += _new_state(work, state)
+    lines = memory.scratch.settled(lines)
+    size = memory.scratch.size
+    arrays = [f"  {dialect.type} w[{size}];"] if size else []
+    text = framed(function, name, in_place, dialect, [*memory.tables.lines, *arrays], lines)
+    return Written(name, text, work.cost, size)
+
+
+def _new_state(work: Workspace, state: list[tuple[Value, int]]) -> list[str]:
+    """Write the new state: what is in its place stays, what lies elsewhere in the state goes by way of scratch."""
+    memory, end = work.memory, work.flow.end
+    lines, moved = list[str](), list[tuple[Value, int]]()
+    for value, offset in state:
+        if value.home == "state":
+            if value.offset == offset:
+                continue
+            through = memory.scratch.new(value.size, end, end + 1)
+            lines += memory.copy(through, value)
+            value = through
+        moved.append((value, offset))
+    for value, offset in moved:
+        lines += memory.copy(Value("state", offset, value.size), value)
+    return lines

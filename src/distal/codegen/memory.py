@@ -1,0 +1,247 @@
+"""Where the numbers of a generated function lie, and the C that reaches them.
+
+A `Value` is a run of numbers side by side: in an argument, in the state, in scratch, or a constant. `Scratch` is one array
+that all intermediates share. How large it is and what lies where is known only after the last instruction, so places in it
+are first written as marks («…»), which `Scratch.settled` replaces.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from distal.codegen.dialects import Dialect
+from distal.codegen.operations import CodeError
+
+UNROLLED = 3
+"""Copies and element-wise operations of at most so many numbers are written one by one."""
+
+INDICES = {"unsigned char": 255, "unsigned short": 65_535, "int": 2_147_483_647}
+"""Types that tables of indices may have, and the largest index that each holds."""
+
+_MARK = re.compile(r"«([AEI])(\d+):(\d+):([^»]*)»")
+"""A place in scratch before it is laid out: an address, a number, a number by an index; block, offset, index."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """Numbers that lie side by side.
+
+    Args:
+        home: ``a0``, ``r1`` … for arguments, ``state``, ``w`` for scratch; None for constants.
+        offset: of the first number in its home; for scratch, within its own block.
+        size: how many.
+        block: which block of scratch it is in, else -1.
+        numbers: of a constant.
+    """
+
+    home: str | None
+    offset: int
+    size: int
+    block: int = -1
+    numbers: tuple[float, ...] = ()
+
+    def part(self, offset: int, size: int) -> Value:
+        """Return some of the numbers, as a view.
+
+        Args:
+            offset: of the first one.
+            size: how many.
+        """
+        if self.home is None:
+            return replace(self, size=size, numbers=self.numbers[offset : offset + size])
+        return Value(self.home, self.offset + offset, size, self.block)
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether all numbers are constants and zero."""
+        return self.home is None and not any(self.numbers)
+
+    @cached_property
+    def is_uniform(self) -> bool:
+        """Whether all numbers are constants and the same, zeros with their sign."""
+        return self.home is None and len({str(number) for number in self.numbers}) == 1
+
+
+@dataclass
+class Block:
+    """A piece of scratch: its size, the instructions between which it is in use, and where it is once that is known."""
+
+    size: int
+    first: int
+    last: int
+    at: int = -1
+
+
+class Scratch:
+    """One array for all intermediates: blocks whose times in use do not overlap share their place."""
+
+    def __init__(self) -> None:
+        self.blocks: list[Block] = []
+        self.size = 0
+
+    def new(self, size: int, first: int, last: int) -> Value:
+        """Return a new piece of scratch.
+
+        Args:
+            size: how many numbers.
+            first: instruction that writes it.
+            last: last one that reads it.
+        """
+        self.blocks.append(Block(size, first, last))
+        return Value("w", 0, size, len(self.blocks) - 1)
+
+    def keep(self, value: Value, until: int) -> None:
+        """Let a value's block be in use at least until an instruction; what is not in scratch stays anyway.
+
+        Args:
+            value: the numbers.
+            until: the instruction.
+        """
+        if value.block >= 0:
+            block = self.blocks[value.block]
+            block.last = max(block.last, until)
+
+    def settled(self, lines: list[str]) -> list[str]:
+        """Return lines with their marks replaced; nothing can be added to scratch afterwards.
+
+        Args:
+            lines: of the whole function.
+        """
+        self._lay_out()
+        return [_MARK.sub(self._settled, line) for line in lines]
+
+    def _lay_out(self) -> None:
+        """Place the blocks: first fit, the largest first."""
+        placed: list[Block] = []
+        for block in sorted(self.blocks, key=lambda b: (-b.size, b.first)):
+            busy = sorted(
+                (other.at, other.at + other.size)
+                for other in placed
+                if other.first <= block.last and block.first <= other.last
+            )
+            at = 0
+            for low, high in busy:
+                if at + block.size <= low:
+                    break
+                at = max(at, high)
+            block.at = at
+            placed.append(block)
+        self.size = max((block.at + block.size for block in self.blocks), default=0)
+
+    def _settled(self, mark: re.Match[str]) -> str:
+        """Return a mark as C, now that the blocks are laid out."""
+        kind, block, offset, index = mark.groups()
+        at = self.blocks[int(block)].at + int(offset)
+        if kind == "A":
+            return f"w + {at}" if at else "w"
+        if kind == "E":
+            return f"w[{at}]"
+        return f"w[{at} + {index}]" if at else f"w[{index}]"
+
+
+class Tables:
+    """Constants and indices of one function, each list of them once.
+
+    Args:
+        dialect: how constants are written.
+        index: type of indices, one of `INDICES`.
+    """
+
+    def __init__(self, dialect: Dialect, index: str) -> None:
+        self._dialect, self._index = dialect, index
+        self._names: dict[tuple[str, str], str] = {}
+        self.lines: list[str] = []
+
+    def constants(self, numbers: tuple[float, ...]) -> str:
+        """Return the name of a table of constants.
+
+        Args:
+            numbers: what is in it.
+        """
+        return self._table("c", self._dialect.type, [self._dialect.entry(number) for number in numbers])
+
+    def indices(self, numbers: list[int]) -> str:
+        """Return the name of a table of indices.
+
+        Args:
+            numbers: what is in it.
+
+        Raises:
+            CodeError: the type of indices does not hold them.
+        """
+        if numbers and max(numbers) > INDICES[self._index]:
+            raise CodeError(
+                f"an index of {max(numbers)} does not fit into '{self._index}'; matrices that large have no C"
+            )
+        return self._table("t", self._index, [str(number) for number in numbers])
+
+    def _table(self, letter: str, kind: str, entries: list[str]) -> str:
+        body = f"[{len(entries)}] = {{{', '.join(entries)}}};"
+        name = self._names.get((letter, body))
+        if name is None:
+            name = self._names[letter, body] = f"{letter}{len(self.lines)}"
+            self.lines.append(f"  static const {kind} {name}{body}")
+        return name
+
+
+class Memory:
+    """The C that reaches a value, wherever it lies.
+
+    Args:
+        dialect: how numbers are written.
+        index: type of tables of indices, one of `INDICES`.
+    """
+
+    def __init__(self, dialect: Dialect, index: str) -> None:
+        self.dialect = dialect
+        self.tables = Tables(dialect, index)
+        self.scratch = Scratch()
+
+    def address(self, value: Value) -> str:
+        """Return the C of a value's address.
+
+        Args:
+            value: the numbers.
+        """
+        if value.size == 0:
+            return "0"
+        if value.home is None:
+            return self.tables.constants(value.numbers)
+        if value.home == "w":
+            return f"«A{value.block}:{value.offset}:»"
+        return f"{value.home} + {value.offset}" if value.offset else value.home
+
+    def at(self, value: Value, index: str | int) -> str:
+        """Return the C of one of a value's numbers.
+
+        Args:
+            value: the numbers.
+            index: which one; text is C.
+        """
+        if value.home is None:
+            if value.is_uniform:
+                return self.dialect.constant(value.numbers[0])
+            if isinstance(index, int):
+                return self.dialect.constant(value.numbers[index])
+            return f"{self.tables.constants(value.numbers)}[{index}]"
+        if isinstance(index, int):
+            if value.home == "w":
+                return f"«E{value.block}:{value.offset + index}:»"
+            return f"{value.home}[{value.offset + index}]"
+        if value.home == "w":
+            return f"«I{value.block}:{value.offset}:{index}»"
+        return f"{value.home}[{value.offset} + {index}]" if value.offset else f"{value.home}[{index}]"
+
+    def copy(self, to: Value, value: Value) -> list[str]:
+        """Return the C that copies a value.
+
+        Args:
+            to: where to.
+            value: what.
+        """
+        n = value.size
+        if n <= UNROLLED:
+            return [f"  {self.at(to, i)} = {self.at(value, i)};" for i in range(n)]
+        return [f"  for (i = 0; i < {n}; ++i) {self.at(to, 'i')} = {self.at(value, 'i')};"]

@@ -1,0 +1,101 @@
+"""Where each result goes: a view of what is there, over an input that nothing needs any more, or new scratch."""
+
+from __future__ import annotations
+
+from distal.codegen.dataflow import Dataflow
+from distal.codegen.memory import Memory, Value
+
+
+class Placement:
+    """The values of a function that have been made so far, by number, with their places.
+
+    Args:
+        flow: what reads and makes what.
+        memory: where numbers lie.
+    """
+
+    def __init__(self, flow: Dataflow, memory: Memory) -> None:
+        self._flow, self._memory = flow, memory
+        self._values: dict[int, Value] = {}
+        self._beside: dict[tuple[str | None, int], list[int]] = {}
+
+    def __getitem__(self, number: int) -> Value:
+        return self._values[number]
+
+    def put(self, number: int, value: Value) -> Value:
+        """Let a value be at a place, and return it.
+
+        Args:
+            number: of the value.
+            value: its place.
+        """
+        self._values[number] = value
+        self._beside.setdefault((value.home, value.block), []).append(number)
+        return value
+
+    def view(self, k: int, number: int, value: Value) -> None:
+        """Let a result be a view of another value, whose place is then needed as long as the view is.
+
+        Args:
+            k: the instruction.
+            number: of its result.
+            value: what is seen.
+        """
+        self.put(number, value)
+        self._memory.scratch.keep(value, self._flow.last(number, k))
+
+    def new(self, k: int, number: int, size: int) -> Value:
+        """Return new scratch for a result.
+
+        Args:
+            k: the instruction.
+            number: of its result.
+            size: of it.
+        """
+        return self.put(number, self._memory.scratch.new(size, k, self._flow.last(number, k)))
+
+    def over_an_input(self, k: int, size: int) -> Value:
+        """Return where an element-wise result goes: over the first input of the same size that may be overwritten.
+
+        Args:
+            k: the instruction: it reads each element before it writes the same one.
+            size: of its result.
+        """
+        number = self._flow.makes[k][0]
+        for over in self._flow.reads[k]:
+            if self._values[over].size == size and self._is_free(over, k):
+                return self._replaced(k, number, over)
+        return self.new(k, number, size)
+
+    def over_the_first(self, k: int) -> tuple[Value, list[str]]:
+        """Return where a result goes that is its first input with changes, and the lines that let it begin as that.
+
+        Args:
+            k: the instruction: it may read any other input while it writes.
+        """
+        number, (over, *others) = self._flow.makes[k][0], self._flow.reads[k]
+        base = self._values[over]
+        if over not in others and self._is_free(over, k):
+            return self._replaced(k, number, over), []
+        to = self.new(k, number, base.size)
+        return to, self._memory.copy(to, base)
+
+    def _replaced(self, k: int, number: int, over: int) -> Value:
+        value = self._values[over]
+        self._memory.scratch.keep(value, self._flow.last(number, k))
+        return self.put(number, value)
+
+    def _is_free(self, number: int, k: int) -> bool:
+        """Return whether a value's place may be written by instruction k: nothing reads it afterwards, or beside it."""
+        value, flow = self._values[number], self._flow
+        if value.home not in ("w", "state") or flow.last(number, -1) > k:
+            return False
+        low, high = value.offset, value.offset + value.size
+        for other in self._beside[value.home, value.block]:
+            there = self._values[other]
+            for reader in flow.readers.get(other, []) if other != number else []:
+                if reader >= k:
+                    begin, end = flow.part_read(reader) or (0, there.size)
+                    if there.offset + begin < high and low < there.offset + end:
+                        return False
+        return True

@@ -1,0 +1,173 @@
+"""C of what moves numbers without changing them: inputs, constants, shapes, slices, pieces put together.
+
+Whatever is a run of neighbours is a view and needs no C at all; only scattered numbers are copied.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from distal.codegen.memory import UNROLLED, Value
+from distal.codegen.operations import CodeError
+from distal.codegen.workspace import Step, Workspace
+
+
+def argument(work: Workspace, step: Step) -> list[str]:
+    """See an argument, or a part of it, where the caller has it.
+
+    Args:
+        work: the function.
+        step: the instruction.
+    """
+    info = step.node.info()
+    home = "state" if work.in_place and info["ind"] == 0 else f"a{info['ind']}"
+    return _seen(work, step, Value(home, int(info["offset"]), int(step.node.nnz())))
+
+
+def constant(work: Workspace, step: Step) -> list[str]:
+    """Keep constants until they are used: then they are literals, or in a table.
+
+    Args:
+        work: the function.
+        step: the instruction.
+    """
+    numbers = tuple(float(x) for x in step.node.to_DM().nonzeros())
+    return _seen(work, step, Value(None, 0, len(numbers), numbers=numbers))
+
+
+def shape(work: Workspace, step: Step) -> list[str]:
+    """See the same numbers in another shape.
+
+    Args:
+        work: the function.
+        step: the instruction.
+    """
+    return _seen(work, step, step.inputs[0])
+
+
+def transpose(work: Workspace, step: Step) -> list[str]:
+    """Write a transpose; a row is a column.
+
+    Args:
+        work: the function.
+        step: the instruction.
+
+    Raises:
+        CodeError: a sparse matrix.
+    """
+    (value,), node = step.inputs, step.node
+    rows, columns = node.size1(), node.size2()
+    if rows == 1 or columns == 1:
+        return _seen(work, step, value)
+    if not node.is_dense():
+        raise CodeError("a transposed sparse matrix has no C here")
+    to = work.placement.new(step.k, step.makes[0], value.size)
+    at = work.memory.at
+    return [
+        f"  for (i = 0; i < {rows}; ++i) for (j = 0; j < {columns}; ++j) "
+        f"{at(to, f'i + {rows} * j')} = {at(value, f'j + {columns} * i')};"
+    ]
+
+
+def get(work: Workspace, step: Step) -> list[str]:
+    """Write a slice: neighbours are a view, others are gathered.
+
+    Args:
+        work: the function.
+        step: the instruction.
+
+    Raises:
+        CodeError: a slice with structural zeros.
+    """
+    value, at, memory = step.inputs[0], _mapping(step), work.memory
+    even = _even(at)
+    if even == 1 or len(at) <= 1:
+        return _seen(work, step, value.part(at[0] if at else 0, len(at)))
+    to = work.placement.new(step.k, step.makes[0], len(at))
+    if len(at) <= UNROLLED:
+        return [f"  {memory.at(to, i)} = {memory.at(value, j)};" for i, j in enumerate(at)]
+    source = f"{at[0]} + {even} * i" if even is not None else f"{memory.tables.indices(at)}[i]"
+    return [f"  for (i = 0; i < {len(at)}; ++i) {memory.at(to, 'i')} = {memory.at(value, source)};"]
+
+
+def put(work: Workspace, step: Step) -> list[str]:
+    """Write numbers, or add them, into a slice of a value.
+
+    Args:
+        work: the function.
+        step: the instruction.
+
+    Raises:
+        CodeError: a slice with structural zeros.
+    """
+    values, at, memory = step.inputs[1], _mapping(step), work.memory
+    adds = step.operation == ca.OP_ADDNONZEROS
+    sign = "+=" if adds else "="
+    work.cost.operations += len(at) if adds else 0
+    to, lines = work.placement.over_the_first(step.k)
+    if len(at) <= UNROLLED:
+        return lines + [f"  {memory.at(to, i)} {sign} {memory.at(values, j)};" for j, i in enumerate(at)]
+    even = _even(at)
+    target = f"{at[0]} + {even} * i" if even is not None else f"{memory.tables.indices(at)}[i]"
+    return [*lines, f"  for (i = 0; i < {len(at)}; ++i) {memory.at(to, target)} {sign} {memory.at(values, 'i')};"]
+
+
+def join(work: Workspace, step: Step) -> list[str]:
+    """Put values side by side, or columns on top of each other.
+
+    Args:
+        work: the function.
+        step: the instruction.
+
+    Raises:
+        CodeError: matrices on top of each other.
+    """
+    if step.node.size2() > 1 and step.operation == ca.OP_VERTCAT:
+        raise CodeError("matrices on top of each other have no C here")
+    to = work.placement.new(step.k, step.makes[0], int(step.node.nnz()))
+    lines, offset = list[str](), 0
+    for value in step.inputs:
+        lines += work.memory.copy(to.part(offset, value.size), value)
+        offset += value.size
+    return lines
+
+
+def split(work: Workspace, step: Step) -> list[str]:
+    """See pieces of a value, one after the other.
+
+    Args:
+        work: the function.
+        step: the instruction.
+
+    Raises:
+        CodeError: matrices that lie on top of each other.
+    """
+    if step.operation == ca.OP_VERTSPLIT and step.node.dep(0).size2() > 1:
+        raise CodeError("matrices on top of each other have no C here")
+    offset, node = 0, step.node
+    for i, number in enumerate(step.makes):
+        size = int(node.get_output(i).nnz())
+        work.placement.view(step.k, number, step.inputs[0].part(offset, size))
+        offset += size
+    return []
+
+
+def _seen(work: Workspace, step: Step, value: Value) -> list[str]:
+    """Let the result be a view, which takes no lines."""
+    work.placement.view(step.k, step.makes[0], value)
+    return []
+
+
+def _mapping(step: Step) -> list[int]:
+    """Return the indices of a slice."""
+    at = [int(i) for i in step.node.mapping().nonzeros()]
+    if at and min(at) < 0:
+        raise CodeError("a slice with structural zeros has no C here")
+    return at
+
+
+def _even(at: list[int]) -> int | None:
+    """Return the step between indices, or None where it changes."""
+    steps = set(np.diff(at))
+    return int(steps.pop()) if len(steps) == 1 else (1 if not steps else None)

@@ -1,0 +1,98 @@
+"""What the writers of one function of matrices share, and what they leave behind."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+
+from distal.codegen.dataflow import Dataflow
+from distal.codegen.memory import Memory, Value
+from distal.codegen.placement import Placement
+
+
+@dataclass
+class Cost:
+    """What a function takes.
+
+    Args:
+        operations: arithmetic operations, those of called functions included.
+        library: calls of the mathematics library, by name.
+    """
+
+    operations: int = 0
+    library: Counter[str] = field(default_factory=Counter)
+
+
+@dataclass(frozen=True)
+class Written:
+    """A function as C.
+
+    Args:
+        name: in C.
+        text: its definition.
+        cost: what a call of it takes.
+        scratch: numbers in its own array of intermediates.
+    """
+
+    name: str
+    text: str
+    cost: Cost
+    scratch: int = 0
+
+
+@dataclass(frozen=True)
+class Step:
+    """One instruction: what a writer turns into lines.
+
+    Args:
+        k: which one.
+        operation: CasADi's number of what it does.
+        node: CasADi's expression of it.
+        inputs: the values that it reads.
+        makes: numbers of its results.
+    """
+
+    k: int
+    operation: int
+    node: Any
+    inputs: list[Value]
+    makes: list[int]
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """One function of matrices on its way to C.
+
+    Args:
+        flow: what reads and makes what.
+        memory: where numbers lie.
+        placement: where each result goes.
+        written: writes a function that is called, unless it is there already.
+        in_place: the first input and the first output are one array, ``state``.
+        cost: so far.
+    """
+
+    flow: Dataflow
+    memory: Memory
+    placement: Placement
+    written: Callable[[ca.Function], Written]
+    in_place: bool
+    cost: Cost = field(default_factory=Cost)
+
+    def step(self, k: int) -> Step:
+        """Return one instruction.
+
+        Args:
+            k: which one.
+        """
+        flow = self.flow
+        inputs = [self.placement[number] for number in flow.reads[k]]
+        return Step(k, flow.operations[k], flow.function.instruction_MX(k), inputs, flow.makes[k])
+
+
+Writer = Callable[[Workspace, Step], list[str]]
+"""Turns one instruction into lines of C; none where its result is only a view of what is there."""
