@@ -210,6 +210,7 @@ def test_the_text_is_the_same_in_every_process(tmp_path: Path) -> None:
 GOLDEN = Path(__file__).parent / "golden"
 
 
+@pytest.mark.stored
 @pytest.mark.parametrize("estimator", ["adaptive", "ekf-2008"])
 def test_golden_files(estimator: str, request: pytest.FixtureRequest) -> None:
     """What is written is what was looked at; `pytest --update-golden` writes it anew."""
