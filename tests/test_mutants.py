@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 
 import pytest
-
 from benchmarks import copies, mutants
 from benchmarks.mutations import Mutant, every_mutant, mutant, places
 
