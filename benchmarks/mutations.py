@@ -214,7 +214,7 @@ class _Finder(ast.NodeVisitor):
             for kind, table in (("sign", SIGNS), ("operator", FACTORS)):
                 if type(node.op) in table:
                     sign, after = table[type(node.op)]
-                    at = self.between(self.end(node.target), self.start(node.value), f"{sign}=")  # type: ignore[arg-type]
+                    at = self.between(self.end(node.target), self.start(node.value), f"{sign}=")
                     self.add(kind, at, f"{sign}=", *(f"{each}=" for each in after))
         self.generic_visit(node)
 
