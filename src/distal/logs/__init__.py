@@ -9,6 +9,7 @@ from distal.logs.output import check_writable, write_whole
 from distal.logs.recorder import ESTIMATE_SCHEMA, ESTIMATE_TOPIC, SAMPLE_SCHEMA, SAMPLE_TOPIC, Recorder
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.tables import Table, read_table
+from distal.logs.targets import Output, check_outputs, outputs_in, shown
 
 __all__ = [
     "ESTIMATE_SCHEMA",
@@ -17,18 +18,22 @@ __all__ = [
     "SAMPLE_TOPIC",
     "Log",
     "MessageReader",
+    "Output",
     "Recorder",
     "Table",
+    "check_outputs",
     "check_stamps",
     "check_writable",
     "da_vinci_grasper",
     "frozen",
     "is_recording",
     "open_recording",
+    "outputs_in",
     "pandas_frame",
     "read_log",
     "read_table",
     "read_truth",
+    "shown",
     "write_columns",
     "write_log",
     "write_whole",
