@@ -9,6 +9,7 @@ import numpy as np
 
 from distal.errors import RigError
 from distal.identification.result import Fitted
+from distal.logs import shown
 from distal.rig import Rig, build_rig, number, parse_toml, set_value
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ def head(fit: Fit) -> str:
     Args:
         fit: the outcome.
     """
-    names = ", ".join(name.rsplit("/", 1)[-1] for name in fit.logs)
+    names = ", ".join(shown(name.rsplit("/", 1)[-1]) for name in fit.logs)
     use = "" if fit.homing is None else f", as used with a reference for the first {fit.homing:g} s"
     lines = [
         f"{MARK} to {len(fit.logs)} log{'s' if len(fit.logs) > 1 else ''} ({fit.duration:.0f} s){use}:",

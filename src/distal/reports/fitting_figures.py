@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import BAND, COLOURS, DASHES, Estimate, figure
-from distal.logs import Log
+from distal.logs import Log, shown
 from distal.rig import Rig
 
 if TYPE_CHECKING:
@@ -50,7 +50,8 @@ def draw_traces(log: Log, before: Estimate, after: Estimate) -> Figure:
         for i, (name, result) in enumerate((("before", before), ("after", after))):
             _trace(top, result, i, name)
         top.set_ylabel("joint angle θ [°]")
-        top.set_title(Path(log.source).name[:80], fontsize=9, loc="left")
+        # any name of a file can be drawn: what is not printable is escaped, and a $ begins no formula
+        top.set_title(shown(Path(log.source).name)[:80].replace("$", r"\$"), fontsize=9, loc="left")
         top.legend(loc="best", fontsize=8, ncols=2)
         if truth is not None:
             for i, result in enumerate((before, after)):
