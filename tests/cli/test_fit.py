@@ -55,6 +55,23 @@ def test_fit_writes_a_rig_that_the_other_commands_take(run, logs: list[Path], tm
     assert again.read_text().count("# Fitted by") == 1
 
 
+@pytest.mark.slow
+def test_the_name_of_a_log_does_not_end_a_fit(run, logs: list[Path], tmp_path: Path) -> None:  # noqa: F811
+    """What a fit found is written, whatever the logs are called: half characters, line breaks, formulas."""
+    odd = tmp_path / "caf\udce9\n<b>$x^$.csv"
+    try:
+        odd.write_bytes(logs[0].read_bytes())
+    except OSError:
+        pytest.skip("this file system has no such names")
+    out, report = tmp_path / "fitted.toml", tmp_path / "report"
+    ran = run(
+        "fit", odd, "--rig", "paper-2008", *SET, "--free", FREE[3], "--no-noise", "--out", out, "--report", report
+    )
+    assert ran.code == 0, ran.err
+    assert r"# caf\udce9\n<b>$x^$.csv" in out.read_text().splitlines()
+    assert r"caf\udce9\n&lt;b&gt;$x^$.csv" in (report / "index.html").read_text()
+
+
 def test_what_cannot_be_fitted_is_one_line_and_nothing_is_written(run, logs: list[Path], tmp_path: Path) -> None:  # noqa: F811
     out, rig = tmp_path / "fitted.toml", ("--rig", "paper-2008", *SET)
     out.write_text("what stood here")

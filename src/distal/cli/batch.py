@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 import warnings
@@ -14,9 +15,11 @@ import numpy as np
 import typer
 
 from distal.cli.console import err, say, table
+from distal.cli.outputs import to_folder
 from distal.errors import DistalError, DistalWarning, EstimationError, OutputError, did_you_mean
 
 if TYPE_CHECKING:
+    from distal.logs import Output
     from distal.rig import Rig
     from distal.simulation import Scenario
 
@@ -78,7 +81,8 @@ def estimate_many(
 
     if estimator not in ESTIMATORS:
         raise EstimationError(f"unknown estimator '{estimator}'{did_you_mean(estimator, ESTIMATORS)}")
-    targets = _targets(logs, out)
+    if out is not None:
+        _make(out)
     failed: dict[Path, str] = {}
 
     def skip(source: str, problem: DistalError) -> None:
@@ -91,7 +95,7 @@ def estimate_many(
             path = next(p for p in logs if p not in failed and p not in {row[0] for row in rows})
             if out is not None:
                 try:
-                    write_columns(result.columns(), targets[path])
+                    write_columns(result.columns(), out / _estimate_of(path))
                 except OutputError as problem:
                     failed[path] = str(problem)
                     continue
@@ -115,30 +119,68 @@ def estimate_many(
         raise typer.Exit(2)
 
 
-def _targets(logs: list[Path], out: Path | None) -> dict[Path, Path]:
-    """Return where each estimate goes, before anything is computed.
+def estimates_of(logs: list[Path], out: Path | None) -> list[Output]:
+    """Return the estimate's file of each log.
+
+    Args:
+        logs: their paths.
+        out: the folder, or None.
 
     Raises:
-        OutputError: two would have one name, or one would replace a log.
+        OutputError: a log came twice, two estimates would have one name, or the folder is named like a file.
     """
-    if len({path.resolve() for path in logs}) < len(logs):
+    if len({os.path.realpath(path) for path in logs}) < len(logs):
         raise OutputError("a log came more than once; give each once")
     if out is None:
-        return {}
-    if (out.exists() and not out.is_dir()) or out.suffix.lower() in FILES:
-        raise OutputError(f"{out}: is a file, or named like one; of several logs, --out is a folder")
-    targets = {path: out / f"{path.stem}.csv" for path in logs}
-    names = list(targets.values())
-    for path, target in targets.items():
-        if names.count(target) > 1:
+        return []
+    _check_folder(out, "of several logs")
+    names = [_estimate_of(path) for path in logs]
+    for path, name in zip(logs, names):
+        if names.count(name) > 1:
             raise OutputError(f"{path}: another log has the name '{path.stem}' too; rename one, or estimate them apart")
-        if target.resolve() in {each.resolve() for each in logs}:
-            raise OutputError(f"{target}: is an input of this command; give another folder")
+    return [one for path, name in zip(logs, names) for one in to_folder(f"--out for {path}", out, [name])]
+
+
+def _estimate_of(log: Path) -> str:
+    return f"{log.stem}.csv"
+
+
+def runs_of(seed: int, runs: int) -> dict[int, str]:
+    """Return seed → name of the log's file.
+
+    Args:
+        seed: of the first run.
+        runs: how many.
+    """
+    digits = len(str(seed + runs - 1))
+    return {number: f"run_{number:0{digits}d}.csv" for number in range(seed, seed + runs)}
+
+
+def logs_of(seed: int, runs: int, out: Path) -> list[Output]:
+    """Return the file of each run of a simulation.
+
+    Args:
+        seed: of the first run.
+        runs: how many.
+        out: the folder.
+
+    Raises:
+        OutputError: the folder is named like a file.
+    """
+    _check_folder(out, "with --runs")
+    return to_folder("--out", out, runs_of(seed, runs).values())
+
+
+def _check_folder(out: Path, when: str) -> None:
+    if os.path.isfile(out) or out.suffix.lower() in FILES:
+        raise OutputError(f"{out}: is a file, or named like one; {when}, --out is a folder")
+
+
+def _make(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise OutputError(f"{out}: cannot be made ({problem.strerror})") from None
-    return targets
 
 
 def simulate_many(rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path, settings: list[str]) -> None:
@@ -155,18 +197,13 @@ def simulate_many(rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path,
     from distal.logs import write_log
     from distal.simulation import simulate_batch
 
-    if (out.exists() and not out.is_dir()) or out.suffix.lower() in FILES:
-        raise OutputError(f"{out}: is a file, or named like one; with --runs, --out is a folder")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise OutputError(f"{out}: cannot be made ({problem.strerror})") from None
-    seeds = range(seed, seed + runs)
+    _make(out)
+    names = runs_of(seed, runs)
     with _progress("simulating", runs) as advance:
-        jobs = ((scenario, number) for number in seeds)
-        for number, log in zip(seeds, simulate_batch(rig, jobs, progress=advance)):
-            write_log(log, rig, out / f"run_{number:0{len(str(seeds[-1]))}d}.csv")
-    say(f"{rig.name}: {runs} runs of {scenario.duration:g} s, seeds {seeds[0]} to {seeds[-1]}")
+        jobs = ((scenario, number) for number in names)
+        for name, log in zip(names.values(), simulate_batch(rig, jobs, progress=advance)):
+            write_log(log, rig, out / name)
+    say(f"{rig.name}: {runs} runs of {scenario.duration:g} s, seeds {seed} to {seed + runs - 1}")
     say(f"wrote {runs} logs to {out}")
     say(
         "estimate from them: "

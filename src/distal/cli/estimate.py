@@ -10,7 +10,8 @@ import typer
 
 from distal.cli.console import say, table
 from distal.cli.options import PlotOption, RigOption, SetOption, seconds
-from distal.errors import EstimationError, OutputError
+from distal.cli.outputs import check_outputs, to_file
+from distal.errors import EstimationError
 
 if TYPE_CHECKING:
     from distal.logs import Log
@@ -48,7 +49,7 @@ def estimate_command(
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
     from distal.estimators import DEFAULT, ESTIMATORS
     from distal.logs import read_log, true_angles, write_columns
-    from distal.results import BAND, diagnose
+    from distal.results import BAND, diagnose, plot_kind
     from distal.rig import load_rig
     from distal.running import estimate
     from distal.running import smooth as smoothed
@@ -59,13 +60,16 @@ def estimate_command(
         wrong = [name for name, there in asked.items() if there]
         if wrong:
             raise EstimationError(f"{', '.join(wrong)} is for one log, {len(logs)} came; give one log")
-        from distal.cli.batch import estimate_many
+        from distal.cli.batch import estimate_many, estimates_of
 
+        check_outputs(estimates_of(logs, out), logs=logs, rig=rig, truth=truth)
         home = seconds(homing) if homing is not None else None
         estimate_many(logs, load_rig(rig, set_ or ()), (estimator or [DEFAULT])[0], truth, home, out)
         return
     log = logs[0]
-    _check_outputs(log, truth, out, plot)
+    if plot is not None:
+        plot_kind(plot)
+    check_outputs([*to_file("--out", out), *to_file("--plot", plot)], logs=logs, rig=rig, truth=truth)
     description = load_rig(rig, set_ or ())
     data = read_log(log, description, truth)
     _describe(data, description)
@@ -96,23 +100,6 @@ def estimate_command(
     for path in (out, plot):
         if path is not None:
             say(f"wrote {path}")
-
-
-def _check_outputs(log: Path, truth: str | None, out: Path | None, plot: Path | None) -> None:
-    """Refuse, before anything is computed, outputs that cannot be written or would replace an input."""
-    from distal.logs import check_writable
-    from distal.results import plot_kind
-
-    if plot is not None:
-        plot_kind(plot)
-    inputs = [path.resolve() for path in (log, Path(truth) if truth else None) if path is not None]
-    for path in (out, plot):
-        if path is not None:
-            check_writable(path)
-            if path.resolve() in inputs:
-                raise OutputError(f"{path}: is an input of this command; give another name")
-    if out is not None and plot is not None and out.resolve() == plot.resolve():
-        raise OutputError(f"{out}: is asked for twice, by --out and --plot; give two names")
 
 
 def _plot(results: list[Estimate], path: Path) -> None:

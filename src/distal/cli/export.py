@@ -10,6 +10,7 @@ import typer
 
 from distal.cli.console import say, table
 from distal.cli.options import SetOption
+from distal.cli.outputs import check_outputs, to_folder
 
 
 def export_command(
@@ -25,13 +26,14 @@ def export_command(
     set_: SetOption = None,
 ) -> None:
     """Write an estimator of a rig as C99: no malloc, no globals, for a Cortex-M or any other processor."""
-    from distal.export import export_c
-    from distal.export.source import c_name
+    from distal.export import c_name, check_ours, export_c, export_files
     from distal.rig import load_rig
 
+    name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
+    check_outputs(to_folder("--out", out, export_files(name)), rig=rig)
+    check_ours(out, export_files(name))
     described = load_rig(rig, set_ or ())
-    stem = Path(rig).stem if name is None else ""
-    made = export_c(described, out, estimator, single, c_name(f"{stem}_{estimator}") if name is None else name)
+    made = export_c(described, out, estimator, single, name)
     rows = [
         ("states", f"{len(made.states)}"),
         ("state, the caller's", f"{made.state_bytes:,} bytes"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +12,7 @@ import typer
 
 from distal.cli.console import err, say, table
 from distal.cli.options import RigOption, SetOption, seconds
+from distal.cli.outputs import check_outputs, to_file, to_folder
 from distal.errors import DistalWarning, FitError, OutputError
 
 if TYPE_CHECKING:
@@ -60,10 +62,14 @@ def fit_command(
     from distal.identification import cross_validate, groups_of
     from distal.identification import fit as fitted_to
     from distal.logs import read_log
-    from distal.reports import fit_report
+    from distal.reports import FIT_PAGES, fit_report
     from distal.rig import edited_text, load_rig
 
-    _check_outputs(logs, rig, out, report)
+    if out is not None and out.suffix != ".toml":
+        raise OutputError(f"{out}: a rig file ends in .toml")
+    outputs = [*to_file("--out", out), *to_folder("--report", report, FIT_PAGES)]
+    check_outputs(outputs, logs=logs, rig=rig, truth=truth)
+    _check_logs(logs)
     if holdout is not None:
         groups_of([str(path) for path in logs], None if holdout == "log" else holdout)
     home = seconds(homing) if homing is not None else None
@@ -110,24 +116,9 @@ def fit_command(
         raise typer.Exit(130)
 
 
-def _check_outputs(logs: list[Path], rig: str, out: Path | None, report: Path | None) -> None:
-    """Refuse, before anything is computed, outputs that cannot be written or would replace an input."""
-    from distal.logs import check_writable
-    from distal.reports import make_folder
-
-    if out is not None:
-        check_writable(out)
-        if out.suffix != ".toml":
-            raise OutputError(f"{out}: a rig file ends in .toml")
-        if out.resolve() in [path.resolve() for path in (*logs, Path(rig))]:
-            raise OutputError(f"{out}: is an input of this command; give another name")
-    if report is not None:
-        if out is not None and out.resolve() == report.resolve():
-            raise OutputError(f"{out}: is asked for twice, by --out and --report; give a file and a folder")
-        if report.exists() and not report.is_dir():
-            raise OutputError(f"{report}: is a file; give the name of a folder")
-        make_folder(report)
-    names = [path.resolve() for path in logs]
+def _check_logs(logs: list[Path]) -> None:
+    """Refuse a log that came twice."""
+    names = [os.path.realpath(path) for path in logs]
     for path in names:
         if names.count(path) > 1:
             raise FitError(f"{path}: came more than once; a log that counts twice makes the fit too sure of itself")

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from distal.cli.console import err, say, table
+from distal.cli.outputs import check_outputs, to_folder
 
 
 def reproduce_command(
@@ -19,9 +20,9 @@ def reproduce_command(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from distal.analysis import PLANTS, run_count
-    from distal.reports import FIGURES, make_folder, reproduce
+    from distal.reports import FIGURES, REPRODUCTION_FILES, reproduce
 
-    make_folder(out)
+    check_outputs(to_folder("--out", out, REPRODUCTION_FILES))
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=err()) as progress:
         task = progress.add_task("simulating and filtering", total=run_count() + len(FIGURES))

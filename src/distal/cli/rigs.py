@@ -9,6 +9,7 @@ import typer
 
 from distal.cli.console import say, table
 from distal.cli.options import SetOption
+from distal.cli.outputs import check_outputs, to_file
 from distal.errors import OutputError
 
 app = typer.Typer(help="Look at rig files and make new ones.", no_args_is_help=True)
@@ -77,6 +78,7 @@ def new_command(
     if out is None:
         print(template_text(), end="")
         return
+    check_outputs(to_file("OUT", out))
     if out.exists():
         raise OutputError(f"{out}: exists already; give another name or remove it")
     write_whole(out, template_text())

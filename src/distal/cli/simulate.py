@@ -12,6 +12,7 @@ import typer
 
 from distal.cli.console import say, table
 from distal.cli.options import SeedOption, SetOption
+from distal.cli.outputs import check_outputs, to_file
 
 if TYPE_CHECKING:
     from distal.logs import Log
@@ -40,10 +41,12 @@ def simulate_command(
     values = {**description.set, **dict(parse_assignment(text, ScenarioError) for text in set_ or ())}
     settings = [f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in values.items()]
     if runs is not None:
-        from distal.cli.batch import simulate_many
+        from distal.cli.batch import logs_of, simulate_many
 
+        check_outputs(logs_of(seed, runs, out), rig=description.rig, scenario=scenario)
         simulate_many(rig, description, seed, runs, out, settings)
         return
+    check_outputs(to_file("--out", out), rig=description.rig, scenario=scenario)
     log = simulate(rig, description, seed)
     write_log(log, rig, out)
     say(f"{rig.name}: {len(log)} samples, {description.duration:g} s, {_ranges(log, rig)}")

@@ -20,6 +20,7 @@ import numpy as np
 import typer
 
 from distal.cli.options import RigOption, SetOption
+from distal.cli.outputs import check_outputs, to_file
 from distal.errors import LogError, OutputError
 
 if TYPE_CHECKING:
@@ -62,6 +63,9 @@ def stream_command(
         raise OutputError("--idle is for --udp; standard input ends by itself")
     if (udp is None and sys.stdin is None) or sys.stdout is None:
         raise OutputError("standard input or output is closed")
+    if udp is not None and udp == to_udp:
+        raise OutputError(f"--to-udp {to_udp}: is the port that --udp reads; give another port")
+    check_outputs(to_file("--record", record), rig=rig, stdin=udp is None)
     described = load_rig(rig, set_ or ())
     live = LiveEstimator(described, estimator)
     monitor, reader = Monitor(live), MessageReader(described, live.channels)

@@ -1,6 +1,6 @@
 """Export: the same filter as C for microcontrollers."""
 
-from distal.export.project import export_c, project_files
-from distal.export.source import Exported, c_filter
+from distal.export.project import check_ours, export_c, export_files, project_files
+from distal.export.source import Exported, c_filter, c_name
 
-__all__ = ["Exported", "c_filter", "export_c", "project_files"]
+__all__ = ["Exported", "c_filter", "c_name", "check_ours", "export_c", "export_files", "project_files"]

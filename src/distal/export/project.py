@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from distal.errors import OutputError
-from distal.export.source import Exported, c_filter, comment, filled
-from distal.logs import write_whole
+from distal.export.source import Exported, c_filter, c_name, checked_name, comment, filled
+from distal.logs import check_outputs, outputs_in, write_whole
 from distal.rig import Rig
 
 MARK = "distal export-c"
@@ -30,27 +31,48 @@ def export_c(
         EstimationError: the estimator cannot run on this rig.
         OutputError: the folder cannot be written.
     """
-    made, folder = c_filter(rig, estimator, single, name), Path(out)
-    files = project_files(made)
+    folder, name = Path(out), name if name is not None else c_name(f"{rig.name}_{estimator}")
+    check_outputs(outputs_in(folder, export_files(name), "the export"))
+    check_ours(folder, export_files(name))
+    made = c_filter(rig, estimator, single, name)
     try:
-        if folder.exists() and not folder.is_dir():
-            raise OutputError(f"{folder}: is a file; give the name of a folder")
-        for file in files:
-            _check(folder / file)
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise OutputError(f"{folder}: cannot be written ({problem.strerror})") from None
-    for file, text in files.items():
-        write_whole(folder / file, text.encode())
+    for file, text in project_files(made).items():
+        write_whole(folder / file, text)
     return made
 
 
-def _check(path: Path) -> None:
-    """Refuse to replace what is not an export of ours."""
-    if path.is_dir():
-        raise OutputError(f"{path}: is a folder; move it away, a file of this name is to be written")
-    if path.exists() and MARK not in path.read_text(encoding="utf-8", errors="replace"):
-        raise OutputError(f"{path}: was not written by export-c; give another folder, so that it is not replaced")
+def export_files(name: str) -> tuple[str, ...]:
+    """Return the names of an export's files.
+
+    Args:
+        name: prefix of all names in C.
+
+    Raises:
+        ExportError: the name is no C identifier.
+    """
+    return f"{checked_name(name)}.h", f"{name}.c", "replay.c", "CMakeLists.txt", "README.md"
+
+
+def check_ours(folder: Path, names: Iterable[str]) -> None:
+    """Refuse to replace what is not an export of ours.
+
+    Args:
+        folder: of the export.
+        names: of its files.
+
+    Raises:
+        OutputError: a file is there and was not written by an export, or cannot be read.
+    """
+    for path in (folder / name for name in names):
+        try:
+            ours = not path.is_file() or MARK in path.read_text(encoding="utf-8", errors="replace")
+        except OSError as problem:
+            raise OutputError(f"{path}: cannot be read ({problem.strerror}); give another folder") from None
+        if not ours:
+            raise OutputError(f"{path}: was not written by export-c; give another folder, so that it is not replaced")
 
 
 def project_files(made: Exported) -> dict[str, str]:
@@ -59,13 +81,8 @@ def project_files(made: Exported) -> dict[str, str]:
     Args:
         made: the filter.
     """
-    return {
-        f"{made.name}.h": made.header,
-        f"{made.name}.c": made.source,
-        "replay.c": made.replay,
-        "CMakeLists.txt": _CMAKE.replace("$name$", made.name),
-        "README.md": readme(made),
-    }
+    texts = (made.header, made.source, made.replay, _CMAKE.replace("$name$", made.name), readme(made))
+    return dict(zip(export_files(made.name), texts, strict=True))
 
 
 def readme(made: Exported) -> str:

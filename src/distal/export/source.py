@@ -114,13 +114,7 @@ def c_filter(rig: Rig, estimator: str = "adaptive", single: bool = False, name: 
         EstimationError: the estimator cannot run on this rig, or cannot be exported.
     """
     runner = make_estimator(estimator, rig, compiled=False)
-    name = name if name is not None else c_name(f"{rig.name}_{estimator}")
-    if not re.fullmatch(r"[a-z_][a-z0-9_]{0,99}", name):
-        raise ExportError(
-            f"'{name[:120]}' cannot begin the names of C functions; up to 100 lower-case letters, digits and _ can"
-        )
-    if name in TAKEN:
-        raise ExportError(f"'{name}' is the name of a header of C, or a target of CMake; give another one (--name)")
+    name = checked_name(name if name is not None else c_name(f"{rig.name}_{estimator}"))
     prior, step = runner.prior_function(), runner.export_function()
     emitter = Emitter(Plain(single))
     try:
@@ -154,6 +148,24 @@ def c_name(text: str) -> str:
     """
     plain = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")
     return plain if plain and not plain[0].isdigit() else f"rig_{plain}".rstrip("_")
+
+
+def checked_name(name: str) -> str:
+    """Return a name that C names and files may begin with, as it is.
+
+    Args:
+        name: the name.
+
+    Raises:
+        ExportError: it is no C identifier, or is taken.
+    """
+    if not re.fullmatch(r"[a-z_][a-z0-9_]{0,99}", name):
+        raise ExportError(
+            f"'{name[:120]}' cannot begin the names of C functions; up to 100 lower-case letters, digits and _ can"
+        )
+    if name in TAKEN:
+        raise ExportError(f"'{name}' is the name of a header of C, or a target of CMake; give another one (--name)")
+    return name
 
 
 def comment(text: str) -> str:

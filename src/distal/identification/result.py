@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from distal.identification.fitted import Fitted, assignments
 from distal.identification.fitted_file import MARK, fitted_text
-from distal.logs import write_whole
+from distal.logs import shown, write_whole
 from distal.rig import Rig
 
 Floats = NDArray[np.float64]
@@ -93,7 +93,7 @@ class Fit:
 
     def _account(self) -> str:
         """Return the comment at the head of a fitted file: what it was fitted to, and where each value came from."""
-        names = ", ".join(name.rsplit("/", 1)[-1] for name in self.logs)
+        names = ", ".join(shown(name.rsplit("/", 1)[-1]) for name in self.logs)
         use = "" if self.homing is None else f", as used with a reference for the first {self.homing:g} s"
         lines = [
             f"{MARK} to {len(self.logs)} log{'s' if len(self.logs) > 1 else ''} ({self.duration:.0f} s){use}:",

@@ -9,6 +9,7 @@ from distal.logs.output import check_writable, write_whole
 from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_SCHEMA, SAMPLE_TOPIC, Recorder, estimate_schema
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.tables import Table, read_table
+from distal.logs.targets import Output, check_outputs, outputs_in, shown
 from distal.logs.truth import true_angles
 
 __all__ = [
@@ -18,8 +19,10 @@ __all__ = [
     "SAMPLE_TOPIC",
     "Log",
     "MessageReader",
+    "Output",
     "Recorder",
     "Table",
+    "check_outputs",
     "check_stamps",
     "check_writable",
     "da_vinci_grasper",
@@ -27,10 +30,12 @@ __all__ = [
     "frozen",
     "is_recording",
     "open_recording",
+    "outputs_in",
     "pandas_frame",
     "read_log",
     "read_table",
     "read_truth",
+    "shown",
     "true_angles",
     "write_columns",
     "write_log",

@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 from distal.errors import OutputError
+from distal.logs.targets import shown
 
 
 def check_writable(path: Path) -> None:
@@ -15,9 +16,9 @@ def check_writable(path: Path) -> None:
     Raises:
         OutputError: it is a folder, or its folder does not exist.
     """
-    if path.is_dir():
+    if os.path.isdir(path):
         raise OutputError(f"{path}: is a folder; give the name of a file")
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):
         raise OutputError(f"{path}: the folder '{path.parent}' does not exist")
 
 
@@ -32,7 +33,8 @@ def write_whole(path: str | Path, data: bytes | str) -> None:
         OutputError: it cannot be written.
     """
     path = Path(path)
-    content = data.encode() if isinstance(data, str) else data
+    # a byte of a file's name that is no text has no UTF-8 either; it is no reason to lose what is written
+    content = data.encode(errors="replace") if isinstance(data, str) else data
     check_writable(path)
     temporary = None
     try:
@@ -51,8 +53,13 @@ def write_whole(path: str | Path, data: bytes | str) -> None:
         os.umask(umask)
         os.chmod(temporary, target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
         os.replace(temporary, target)
+    except OutputError:
+        raise
     except OSError as problem:
         raise OutputError(f"{path}: cannot be written ({problem.strerror or problem})") from None
+    except (RuntimeError, ValueError) as problem:
+        # a link to itself, a name with a zero byte or with half a character
+        raise OutputError(f"{shown(path)}: cannot be written ({problem}); give another name") from None
     finally:
         if temporary is not None and os.path.exists(temporary):
             os.unlink(temporary)

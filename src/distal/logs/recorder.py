@@ -20,6 +20,9 @@ Floats = NDArray[np.float64]
 
 SAMPLE_TOPIC, ESTIMATE_TOPIC = "distal/sample", "distal/estimate"
 
+LONGEST_STEM = 230
+"""Bytes of a file's name that the name of its part holds."""
+
 SAMPLE_SCHEMA = {
     "title": "distal.Sample",
     "description": "What the sensors read at a stamp, in the columns and units of the rig file; null where missing.",
@@ -71,7 +74,9 @@ class Recorder:
         # a link is followed; a device or a pipe cannot be replaced, and is written as it is
         target = path.resolve()
         self._path, self._target = path, target
-        self._part = target.with_name(f".{target.name}.{os.getpid()}.part")
+        # a name that is just short enough for a file must not be too long for its part
+        stem = target.name.encode(errors="ignore")[:LONGEST_STEM].decode(errors="ignore")
+        self._part = target.with_name(f".{stem}.{os.getpid()}.part")
         self._direct = target.exists() and not target.is_file()
         if target.is_file() and not os.access(target, os.W_OK):
             raise OutputError(f"{path}: cannot be written (it is read-only)")

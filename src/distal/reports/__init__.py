@@ -1,7 +1,7 @@
 """Reports: figures and pages that a person would want to read."""
 
-from distal.reports.fitting import fit_report
-from distal.reports.reproduction import make_folder, reproduce, results
+from distal.reports.fitting import FIT_PAGES, fit_report
+from distal.reports.reproduction import REPRODUCTION_FILES, make_folder, reproduce, results
 from distal.reports.reproduction_figures import FIGURES
 
-__all__ = ["FIGURES", "fit_report", "make_folder", "reproduce", "results"]
+__all__ = ["FIGURES", "FIT_PAGES", "REPRODUCTION_FILES", "fit_report", "make_folder", "reproduce", "results"]

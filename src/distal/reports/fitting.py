@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from distal.identification import CrossValidation, Fit, Observability, observability
-from distal.logs import Log, write_whole
+from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.reports.reproduction import make_folder
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 MOST_TRACES = 8
 """So many logs are drawn; all are in the table."""
+
+FIT_PAGES = ("index.html",)
+"""Files that `fit_report` writes."""
 
 
 def fit_report(
@@ -44,6 +47,7 @@ def fit_report(
     Raises:
         OutputError: the folder or the page cannot be written.
     """
+    check_outputs(outputs_in(out, FIT_PAGES, "the report"))
     folder = make_folder(out)
     before, after = [], []
     for log in logs:
@@ -72,7 +76,7 @@ def fit_report(
         f"{fit.samples} samples of {len(fit.logs)} log{'s' if len(fit.logs) > 1 else ''} ({fit.duration:.0f} s), "
         f"fitted by the likelihood of the filter's innovations.{use}"
     )
-    path = folder / "index.html"
+    path = folder / FIT_PAGES[0]
     write_whole(path, page(f"Fit of {fit.start.name}", lead, parts))
     return path
 
@@ -148,7 +152,7 @@ def _ratio(value: float) -> str:
 
 def _errors(logs: Sequence[Log], before: Sequence[Estimate], after: Sequence[Estimate]) -> list[str]:
     rows = [
-        (escape(Path(log.source).name), *_error(one), *_error(other))
+        (escape(shown(Path(log.source).name)), *_error(one), *_error(other))
         for log, one, other in zip(logs, before, after)
         if other.truth is not None
     ]
@@ -167,7 +171,12 @@ def _error(result: Estimate) -> tuple[str, str]:
 
 def _held_out(validation: CrossValidation) -> list[str]:
     rows = [
-        (escape(Path(one.log).name), escape(Path(one.group).name), *_error(one.before), *_error(one.after))
+        (
+            escape(shown(Path(one.log).name)),
+            escape(shown(Path(one.group).name)),
+            *_error(one.before),
+            *_error(one.after),
+        )
         for one in validation.held_out
     ]
     columns = ("log", "held out with", "RMS before [°]", "in the band", "RMS after [°]", "in the band")
@@ -190,8 +199,9 @@ def _seen(log: Log, seen: Observability) -> list[str]:
         for low, high, std, found, word in seen.table()
     ]
     text = (
-        f"Along {Path(log.source).name}: how sure the angle is; and how sure it is again after {seen.window:g} s if it was "
-        "lost by 10°. Where it is not found, friction, slack or a stop hides the joint, and only memory holds the angle."
+        f"Along {shown(Path(log.source).name)}: how sure the angle is; and how sure it is again after {seen.window:g} s "
+        "if it was lost by 10°. Where it is not found, friction, slack or a stop hides the joint, and only memory holds "
+        "the angle."
     )
     return [
         heading("Where the joint is seen"),

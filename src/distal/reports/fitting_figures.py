@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.logs import Log, true_angles
+from distal.logs import Log, shown, true_angles
 from distal.results import BAND, COLOURS, DASHES, Estimate, figure
 from distal.rig import Rig
 
@@ -55,7 +55,8 @@ def draw_traces(log: Log, before: Estimate, after: Estimate) -> Figure:
             own[0].set_ylabel("joint angle θ [°]" if columns == 1 else f"{joint} [°]")
             own[0].legend(loc="best", fontsize=8, ncols=2)
             own[-1].set_xlabel("time [s]")
-        axes[0].set_title(Path(log.source).name[:80], fontsize=9, loc="left")
+        # any name of a file can be drawn: what is not printable is escaped, and a $ begins no formula
+        axes[0].set_title(shown(Path(log.source).name)[:80].replace("$", r"\$"), fontsize=9, loc="left")
     return made
 
 

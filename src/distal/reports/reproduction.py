@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from distal.analysis import PLANTS, READINGS, SEEDS, SERIES_2, Claim, Measure, Run, all_runs, measure_claims, rms
 from distal.errors import OutputError
-from distal.logs import write_whole
+from distal.logs import check_outputs, outputs_in, write_whole
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.reports.reproduction_figures import CAPTIONS, FIGURES, draw_figure
 from distal.results import save_figure
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ESTIMATORS = ("inextensible", "simulation", "ekf-2008", "ekf", "adaptive")
+
+REPRODUCTION_FILES = (*(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")), "results.json", "index.html")
+"""Files that `reproduce` writes."""
 
 
 def reproduce(out: str | Path, advance: Callable[[], None] = lambda: None) -> tuple[Claim, ...]:
@@ -35,6 +38,7 @@ def reproduce(out: str | Path, advance: Callable[[], None] = lambda: None) -> tu
     Raises:
         OutputError: the folder or a file cannot be written.
     """
+    check_outputs(outputs_in(out, REPRODUCTION_FILES, "the reproduction"))
     folder = make_folder(out)
     runs = list(all_runs(advance))
     claims = measure_claims(runs)

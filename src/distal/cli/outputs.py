@@ -1,0 +1,80 @@
+"""What a command reads and writes, compared before it begins: see `distal.logs.check_outputs`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from importlib import resources
+from pathlib import Path
+
+from distal import logs as files
+from distal.logs import Output
+
+TABLES = (".csv", ".parquet", ".pq", ".txt")
+"""Endings by which a truth is a file; else it is a file only if there is one of that name."""
+
+BAG = (".db3", ".mcap", ".bag", ".zstd", ".yaml")
+"""Endings of the files that a ROS bag is made of."""
+
+
+def to_file(option: str, path: Path | None) -> list[Output]:
+    """Return the file that an option asks for, if it was given."""
+    return [] if path is None else [Output(path, option)]
+
+
+def to_folder(option: str, folder: Path | None, names: Iterable[str]) -> list[Output]:
+    """Return the files in a folder that an option asks for, if it was given."""
+    return [] if folder is None else files.outputs_in(folder, names, option)
+
+
+def check_outputs(
+    outputs: Sequence[Output],
+    *,
+    logs: Iterable[Path] = (),
+    rig: str | None = None,
+    scenario: str | None = None,
+    truth: str | None = None,
+    stdin: bool = False,
+) -> None:
+    """Refuse outputs that would replace an input or each other, or that cannot be written, before the work begins.
+
+    Args:
+        outputs: every file that will be written, by `to_file` and `to_folder`.
+        logs: that are read.
+        rig: a shipped rig's name or a path.
+        scenario: a shipped scenario's name or a path.
+        truth: a column's name or a path.
+        stdin: whether standard input is read.
+
+    Raises:
+        OutputError: see `distal.logs.check_outputs`.
+    """
+    from distal.rig import shipped_rigs
+    from distal.simulation import shipped_scenarios
+
+    inputs: list[tuple[str, str | Path | int]] = [("log", file) for log in logs for file in _files_of(log)]
+    if rig is not None:
+        inputs.append(("rig", _description(rig, shipped_rigs(), "distal.rig")))
+    if scenario is not None:
+        inputs.append(("scenario", _description(scenario, shipped_scenarios(), "distal.simulation")))
+    if truth is not None and (os.path.exists(truth) or Path(truth).suffix.lower() in TABLES):
+        inputs.append(("truth", truth))
+    if stdin and sys.stdin is not None:
+        inputs.append(("standard input", 0))
+    printed = (("standard output", sys.stdout, 1), ("standard error", sys.stderr, 2))
+    streams = [(label, number) for label, stream, number in printed if stream is not None]
+    files.check_outputs(outputs, inputs, streams)
+
+
+def _description(name: str, shipped: Sequence[str], package: str) -> Path:
+    """Return the file of a rig or a scenario; a shipped one's name comes first, as when it is loaded."""
+    return Path(str(resources.files(package) / "library" / f"{name}.toml")) if name in shipped else Path(name)
+
+
+def _files_of(log: Path) -> Iterator[Path]:
+    """Return the files that a log is read from: of a ROS bag, those beside each other in its folder."""
+    yield log
+    folder = log.parent if log.suffix.lower() == ".db3" else log
+    if files.is_recording(log) and folder.is_dir():
+        yield from (file for file in sorted(folder.iterdir()) if file.suffix.lower() in BAG)

@@ -1,0 +1,61 @@
+"""Which names are one file: links of both kinds, other ways to a folder, and names that differ by case only."""
+
+from __future__ import annotations
+
+import os
+import stat
+import unicodedata
+from collections.abc import Iterator
+from pathlib import Path
+
+Key = tuple[int | str, ...]
+"""Device and number of a file; of one that is not there yet, those of the nearest folder and the names below it."""
+
+
+def file_key(place: str | Path | int) -> Key | None:
+    """Return what all names of one file have in common, also of one that is not there yet; None for a device.
+
+    Args:
+        place: a path, or a file descriptor.
+    """
+    try:
+        found = os.stat(place)
+    except (OSError, ValueError):
+        return None if isinstance(place, int) else _key_to_be(place)
+    return None if stat.S_ISCHR(found.st_mode) else (found.st_dev, found.st_ino)
+
+
+def _key_to_be(path: str | Path) -> Key | None:
+    """Return the key of a file that is not there yet: the nearest folder that is there, and the names below it."""
+    try:
+        real = Path(os.path.realpath(path))
+    except (OSError, ValueError):
+        return None
+    for folder in real.parents:
+        try:
+            found = os.stat(folder)
+        except OSError:
+            continue
+        names = real.relative_to(folder).parts
+        if _ignores_case(folder):
+            names = tuple(unicodedata.normalize("NFC", name).casefold() for name in names)
+        return (found.st_dev, found.st_ino, *names)
+    return None
+
+
+def _ignores_case(folder: Path) -> bool:
+    """Return whether a folder takes names that differ by case for the same, seen from what is in it or above it."""
+    for place in _near(folder):
+        other = place.with_name(place.name.swapcase())
+        if other != place:
+            return os.path.exists(other) and os.path.exists(place) and os.path.samefile(place, other)
+    return False
+
+
+def _near(folder: Path) -> Iterator[Path]:
+    try:
+        with os.scandir(folder) as entries:
+            yield from (Path(entry.path) for entry in entries)
+    except OSError:
+        pass
+    yield from (place for place in (folder, *folder.parents) if place.name)

@@ -1,0 +1,484 @@
+"""No output replaces an input or another output, and what cannot be written is said before the work begins.
+
+Each command is a row of `COMMANDS`: what it reads, the file that it writes, and its words. The tests go over all rows, all
+inputs of a row, and all ways in which two names can be one file.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+import distal.export
+import distal.identification
+import distal.logs
+import distal.reports
+import distal.running
+import distal.simulation
+from distal.export import export_files
+from distal.rig import rig_text
+from distal.simulation import scenario_text
+from tests.cli.test_cli import refused, run  # noqa: F401
+
+LOG = "t,x1,u1,x2,u2\n" + "".join(f"{0.01 * i:.2f},{1e-4 * i},2.0,1e-3,2.0\n" for i in range(30))
+TRUTH = "t,theta\n0,0\n1,0.1\n"
+RIG = "# distal export-c\n" + rig_text("paper-2008")[0]
+SCENARIO = scenario_text("series-2")[0].replace('rig = "paper-2008"', 'rig = "{rig}"')
+assert "{rig}" in SCENARIO
+
+Words = Callable[[dict[str, str], str], list[str]]
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command and one of its outputs: names of inputs, the file that is written, and the words for both.
+
+    A file in a folder is written as "folder/name", and the words get the folder.
+    """
+
+    inputs: tuple[str, ...]
+    writes: str
+    words: Words
+
+    @property
+    def folder(self) -> bool:
+        return "/" in self.writes
+
+
+COMMANDS = {
+    "estimate --out": Command(
+        ("log", "rig", "truth"),
+        "estimate.csv",
+        lambda i, out: ["estimate", i["log"], "--rig", i["rig"], "--truth", i["truth"], "--out", out],
+    ),
+    "estimate --plot": Command(
+        ("log", "rig", "truth"),
+        "picture.png",
+        lambda i, out: ["estimate", i["log"], "--rig", i["rig"], "--truth", i["truth"], "--plot", out],
+    ),
+    "estimate LOGS --out": Command(
+        ("log", "other", "rig", "truth"),
+        "out/log.csv",
+        lambda i, out: ["estimate", i["log"], i["other"], "--rig", i["rig"], "--truth", i["truth"], "--out", out],
+    ),
+    "simulate --out": Command(("scenario", "rig"), "sim.csv", lambda i, out: ["simulate", i["scenario"], "--out", out]),
+    "simulate --runs": Command(
+        ("scenario", "rig"), "out/run_1.csv", lambda i, out: ["simulate", i["scenario"], "--runs", "2", "--out", out]
+    ),
+    "fit --out": Command(
+        ("log", "other", "rig", "truth"),
+        "fitted.toml",
+        lambda i, out: ["fit", i["log"], i["other"], "--rig", i["rig"], "--truth", i["truth"], "--out", out],
+    ),
+    "fit --report": Command(
+        ("log", "other", "rig", "truth"),
+        "out/index.html",
+        lambda i, out: ["fit", i["log"], i["other"], "--rig", i["rig"], "--truth", i["truth"], "--report", out],
+    ),
+    "stream --record": Command(
+        ("rig",), "run.mcap", lambda i, out: ["stream", "--rig", i["rig"], "--udp", "9", "--record", out]
+    ),
+    "export-c --out": Command(
+        ("rig",), "out/README.md", lambda i, out: ["export-c", i["rig"], "--name", "joint", "--out", out]
+    ),
+    "rig new": Command((), "new.toml", lambda i, out: ["rig", "new", out]),
+    "reproduce --out": Command((), "out/index.html", lambda i, out: ["reproduce", "--out", out]),
+}
+PAIRS = [(name, read) for name, command in COMMANDS.items() for read in command.inputs]
+
+
+class WorkBegan(Exception):
+    """A command began to work, although it should have refused."""
+
+
+@pytest.fixture(autouse=True)
+def _no_work(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    """Where work would begin, the test fails: `WorkBegan` is no error that the command line knows."""
+
+    def begin(*_: object, **__: object) -> None:
+        raise WorkBegan
+
+    for module, names in (
+        (distal.logs, ("read_log", "write_whole")),
+        (distal.running, ("LiveEstimator", "estimate", "estimate_batch", "smooth")),
+        (distal.simulation, ("simulate", "simulate_batch")),
+        (distal.identification, ("cross_validate", "fit")),
+        (distal.reports, ("fit_report", "reproduce")),
+        (distal.export, ("export_c",)),
+    ):
+        for name in names:
+            monkeypatch.setattr(module, name, begin)
+
+
+@pytest.fixture
+def inputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """Inputs of every kind in the working folder, name → path."""
+    monkeypatch.chdir(tmp_path)
+    names = {"log": "log.csv", "other": "other.csv", "rig": "rig.toml", "truth": "truth.csv", "scenario": "do.toml"}
+    texts = {"log": LOG, "other": LOG, "rig": RIG, "truth": TRUTH, "scenario": SCENARIO}
+    made = {}
+    for kind, name in names.items():
+        path = tmp_path / "in" / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(texts[kind].replace("{rig}", str(tmp_path / "in" / "rig.toml")))
+        made[kind] = str(path)
+    return made
+
+
+def state(folder: Path) -> dict[str, tuple[int, int, bytes | str]]:
+    """Return everything below a folder: what it is, which file it is, and what it holds."""
+    found: dict[str, tuple[int, int, bytes | str]] = {}
+    for path in sorted(folder.rglob("*")):
+        about = path.lstat()
+        held = os.readlink(path) if path.is_symlink() else path.read_bytes() if path.is_file() else b""
+        found[str(path)] = about.st_mode, about.st_ino, held
+    return found
+
+
+def words_of(command: Command, given: dict[str, str], target: str) -> list[str]:
+    return command.words(given, os.path.dirname(target) if command.folder else target)
+
+
+def _moved(given: dict[str, str], read: str, target: Path) -> None:
+    """Let an input stand where the output will be."""
+    os.rename(given[read], target)
+    if read == "rig":
+        scenario = Path(given["scenario"])
+        scenario.write_text(scenario.read_text().replace(given["rig"], str(target)))
+    given[read] = str(target)
+
+
+def absolute(given: dict[str, str], read: str, target: Path) -> str:
+    _moved(given, read, target)
+    return str(target)
+
+
+def relative(given: dict[str, str], read: str, target: Path) -> str:
+    _moved(given, read, target)
+    return os.path.relpath(target)
+
+
+def dotted(given: dict[str, str], read: str, target: Path) -> str:
+    _moved(given, read, target)
+    return f"./in/../{os.path.relpath(target)}"
+
+
+def by_a_linked_folder(given: dict[str, str], read: str, target: Path) -> str:
+    _moved(given, read, target)
+    Path("way").symlink_to(target.parent)
+    return f"way/{target.name}"
+
+
+def symlink(given: dict[str, str], read: str, target: Path) -> str:
+    target.symlink_to(given[read])
+    return str(target)
+
+
+def link_to_a_link(given: dict[str, str], read: str, target: Path) -> str:
+    Path("between").symlink_to(given[read])
+    target.symlink_to(Path("between").absolute())
+    return str(target)
+
+
+def hard_link(given: dict[str, str], read: str, target: Path) -> str:
+    target.hardlink_to(given[read])
+    return str(target)
+
+
+def input_is_a_link(given: dict[str, str], read: str, target: Path) -> str:
+    """The input's name is a link to the output's; the bytes stand where the output will be."""
+    kept = given[read]
+    os.rename(kept, target)
+    Path(kept).symlink_to(target)
+    return str(target)
+
+
+WAYS = (absolute, relative, dotted, by_a_linked_folder, symlink, link_to_a_link, hard_link, input_is_a_link)
+
+
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
+@pytest.mark.parametrize(("name", "read"), PAIRS, ids=[f"{name} {read}" for name, read in PAIRS])
+def test_no_output_replaces_an_input(
+    run,  # noqa: F811
+    inputs: dict[str, str],
+    tmp_path: Path,
+    name: str,
+    read: str,
+    way: Callable[[dict[str, str], str, Path], str],
+) -> None:
+    command = COMMANDS[name]
+    target = tmp_path / command.writes
+    target.parent.mkdir(exist_ok=True)
+    words = words_of(command, inputs, way(inputs, read, target))
+    before = state(tmp_path)
+    said = run(*words)
+    # a second log that is called as the first one's estimate is refused for its name already
+    refused(said, "" if "another log has the name" in said.err else "is an input of this command")
+    assert state(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_other_names_are_taken_and_the_work_begins(
+    run,  # noqa: F811
+    inputs: dict[str, str],
+    tmp_path: Path,
+    name: str,
+) -> None:
+    """The same commands with a free name go on to where the tests above must not come; nothing is made on the way."""
+    command = COMMANDS[name]
+    before = state(tmp_path)
+    for target in (command.writes, f"./{command.writes}", str(tmp_path / command.writes)):
+        with pytest.raises(WorkBegan):
+            run(*words_of(command, inputs, target))
+    made = {path: held for path, held in state(tmp_path).items() if path != str(tmp_path / "out")}
+    assert made == before
+
+
+@dataclass(frozen=True)
+class Two:
+    """A command with two outputs: the files, and its words."""
+
+    one: str
+    other: str
+    words: Words
+
+
+TWO = {
+    "estimate --out --plot": Two(
+        "one.csv",
+        "two.png",
+        lambda i, at: ["estimate", i["log"], "--rig", i["rig"], "--out", f"{at}/one.csv", "--plot", f"{at}/two.png"],
+    ),
+    "estimate LOGS": Two(
+        "log.csv", "other.csv", lambda i, at: ["estimate", i["log"], i["other"], "--rig", i["rig"], "--out", at]
+    ),
+    "simulate --runs": Two(
+        "run_0.csv", "run_1.csv", lambda i, at: ["simulate", i["scenario"], "--runs", "2", "--out", at]
+    ),
+    "fit --out --report": Two(
+        "fitted.toml",
+        "index.html",
+        lambda i, at: ["fit", i["log"], "--rig", i["rig"], "--out", f"{at}/fitted.toml", "--report", at],
+    ),
+    "export-c": Two("README.md", "joint.c", lambda i, at: ["export-c", i["rig"], "--name", "joint", "--out", at]),
+    "reproduce": Two("results.json", "index.html", lambda i, at: ["reproduce", "--out", at]),
+}
+
+
+@pytest.mark.parametrize("how", ["symlink", "dangling", "hard link"])
+@pytest.mark.parametrize("name", TWO)
+def test_no_two_outputs_are_one_file(
+    run,  # noqa: F811
+    inputs: dict[str, str],
+    tmp_path: Path,
+    name: str,
+    how: str,
+) -> None:
+    two, out = TWO[name], tmp_path / "out"
+    out.mkdir()
+    with pytest.raises(WorkBegan):
+        run(*two.words(inputs, str(out)))
+    if how != "dangling":
+        (out / two.one).write_text("distal export-c")
+    if how == "hard link":
+        (out / two.other).hardlink_to(out / two.one)
+    else:
+        (out / two.other).symlink_to(two.one)
+    before = state(tmp_path)
+    refused(run(*two.words(inputs, str(out))), "is asked for twice", "give two names")
+    assert state(tmp_path) == before
+
+
+def test_options_that_ask_for_one_place(run, inputs: dict[str, str], tmp_path: Path) -> None:  # noqa: F811
+    log, rig = inputs["log"], ("--rig", inputs["rig"])
+    twin = tmp_path / "log.parquet"
+    twin.write_text(LOG)
+    before = state(tmp_path)
+    for words, said in (
+        (("estimate", log, *rig, "--out", "a.png", "--plot", "./a.png"), "asked for twice, by --out and --plot"),
+        (("fit", log, *rig, "--out", "a.toml", "--report", "a.toml"), "asked for twice, by --out and --report"),
+        (("fit", log, *rig, "--out", "a.toml", "--report", "a.toml/below"), "asked for twice, by --out and --report"),
+        (("estimate", log, twin, *rig, "--out", "out"), "another log has the name 'log'"),
+        (("estimate", log, *rig, "--out", f"{log}/estimate.csv"), "which is a file"),
+        (("fit", log, *rig, "--report", f"{log}/report"), "is a file; give the name of a folder"),
+        (("stream", *rig, "--udp", "9000", "--to-udp", "9000"), "is the port that --udp reads"),
+    ):
+        refused(run(*words), said)
+        assert state(tmp_path) == before
+
+
+def test_where_case_does_not_matter_names_are_compared_so(
+    run,  # noqa: F811
+    inputs: dict[str, str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    other = tmp_path / "LOG.csv"
+    other.write_text(LOG)
+    words = ("estimate", inputs["log"], other, "--rig", inputs["rig"], "--out", "out")
+    with pytest.raises(WorkBegan):
+        run(*words)
+    (tmp_path / "out").rmdir()
+    monkeypatch.setattr("distal.logs.identity._ignores_case", lambda folder: True)
+    refused(run(*words), "is asked for twice")
+
+
+def test_a_shipped_file_is_an_input_too(run, inputs: dict[str, str]) -> None:  # noqa: F811
+    rig = Path(str(resources.files("distal.rig") / "library" / "paper-2008.toml"))
+    scenario = Path(str(resources.files("distal.simulation") / "library" / "series-2.toml"))
+    before = rig.read_bytes(), scenario.read_bytes()
+    refused(run("fit", inputs["log"], "--rig", "paper-2008", "--out", rig), "is an input")
+    refused(run("simulate", "series-2", "--out", scenario), "is an input")
+    refused(run("simulate", "series-2", "--out", rig), "is an input")
+    assert (rig.read_bytes(), scenario.read_bytes()) == before
+
+
+def test_the_files_of_a_bag_are_inputs(run, inputs: dict[str, str], tmp_path: Path) -> None:  # noqa: F811
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    for name in ("metadata.yaml", "bag_0.db3"):
+        (bag / name).write_text("x")
+    for log in (bag, bag / "bag_0.db3"):
+        for out in ("metadata.yaml", "bag_0.db3"):
+            before = state(tmp_path)
+            refused(run("estimate", log, "--rig", inputs["rig"], "--out", bag / out), "is an input")
+            assert state(tmp_path) == before
+        with pytest.raises(WorkBegan):
+            run("estimate", log, "--rig", inputs["rig"], "--out", bag / "estimate.csv")
+
+
+def test_a_column_is_no_input(run, inputs: dict[str, str]) -> None:  # noqa: F811
+    with pytest.raises(WorkBegan):
+        run("estimate", inputs["log"], "--rig", inputs["rig"], "--truth", "theta", "--out", "theta")
+    refused(
+        run("estimate", inputs["log"], "--rig", inputs["rig"], "--truth", "none.csv", "--out", "none.csv"),
+        "is an input",
+    )
+
+
+NAMES = {
+    "a byte that is no text": ("x\udce9", "part of no UTF-8 text"),
+    "a line break": ("x\ny", "a control character"),
+    "an escape": ("x\x1b[2J", "a control character"),
+    "a line separator": ("x\u2028y", "a control character"),
+    "300 characters": ("x" * 300, "has 30"),
+    "150 characters of two bytes": ("é" * 150, "has 30"),
+}
+
+
+@pytest.mark.parametrize("odd", NAMES)
+@pytest.mark.parametrize("name", COMMANDS)
+def test_names_that_cannot_be_written(
+    run,  # noqa: F811
+    inputs: dict[str, str],
+    tmp_path: Path,
+    name: str,
+    odd: str,
+) -> None:
+    command = COMMANDS[name]
+    stem, said = NAMES[odd]
+    target = f"{stem}/name" if command.folder else f"{stem}{Path(command.writes).suffix}"
+    before = state(tmp_path)
+    refused(run(*words_of(command, inputs, target)), said)
+    if command.folder:
+        refused(run(*words_of(command, inputs, f"above/{stem}/below/name")), said)
+    assert state(tmp_path) == before
+
+
+def places(tmp_path: Path) -> Iterator[tuple[str, str]]:
+    """Return folders and names in them that are no place for a file, and what is said of them."""
+    (tmp_path / "a folder").mkdir()
+    (tmp_path / "a file").write_text("kept")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    yield str(tmp_path / "a file" / "below"), "a file"
+    # root may write everywhere but where nobody may
+    locked = Path("/proc")
+    if os.geteuid() != 0:
+        locked = tmp_path / "locked"
+        locked.mkdir(mode=0o500)
+    yield str(locked), "cannot be written"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_places_that_cannot_be_written(
+    run,  # noqa: F811
+    inputs: dict[str, str],
+    tmp_path: Path,
+    name: str,
+) -> None:
+    command = COMMANDS[name]
+    suffix = Path(command.writes).suffix
+    found = list(places(tmp_path))
+    taken = tmp_path / "taken" / Path(command.writes).name
+    taken.mkdir(parents=True)
+    loop = tmp_path / "loops" / Path(command.writes).name
+    loop.parent.mkdir()
+    loop.symlink_to(loop)
+    before = state(tmp_path)
+    for folder, said in found:
+        target = f"{folder}/new/name" if command.folder else f"{folder}/new{suffix}"
+        refused(run(*words_of(command, inputs, target)), said)
+    refused(run(*words_of(command, inputs, str(taken))), "is a folder")
+    refused(run(*words_of(command, inputs, str(loop))), "cannot be written")
+    if command.folder:
+        refused(run(*words_of(command, inputs, str(tmp_path / "a file" / "name"))), "is a file")
+    else:
+        refused(run(*words_of(command, inputs, str(tmp_path / "none" / f"new{suffix}"))), "does not exist")
+        dangling = tmp_path / f"dangling{suffix}"
+        dangling.symlink_to(tmp_path / "none" / "new")
+        refused(run(*words_of(command, inputs, str(dangling))), "does not exist")
+        dangling.unlink()
+    assert state(tmp_path) == before
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write what is read-only")
+def test_a_read_only_file(run, inputs: dict[str, str], tmp_path: Path) -> None:  # noqa: F811
+    kept = tmp_path / "kept.csv"
+    kept.write_text("kept")
+    kept.chmod(0o400)
+    refused(run("estimate", inputs["log"], "--rig", inputs["rig"], "--out", kept), "read-only")
+
+
+def test_an_exports_files_are_checked_one_by_one(run, inputs: dict[str, str], tmp_path: Path) -> None:  # noqa: F811
+    for name in export_files("joint"):
+        out = tmp_path / f"out {name}"
+        out.mkdir()
+        os.link(inputs["rig"], out / name)
+        refused(run("export-c", inputs["rig"], "--name", "joint", "--out", out), "is an input")
+        (out / name).unlink()
+        (out / name).write_text("mine")
+        refused(run("export-c", inputs["rig"], "--name", "joint", "--out", out), "was not written by export-c")
+        assert (out / name).read_text() == "mine"
+
+
+@pytest.mark.slow
+def test_streams_that_the_shell_opened(inputs: dict[str, str], tmp_path: Path) -> None:
+    """Standard input is an input; where standard output goes, no other output goes, and no input stands."""
+    log = tmp_path / "in" / "log.csv"
+    command = f"'{sys.executable}' -m distal"
+    for words in (
+        f"stream --rig paper-2008 --record '{log}' < '{log}'",
+        f"stream --rig paper-2008 < '{log}' >> '{log}'",
+        f"estimate '{log}' --rig paper-2008 >> '{log}'",
+        "simulate series-2 --out new.csv > new.csv",
+        "simulate series-2 --out /dev/stdout > new.csv",
+    ):
+        ran = subprocess.run(["bash", "-c", f"{command} {words}"], capture_output=True, text=True, check=False)
+        assert ran.returncode == 2, words
+        assert ran.stderr.startswith("error: ")
+        assert len(ran.stderr.splitlines()) == 1
+        assert log.read_text() == LOG
+    piped = subprocess.run(
+        ["bash", "-c", f"{command} simulate series-2 --out /dev/stdout | head -1"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert piped.stdout.startswith("t,")
