@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from distal.errors import EstimationError
 from distal.estimators.gaps import rows_of
-from distal.kernels import Kernel
+from distal.kernels import Evaluation, Kernel
 from distal.logs import frozen
 from distal.rig import Rig
 
@@ -146,7 +146,7 @@ class KernelEstimator:
         self.kernel: Any = kernel
         self.channels, self.measured, self.state_names = channels, measured, state_names
         self._p, self._interval = frozen(p), interval
-        self._begin: ca.Function | None = None
+        self._begin: Evaluation | None = None
 
     def initial(self, time: float, sample: Floats) -> Belief:
         """Return the belief before the first sample.
@@ -164,10 +164,10 @@ class KernelEstimator:
     def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
         """Return mean, covariance and remembered inputs before the first sample, which fills what has no prior."""
         if self._begin is None:
-            self._begin = self.prior_function()
+            self._begin = Evaluation(self.prior_function())
         there = np.isfinite(sample)
         mean, spread, memory = self._begin(np.where(there, sample, 0.0), there)
-        return np.array(mean).ravel(), np.diag(np.array(spread).ravel()), np.array(memory).ravel()
+        return mean, np.diag(spread), memory
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask) → (mean, covariance's diagonal, memory) before the first sample.

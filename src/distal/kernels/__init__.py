@@ -2,12 +2,13 @@
 
 from distal.kernels.cache import cache_folder
 from distal.kernels.compiler import Compiler, c_source, find_compiler
-from distal.kernels.kernel import Kernel
+from distal.kernels.kernel import Evaluation, Kernel
 from distal.kernels.lanes import LaneKernel, grouped, lanes_here
 from distal.kernels.probe import probe
 
 __all__ = [
     "Compiler",
+    "Evaluation",
     "Kernel",
     "LaneKernel",
     "c_source",

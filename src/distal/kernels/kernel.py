@@ -141,6 +141,37 @@ class Kernel:
         return self._lanes
 
 
+class Evaluation:
+    """A function of arrays to arrays, called without CasADi's own matrices; threads that share it take turns.
+
+    Args:
+        function: the CasADi function; its inputs and outputs are dense.
+    """
+
+    def __init__(self, function: ca.Function) -> None:
+        self._arguments = [np.zeros(int(function.numel_in(i))) for i in range(function.n_in())]
+        self._results = [np.zeros(int(function.numel_out(i))) for i in range(function.n_out())]
+        self._buffer, self._trigger = function.buffer()
+        self._lock, self._function = threading.Lock(), function
+        view: Any = memoryview
+        for i, array in enumerate(self._arguments):
+            self._buffer.set_arg(i, view(array))
+        for i, array in enumerate(self._results):
+            self._buffer.set_res(i, view(array))
+
+    def __call__(self, *arguments: object) -> list[Floats]:
+        """Return the results, each as a column.
+
+        Args:
+            arguments: arrays of numbers, each as long as its input has numbers.
+        """
+        with self._lock:
+            for array, argument in zip(self._arguments, arguments):
+                array[:] = argument  # type: ignore[call-overload]
+            self._trigger()
+            return [array.copy() for array in self._results]
+
+
 class Loop:
     """A kernel whose carry stays where it is: write `x`, call `step`, read `carry` and `y`. For one thread.
 

@@ -53,6 +53,7 @@ class LiveEstimator:
         self._innovations = np.full(self._m, np.nan)
         self._begin: tuple[Floats | None, float] = (None, 0.0)
         self._time, self._samples = float("nan"), 0
+        self._joints, self._bridged, self._interval = self._carry[self._angles], runner.bridged, runner.interval
         self._mean = _view(self._carry[: self._n])
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
@@ -69,7 +70,7 @@ class LiveEstimator:
             EstimationError: the stamp is late or repeats or follows too long a gap, the sample has the wrong shape or is
                 infinite: nothing has changed then. Or the filter left all bounds: call `reset`.
         """
-        name, runner = self._runner.name, self._runner
+        name = self._runner.name
         if not isinstance(sample, np.ndarray) or sample.shape != self._sample.shape or sample.dtype.kind not in "fiu":
             raise EstimationError(f"{name}: a sample is an array of {len(self._sample)} numbers for {self.channels}")
         if np.isinf(sample, out=self._infinite).any():
@@ -82,7 +83,7 @@ class LiveEstimator:
         else:
             check_time(name, self._time, time, False)
             dt = time - self._time
-        parts = predictions(dt, runner.interval)
+        parts = predictions(dt, self._interval)
         if parts > MOST_BRIDGES:
             raise EstimationError(f"{name}: a gap of {dt:g} s is too long to bridge; call reset")
         np.isfinite(sample, out=self._there)
@@ -90,15 +91,15 @@ class LiveEstimator:
         self._sample[~self._there] = 0.0
         self._x[0] = dt / parts
         for left in range(parts - 1, -1, -1):
-            fill(self._values, self._mask, self._sample, self._there, left, runner.bridged)
+            fill(self._values, self._mask, self._sample, self._there, left, self._bridged)
             self._loop.step()
         self._time, self._samples = float(time), self._samples + 1
         for i, k in enumerate(self._read):
             self._innovations[i] = self._y[i] if self._there[k] else np.nan
-        angles = self._carry[self._angles]
-        if not max(angles.max(), -angles.min()) <= LARGEST_ANGLE or not isfinite(self._carry.sum()):
+        angles = self._joints.tolist()
+        if not (all(abs(angle) <= LARGEST_ANGLE for angle in angles) and isfinite(self._carry.sum())):
             raise EstimationError(f"{name}: left all bounds at {time:g} s; call reset")
-        return float(angles[0]) if len(angles) == 1 else self.angles
+        return angles[0] if len(angles) == 1 else self.angles
 
     def _start(self, time: float, sample: Floats) -> None:
         """Begin with the prior, at the angles and with the std that `reset` was given."""

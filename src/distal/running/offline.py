@@ -245,10 +245,12 @@ def finished(
         if not run.reads_reference:
             means = means.copy()
             means[:, : len(joints)] = homed(means[:, : len(joints)], known, early)
-        known = np.where(early[:, None], np.nan, known)
+        known = frozen(np.where(early[:, None], np.nan, known))
     # a reference is no sensor of the estimate: what it said is in the states
     references = references_of(runner)
     columns = [i for i, name in enumerate(runner.measured) if name not in references]
+    if references:
+        innovations, variances = innovations[:, columns], variances[:, columns]
     return Estimate(
         runner.name,
         runner.rig.name,
@@ -257,9 +259,9 @@ def finished(
         frozen(means),
         frozen(spreads),
         tuple(runner.measured[i] for i in columns),
-        frozen(innovations[:, columns]),
-        frozen(variances[:, columns]),
-        None if known is None else frozen(known),
+        frozen(innovations),
+        frozen(variances),
+        known,
         None if covariances is None else frozen(covariances),
         joints,
     )
@@ -288,10 +290,12 @@ def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[
         spreads: variances, (k, n).
         n_joints: number of joints, whose angles come first.
     """
-    far = np.any(np.abs(means[:, :n_joints]) > LARGEST_ANGLE, axis=1)
+    angles = means[:, :n_joints]
     # one pass where all is well: sums are finite only if all terms are
     if np.isfinite(means.sum()) and np.isfinite(spreads.sum()) and spreads.min() >= 0.0:
-        return np.flatnonzero(far)
+        if angles.max() <= LARGEST_ANGLE and angles.min() >= -LARGEST_ANGLE:
+            return np.zeros(0, dtype=np.intp)
+    far = np.any(np.abs(angles) > LARGEST_ANGLE, axis=1)
     fine = np.isfinite(means).all(axis=1) & np.isfinite(spreads).all(axis=1) & (spreads >= 0.0).all(axis=1)
     return np.flatnonzero(far | ~fine)
 
