@@ -3,6 +3,17 @@
 from distal.estimators.adaptive.estimator import AdaptiveFilter
 from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.adaptive.setup import Setup
-from distal.estimators.adaptive.states import KINDS, State, StateVector, travel, uncertain_parameters
+from distal.estimators.adaptive.states import KINDS, Fading, Kind, State, StateVector, travel, uncertain_parameters
 
-__all__ = ["KINDS", "AdaptiveFilter", "Robustness", "Setup", "State", "StateVector", "travel", "uncertain_parameters"]
+__all__ = [
+    "KINDS",
+    "AdaptiveFilter",
+    "Fading",
+    "Kind",
+    "Robustness",
+    "Setup",
+    "State",
+    "StateVector",
+    "travel",
+    "uncertain_parameters",
+]

@@ -14,7 +14,7 @@ from distal.estimators.adaptive.drive_tracking import MEMORY, UNKNOWN
 from distal.estimators.adaptive.filter import adaptive_function
 from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.adaptive.setup import Setup
-from distal.estimators.adaptive.states import StateVector
+from distal.estimators.adaptive.states import KINDS, Kind, StateVector
 from distal.estimators.channels import UNKNOWN_PLACE, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.kernels import Kernel
@@ -42,6 +42,7 @@ class AdaptiveFilter(KernelEstimator):
         given: numbers of the description that are inputs of its kernel and no states (fitting).
         resolution: largest product of sub-step and a joint's own frequency.
         trace: let the kernel put out what a smoother needs.
+        kinds: kinds of states that there may be; each returns the blocks of a rig.
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -57,9 +58,10 @@ class AdaptiveFilter(KernelEstimator):
         given: Sequence[str] = (),
         resolution: float = RESOLUTION,
         trace: bool = False,
+        kinds: Sequence[Kind] = KINDS,
     ) -> None:
         mechanism, channels = Mechanism(rig, given), channels_of(rig, name, references)
-        self._states = StateVector(Setup(mechanism, channels, robustness))
+        self._states = StateVector(Setup(mechanism, channels, robustness), kinds)
         longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
         self._count = min(max(1, int(np.ceil(channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
         super().__init__(
@@ -139,5 +141,5 @@ class AdaptiveFilter(KernelEstimator):
         other = copy(self)
         other.rig, other._begin = rig, None
         mechanism = Mechanism(rig, setup.mechanism.parameters.given)
-        other._states = StateVector(replace(setup, mechanism=mechanism, channels=channels))
+        other._states = StateVector(replace(setup, mechanism=mechanism, channels=channels), self._states.kinds)
         return other

@@ -4,11 +4,12 @@ from distal.estimators.adaptive.states.linearity import travel
 from distal.estimators.adaptive.states.parameter import UncertainParameter, uncertain_parameters
 from distal.estimators.adaptive.states.state import Fading, State
 from distal.estimators.adaptive.states.transmission import Transmitted
-from distal.estimators.adaptive.states.vector import KINDS, StateVector
+from distal.estimators.adaptive.states.vector import KINDS, Kind, StateVector
 
 __all__ = [
     "KINDS",
     "Fading",
+    "Kind",
     "State",
     "StateVector",
     "Transmitted",

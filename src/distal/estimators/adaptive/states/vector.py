@@ -20,7 +20,10 @@ from distal.estimators.adaptive.states.state import Fading, State
 from distal.estimators.adaptive.states.transmission import Transmitted, transmissions
 from distal.rig import Sensor
 
-KINDS: tuple[Callable[[Setup], Sequence[State]], ...] = (
+Kind = Callable[[Setup], Sequence[State]]
+"""Returns the blocks of one kind that a rig has."""
+
+KINDS: tuple[Kind, ...] = (
     external_torques,
     uncertain_parameters,
     linearities,
@@ -29,7 +32,7 @@ KINDS: tuple[Callable[[Setup], Sequence[State]], ...] = (
     transmissions,
     sensor_biases,
 )
-"""Each returns the blocks of one kind that a rig has; their order is that of the state vector, after the joints."""
+"""Their order is that of the state vector, after the joints."""
 
 
 class StateVector:
@@ -40,8 +43,8 @@ class StateVector:
         kinds: what blocks there may be beside the joints' motion; default all.
     """
 
-    def __init__(self, setup: Setup, kinds: Sequence[Callable[[Setup], Sequence[State]]] = KINDS) -> None:
-        self.setup = setup
+    def __init__(self, setup: Setup, kinds: Sequence[Kind] = KINDS) -> None:
+        self.setup, self.kinds = setup, tuple(kinds)
         blocks: list[State] = [JointMotion(setup.mechanism.rig.joints)]
         for kind in kinds:
             blocks += kind(setup)

@@ -1,0 +1,45 @@
+"""The worked example of CONTRIBUTING.md is what it says: it runs, finds its torque, and is short."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from distal import estimate, load_rig, simulate
+from distal.simulation import build_scenario
+
+PAGE = Path(__file__).parents[1] / "CONTRIBUTING.md"
+
+
+def example() -> str:
+    """Return the code of the section on a new kind of state."""
+    section = PAGE.read_text(encoding="utf-8").split("## A new kind of state")[1]
+    found = re.search(r"```python\n(.*?)```", section, re.DOTALL)
+    assert found is not None
+    return found[1]
+
+
+def test_a_new_kind_of_state_finds_what_it_stands_for() -> None:
+    code = example()
+    assert len(code.splitlines()) <= 40
+    made: dict[str, object] = {"__name__": "example"}
+    exec(compile(code, str(PAGE), "exec", dont_inherit=True), made)
+    rig = load_rig("capstan-joint")
+    servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.2}
+    raw = {
+        "rig": "capstan-joint",
+        "duration": 6.0,
+        "drives": {"motor": {"servo": servo}},
+        "joints": {"jaw": {"torque": 0.03}},
+    }
+    log = simulate(rig, build_scenario(raw, "harness"), 1)
+    found = estimate(log, rig, made["estimator_of"](rig))  # type: ignore[operator]
+    torque = found.state("harness_torque")
+    std = np.sqrt(found.variances[-1, found.state_names.index("harness_torque")])
+    assert abs(torque[-1] - 0.03) < 3 * std
+    assert std < 0.01  # half of the prior is learned
+    usual = estimate(log, rig)
+    assert "harness_torque" not in usual.state_names
+    assert found.rms_error() < 0.5 * usual.rms_error()
