@@ -175,17 +175,18 @@ def stiffest_frequency(mechanism: Mechanism) -> float:
 
 
 def joint_frequency(mechanism: Mechanism) -> float:
-    """Return the natural frequency [rad/s] of the first joint on its taut tendons, the drives held, at zero.
+    """Return the largest natural frequency [rad/s] of the joints on their taut tendons, the drives held, at zero.
 
     Args:
         mechanism: the rig's equations.
     """
-    p = mechanism.parameters
+    p, joints = mechanism.parameters, range(mechanism.n_joints)
     q = ca.SX.sym("q", mechanism.n_bodies)
     stiffness = ca.vertcat(*(p[f"tendons.{i}.stiffness"] for i in range(mechanism.n_tendons)))
-    square = ca.dot(mechanism.length_jacobian(q)[:, 0] ** 2, stiffness) / mechanism.inertias()[0]
-    value = ca.Function("square", [q, p.symbols], [square])(np.zeros(mechanism.n_bodies), p.values)
-    return float(np.sqrt(max(float(value), 0.0)))
+    levers, inertias = mechanism.length_jacobian(q), mechanism.inertias()
+    squares = ca.vertcat(*(ca.dot(levers[:, j] ** 2, stiffness) / inertias[j] for j in joints))
+    values = ca.Function("squares", [q, p.symbols], [squares])(np.zeros(mechanism.n_bodies), p.values)
+    return float(np.sqrt(max(np.array(values).max(), 0.0)))
 
 
 def substeps(mechanism: Mechanism, interval: float) -> int:
