@@ -91,23 +91,6 @@ def drawn_plant(rig: Rig, *seeds: int) -> dict[str, Any]:
     return values
 
 
-def known_rig(rig: Rig, plant: dict[str, Any]) -> Rig:
-    """Return the rig with the plant's values and no std but that of the first angle."""
-    raw = rig.with_values(plant).model_dump()
-
-    def visit(part: Any) -> None:
-        if isinstance(part, dict) and "value" in part and "std" in part:
-            part["std"] = 0.0
-        elif isinstance(part, (dict, list, tuple)):
-            for inner in part.values() if isinstance(part, dict) else part:
-                visit(inner)
-
-    visit(raw)
-    for i, joint in enumerate(rig.joints):
-        raw["joints"][i]["initial"]["std"] = joint.initial.std
-    return build_rig(raw, rig.name)
-
-
 def sane(rig: Rig, log: Log) -> bool:
     """Return whether a rig moves as one that somebody would build and use.
 

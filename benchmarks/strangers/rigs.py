@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from benchmarks.strangers.library import Log, Rig
-from benchmarks.strangers.random_rigs import known_rig, random_case
-from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, score, share
+from benchmarks.strangers.random_rigs import random_case
+from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, score_known, share
 
 NAME = "rigs"
 CLEAN, SPOILED = "as recorded", "30 % missing, 2 % wild"
-KNOWN = "adaptive, plant known"
-"""The filter with the plant's values: what the model class can give."""
 
 
 def spoilt(log: Log, rig: Rig, seed: int) -> Log:
@@ -36,8 +33,7 @@ def run(seed: int) -> list[Record]:
     case = random_case(seed)
     name = f"{seed}: {case.about}"
     records = all_estimators(NAME, CLEAN, name, case.log, case.rig)
-    known = score(NAME, CLEAN, name, case.log, known_rig(case.rig, case.plant), "adaptive")
-    records.append(replace(known, estimator=KNOWN))
+    records.append(score_known(NAME, CLEAN, name, case.log, case.rig, case.plant))
     return records + all_estimators(NAME, SPOILED, name, spoilt(case.log, case.rig, seed), case.rig)
 
 

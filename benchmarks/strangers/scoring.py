@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from benchmarks.strangers.library import DistalError, Log, Rig, diagnose, estimate
+from benchmarks.strangers.library import DistalError, Log, Rig, build_rig, diagnose, estimate
 
 ESTIMATORS = ("adaptive", "inextensible", "elastic", "ekf")
 BAND = 1.959963984540054
 """Half-width of a 95 % band in standard deviations."""
+
+KNOWN = "adaptive, plant known"
+"""The filter with the plant's values: what the model class can give."""
 
 LOST = 90.0
 """The error [deg] that a run counts with that diverged or was refused."""
@@ -87,6 +90,28 @@ def record(
 def all_estimators(bench: str, case: str, name: str, log: Log, rig: Rig, homing: float | None = None) -> list[Record]:
     """Return the records of all estimators on a log."""
     return [score(bench, case, name, log, rig, estimator, homing) for estimator in ESTIMATORS]
+
+
+def known_rig(rig: Rig, plant: dict[str, Any]) -> Rig:
+    """Return the rig with the plant's values and no std but that of the first angle."""
+    raw = rig.with_values(plant).model_dump()
+
+    def visit(part: Any) -> None:
+        if isinstance(part, dict) and "value" in part and "std" in part:
+            part["std"] = 0.0
+        elif isinstance(part, (dict, list, tuple)):
+            for inner in part.values() if isinstance(part, dict) else part:
+                visit(inner)
+
+    visit(raw)
+    for i, joint in enumerate(rig.joints):
+        raw["joints"][i]["initial"]["std"] = joint.initial.std
+    return build_rig(raw, rig.name)
+
+
+def score_known(bench: str, case: str, name: str, log: Log, rig: Rig, plant: dict[str, Any]) -> Record:
+    """Return what `adaptive` makes of a log when it knows the plant."""
+    return replace(score(bench, case, name, log, known_rig(rig, plant), "adaptive"), estimator=KNOWN)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.cases import DURATION
 from benchmarks.strangers.library import build_scenario, simulate
 from benchmarks.strangers.plants import drawn_plant, wide_rig
-from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case
+from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case, score_known
 
 NAME = "steps"
 FAST, SLOW = (0.5, 1.0), (1.0, 2.0)
@@ -22,6 +22,9 @@ KINDS = {
     "into stops, hung weights every 1 to 2 s": ("weight", SLOW, (5.0, 8.0)),
 }
 """Case → how the sliders are pulled, after what time the loads change over [s], and the larger load [N]."""
+ALONE = "mid-range, one force at a time"
+"""A case in which each force steps when it likes, every 1.5 to 2.5 s, to 2 to 5 N."""
+CASES = (*KINDS, ALONE)
 
 
 def loads(
@@ -38,26 +41,45 @@ def loads(
     return {name: {"points": held, "interpolation": "hold"} for name, held in points.items()}
 
 
+def one_at_a_time(rng: np.random.Generator) -> dict[str, dict[str, object]]:
+    """Return loads that step independently of each other."""
+    made: dict[str, dict[str, object]] = {}
+    for name in ("left", "right"):
+        time, points = 0.0, [[0.0, 3.0]]
+        while time < DURATION:
+            time += float(rng.uniform(1.5, 2.5))
+            points.append([time, float(rng.uniform(2.0, 5.0))])
+        made[name] = {"points": points, "interpolation": "hold"}
+    return made
+
+
 def run(case: str, seed: int) -> list[Record]:
     """Simulate one log and score all estimators on it."""
-    how, every, upper = KINDS[case]
-    rng = np.random.default_rng([seed, list(KINDS).index(case), 51])
+    rng = np.random.default_rng([seed, CASES.index(case), 51])
+    plant = drawn_plant(rng)
+    how, pulls = "force", {}
+    if case == ALONE:
+        pulls = one_at_a_time(rng)
+    else:
+        how, every, upper = KINDS[case]
+        pulls = loads(rng, every, upper)
     raw = {
         "rig": "paper-2008",
         "name": f"{case}, seed {seed}",
         "duration": DURATION,
-        "plant": drawn_plant(rng),
-        "drives": {name: {how: load} for name, load in loads(rng, every, upper).items()},
+        "plant": plant,
+        "drives": {name: {how: load} for name, load in pulls.items()},
         "initial": {"link": float(np.deg2rad(np.clip(rng.normal(0, 3), -6, 6)))},
     }
     rig = wide_rig()
     log = simulate(rig, build_scenario(raw, str(raw["name"])), seed)
-    return all_estimators(NAME, case, f"seed {seed}", log, rig)
+    records = all_estimators(NAME, case, f"seed {seed}", log, rig)
+    return [*records, score_known(NAME, case, f"seed {seed}", log, rig, plant)]
 
 
 def jobs(quick: bool, first: int) -> list[Job]:
     """Return the jobs: 8 seeds of each case, or 1."""
-    return [partial(run, case, first + i) for case in KINDS for i in range(1 if quick else 8)]
+    return [partial(run, case, first + i) for case in CASES for i in range(1 if quick else 8)]
 
 
 def tables(records: list[Record]) -> list[Table]:
