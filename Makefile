@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help demo test test-fast lint bench accuracy clean
+.PHONY: help demo test test-fast lint bench accuracy strangers clean
 
 help:
 	@echo "make demo       reproduce the paper: figures, results and a page in out/reproduce"
@@ -12,6 +12,7 @@ help:
 	@echo "make test-fast  the tests that finish within a minute"
 	@echo "make bench      accuracy and speed of stepping, filters, batches, processes; the filter on a microcontroller"
 	@echo "make accuracy   plants x scenarios x estimators x 20 seeds: errors, bands, ratio to the lower bound"
+	@echo "make strangers  rigs and logs that distal was not built with, beside release 0.1"
 	@echo "make clean      remove .venv, out and caches"
 
 $(STAMP): pyproject.toml
@@ -43,6 +44,9 @@ bench: $(STAMP)
 accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.accuracy
 	$(BIN)/python -m benchmarks.fitting
+
+strangers: $(STAMP)
+	$(BIN)/python -m benchmarks.strangers --compare benchmarks/recorded/release-0.1.json
 
 clean:
 	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache

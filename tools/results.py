@@ -106,6 +106,13 @@ TABLES = {
             "microcontroller",
             "float-errors",
             "soak",
+            "strangers-steps",
+            "strangers-glitches",
+            "strangers-rigs",
+            "strangers-rigs-kinds",
+            "strangers-rigs-worst",
+            "strangers-series",
+            "strangers-poses",
         )
     },
 }

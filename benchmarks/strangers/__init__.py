@@ -1,0 +1,1 @@
+"""Logs and rigs that distal was not built with; `python -m benchmarks.strangers`."""

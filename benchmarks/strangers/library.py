@@ -1,0 +1,45 @@
+"""Everything that these benches take from distal, in one place; names that a later release moves are looked for here."""
+
+from __future__ import annotations
+
+from distal import (
+    DistalError,
+    Log,
+    Rig,
+    Scenario,
+    estimate,
+    load_rig,
+    load_scenario,
+    read_log,
+    shipped_rigs,
+    simulate,
+)
+from distal.rig import build_rig
+from distal.simulation import build_scenario
+
+try:
+    from distal import diagnose  # type: ignore[attr-defined]
+except ImportError:
+    from distal.estimators import diagnose
+
+__all__ = [
+    "DistalError",
+    "Log",
+    "Rig",
+    "Scenario",
+    "build_rig",
+    "build_scenario",
+    "diagnose",
+    "estimate",
+    "load_rig",
+    "load_scenario",
+    "printed_rig",
+    "read_log",
+    "simulate",
+]
+
+
+def printed_rig() -> Rig:
+    """Return the paper's rig with the friction of its Table 1, whatever the shipped rig says of it by now."""
+    name = "paper-2008-printed"
+    return load_rig(name if name in shipped_rigs() else "paper-2008")
