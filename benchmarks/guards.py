@@ -1,0 +1,156 @@
+"""What each guard of `adaptive` brings: `python -m benchmarks.guards [NAME …]` prints a table; names are fields of `Robustness`.
+
+Each guard alone is taken out (or changed as `WITHOUT` says), on the friendly logs of `make accuracy` and on the logs of
+`benchmarks.strangers`. A row is a kind of log, a cell the RMS error [°] and the share inside the 95 % band.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, fields, replace
+from math import inf
+
+os.environ["DISTAL_COMPILE"] = "0"
+for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_threads, "1")
+
+import numpy as np  # noqa: E402
+
+from benchmarks import cases  # noqa: E402
+from benchmarks.report import table  # noqa: E402
+from benchmarks.strangers import glitches, poses, rigs, scoring, series, steps  # noqa: E402
+from benchmarks.strangers.scoring import Record  # noqa: E402
+from distal import Log, Rig  # noqa: E402
+from distal.estimators import AdaptiveFilter, Robustness  # noqa: E402
+
+WITHOUT: dict[str, float] = {
+    "wild_displacement": inf,
+    "real_jump": 0.0,
+    "bridged_share": 1.0,
+    "bend_share": 0.0,
+    "follow_time": inf,
+    "followed_variance": 0.0,
+    "wild_force": inf,
+    "stop_margin": 0.0,
+    "stop_noise": 0.0,
+    "stop_travel": 0.0,
+    "sticking_samples": 0.0,
+    "turning_samples": 0.0,
+    "unknown_friction": 0.0,
+    "unknown_friction_walk": 0.0,
+    "parameter_walk": 0.0,
+    "unmodelled": 0.0,
+}
+"""Guard → its value where it does nothing."""
+
+SEEDS = 3
+
+
+@dataclass(frozen=True)
+class Case:
+    """A log to estimate, and the row of the table that it belongs to."""
+
+    row: str
+    log: Log
+    rig: Rig
+    homing: float | None = None
+
+
+def friendly() -> list[Case]:
+    """Return logs as those of `make accuracy`: plants within the rig's stds and beyond, whole and spoiled, and hands."""
+    made = []
+    for kind in cases.SCENARIOS:
+        where = "mid-range" if kind in cases.MID_RANGE else "into stops"
+        for plant in (*cases.WITHIN, *cases.HARD):
+            row = f"friendly, {where}" if plant in cases.WITHIN else "plants beyond the stds"
+            for seed in range(SEEDS if plant in cases.WITHIN else 1):
+                log, rig = cases.paper_log(kind, plant, seed), cases.paper_rig(plant)
+                made.append(Case(row, log, rig))
+                if plant in cases.WITHIN:
+                    made.append(Case(f"{row}, spoiled", cases.spoiled(log, seed), rig))
+    for friction in cases.HAND_FRICTION:
+        made += [Case("hand", cases.hand_log(seed), cases.hand_rig(friction)) for seed in range(SEEDS)]
+    return made
+
+
+def strange() -> list[Case]:
+    """Return the logs of `benchmarks.strangers`, one seed each and 60 random rigs."""
+    made: list[Case] = []
+
+    def collect(
+        bench: str, case: str, name: str, log: Log, rig: Rig, estimator: str, homing: float | None = None
+    ) -> Record:
+        if estimator == "adaptive":
+            made.append(Case(f"{bench}, {case}" if bench in ("glitches", "rigs") else bench, log, rig, homing))
+        return Record(bench, case, name, estimator, 0.0, 0.0, 0.0, None)
+
+    usual, scoring.score = scoring.score, collect
+    known, rigs.score_known, steps.score_known = scoring.score_known, _nothing, _nothing
+    try:
+        for bench in (steps, glitches, series, poses):
+            for job in bench.jobs(True, 100):
+                job()
+        for seed in range(60):
+            rigs.run(1000 + seed)
+    finally:
+        scoring.score, rigs.score_known, steps.score_known = usual, known, known
+    return made
+
+
+def _nothing(*arguments: object) -> Record:
+    return Record("", "", "", "", 0.0, 0.0, 0.0, None)
+
+
+_CASES: list[Case] = []
+
+
+def score(job: tuple[Robustness, int]) -> tuple[float, float]:
+    """Return RMS [°] and share inside of one case with some guards."""
+    robustness, index = job
+    case = _CASES[index]
+    usual = AdaptiveFilter.__init__.__defaults__
+    assert usual is not None
+    AdaptiveFilter.__init__.__defaults__ = tuple(
+        robustness if isinstance(value, Robustness) else value for value in usual
+    )
+    try:
+        found = scoring.score("", "", "", case.log, case.rig, "adaptive", case.homing)
+    finally:
+        AdaptiveFilter.__init__.__defaults__ = usual
+    return found.rms, found.inside
+
+
+def main() -> None:
+    """Print the tables: one for each kind of logs, a row for each guard."""
+    there = [field.name for field in fields(Robustness)]
+    names = [name for name in WITHOUT if name in there and (len(sys.argv) < 2 or name in sys.argv[1:])]
+    variants = {"as it is": Robustness(), **{name: replace(Robustness(), **{name: WITHOUT[name]}) for name in names}}
+    _CASES.extend([*friendly(), *strange()])
+    rows = list(dict.fromkeys(case.row for case in _CASES))
+    jobs = [(robustness, i) for robustness in variants.values() for i in range(len(_CASES))]
+    with ProcessPoolExecutor(os.cpu_count() or 1) as pool:
+        scores = list(pool.map(score, jobs, chunksize=16))
+    found = np.array(scores).reshape(len(variants), len(_CASES), 2)
+    cells = []
+    for row in rows:
+        own = [i for i, case in enumerate(_CASES) if case.row == row]
+        # random rigs differ by far in size: their median
+        pooled = np.median if row.startswith("rigs") else lambda values, axis: np.sqrt(np.mean(values**2, axis=axis))
+        rms, inside = pooled(found[:, own, 0], axis=1), 100 * np.mean(found[:, own, 1], axis=1)
+        cells.append([row, *(f"{e:.3f}, {s:.0f} %" for e, s in zip(rms, inside))])
+    for start in range(0, len(variants), 6):
+        chosen = list(range(start, min(start + 6, len(variants))))
+        chosen = chosen if start == 0 else [0, *chosen]
+        heads = [list(variants)[i] if i == 0 else f"without {list(variants)[i]}" for i in chosen]
+        table(
+            f"guards-{start // 6 + 1}",
+            "RMS error [°] and share inside the band, one guard taken out at a time",
+            ["logs", *heads],
+            [[line[0], *(line[1 + i] for i in chosen)] for line in cells],
+        )
+
+
+if __name__ == "__main__":
+    main()
