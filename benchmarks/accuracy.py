@@ -31,13 +31,15 @@ from benchmarks.cases import (
     spoiled,
 )
 from benchmarks.report import FOLDER, table
+from benchmarks.rivals import RIVALS
 from distal import ESTIMATORS, Log, Rig, estimate, load_rig, read_log
 from distal.analysis import lower_bound
 from distal.errors import DistalError
-from distal.estimators import SLOW, KernelEstimator, make_estimator
+from distal.estimators import KernelEstimator, make_estimator
 from distal.results import BAND
 
-RIVALS = tuple(name for name in ESTIMATORS if name not in SLOW)
+COMPARED = (*ESTIMATORS, "iterated")
+"""On every log; the two slow rivals only on the logs of another simulator."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +57,19 @@ class Score:
     bound: float
 
 
+def made(name: str, rig: Rig) -> KernelEstimator:
+    """Return an estimator or a rival of that name."""
+    return RIVALS[name](rig) if name in RIVALS else make_estimator(name, rig)
+
+
 @lru_cache(maxsize=64)
 def _maker(name: str, plant: str) -> KernelEstimator:
-    return make_estimator(name, paper_rig(plant))
+    return made(name, paper_rig(plant))
 
 
 @lru_cache(maxsize=8)
 def _hand_maker(name: str, friction: str) -> KernelEstimator:
-    return make_estimator(name, hand_rig(friction))
+    return made(name, hand_rig(friction))
 
 
 def score(
@@ -91,7 +98,7 @@ def run(job: tuple[str, str, int]) -> list[Score]:
     bound = np.nan
     if plant == "no linearity error":
         bound = float(np.rad2deg(lower_bound(rig, log)))
-    scores = [score(log, rig, _maker(name, plant), (kind, plant, name), seed, bound) for name in RIVALS]
+    scores = [score(log, rig, _maker(name, plant), (kind, plant, name), seed, bound) for name in COMPARED]
     if plant in WITHIN:
         scores.append(
             score(spoiled(log, seed), rig, _maker("adaptive", plant), (kind, plant, "adaptive, spoiled log"), seed)
@@ -130,7 +137,7 @@ def main() -> None:
     jobs = [(kind, plant, seed) for kind in SCENARIOS for plant in PLANTS for seed in seeds]
     jobs += [("hand", friction, seed) for friction in ("given", "unknown") for seed in seeds]
     for plant in PLANTS:
-        for name in RIVALS:
+        for name in COMPARED:
             _maker(name, plant)  # compiled once, before the processes share it
     scores: list[Score] = []
     with ProcessPoolExecutor(arguments.processes) as pool:
@@ -174,7 +181,7 @@ def rivals(scores: list[Score]) -> None:
         "into the stops, beyond": (INTO_STOPS, HARD),
     }
     for label, (kinds, plants) in groups.items():
-        for name in RIVALS:
+        for name in COMPARED:
             chosen = [one for one in scores if one.case in kinds and one.plant in plants and one.estimator == name]
             rows.append([label, name, *pooled(chosen)])
     title = "All estimators; within: ±20 % friction, ±10 % stiffness; beyond: ±30 % friction, observed, slider friction"
@@ -186,7 +193,7 @@ def everything(scores: list[Score]) -> None:
     rows = []
     for kind in (*SCENARIOS, "hand"):
         for plant in (*PLANTS, "given", "unknown"):
-            for name in (*RIVALS, "adaptive, spoiled log"):
+            for name in (*COMPARED, "adaptive, spoiled log"):
                 chosen = [one for one in scores if (one.case, one.plant, one.estimator) == (kind, plant, name)]
                 if chosen:
                     rows.append([kind, plant, name, *pooled(chosen)])
@@ -215,12 +222,11 @@ def recorded() -> None:
         "MuJoCo hand, friction given": ("hand", hand_rig("given")),
         "MuJoCo hand, friction hardly known": ("hand", hand_rig("unknown")),
     }
-    for label, (name, rig) in cases.items():
-        path = Path(folder) / "mujoco_rig" / f"mujoco_tension_{name}.csv"
-        log = read_log(path, rig, path.with_name(f"mujoco_tension_{name}.truth.csv"))
-        for rival in ESTIMATORS:
-            maker = make_estimator(rival, rig)
-            rows.append([label, rival, *pooled([score(log, rig, maker, (label, "", rival), 0)])])
+    for label, (motion, rig) in cases.items():
+        path = Path(folder) / "mujoco_rig" / f"mujoco_tension_{motion}.csv"
+        log = read_log(path, rig, path.with_name(f"mujoco_tension_{motion}.truth.csv"))
+        for name in (*ESTIMATORS, *RIVALS):
+            rows.append([label, name, *pooled([score(log, rig, made(name, rig), (label, "", name), 0)])])
     table("accuracy-mujoco", "Logs that another simulator made", ["log", "estimator", *COLUMNS], rows)
 
 
@@ -229,7 +235,7 @@ def picture(scores: list[Score]) -> None:
     from distal.results import COLOURS, figure, save_figure
 
     plants = [plant for plant in PLANTS if plant != "no linearity error"]
-    with figure(1, 2, (7.2, 4.2), sharey=True, width_ratios=[1.3, 1]) as (made, axes):
+    with figure(1, 2, (7.2, 4.2), sharey=True, width_ratios=[1.3, 1]) as (drawn, axes):
         for i, name in enumerate(("adaptive", "ekf", "ekf-2008", "elastic")):
             chosen = [
                 [s for s in scores if s.estimator == name and s.plant == p and s.case in MID_RANGE] for p in plants
@@ -246,9 +252,9 @@ def picture(scores: list[Score]) -> None:
         axes[1].axvspan(90, 99, color="0.9", zorder=0)
         axes[1].set_xlim(0, 103)
         axes[1].set_xlabel("truth inside the 95 % band [%]")
-        made.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
-    save_figure(made, FOLDER / "accuracy.svg")
-    save_figure(made, FOLDER / "accuracy.png")
+        drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+    save_figure(drawn, FOLDER / "accuracy.svg")
+    save_figure(drawn, FOLDER / "accuracy.png")
 
 
 if __name__ == "__main__":

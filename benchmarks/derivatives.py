@@ -10,13 +10,13 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from distal.estimators.displacement_driven import adaptive_function
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from benchmarks.fitting import FREE, drawn_plant, logs_of, start_rig
 from benchmarks.report import table
 from distal.estimators import AdaptiveFilter
+from distal.estimators.adaptive.filter import adaptive_function
 from distal.identification import likelihood as criterion
 from distal.identification.likelihood import Likelihood
 from distal.identification.search import search
@@ -29,7 +29,7 @@ ROWS = 2000
 
 
 def tangent_kernel(function: ca.Function, directions: int) -> Kernel:
-    """Return the filter with its derivatives in some directions, by CasADi\'s forward mode, as one kernel."""
+    """Return the filter with its derivatives in some directions, by CasADi's forward mode, as one kernel."""
     carry, x, p = (ca.MX.sym(name, function.numel_in(i)) for i, name in enumerate(("carry", "x", "p")))
     d_carry = ca.MX.sym("d_carry", carry.numel(), directions)
     d_p = ca.MX.sym("d_p", p.numel(), directions)
@@ -43,8 +43,8 @@ def tangent_kernel(function: ca.Function, directions: int) -> Kernel:
 def derivatives(found: Likelihood) -> None:
     """Print the cost of one directional derivative of the whole filter, by forward mode and by differences."""
     rig = found.rig
-    runner = AdaptiveFilter(rig, reference=found.reference, given=[q for part in found.free for q in part.paths])
-    function = adaptive_function(runner._augmented, 4)
+    runner = AdaptiveFilter(rig, references=found.references, given=[q for part in found.free for q in part.paths])
+    function = adaptive_function(runner.states, 4)
     belief = runner.initial(0.0, found.data[0].first)
     rows = found.data[0].rows[:ROWS]
 
@@ -52,21 +52,26 @@ def derivatives(found: Likelihood) -> None:
         best = min(_timed(lambda: kernel.scan(carry, rows, p)) for _ in range(5))
         return best / len(rows) * 1e6
 
-    plain = per_row(runner.kernel, belief.carry, runner.parameter_values)
+    plain = per_row(runner.kernel, belief.carry, runner.numbers)
     lines = [["one run of the filter", "1", f"{plain:.2f}", "", ""]]
     for directions in (1, 4):
         started = time.perf_counter()
         kernel = tangent_kernel(function, directions)
         built = time.perf_counter() - started
         carry = np.concatenate([belief.carry, np.zeros(directions * len(belief.carry))])
-        p = np.concatenate([runner.parameter_values, np.zeros(directions * len(runner.parameter_values))])
+        p = np.concatenate([runner.numbers, np.zeros(directions * len(runner.numbers))])
         each = per_row(kernel, carry, p) / directions
         lines.append(
             [f"forward mode, {directions} at once", "1", f"{each:.2f}", f"{each / plain:.1f}", f"{built:.0f} s"]
         )
     lines.append(["central differences", "2", f"{2 * plain:.2f}", "2.0", "none"])
     columns = ["derivative in one direction", "runs", "µs per sample", "in runs", "to compile, once"]
-    table("fit-derivatives", "One directional derivative of the filter (17 states)", columns, lines)
+    table(
+        "fit-derivatives",
+        f"One directional derivative of the filter ({len(runner.state_names)} states)",
+        columns,
+        lines,
+    )
 
 
 def steps(found: Likelihood) -> None:
@@ -135,7 +140,7 @@ def main() -> None:
     plant, _ = drawn_plant(1)
     rig, reference = added_reference(start_rig(), 100.0)
     logs = logs_of(start_rig(), plant, 1)
-    found = Likelihood(rig, reference, choose(rig, reference, FREE, (), True, False), logs)
+    found = Likelihood(rig, (reference,), choose(rig, (reference,), FREE, (), True, False), logs)
     derivatives(found)
     steps(found)
     optimisers(found)

@@ -1,11 +1,13 @@
 """What `adaptive` owes to its choices and to the rate of a log: `python -m benchmarks.sensitivity` prints tables.
 
 The prior of friction that the rig does not know of, against mid-range accuracy and against plants that have some; what
-declaring that friction gives; logs with samples left out. Errors are of the joint angle, pooled over 5 seeds.
+declaring that friction gives; logs with samples left out. Errors are of the joint angle, pooled over 5 seeds;
+`--seeds 1` is quicker.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -17,25 +19,26 @@ from rich.progress import track
 from benchmarks.cases import HARD, INTO_STOPS, MID_RANGE, SCENARIOS, WITHIN, paper_log, paper_rig, spoiled
 from benchmarks.report import table
 from distal import Estimate, Log, estimate
-from distal.estimators import AdaptiveFilter, augmented, force_update
+from distal.estimators import AdaptiveFilter, Robustness
 from distal.results import BAND
 
 SEEDS = 5
 PRIORS = ((0.7, 0.5), (0.7, 0.6), (0.7, 1.0), (1.0, 1.0), (1.0, 2.0))
 """Standard deviation and random walk per √s of unknown friction, in σ of the force sensor."""
-ALONG = (0.0, 5.0, 20.0, 100.0)
+FOLLOWED = (0.0, 5.0, 20.0, 100.0)
+"""How often the variance of a lost place is added to its force."""
 RATES = (1, 2, 5, 10)
 SPOILED = tuple((kind, plant) for kind in (*MID_RANGE, *INTO_STOPS) for plant in WITHIN[:3])
 
 
 @lru_cache(maxsize=16)
-def _filter(prior: tuple[float, float], along: float) -> AdaptiveFilter:
-    augmented.UNKNOWN_FRICTION, augmented.FRICTION_DRIFT = prior
-    force_update.ALONG = along
-    return AdaptiveFilter(paper_rig("as the rig"))
+def _filter(prior: tuple[float, float], followed: float) -> AdaptiveFilter:
+    std, walk = prior
+    guards = Robustness(unknown_friction=std, unknown_friction_walk=walk, followed_variance=followed)
+    return AdaptiveFilter(paper_rig("as the rig"), robustness=guards)
 
 
-USUAL = (augmented.UNKNOWN_FRICTION, augmented.FRICTION_DRIFT), force_update.ALONG
+USUAL = (Robustness().unknown_friction, Robustness().unknown_friction_walk), Robustness().followed_variance
 
 
 def every(log: Log, n: int) -> Log:
@@ -62,11 +65,11 @@ def _declared() -> AdaptiveFilter:
 
 def run(job: tuple[str, str, str, int, tuple[float, float], float, int]) -> tuple[float, float, float, float]:
     """Return mean square error, the same after 1 s, share inside the band, median std of one log."""
-    what, kind, plant, seed, prior, along, n = job
+    what, kind, plant, seed, prior, followed, n = job
     log = paper_log(kind, plant, seed)
     if what in ("every", "x2"):
         log = every(log, n) if what == "every" else one_slow(log, n)
-    used = _declared() if what == "declared" else _filter(prior, along)
+    used = _declared() if what == "declared" else _filter(prior, followed)
     result: Estimate = estimate(spoiled(log, seed) if what == "spoiled" else log, used.rig, used)
     squares = result.errors() ** 2
     late = float(np.mean(squares[result.time > 1.0]))
@@ -87,34 +90,34 @@ def said(scores: Sequence[tuple[float, float, float, float]]) -> list[str]:
 
 def main() -> None:
     """Print the tables."""
-    prior, along = USUAL
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=SEEDS)
+    seeds = range(parser.parse_args().seeds)
+    prior, followed = USUAL
     jobs = [
-        ("whole", kind, plant, seed, pair, along, 1)
+        ("whole", kind, plant, seed, pair, followed, 1)
         for pair in PRIORS
         for kind in SCENARIOS
         for plant in (*WITHIN, *HARD)
-        for seed in range(SEEDS)
+        for seed in seeds
     ]
-    jobs += [("spoiled", *case, seed, prior, a, 1) for a in ALONG for case in SPOILED for seed in range(SEEDS)]
+    jobs += [("spoiled", *case, seed, prior, a, 1) for a in FOLLOWED for case in SPOILED for seed in seeds]
     jobs += [
-        (what, kind, "as the rig", seed, prior, along, n)
+        (what, kind, "as the rig", seed, prior, followed, n)
         for what in ("every", "x2")
         for n in RATES
         for kind in MID_RANGE
-        for seed in range(SEEDS)
+        for seed in seeds
     ]
     jobs += [
-        ("declared", kind, plant, seed, prior, along, 1)
-        for kind in MID_RANGE
-        for plant in HARD
-        for seed in range(SEEDS)
+        ("declared", kind, plant, seed, prior, followed, 1) for kind in MID_RANGE for plant in HARD for seed in seeds
     ]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         results = list(track(pool.map(run, jobs, chunksize=25), "logs", total=len(jobs), transient=True))
     scores = dict(zip(jobs, results))
 
     def chosen(**wanted: object) -> list[tuple[float, float, float, float]]:
-        names = ("what", "kind", "plant", "seed", "prior", "along", "n")
+        names = ("what", "kind", "plant", "seed", "prior", "followed", "n")
         return [
             score
             for job, score in scores.items()
@@ -155,8 +158,8 @@ def main() -> None:
         "Spoiled logs: variance added to the force of a lost place, in variances of the place",
         ["added", "scenario", *cells],
         [
-            [f"{a:g}", kind, *said(chosen(what="spoiled", along=a, kind=kind))]
-            for a in ALONG
+            [f"{a:g}", kind, *said(chosen(what="spoiled", followed=a, kind=kind))]
+            for a in FOLLOWED
             for kind in (*MID_RANGE, *INTO_STOPS)
         ],
     )

@@ -133,8 +133,8 @@ def everything() -> None:
         for compiled in (True, False) if compiles else (False,):
             estimator = make_estimator(name, rig, compiled)
             samples = samples_of(log, estimator.channels)
-            rows, _ = estimator._rows(np.diff(log.time, prepend=0.0), samples)
-            times = step_times(estimator.kernel, estimator.initial(0.0, samples[0]).carry, rows, estimator._p)
+            rows, _ = estimator.rows(np.diff(log.time, prepend=0.0), samples)
+            times = step_times(estimator.kernel, estimator.initial(0.0, samples[0]).carry, rows, estimator.numbers)
             found.append((f"{name}, {estimator.kernel.backend}, one step", *_both(times)))
     found.append(("adaptive, LiveEstimator.step in Python", *_both(live_times(rig, log))))
     logs = list(simulate_batch(rig, ((scenario, seed) for seed in range(8))))

@@ -12,9 +12,6 @@ from distal import ESTIMATORS, estimate, load_rig, read_log
 # bounds: what is measured (see docs/estimators.md) rounded up by a quarter; worse is a regression
 SERVO = {
     "adaptive": 0.35,
-    "iterated": 0.35,
-    "unscented": 0.45,
-    "particle": 0.6,
     "inextensible": 11.5,
     "elastic": 1.1,
     "ekf-2008": 0.85,
@@ -22,9 +19,6 @@ SERVO = {
 }
 HAND = {
     "adaptive": 5.5,
-    "iterated": 5.5,
-    "unscented": 5.5,
-    "particle": 6.5,
     "inextensible": 6.0,
     "elastic": 6.5,
     "ekf-2008": 5.5,

@@ -1,4 +1,4 @@
-"""What filters of many states at once share: the displacement-driven model, applied to an ensemble."""
+"""What filters of many states at once share: the model of `adaptive`, applied to an ensemble."""
 
 from __future__ import annotations
 
@@ -7,61 +7,65 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from distal.estimators.augmented import AugmentedState
-from distal.estimators.displacement_driven import follow_all
-from distal.estimators.force_update import force_rows
-from distal.estimators.motion import MEMORY
-from distal.estimators.stick_slip import friction_row
 from numpy.typing import NDArray
 
-from distal.estimators.adaptive import LONGEST_SUBSTEP, prior_memory, with_places
-from distal.estimators.channels import channels_of, sensor_for
-from distal.estimators.contract import Belief, Innovation, KernelEstimator, innovation
+from distal.estimators import Belief, Innovation, KernelEstimator, Robustness, channels_of
+from distal.estimators.adaptive import Setup, StateVector
+from distal.estimators.adaptive.drive_tracking import MEMORY, UNKNOWN, Tracks, tracking
+from distal.estimators.adaptive.estimator import LONGEST_SUBSTEP
+from distal.estimators.adaptive.measurement import Row, rows_of
+from distal.estimators.adaptive.states.external_torque import ExternalTorque
+from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
+from distal.estimators.channels import UNKNOWN_PLACE
+from distal.estimators.contract import innovation
 from distal.logs import frozen
 from distal.model import Kick, Mechanism, kick_and_drift, responses
 from distal.rig import Rig
-from distal.sensors import variance
 
 Floats = NDArray[np.float64]
+
+
+def states_of(rig: Rig, name: str) -> StateVector:
+    """Return the state vector that `adaptive` has for a rig.
+
+    Args:
+        rig: the description.
+        name: of the estimator, for messages.
+    """
+    return StateVector(Setup(Mechanism(rig), channels_of(rig, name), Robustness()))
 
 
 class EnsembleFilter(KernelEstimator, ABC):
     """A filter that carries many states (particles, sigma points) through the model of `adaptive`.
 
-    carry = (mean, covariance, memory of the drives, then what the filter itself remembers).
+    carry = (mean, covariance, memory of the drives, then what the filter itself remembers). The ensemble runs in CasADi's
+    interpreter.
 
     Args:
         name: of the estimator.
         rig: the description.
         size: states in the ensemble.
-        compiled: ignored; the ensemble runs in CasADi's interpreter.
 
     Raises:
         EstimationError: the sensors do not suffice.
     """
 
-    def __init__(self, name: str, rig: Rig, size: int, compiled: bool = True) -> None:
-        mechanism, channels = Mechanism(rig), channels_of(rig, name)
-        self._augmented, self._channels, self._size = AugmentedState(mechanism, channels), channels, size
-        self._count = max(1, int(np.ceil(channels.interval / LONGEST_SUBSTEP - 1e-9)))
-        self._follow = follow_function(self._augmented)
-        self._move = move_function(self._augmented, self._count).map(size)
-        self._compare = compare_function(self._augmented).map(size)
-        self._place_noise = np.array(
-            [
-                0.0 if sensor is None else variance(sensor)
-                for sensor in (sensor_for(channels.positions, drive.name) for drive in rig.drives)
-            ]
-        )
-        forces = tuple(sensor.name for sensor in (*channels.forces, *channels.tensions))
+    def __init__(self, name: str, rig: Rig, size: int) -> None:
+        states = states_of(rig, name)
+        setup, channels = states.setup, states.setup.channels
+        self._states, self._size = states, size
+        count = max(1, int(np.ceil(channels.interval / LONGEST_SUBSTEP - 1e-9)))
+        self._track = tracking(setup)
+        self._move = move_function(states, count).map(size)
+        self._compare = compare_function(states).map(size)
         super().__init__(
             name,
             rig,
             None,
-            mechanism.parameters.values,
+            setup.mechanism.parameters.values,
             channels.names,
-            forces,
-            self._augmented.names,
+            tuple(sensor.name for sensor in channels.compared),
+            states.names,
             channels.interval,
         )
 
@@ -77,13 +81,12 @@ class EnsembleFilter(KernelEstimator, ABC):
             EstimationError: as `KernelEstimator.step`.
         """
         sample, time = self._accepted(belief, time, sample)
-        rows, _ = self._rows(np.array([time - belief.time]), sample[None, :])
-        carry, values, variances = np.array(belief.carry), None, None
+        rows, _ = self.rows(np.array([time - belief.time]), sample[None, :])
+        carry, values, variances = np.array(belief.carry), np.zeros(0), np.zeros(0)
         for k, row in enumerate(rows):
             carry, values, variances = self._advance(carry, row, (belief.samples, k))
-        y = np.concatenate([values, variances])[None, :]
-        told = self._innovations(y, sample[None, :])
-        return Belief(time, frozen(carry), belief.size, belief.samples + 1), innovation(told[0][0], told[1][0])
+        values, variances = self.innovations_of(np.concatenate([values, variances])[None, :], sample[None, :])
+        return Belief(time, frozen(carry), belief.size, belief.samples + 1), innovation(values[0], variances[0])
 
     def scan(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return means, covariances, innovations and their variances of a whole log: `step` for each sample.
@@ -95,15 +98,17 @@ class EnsembleFilter(KernelEstimator, ABC):
         """
         means, covariances, values, variances = [], [], [], []
         for time, sample in zip(np.asarray(times, dtype=np.float64), np.asarray(samples, dtype=np.float64)):
-            belief, told = self.step(belief, float(time), sample)
+            belief, found = self.step(belief, float(time), sample)
             means.append(belief.mean)
             covariances.append(belief.covariance)
-            values.append(told.values)
-            variances.append(told.variances)
+            values.append(found.values)
+            variances.append(found.variances)
         return np.array(means), np.array(covariances), np.array(values), np.array(variances)
 
-    def _rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
-        return with_places(*super()._rows(steps, samples), samples, len(self._channels.positions))
+    @property
+    def bridged(self) -> int:
+        """Number of displacements, the first of the channels: they cross gaps in a straight line."""
+        return len(self._states.setup.channels.positions)
 
     @abstractmethod
     def _advance(self, carry: Floats, row: Floats, key: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
@@ -111,152 +116,134 @@ class EnsembleFilter(KernelEstimator, ABC):
 
     def _process_stds(self, dt: float) -> Floats:
         """Return the standard deviation that each state gains over an interval, (n,)."""
-        augmented = self._augmented
-        stds = np.zeros(len(augmented))
-        stds[1] = augmented.mechanism.rig.joints[0].unmodelled * np.sqrt(dt)
-        for i, drift in augmented.drifts.items():
-            stds[i] = drift * np.sqrt(dt)
-        if augmented.torque is not None:
-            fade = np.exp(-dt / augmented.torque.correlation_time)
-            stds[augmented.torque_at] = augmented.torque.std * np.sqrt(1 - fade**2)
+        states, setup = self._states, self._states.setup
+        stds: Floats = states.walks * np.sqrt(dt)
+        for j in range(setup.n_joints):
+            stds[setup.n_joints + j] = setup.unmodelled(j) * np.sqrt(dt)
+        for at, fade, std in torque_fadings(states, dt):
+            stds[at] = std * np.sqrt(1 - float(fade) ** 2)
         return stds
 
     def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
-        augmented = self._augmented
-        memory = prior_memory(self.rig, self._channels, sample)
-        return augmented.means, np.diag(augmented.stds**2), np.concatenate([memory, self._own_memory()])
+        """Return mean, covariance and memory before the first sample: the drives rest where it says."""
+        states, setup = self._states, self._states.setup
+        memory = np.zeros((setup.n_drives, MEMORY))
+        for i, drive in enumerate(self.rig.drives):
+            sensor = setup.position_sensor(i)
+            if sensor is not None:
+                read = sample[setup.channels.names.index(sensor.name)] - sensor.bias.value
+                known = bool(np.isfinite(read))
+                memory[i, 0], memory[i, UNKNOWN] = (read, 0.0) if known else (0.0, UNKNOWN_PLACE[drive.kind] ** 2)
+        return (
+            states.means,
+            np.diag(states.stds**2),
+            np.concatenate([memory.ravel(), np.zeros(setup.n_drives), self._own_memory()]),
+        )
 
     def _own_memory(self) -> Floats:
         return np.zeros(0)
 
     def _lowest(self, states: Floats) -> Floats:
-        """Keep parameters at or above what they can be, in place; states (n, size)."""
-        for k, part in enumerate(self._augmented.parameters):
-            at = self._augmented.parameters_at + k
-            np.maximum(states[at], part.lowest, out=states[at])
-        return states
+        """Keep states at or above what they can be, in place; states (n, size)."""
+        return np.maximum(states, self._states.lowest[:, None], out=states)
 
 
-def follow_function(augmented: AugmentedState) -> ca.Function:
-    """Return (memory, x) → (memory⁺ and bends, variances of the places) of all drives.
+def torque_fadings(states: StateVector, dt: Any) -> list[tuple[int, Any, Any]]:
+    """Return index, what is left after an interval, and std of each external torque.
 
     Args:
-        augmented: the layout of the state.
+        states: the state vector.
+        dt: length of the interval [s].
     """
-    nd, width = augmented.mechanism.n_drives, len(augmented.channels.names)
-    held, x = ca.SX.sym("memory", nd * MEMORY), ca.SX.sym("x", 1 + 2 * width)
-    kept, bends, noise = follow_all(augmented, held, x)
-    return ca.Function("follow", [held, x], [ca.densify(ca.vertcat(*kept, *bends)), ca.densify(ca.vertcat(*noise))])
+    blocks = [block for block in states.blocks if isinstance(block, ExternalTorque)]
+    fadings = [(states.indices(block)[0], block.fading(dt)) for block in blocks]
+    return [(at, fading.factor, fading.std) for at, fading in fadings]
 
 
-def move_function(augmented: AugmentedState, count: int) -> ca.Function:
-    """Return (state, noise of the places, before, motions, dt, p) → state⁺: the joint moved over an interval, exactly.
+def move_function(states: StateVector, count: int) -> ca.Function:
+    """Return (state, errors of the places, places before, tracks, dt, p) → state⁺: the joints moved exactly.
 
     Args:
-        augmented: the layout of the state.
+        states: the state vector.
         count: sub-steps.
     """
-    mechanism, n = augmented.mechanism, len(augmented)
-    nd, nb = mechanism.n_drives, mechanism.n_bodies
-    state, shift = ca.SX.sym("state", n), ca.SX.sym("shift", nd)
-    before, motions, dt = ca.SX.sym("before", nd), ca.SX.sym("motions", nd * (MEMORY + 1)), ca.SX.sym("dt")
-    p = mechanism.parameters.symbols
-    starts, speeds = [], []
+    setup, mechanism, n = states.setup, states.setup.mechanism, len(states)
+    nd, nj, nb = setup.n_drives, setup.n_joints, mechanism.n_bodies
+    state, shift, before = ca.SX.sym("state", n), ca.SX.sym("shift", nd), ca.SX.sym("before", nd)
+    vector, dt, h = ca.SX.sym("tracks", Tracks.size(nd)), ca.SX.sym("dt"), ca.SX.sym("h")
+    p, tracks, starts, speeds = mechanism.parameters.symbols, Tracks(vector, nd), [], []
     for i in range(nd):
-        if i in augmented.places_at:
-            starts.append(state[augmented.places_at[i]])
-            speeds.append(ca.SX(0))
-            continue
-        now = motions[MEMORY * i]
-        first = before[i] - augmented.systematic_error(i, before[i], state) + shift[i]
-        last = now - augmented.systematic_error(i, now, state) + shift[i]
+        measured = setup.position_sensor(i) is not None
+        error = shift[i] if measured else 0
+        first = states.place(i, before[i], state) + error
+        last = states.place(i, tracks[i].place, state) + error
         starts.append(first)
-        speeds.append(ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0))
-    parameters = augmented.model_parameters(state)
-    torque = state[augmented.torque_at] if augmented.torque is not None else ca.SX(0)
-    h = dt / count
+        speeds.append(ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0) if measured else ca.SX(0))
+    parameters = states.parameters(state)
     q, v, effort = ca.SX.sym("q", nb), ca.SX.sym("v", nb), ca.SX.sym("effort", nb)
-    response, step = ca.SX.sym("response", nb, 4), ca.SX.sym("h")
-    kick = Kick(q, v, effort, response, step, step)
-    moved = kick_and_drift(mechanism, kick, rebounds=False, bodies=[0])
-    substep = ca.Function("substep", [q, v, effort, response, step, p], list(moved))
-    prepare = ca.Function("responses", [step, p], [responses(mechanism, step, step)])
-    first_stage = ca.Function(
-        "prepare",
-        [state, shift, before, motions, dt, p],
-        [
-            ca.vertcat(state[0], *starts),
-            ca.vertcat(state[1], *speeds),
-            ca.densify(parameters),
-            ca.densify(prepare(h, parameters)),
-            ca.vertcat(torque, ca.SX.zeros(nd)),
-        ],
-    )
-    arguments = [ca.MX.sym(f"x{i}", *s.shape) for i, s in enumerate((state, shift, before, motions, dt))]
-    mx_p = ca.MX.sym("p", p.numel())
-    place, speed, held, prepared, pushed = first_stage(*arguments, mx_p)
+    response = ca.SX.sym("response", nb, 4)
+    stepped = kick_and_drift(mechanism, Kick(q, v, effort, response, h, h), rebounds=False, bodies=range(nj))
+    substep = ca.Function("substep", [q, v, effort, response, h, p], list(stepped))
+    respond = ca.Function("responses", [h, p], [responses(mechanism, h, h)])
+    outputs = [
+        ca.vertcat(state[:nj], *starts),
+        ca.vertcat(state[nj : 2 * nj], *speeds),
+        parameters,
+        respond(dt / count, parameters),
+        ca.vertcat(states.torques(state), ca.SX.zeros(nd)),
+    ]
+    inputs = [state, shift, before, vector, dt, p]
+    prepare = ca.Function("prepare", inputs, [ca.densify(entry) for entry in outputs])
+    arguments = [ca.MX.sym(f"x{i}", *entry.shape) for i, entry in enumerate(inputs)]
+    own, length = arguments[0], arguments[4]
+    place, speed, held, prepared, pushed = prepare(*arguments)
     for _ in range(count):
-        place, speed = substep(place, speed, pushed, prepared, arguments[4] / count, held)
-    after = ca.vertcat(place[0], speed[0], arguments[0][2:])
-    if augmented.torque is not None:
-        fade = ca.exp(-arguments[4] / augmented.torque.correlation_time)
-        after[augmented.torque_at] = fade * after[augmented.torque_at]
-    return ca.Function("move", [*arguments, mx_p], [after])
+        place, speed = substep(place, speed, pushed, prepared, length / count, held)
+    after = ca.vertcat(place[:nj], speed[:nj], own[2 * nj :])
+    for at, fade, _ in torque_fadings(states, length):
+        after[at] = fade * after[at]
+    return ca.Function("move", arguments, [after])
 
 
-def _pull(augmented: AugmentedState, name: str, x: Any) -> Any:
-    """Return the measured pull that a row compares, or None where it is nominal."""
-    for sensor in augmented.channels.forces:
-        if sensor.name == name:
-            return x[1 + augmented.channels.names.index(name)] - sensor.bias.value
-    return None
-
-
-def compare_function(augmented: AugmentedState) -> ca.Function:
-    """Return (state, kept, motions, before, noise, x, p) → (residuals, variances, masks, kept⁺) of all forces.
+def compare_function(states: StateVector) -> ca.Function:
+    """Return (state, kept, tracks, places before, x, p) → (residuals, variances, masks, kept⁺) of all forces.
 
     Args:
-        augmented: the layout of the state.
+        states: the state vector.
     """
-    mechanism, n, nd = augmented.mechanism, len(augmented), augmented.mechanism.n_drives
-    width = len(augmented.channels.names)
-    state, kept = ca.SX.sym("state", n), ca.SX.sym("kept", nd)
-    motions, before = ca.SX.sym("motions", nd * (MEMORY + 1)), ca.SX.sym("before", nd)
-    noise, x = ca.SX.sym("noise", nd), ca.SX.sym("x", 1 + 2 * width)
-    speeds = []
-    for i in range(nd):
-        moved = motions[MEMORY * i] - before[i]
-        speeds.append(ca.if_else(x[0] > 0, moved / ca.if_else(x[0] > 0, x[0], 1), 0))
-    rows = force_rows(augmented, state, motions, ca.vertcat(*speeds), noise, x)
+    setup, n, nd = states.setup, len(states), states.setup.n_drives
+    state, kept, before = ca.SX.sym("state", n), ca.SX.sym("kept", nd), ca.SX.sym("before", nd)
+    vector, x = ca.SX.sym("tracks", Tracks.size(nd)), ca.SX.sym("x", setup.width)
+    tracks, dt = Tracks(vector, nd), x[0]
+    rates = [ca.if_else(dt > 0, (tracks[i].place - before[i]) / ca.if_else(dt > 0, dt, 1), 0) for i in range(nd)]
     memory: list[Any] = [kept[i] for i in range(nd)]
-    residuals, variances, masks = [], [], []
+    comparisons, rows = [], rows_of(states, state, tracks, ca.vertcat(*rates), x)
     for row in rows:
-        pull = _pull(augmented, row.name, x)
-        declared = row.drive is not None and not augmented.is_clean(row.drive)
-        if row.drive is not None and declared and pull is not None:
-            # the pull is averaged, not the residual: each state has its own tension, which may just have changed
-            before_now = ca.if_else(kept[row.drive] == 0, pull, kept[row.drive])
-            memory[row.drive] = row.residual + before_now - pull
-        taken = friction_row(
-            augmented,
-            row.drive,
-            motions,
-            row.residual,
-            row.limit,
-            row.lean,
-            row.variance,
-            ca.SX(0),
-            ca.SX(0),
-            ca.SX(0) if row.drive is None else memory[row.drive],
-            row.mask,
-            x[0],
-        )
-        residuals.append(taken.innovation)
-        variances.append(taken.variance)
-        masks.append(row.mask)
+        comparison, remembered = _compared(setup, row, tracks, kept, x)
+        comparisons.append(comparison)
         if row.drive is not None:
-            told = taken.memory - row.residual + pull if declared and pull is not None else taken.memory
-            memory[row.drive] = ca.if_else(row.mask > 0, told, kept[row.drive])
-    arguments = [state, kept, motions, before, noise, x, mechanism.parameters.symbols]
-    outputs = [ca.vertcat(*part) for part in (residuals, variances, masks, memory)]
-    return ca.Function("compare", arguments, ca.cse([ca.densify(entry) for entry in outputs]))
+            memory[row.drive] = ca.if_else(row.mask > 0, remembered, kept[row.drive])
+    outputs = [
+        [c.innovation for c in comparisons],
+        [c.variance for c in comparisons],
+        [row.mask for row in rows],
+        memory,
+    ]
+    arguments = [state, kept, vector, before, x, setup.mechanism.parameters.symbols]
+    return ca.Function("compare", arguments, ca.cse([ca.densify(ca.vertcat(*part)) for part in outputs]))
+
+
+def _compared(setup: Setup, row: Row, tracks: Tracks, kept: Any, x: Any) -> tuple[Comparison, Any]:
+    """Return how a force is compared, and what to remember of its drive: a mean pull where the rig declares friction.
+
+    The pull is averaged, not the residual: each state has its own tension, which may just have changed.
+    """
+    if row.drive is None:
+        return Comparison(row.residual, row.variance, None), None
+    sensor, before = setup.force_sensor(row.drive), kept[row.drive]
+    pull = setup.value(x, sensor) if sensor is not None and setup.declares_friction(row.drive) else None
+    if pull is not None:
+        before = row.residual + ca.if_else(before == 0, pull, before) - pull
+    residual = Residual(row.residual, row.limit, row.asymmetry, row.variance, 0, 0, before, row.mask)
+    comparison = compared(setup, row.drive, tracks[row.drive], residual, x[0])
+    return comparison, comparison.memory if pull is None else comparison.memory - row.residual + pull

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from distal.estimators.ensemble import EnsembleFilter
-from distal.estimators.force_update import WILD_FORCE
-from distal.estimators.motion import MEMORY
 from numpy.typing import NDArray
 
+from benchmarks.rivals.ensemble import EnsembleFilter, torque_fadings
+from distal.estimators.adaptive.drive_tracking import MEMORY
 from distal.rig import Rig
 
 Floats = NDArray[np.float64]
@@ -35,14 +34,14 @@ class ParticleFilter(EnsembleFilter):
         self._seed = seed
 
     def _own_memory(self) -> Floats:
-        n, nd = len(self._augmented), self._augmented.mechanism.n_drives
+        n, nd = len(self._states), self._states.setup.n_drives
         rng = np.random.default_rng([self._seed, 0])
-        states = self._augmented.means[:, None] + self._augmented.stds[:, None] * rng.normal(size=(n, self._size))
+        states = self._states.means[:, None] + self._states.stds[:, None] * rng.normal(size=(n, self._size))
         kept, weights = np.zeros((nd, self._size)), np.full(self._size, -np.log(self._size))
         return np.concatenate([self._lowest(states).ravel(), kept.ravel(), weights])
 
     def _advance(self, carry: Floats, row: Floats, key: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
-        n, nd, size = len(self._augmented), self._augmented.mechanism.n_drives, self._size
+        n, nd, size = len(self._states), self._states.setup.n_drives, self._size
         rng = np.random.default_rng([self._seed, 1 + key[0], key[1]])
         start = n + n * n
         memory, rest = carry[start : start + nd * MEMORY], carry[start + nd * (MEMORY + 1) :]
@@ -50,17 +49,19 @@ class ParticleFilter(EnsembleFilter):
         kept = rest[n * size : (n + nd) * size].reshape(nd, size)
         logs = rest[(n + nd) * size :].copy()
         dt, before = row[0], memory[::MEMORY]
-        motions, noise = (np.array(part).ravel() for part in self._follow(memory, row))
-        shift = np.sqrt(noise)[:, None] * rng.normal(size=(nd, size))
-        states = np.array(self._move(states, shift, before, motions, dt, self._p))
+        tracks = np.array(self._track(memory, row, self._p)).ravel()
+        shift = np.sqrt(tracks[-nd:])[:, None] * rng.normal(size=(nd, size))
+        states = np.array(self._move(states, shift, before, tracks, dt, self._p))
         states += self._process_stds(dt)[:, None] * rng.normal(size=(n, size))
         states = self._lowest(states)
-        compared = self._compare(states, kept, motions, before, 0 * noise, row, self._p)
+        # the particles are spread as the places err: their forces err by the sensor alone
+        tracks[-nd:] = 0.0
+        compared = self._compare(states, kept, tracks, before, row, self._p)
         residuals, variances, masks, kept = (np.array(part) for part in compared)
         prior = np.exp(logs - logs.max())
         prior /= prior.sum()
         # a wild force counts no more than a far one
-        squares = np.minimum(residuals**2 / variances, WILD_FORCE)
+        squares = np.minimum(residuals**2 / variances, self._states.setup.robustness.wild_force)
         logs = logs - 0.5 * (masks * (squares + np.log(variances))).sum(axis=0)
         expected = (prior * residuals).sum(axis=1)
         spread = (prior * (residuals - expected[:, None]) ** 2).sum(axis=1) + (prior * variances).sum(axis=1)
@@ -75,7 +76,7 @@ class ParticleFilter(EnsembleFilter):
         else:
             logs = np.log(np.maximum(weights, 1e-300))
         following = np.concatenate(
-            [mean, covariance.ravel(), motions[: nd * MEMORY], np.zeros(nd), states.ravel(), kept.ravel(), logs]
+            [mean, covariance.ravel(), tracks[: nd * MEMORY], np.zeros(nd), states.ravel(), kept.ravel(), logs]
         )
         measured = len(self.measured)
         return following, np.where(masks[:, 0] > 0, expected, np.nan)[:measured], spread[:measured]
@@ -87,7 +88,7 @@ class ParticleFilter(EnsembleFilter):
         size = self._size
         chosen = np.searchsorted(np.cumsum(weights), (rng.random() + np.arange(size)) / size).clip(0, size - 1)
         states, kept = states[:, chosen], kept[:, chosen]
-        static = slice(self._augmented.parameters_at, None)
+        static = slice(2 * self._states.setup.n_joints + len(torque_fadings(self._states, 0.0)), None)
         spread = np.sqrt(np.maximum(np.diag(covariance)[static], 0.0))
         jitter = np.sqrt(1 - SHRINK**2) * spread[:, None] * rng.normal(size=states[static].shape)
         states[static] = SHRINK * states[static] + (1 - SHRINK) * mean[static, None] + jitter

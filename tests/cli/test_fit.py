@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from distal import Log, load_rig, write_log
+from distal import load_rig, write_log
 from tests.cli.test_cli import Ran, refused, run  # noqa: F401
 from tests.identification.helpers import drawn_plant, logs_of, start_rig, without_truth
 
@@ -100,22 +99,3 @@ def test_homing_uses_the_reference_for_a_while(run, logs: list[Path], tmp_path: 
     refused(run("estimate", tmp_path / "bare.csv", "--rig", "paper-2008", *SET, "--homing", "1s"), "homing needs")
     refused(run("estimate", logs[1], "--rig", "paper-2008", *SET, "--homing", "99s"), "shorter than the log")
     refused(run("estimate", logs[1], "--rig", "paper-2008", *SET, "--homing", "1s", "--smooth"), "give one of them")
-
-
-def test_a_reference_helps_and_does_not_leak() -> None:
-    """With homing the first second is known; what follows does not depend on the truth that is only compared with."""
-    from distal import estimate
-
-    rig = start_rig()
-    log = logs_of(rig, {"joints.0.friction.coefficient": 0.6}, 32, ("servo",), 6.0)[0]
-    blind, homed = estimate(log, rig), estimate(log, rig, homing=1.0)
-    first = log.time < 0.9
-    assert np.max(homed.theta_std[first]) < 0.5 * np.max(blind.theta_std[first])
-    assert np.isnan(homed.truth[first]).all()
-    lying = {"theta": np.where(log.time < 1.0, log.truth["theta"], log.truth["theta"] + 1.0)}
-    other = estimate(Log(log.time, log.channels, lying, log.source, log.truth_source), rig, homing=1.0)
-    np.testing.assert_array_equal(homed.theta, other.theta)
-    for name in ("inextensible", "elastic", "ekf"):
-        shifted = estimate(log, rig, name, homing=1.0)
-        early = estimate(log, rig, name).theta[log.time < 1.0] - log.truth["theta"][log.time < 1.0]
-        np.testing.assert_allclose(shifted.theta, estimate(log, rig, name).theta - early.mean(), atol=1e-12)

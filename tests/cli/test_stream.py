@@ -256,7 +256,7 @@ def test_what_cannot_begin_is_one_line(csv: str, tmp_path: Path) -> None:
             ("a,b\n1,2\n", [], "lacks the time column 't'"),
             ("t,a\n1,2\n", [], "none of the columns x1, x2, u1, u2"),
             ("t,t,x1\n1,2,3\n", [], "'t' twice"),
-            (csv, ["-e", "particle"], "is for logs"),
+            (csv, ["-e", "particle"], "is no estimator to choose"),
             (csv, ["--record", str(tmp_path / "no" / "x.mcap")], "does not exist"),
             ("", ["--udp", busy], "is another program there"),
             (csv, ["--idle", "1"], "--idle is for --udp"),

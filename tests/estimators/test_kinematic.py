@@ -29,7 +29,7 @@ def test_each_tendon_and_their_mean(paper_rig: Rig) -> None:
     """r sin θ = x nearly, for a pinned tendon; the mean is that of both."""
     x = np.linspace(0, 4e-3, 50)
     result = estimate(still_log(x1=x, x2=-0.5 * x), paper_rig, "inextensible")
-    assert result.state_names == ("theta", "theta_left", "theta_right")
+    assert result.state_names == ("theta", "tendon_angle_left", "tendon_angle_right")
     np.testing.assert_allclose(np.sin(result.means[:, 1]) * 9.53e-3, x, atol=2e-5)
     np.testing.assert_allclose(result.means[:, 0], result.means[:, 1:].mean(axis=1), rtol=1e-12)
 
@@ -69,5 +69,5 @@ def test_a_lost_sensor_leaves_the_other_tendon(pulley_rig: Rig) -> None:
     from distal.rig import build_rig
 
     result = estimate(still_log(x1=x), build_rig(dumped, "one"), "inextensible")
-    assert result.state_names == ("theta", "theta_left")
+    assert result.state_names == ("theta", "tendon_angle_left")
     np.testing.assert_allclose(result.theta, x / 9.53e-3, rtol=1e-12)

@@ -136,7 +136,7 @@ def test_truth_from_a_column_a_file_and_a_reference(tmp_path: Path, paper_rig: R
         read_log(path, pulley_rig, truth="angel")
     with pytest.raises(LogError, match="does not overlap"):
         read_log(path, pulley_rig, truth=file(tmp_path, "t,theta\n10,0\n11,0\n", "late.csv"))
-    assert np.isnan(read_truth(file(tmp_path, "t,theta\n0.01,0\n1,1\n", "part.csv"), np.array([0.0, 0.5]))[0])
+    assert np.isnan(read_truth(file(tmp_path, "t,theta\n0.01,0\n1,1\n", "part.csv"), np.array([0.0, 0.5]))["theta"][0])
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -17,9 +17,7 @@ def export_command(
     rig: Annotated[str, typer.Argument(help="A shipped rig's name (see `distal rigs`) or a TOML file.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for the .c, the .h and what belongs to them.")],
     single: Annotated[bool, typer.Option("--float", help="float and float functions only; else double.")] = False,
-    estimator: Annotated[
-        str, typer.Option("--estimator", "-e", help="adaptive, iterated, ekf or ekf-2008.")
-    ] = "adaptive",
+    estimator: Annotated[str, typer.Option("--estimator", "-e", help="adaptive, ekf or ekf-2008.")] = "adaptive",
     name: Annotated[
         str | None, typer.Option("--name", help="What all names begin with; default from the rig and the estimator.")
     ] = None,

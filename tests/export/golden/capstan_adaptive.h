@@ -42,8 +42,8 @@ typedef struct {
 } capstan_adaptive_state;
 
 typedef struct {
-  capstan_adaptive_real angle;                     /* of the joint [rad] */
-  capstan_adaptive_real angle_std;                 /* standard deviation of its error [rad] */
+  capstan_adaptive_real angle; /* of the joint [rad] */
+  capstan_adaptive_real angle_std; /* standard deviation of its error [rad] */
   capstan_adaptive_real innovations[1];           /* measured minus predicted, NAN where nothing was compared */
   capstan_adaptive_real innovation_variances[1];
 } capstan_adaptive_output;

@@ -999,6 +999,8 @@ static const unsigned char measured[1] = {0};
 
 static int is_there(float value) { return value == value; }
 
+static float root(float variance) { return variance <= 0.0f ? 0.0f : sqrtf(variance); }
+
 void capstan_ekf_2008_begin(capstan_ekf_2008_state* state, const float* values) {
   float known[2], mask[2], spread[4];
   int i;
@@ -1026,7 +1028,7 @@ int capstan_ekf_2008_step(capstan_ekf_2008_state* state, float dt, const float* 
   x[0] = dt / (float)parts;
   for (k = parts; k > 0; --k) {
     for (i = 0; i < 2; ++i) {
-      const int last = k == 1, led = 0 && i < 1;
+      const int last = k == 1, led = i < 0;
       const int there = is_there(values[i]);
       /* displacements cross a gap in a straight line to the reading that ends it */
       x[1 + i] = there && (last || led) ? values[i] : 0.0f;
@@ -1036,9 +1038,8 @@ int capstan_ekf_2008_step(capstan_ekf_2008_state* state, float dt, const float* 
   }
   if (state->samples < 2) state->samples += 1;
   if (out) {
-    const float variance = state->carry[4];
     out->angle = state->carry[0];
-    out->angle_std = variance <= 0.0f ? 0.0f : sqrtf(variance);
+    out->angle_std = root(state->carry[4]);
     for (i = 0; i < 1; ++i) {
       out->innovations[i] = is_there(values[measured[i]]) ? y[i] : NAN;
       out->innovation_variances[i] = y[1 + i];
@@ -1049,5 +1050,7 @@ int capstan_ekf_2008_step(capstan_ekf_2008_state* state, float dt, const float* 
     if (!(state->carry[i] - state->carry[i] == 0.0f)) return CAPSTAN_EKF_2008_LOST;
     if (!(state->carry[4 + i * (4 + 1)] >= 0.0f)) return CAPSTAN_EKF_2008_LOST;
   }
-  return state->carry[0] >= -50.0f && state->carry[0] <= 50.0f ? CAPSTAN_EKF_2008_OK : CAPSTAN_EKF_2008_LOST;
+  for (i = 0; i < 1; ++i)
+    if (!(state->carry[i] >= -50.0f && state->carry[i] <= 50.0f)) return CAPSTAN_EKF_2008_LOST;
+  return CAPSTAN_EKF_2008_OK;
 }

@@ -38,8 +38,8 @@ typedef struct {
 } capstan_ekf_2008_state;
 
 typedef struct {
-  capstan_ekf_2008_real angle;                     /* of the joint [rad] */
-  capstan_ekf_2008_real angle_std;                 /* standard deviation of its error [rad] */
+  capstan_ekf_2008_real angle; /* of the joint [rad] */
+  capstan_ekf_2008_real angle_std; /* standard deviation of its error [rad] */
   capstan_ekf_2008_real innovations[1];           /* measured minus predicted, NAN where nothing was compared */
   capstan_ekf_2008_real innovation_variances[1];
 } capstan_ekf_2008_output;

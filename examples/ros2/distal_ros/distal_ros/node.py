@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 
 import distal
 from distal.rig import log_factor
-from distal.running import HEALTH, Monitor
+from distal.running import HEALTH
 
 LEVELS = {"ok": DiagnosticStatus.OK, "missing": DiagnosticStatus.WARN, "gap": DiagnosticStatus.WARN}
 
@@ -36,7 +36,7 @@ class EstimateNode(Node):
         self._warned = False
         estimator = self.declare_parameter("estimator", "adaptive").value
         self._live = distal.LiveEstimator(self._rig, estimator)
-        self._monitor = Monitor(self._live)
+        self._monitor = distal.Monitor(self._live)
         sensors = {sensor.name: sensor for sensor in self._rig.sensors}
         self._sensors = [sensors[channel] for channel in self._live.channels]
         self._estimate = self.create_publisher(JointState, "joint_estimate", 10)

@@ -1,12 +1,12 @@
-from __future__ import annotations
+"""What an estimator made of a log, as numbers and frames."""
 
-from pathlib import Path
+from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from distal import Estimate, Log, estimate, load_scenario, plot_estimates, scenario_rig, simulate
-from distal.errors import EstimationError, OutputError
+from distal import Estimate, Log, estimate, load_scenario, scenario_rig, simulate
+from distal.errors import EstimationError
 
 
 @pytest.fixture(scope="module")
@@ -44,25 +44,3 @@ def test_no_truth() -> None:
         blind.rms_error()
     assert blind.rms_error(log.truth["theta"]) > 0
     assert len(blind.plot().axes) == 1
-
-
-@pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
-def test_plots(result: Estimate, tmp_path: Path, kind: str) -> None:
-    one, two = tmp_path / f"one.{kind}", tmp_path / f"two.{kind}"
-    figure = result.plot(one)
-    assert [axes.get_ylabel() for axes in figure.axes] == ["joint angle θ [°]", "error [°]"]
-    assert figure.axes[-1].get_xlabel() == "time [s]"
-    labels = figure.axes[0].get_legend_handles_labels()[1]
-    assert labels == ["truth", "ekf", "ekf, 95 % band"]
-    plot_estimates([result], two)
-    assert one.read_bytes() == two.read_bytes()
-    with pytest.raises(OutputError, match="a plot cannot be 'txt'"):
-        result.plot(tmp_path / "plot.txt")
-
-
-def test_plotting_leaves_the_users_settings_alone(result: Estimate) -> None:
-    import matplotlib
-
-    before = dict(matplotlib.rcParams)
-    result.plot()
-    assert dict(matplotlib.rcParams) == before

@@ -22,14 +22,14 @@ def test_moments_of_a_clipped_normal(low: float, width: float, mean: float, std:
     weight = np.exp(-x * x / 2)
     weight /= weight.sum()
     clipped = np.clip(mean + std * x, low, low + width)
-    told = clip_moments(ca.DM(low), ca.DM(low + width), ca.DM(mean), ca.DM(std))
+    moments = clip_moments(ca.DM(low), ca.DM(low + width), ca.DM(mean), ca.DM(std))
     expected = float(weight @ clipped)
-    assert float(told.mean) == pytest.approx(expected, abs=1e-5)
+    assert float(moments.mean) == pytest.approx(expected, abs=1e-5)
     inside = float(weight @ ((mean + std * x > low) & (mean + std * x < low + width)))
-    assert float(told.by_mean) == pytest.approx(inside, abs=2e-3)
-    assert float(told.by_low + told.by_mean + told.by_high) == pytest.approx(1.0)
+    assert float(moments.by_mean) == pytest.approx(inside, abs=2e-3)
+    assert float(moments.by_low + moments.by_mean + moments.by_high) == pytest.approx(1.0)
     whole = float(weight @ (clipped - expected) ** 2)
-    assert float(told.rest) + (float(told.by_mean) * std) ** 2 == pytest.approx(
+    assert float(moments.rest) + (float(moments.by_mean) * std) ** 2 == pytest.approx(
         max(whole, (inside * std) ** 2), abs=2e-3
     )
 
@@ -102,8 +102,8 @@ def test_noise_does_not_wear_it_down(rig: Rig) -> None:
     time = np.arange(len(rows)) / 200.0
     from distal import Log
 
-    told = estimate(Log(time, channels), rig)
-    z = told.means[:, told.state_names.index("transmitted_motor")]
+    held = estimate(Log(time, channels), rig)
+    z = held.means[:, held.state_names.index("transmitted_motor")]
     assert abs(z[-1] - z[turned + 50]) < 0.1 * LIMIT
 
 

@@ -1,0 +1,157 @@
+"""The iterated filter: `adaptive`, but each row of the update is linearised again where the row has moved the state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from distal.estimators import AdaptiveFilter
+from distal.estimators.adaptive import StateVector
+from distal.estimators.adaptive.drive_tracking import MEMORY, tracking
+from distal.estimators.adaptive.measurement import row_functions
+from distal.estimators.adaptive.motion import Moved, moved
+from distal.estimators.adaptive.play import play
+from distal.estimators.adaptive.prediction import predicted, revert
+from distal.estimators.adaptive.update import comparison_function, weights
+from distal.estimators.kalman import lowered, symmetric
+from distal.kernels import Kernel
+from distal.rig import Rig
+
+UPDATES = 3
+"""How often each row is linearised; 1 is `adaptive`."""
+
+
+class IteratedFilter(AdaptiveFilter):
+    """`adaptive` with an iterated update; it cannot be exported.
+
+    Args:
+        rig: the description.
+        compiled: compile its kernel where possible.
+        updates: how often each row is linearised.
+        name: of the estimator.
+    """
+
+    def __init__(self, rig: Rig, compiled: bool = True, updates: int = UPDATES, name: str = "iterated") -> None:
+        super().__init__(rig, compiled=False, name=name)
+        self.kernel = Kernel(iterated_function(self._states, self._count, updates), compiled)
+
+
+def iterated_function(states: StateVector, count: int, updates: int) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y), as `adaptive_function`.
+
+    Args:
+        states: the state vector.
+        count: sub-steps per interval.
+        updates: how often each row is linearised.
+    """
+    n, nd, setup = len(states), states.setup.n_drives, states.setup
+    carry, x = ca.MX.sym("carry", n + n * n + nd * (MEMORY + 1)), ca.MX.sym("x", setup.width)
+    p = ca.MX.sym("p", len(setup.mechanism.parameters))
+    mean, covariance = carry[:n], ca.reshape(carry[n : n + n * n], n, n)
+    memory, forces = carry[n + n * n : n + n * n + nd * MEMORY], carry[n + n * n + nd * MEMORY :]
+    tracks = tracking(setup)(memory, x, p)
+    motion = moved(states, count, mean, covariance, memory, tracks, x, p)
+    parts = [getattr(motion, field.name) for field in fields(Moved)]
+    given = [mean, covariance, *parts, tracks, memory, forces, x, p]
+    after, spread, kept, y = _scalars(states, given, updates)(*given)
+    following = ca.vertcat(after, ca.vec(spread), tracks[: MEMORY * nd], kept)
+    return ca.Function("iterated", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+
+
+def _scalars(states: StateVector, given: Sequence[Any], updates: int) -> ca.Function:
+    """Return `_corrected` as one function of scalars."""
+    symbols = [ca.MX.sym(f"i{k}", *entry.shape) for k, entry in enumerate(given)]
+    whole = ca.Function("update", symbols, list(_corrected(states, symbols, updates)))
+    scalars = [ca.SX.sym(f"i{k}", *entry.shape) for k, entry in enumerate(given)]
+    return ca.Function("update", scalars, ca.cse([ca.densify(entry) for entry in whole.call(scalars, True)]))
+
+
+def _corrected(states: StateVector, given: Sequence[Any], updates: int) -> tuple[Any, Any, Any, Any]:
+    """Return mean, covariance, what is remembered of the drives' forces, and y, once the joints have moved."""
+    mean, covariance, *joints, tracks, memory, forces, x, p = given
+    motion = Moved(*joints)
+    state, spread = predicted(states, mean, covariance, motion, tracks, memory, x, p)
+    transition = ca.MX(ca.DM.eye(len(states)).full())  # asked for by `revert` and `play`; only smoothing reads it
+    revert(states, state, spread, transition, x, p)
+    spread = symmetric(spread)
+    kept = [forces[i] for i in range(states.setup.n_drives)]
+    for i in range(states.setup.n_drives):
+        if states.transmitted(i) is not None:
+            kept[i] = play(states, i, state, spread, transition, tracks, motion.rates, kept[i], x, p)
+    after, spread, kept, y = iterated_update(states, state, spread, tracks, motion.rates, kept, x, p, updates)
+    for at, lowest in enumerate(states.lowest):
+        if np.isfinite(lowest):
+            after[at] = ca.fmax(after[at], lowest)
+    return after, spread, ca.vertcat(*kept), y
+
+
+def iterated_update(
+    states: StateVector,
+    prior: Any,
+    covariance: Any,
+    tracks: Any,
+    rates: Any,
+    memory: Sequence[Any],
+    x: Any,
+    p: Any,
+    updates: int,
+) -> tuple[Any, Any, list[Any], Any]:
+    """Return what `adaptive`'s update returns; each row is linearised at the prior, then where it has moved the state.
+
+    Args:
+        states: the state vector.
+        prior: state before, (n,).
+        covariance: before, (n, n).
+        tracks: of the drives.
+        rates: mean speed of each drive over the interval.
+        memory: what is remembered of each drive's force.
+        x: the sample.
+        p: the model's parameters.
+        updates: how often each row is linearised.
+    """
+    rows, table = row_functions(states)
+    mean, kept, innovations, spreads = ca.MX(prior), list(memory), list[Any](), list[Any]()
+    for k, row in enumerate(rows):
+        compare, weigh = comparison_function(states, row), weights(states.setup.robustness, row.trusted)
+        remembered, point = ca.MX(0) if row.drive is None else kept[row.drive], ca.MX(prior)
+        for _ in range(updates):
+            values, *slopes = table(point, tracks, rates, x, p)
+            slope, limit_slope, asymmetry_slope = own = slopes[3 * k : 3 * k + 3]
+            ahead = [ca.mtimes(covariance, each) for each in own]
+            since = [_along(each, mean - point) for each in own]
+            numbers = ca.vertcat(*since, _along(slope, ahead[0]), _along(limit_slope, ahead[1]), remembered)
+            innovation, own_variance, after, by_limit, by_asymmetry, counts = compare(
+                values[5 * k : 5 * k + 5], numbers, tracks, x, p
+            )
+            across = by_limit * ahead[1] + by_asymmetry * ahead[2] - ahead[0]
+            spread = by_limit * _along(limit_slope, across) + by_asymmetry * _along(asymmetry_slope, across)
+            spread += own_variance - _along(slope, across)
+            weight, root, robust, shown = weigh(spread, innovation, values[5 * k + 4], counts)
+            change = (weight * innovation) * across
+            point = mean + change
+        for at in states.considered:
+            change[at] = 0
+        if row.drive is not None:
+            kept[row.drive] = after + _along(slope, change) if states.setup.declares_friction(row.drive) else after
+        mean = mean + change
+        if states.considered:
+            gain = weight * across
+            for at in states.considered:
+                gain[at] = 0
+            covariance = lowered(covariance, gain, across - (0.5 * robust) * gain, loops=False)
+        else:
+            covariance = lowered(covariance, root * across, None, loops=False)
+        innovations.append(shown)
+        spreads.append(spread)
+    measured = [k for k, row in enumerate(rows) if row.measured]
+    y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
+    return mean, covariance, kept, y
+
+
+def _along(slope: Any, values: Any) -> Any:
+    """Return a slope times a vector."""
+    return ca.mtimes(slope.T, values) if slope.nnz() else ca.MX(0)
