@@ -1,4 +1,4 @@
-"""What each guard of `adaptive` brings: `python -m benchmarks.guards [NAME …]` prints a table; names: those of `Robustness`.
+"""What each guard of `adaptive` brings: `python -m benchmarks.guards [NAME …]` prints tables; names: those of `Robustness`.
 
 Each guard alone is taken out (or changed as `WITHOUT` says), on the friendly logs of `make accuracy` and on the logs of
 `benchmarks.strangers`. A row is a kind of log, a cell the RMS error [°] and the share inside the 95 % band.
