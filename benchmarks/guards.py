@@ -1,15 +1,19 @@
 """What each guard of `adaptive` brings: `python -m benchmarks.guards [NAME …]` prints tables; names: those of `Robustness`.
 
-Each guard alone is taken out (or changed as `WITHOUT` says), on the friendly logs of `make accuracy` and on the logs of
-`benchmarks.strangers`. A row is a kind of log, a cell the RMS error [°] and the share inside the 95 % band.
+Each guard alone is taken out (or changed as `WITHOUT` says), and constants of the algorithm are changed as `CONSTANTS` says, on
+the friendly logs of `make accuracy` and on those of `benchmarks.strangers`. A row is a kind of log, a cell the RMS error [°] and
+the share inside the 95 % band.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from importlib import import_module
 from math import inf
 
 os.environ["DISTAL_COMPILE"] = "0"
@@ -22,8 +26,10 @@ from benchmarks import cases  # noqa: E402
 from benchmarks.report import table  # noqa: E402
 from benchmarks.strangers import glitches, poses, rigs, scoring, series, steps  # noqa: E402
 from benchmarks.strangers.scoring import Record  # noqa: E402
-from distal import Log, Rig  # noqa: E402
+from distal import DistalError, Log, Rig, estimate  # noqa: E402
 from distal.estimators import AdaptiveFilter, Robustness  # noqa: E402
+from distal.rig import build_rig  # noqa: E402
+from distal.running import with_references  # noqa: E402
 
 WITHOUT: dict[str, float] = {
     "wild_displacement": inf,
@@ -44,6 +50,22 @@ WITHOUT: dict[str, float] = {
     "unmodelled": 0.0,
 }
 """Guard → its value where it does nothing."""
+
+TOGETHER = ("stop_noise", "stop_travel"), ("stop_margin", "stop_noise", "stop_travel")
+"""Guards that may stand in for each other: taken out together."""
+
+CONSTANTS: dict[str, tuple[str, float]] = {
+    "SHARP_BEND": ("stick_slip", 1e9),
+    "TURNING_DECLARED": ("stick_slip", 1.0),
+    "STICK_STD": ("stick_slip", 0.0),
+    "MEAN_TIME": ("stick_slip", 1e-3),
+    "CLEAR_STICK": ("stick_slip", 0.5),
+    "TURNING": ("stick_slip", 0.0),
+    "CREST": ("play", 0.0),
+    "LEAST_WEIGHT": ("play", 1e-9),
+    "TIE": ("measurement", 1.0),
+}
+"""Constant of the algorithm → its module, and its value where it does nothing (or little)."""
 
 SEEDS = 3
 
@@ -76,7 +98,7 @@ def friendly() -> list[Case]:
 
 
 def strange() -> list[Case]:
-    """Return the logs of `benchmarks.strangers`, one seed each and 60 random rigs."""
+    """Return the logs of `benchmarks.strangers`, one seed each and 40 random rigs."""
     made: list[Case] = []
 
     def collect(
@@ -92,7 +114,7 @@ def strange() -> list[Case]:
         for bench in (steps, glitches, series, poses):
             for job in bench.jobs(True, 100):
                 job()
-        for seed in range(60):
+        for seed in range(40):
             rigs.run(1000 + seed)
     finally:
         scoring.score, rigs.score_known, steps.score_known = usual, known, known
@@ -106,30 +128,56 @@ def _nothing(*arguments: object) -> Record:
 _CASES: list[Case] = []
 
 
-def score(job: tuple[Robustness, int]) -> tuple[float, float]:
-    """Return RMS [°] and share inside of one case with some guards."""
-    robustness, index = job
-    case = _CASES[index]
-    usual = AdaptiveFilter.__init__.__defaults__
-    assert usual is not None
-    AdaptiveFilter.__init__.__defaults__ = tuple(
-        robustness if isinstance(value, Robustness) else value for value in usual
-    )
+Variant = tuple[Robustness, str]
+"""Guards, and the name of a constant that is changed, or nothing."""
+
+
+@lru_cache(maxsize=64)
+def made(variant: Variant, described: str, homed: bool) -> AdaptiveFilter:
+    """Return the filter of a rig with some guards; the same rig stands behind many logs."""
+    robustness, constant = variant
+    rig = build_rig(json.loads(described), "rig")
+    references = rig.sensors_of("angle")[-1:] if homed else ()
+    if not constant:
+        return AdaptiveFilter(rig, False, robustness, references=references)
+    module = import_module(f"distal.estimators.adaptive.{CONSTANTS[constant][0]}")
+    usual = getattr(module, constant)
+    setattr(module, constant, CONSTANTS[constant][1])
     try:
-        found = scoring.score("", "", "", case.log, case.rig, "adaptive", case.homing)
+        return AdaptiveFilter(rig, False, robustness, references=references)
     finally:
-        AdaptiveFilter.__init__.__defaults__ = usual
-    return found.rms, found.inside
+        setattr(module, constant, usual)
+
+
+def score(job: tuple[Variant, int]) -> tuple[float, float]:
+    """Return RMS [°] and share inside of one case with some guards."""
+    variant, index = job
+    case = _CASES[index]
+    rig, log = case.rig, case.log
+    if case.homing is not None:
+        rig, _ = with_references(rig, log)
+    runner = made(variant, rig.model_dump_json(), case.homing is not None)
+    try:
+        found = estimate(log, runner.rig, runner, homing=case.homing)
+    except DistalError:
+        return scoring.LOST, 0.0
+    return float(np.rad2deg(found.rms_error())), found.inside_band()
 
 
 def main() -> None:
     """Print the tables: one for each kind of logs, a row for each guard."""
-    there = [field.name for field in fields(Robustness)]
-    names = [name for name in WITHOUT if name in there and (len(sys.argv) < 2 or name in sys.argv[1:])]
-    variants = {"as it is": Robustness(), **{name: replace(Robustness(), **{name: WITHOUT[name]}) for name in names}}
+    asked = set(sys.argv[1:])
+    variants: dict[str, Variant] = {"as it is": (Robustness(), "")}
+    for names in [*((name,) for name in WITHOUT), *TOGETHER]:
+        if not asked or "+".join(names) in asked:
+            without = replace(Robustness(), **{name: WITHOUT[name] for name in names})
+            variants[f"without {' + '.join(names)}"] = (without, "")
+    for name, (_, value) in CONSTANTS.items():
+        if not asked or name in asked:
+            variants[f"{name} = {value:g}"] = (Robustness(), name)
     _CASES.extend([*friendly(), *strange()])
     rows = list(dict.fromkeys(case.row for case in _CASES))
-    jobs = [(robustness, i) for robustness in variants.values() for i in range(len(_CASES))]
+    jobs = [(variant, i) for variant in variants.values() for i in range(len(_CASES))]
     with ProcessPoolExecutor(os.cpu_count() or 1) as pool:
         scores = list(pool.map(score, jobs, chunksize=16))
     found = np.array(scores).reshape(len(variants), len(_CASES), 2)
@@ -143,7 +191,7 @@ def main() -> None:
     for start in range(0, len(variants), 6):
         chosen = list(range(start, min(start + 6, len(variants))))
         chosen = chosen if start == 0 else [0, *chosen]
-        heads = [list(variants)[i] if i == 0 else f"without {list(variants)[i]}" for i in chosen]
+        heads = [list(variants)[i] for i in chosen]
         table(
             f"guards-{start // 6 + 1}",
             "RMS error [°] and share inside the band, one guard taken out at a time",
