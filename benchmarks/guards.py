@@ -1,8 +1,8 @@
 """What each guard of `adaptive` brings: `python -m benchmarks.guards [NAME …]` prints tables; names: those of `Robustness`.
 
-Each guard alone is taken out (or changed as `WITHOUT` says), and constants of the algorithm are changed as `CONSTANTS` says, on
-the friendly logs of `make accuracy` and on those of `benchmarks.strangers`. A row is a kind of log, a cell the RMS error [°] and
-the share inside the 95 % band.
+Each guard alone is taken out (or changed as `WITHOUT` says), and constants of the algorithm are changed as `CONSTANTS`
+says, on the friendly logs of `make accuracy` and on those of `benchmarks.strangers`. A row is a kind of log, a cell the
+RMS error [°] and the share inside the 95 % band.
 """
 
 from __future__ import annotations
