@@ -170,7 +170,7 @@ def is_seen(rig: Rig, name: str, std: float) -> bool:
     drive = rig.drives[int(index)]
     sensor = sensor_at(rig.sensors_of("force"), drive)
     noise = sqrt(variance(sensor)) if sensor is not None else drive.nominal_force.unsure
-    if what not in ("friction.constant", "friction.load") or noise == 0:
+    if what not in ("friction.constant", "friction.load"):
         return False
     load = max(abs(drive.nominal_force.value), 1.0) if what == "friction.load" else 1.0
     return std * load >= 0.1 * noise
