@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from distal import Log, Rig
-from distal.estimators import AdaptiveFilter, Robustness
-from distal.running import smooth
+from distal import Rig
+from distal.estimators import Robustness
 from tests.estimators.adaptive import rigs
-from tests.estimators.adaptive.agreement import TOLERANCE, Floats, agree, course_of, difference, filtered
-from tests.estimators.adaptive.rigs import capstan, capstan_log, side_by_side, slider_log, sliders, spoiled, with_gap
+from tests.estimators.adaptive.agreement import Floats, agree, course_of, filtered
+from tests.estimators.adaptive.rigs import capstan, capstan_log, slider_log, sliders, spoiled, with_gap
 from tests.estimators.adaptive.twin import Twin
 
 NONE, DEFAULT = Robustness.none(), Robustness()
@@ -146,6 +145,36 @@ def test_gaps_and_missing_values_without_guards(name: str) -> None:
 
 # ---- (b) the guards, one at a time -------------------------------------------------------------------------------------
 
+
+def test_the_guards_have_the_numbers_of_the_paper() -> None:
+    """The twin takes them from `Robustness`, so that they are compared with docs/adaptive.md here."""
+    paper = Robustness(
+        wild_displacement=6.0,  # (1)
+        real_jump=0.1,  # (4)
+        bridged_share=0.3,
+        bend_share=0.12,  # (6)
+        follow_time=0.05,  # (12)
+        followed_variance=20.0,  # (16)
+        wild_force=9.0,  # (23)
+        stop_margin=1.0,  # (17)
+        stop_noise=10.0,
+        stop_travel=0.002,
+        sticking_samples=50.0,  # δ
+        turning_samples=10.0,
+        unknown_friction=0.7,  # the state "friction"
+        unknown_friction_walk=0.6,
+        declared_friction=0.1,
+        parameter_walk=0.02,
+        unmodelled=1.0,
+        moving_only=False,
+    )
+    assert paper == Robustness()
+    nothing = {"bend_share": 0.0, "followed_variance": 0.0, "sticking_samples": 0.0, "turning_samples": 0.0}
+    nothing |= {"unknown_friction": 0.0, "parameter_walk": 0.0, "unmodelled": 0.0}
+    assert replace(paper, wild_displacement=np.inf, wild_force=np.inf, **nothing) == NONE
+    assert replace(paper, unknown_friction=0.0, moving_only=True) == Robustness.fitting()
+
+
 UNDECLARED = sliders(rigs.STOPS, rigs.FACTORS)
 DECLARED = sliders(rigs.STOPS, rigs.FACTORS, rigs.DECLARED)
 PLAY = capstan(rigs.HYSTERESIS, ERROR)
@@ -247,143 +276,3 @@ def test_which_states_a_rig_has(seed: int) -> None:
     for guards in (NONE, DEFAULT):
         rig = _random_rig(rng)
         agree(rig, slider_log(rig, n=20), guards)
-
-
-# ---- transition --------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["all of sliders", "hysteresis", "place"])
-def test_the_transition_that_a_smoother_needs(name: str) -> None:
-    """Predicted mean, predicted covariance and Φ of every part of an interval, bridges of gaps too."""
-    rig, _ = WHOLE[name]
-    time, samples = spoiled_log(rig, size=0.3)
-    references = rig.sensors_of("angle")
-    found = AdaptiveFilter(rig, compiled=False, references=references, trace=True)
-    rows, _ = found.rows(np.diff(time, prepend=time[0]), samples)
-    _, ys = found.kernel.scan(found.initial(time[0], samples[0]).carry, rows, found.numbers)
-    twin = Twin(rig, DEFAULT, references)
-    twin.run(time, samples)
-    n, first = twin.n, 2 * len(found.measured)
-    assert len(twin.parts) == len(rows)
-    for part, y in zip(twin.parts, ys, strict=True):
-        mean, covariance = y[first : first + n], y[first + n : first + n + n * n].reshape(n, n)
-        transition = y[first + n + n * n :].reshape(n, n).T  # columns lie one after the other
-        scale = np.maximum(np.maximum(twin.prior_stds, np.sqrt(np.diag(covariance))), np.abs(mean))
-        assert np.max(np.abs(part.predicted_mean - mean) / scale) < TOLERANCE
-        assert np.max(np.abs(part.predicted_covariance - covariance) / np.outer(scale, scale)) < TOLERANCE
-        # an entry turns a number of one size into one of another
-        assert np.max(np.abs(part.transition - transition) * scale / scale[:, None]) < TOLERANCE
-
-
-def test_the_smoother_goes_back_by_its_equation() -> None:
-    """(28) over the twin's own predictions; the inverse of P⁻ leaves less than the filter's ten digits."""
-    rig = sliders(rigs.TORQUE, rigs.LINEARITY, rigs.FACTORS)
-    time, samples = spoiled_log(rig)
-    twin = Twin(rig, DEFAULT)
-    taken = {id(sample) for sample in twin.run(time, samples)}
-    own = [k for k, part in enumerate(twin.parts) if id(part) in taken]
-    means, covariances = [part.mean for part in twin.parts], [part.covariance for part in twin.parts]
-    scale = twin.prior_stds
-    for k in range(len(twin.parts) - 2, -1, -1):
-        after, phi, p = twin.parts[k + 1], twin.parts[k + 1].transition, twin.parts[k].covariance
-        inverse = np.linalg.inv(after.predicted_covariance / np.outer(scale, scale)) / np.outer(scale, scale)
-        c = p @ phi.T @ inverse
-        q = after.predicted_covariance - phi @ p @ phi.T
-        left = np.eye(twin.n) - c @ phi
-        means[k] = twin.parts[k].mean + c @ (means[k + 1] - after.predicted_mean)
-        covariances[k] = left @ p @ left.T + c @ (covariances[k + 1] + q) @ c.T
-    log = Log(time, {sensor.name: samples[:, i] for i, sensor in enumerate(twin.channels)})
-    smoothed = smooth(log, rig, compiled=False)
-    assert np.max(np.abs(np.array(means)[own] - smoothed.means) / scale) < 1e-6
-    assert np.max(np.abs(np.array(covariances)[own] - smoothed.covariances) / np.outer(scale, scale)) < 1e-6
-
-
-# ---- several joints ----------------------------------------------------------------------------------------------------
-
-
-def test_two_joints_side_by_side_are_two_rigs() -> None:
-    """What has nothing in common has no covariance, and each part has the numbers that it has alone."""
-    first = sliders(rigs.TORQUE, rigs.LINEARITY, rigs.DECLARED, without=("t1",))
-    other = {"joints.0.spring": {"stiffness": {"value": 0.1, "std": 0.02}}, "joints.0.inertia": 3e-4}
-    second = sliders(rigs.PATH, other, rigs.STOPS, without=("t1",))
-    both = side_by_side(first, second)
-    logs = spoiled_log(first), spoiled_log(second)
-    time = logs[0][0]
-    # positions of both, forces of both, references of both
-    columns = [logs[i][1][:, c] for role in ((0, 1), (2, 3), (4,)) for i in (0, 1) for c in role]
-    guards = replace(DEFAULT, unmodelled=0.5)
-    found, course = filtered(both, (time, np.column_stack(columns)), guards)
-    assert found.state_names[:4] == ("theta_link", "theta_link_2", "theta_link_dot", "theta_link_2_dot")
-    places = []
-    for i, rig in enumerate((first, second)):
-        alone, single = filtered(rig, (time, logs[i][1]), guards)
-        of_both = [found.state_names.index(name) for name in _renamed(alone.state_names, i)]
-        places.append(of_both)
-        rows = np.ix_(range(len(time)), of_both, of_both)
-        scale = single.prior
-        assert np.max(np.abs(course.means[:, of_both] - single.means) / scale) < TOLERANCE
-        assert np.max(np.abs(course.covariances[rows] - single.covariances) / np.outer(scale, scale)) < TOLERANCE
-    assert sorted(places[0] + places[1]) == list(range(len(found.state_names)))
-    assert np.all(course.covariances[np.ix_(range(len(time)), *places)] == 0.0)
-    twin = Twin(both, guards, both.sensors_of("angle"))
-    assert difference(course_of(twin, (time, np.column_stack(columns))), course) < TOLERANCE
-
-
-def _renamed(names: tuple[str, ...], which: int) -> list[str]:
-    """Return the names that the states of one rig have beside another one."""
-    suffix = ("", "_2")[which]
-    found = []
-    for name in names:
-        kind, *rest = name.split(".")
-        if name in ("theta", "theta_dot"):
-            found.append(name.replace("theta", f"theta_link{suffix}"))
-        elif name == "external_torque":
-            found.append(f"external_torque_link{suffix}")
-        elif rest:
-            shift = which * (1 if kind == "joints" else 2)
-            found.append(".".join([kind, str(int(rest[0]) + shift), *rest[1:]]))
-        elif name.startswith("linearity_"):
-            stem, order = name.rsplit("_", 1)
-            found.append(f"{stem}{suffix}_{order}")
-        else:
-            found.append(f"{name}{suffix}")
-    return found
-
-
-# ---- where the filter does not do what the paper says ------------------------------------------------------------------
-
-
-@pytest.mark.xfail(strict=True, reason="all parameters but those called an angle are cut at zero and kept positive")
-@pytest.mark.parametrize("name", ["slope", "curvature", "centre"])
-def test_a_parameter_that_may_be_negative_is_not_cut(name: str) -> None:
-    """(†): a linkage's shape and the growth of a path's wrap have a sign."""
-    linkage = {"kind": "linkage", "radius": 9.53e-3, name: {"value": -0.05, "std": 0.1}}
-    rig = sliders({"tendons.0.insertion": linkage})
-    agree(rig, slider_log(rig), NONE)
-
-
-@pytest.mark.xfail(
-    strict=True, reason="a, b of a kick are taken as certain: the joint's inertia and damping have no slope"
-)
-@pytest.mark.parametrize("name", ["inertia", "damping"])
-def test_inertia_and_damping_of_a_joint_are_learned(name: str) -> None:
-    """∂ω⁺/∂p in (9): they act through the responses a and b of a kick, and through nothing else."""
-    value = {"inertia": 4.2e-4, "damping": 8e-3}[name]
-    rig = sliders({f"joints.0.{name}": {"value": value, "std": 0.1 * value}})
-    agree(rig, slider_log(rig), NONE)
-
-
-@pytest.mark.xfail(strict=True, reason="B ṡ is taken off with the rig's damping, while the pull has the estimated one")
-def test_uncertain_damping_of_a_drive_with_hysteresis() -> None:
-    """What a transmission passes on is compared with the tendons' pull alone, in which there is no damping of the drive."""
-    rig = capstan(rigs.HYSTERESIS, {"drives.0.damping": {"value": 2e-3, "std": 1e-3}})
-    agree(rig, capstan_log(rig), NONE)
-
-
-@pytest.mark.xfail(strict=True, reason="every group of two or more tendons is called the same")
-def test_factors_of_two_spools_have_names_of_their_own() -> None:
-    rig = side_by_side(
-        *(sliders({f"tendons.{i}.stiffness.std": share * 806.0 for i in (0, 1)}) for share in (0.1, 0.2))
-    )
-    names = AdaptiveFilter(rig, compiled=False).state_names
-    assert len(set(names)) == len(names)
