@@ -1,0 +1,355 @@
+"""A naive twin of the adaptive filter in NumPy, written from docs/adaptive.md alone: loops, full matrices, no tricks.
+
+It takes one sub-step and its slopes from `distal.model`, through `twin_model`. Numbers in brackets are the equations
+of docs/adaptive.md. `taken` counts which branches were gone through, so that a test can say what it has seen.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from math import ceil, cos, exp, inf, pi, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators import Robustness
+from distal.model import Mechanism
+from distal.rig import Rig
+from distal.sensors import variance
+from tests.estimators.adaptive.twin_model import TwinModel
+from tests.estimators.adaptive.twin_states import declares_friction, sensor_at, states_of, travel_of
+from tests.estimators.adaptive.twin_update import update
+
+Floats = NDArray[np.float64]
+MEAN_TIME = 25e-3
+LOST_FIRST = {"slider": 0.01, "capstan": 1.0}
+
+
+@dataclass
+class DriveMemory:
+    """What is remembered of a drive's motion, and what friction does with its force."""
+
+    s: float = 0.0
+    wild: float = 0.0
+    speed: float = 0.0
+    square: float = 0.0
+    u: float = 0.0
+    t: float = 0.0
+    effort: float = 0.0  # Ū
+    direction: float = 0.0  # y
+    residual: float = 0.0  # r̄
+
+
+@dataclass
+class Tracked:
+    """One interval of a drive."""
+
+    before: float
+    s: float
+    grown: float  # u⁺ − u
+    bend: float
+    variance: float  # R_s
+
+
+@dataclass
+class Sample:
+    """What came out of one sample."""
+
+    mean: Floats
+    covariance: Floats
+    innovations: Floats
+    variances: Floats
+    predicted_mean: Floats
+    predicted_covariance: Floats
+    transition: Floats
+
+
+class Twin:
+    """The filter of docs/adaptive.md for a rig and a set of guards."""
+
+    def __init__(self, rig: Rig, guards: Robustness, references: tuple[Any, ...] = ()) -> None:
+        self.rig, self.guards, self.taken = rig, guards, Counter[str]()
+        self.positions, self.forces = rig.sensors_of("position"), rig.sensors_of("force")
+        tensions = rig.sensors_of("tension")
+        self.compared = (*self.forces, *tensions, *references)
+        self.channels = (*self.positions, *tensions, *self.forces, *references)
+        self.interval = 1.0 / max(s.rate for s in (*self.positions, *self.forces, *rig.sensors_of("tension")))
+        self.mechanism = Mechanism(rig)
+        self.states = states_of(rig, self.mechanism, guards, references)
+        self.model = TwinModel(rig, self.mechanism, self.states, self.interval)
+        self.n, self.n_j, self.n_d = len(self.states), len(rig.joints), len(rig.drives)
+        self.declared = [declares_friction(rig, i, guards.declared_friction) for i in range(self.n_d)]
+        self.position_of = [sensor_at(self.positions, drive) for drive in rig.drives]
+        self.force_of = [sensor_at(self.forces, drive) for drive in rig.drives]
+
+    # ---- names and places in the state ----
+
+    def at(self, kind: str, of: int) -> int | None:
+        return next((i for i, s in enumerate(self.states) if s.kind == kind and s.of == of), None)
+
+    def sigma2(self, sensor: Any) -> float:
+        return variance(sensor) if sensor is not None else 0.0
+
+    def parameter(self, name: str, x: Floats) -> float:
+        """A parameter of the model at the state x, 1 where the rig has none of that name."""
+        p = self.mechanism.parameters
+        for i, state in enumerate(self.states):
+            if state.kind == "parameter" and state.name == name:
+                return float(x[i])
+        return float(p.values[p.names.index(name)]) if name in p.names else 1.0
+
+    # ---- a whole log ----
+
+    def run(self, times: Floats, samples: Floats) -> list[Sample]:
+        """Samples after samples; the last part of an interval that was divided is the sample's own."""
+        self.begin(samples[0])
+        self.parts: list[Sample] = []
+        found, before = [], times[0]
+        for time, sample in zip(times, samples):
+            dt = time - before
+            parts = max(1, ceil(dt / (1.25 * self.interval) - 1e-9))
+            for left in range(parts - 1, -1, -1):
+                z, mask = np.nan_to_num(sample), np.isfinite(sample).astype(float)
+                if left:
+                    crossing = len(self.positions)
+                    mask[:crossing] *= -(left + 1.0)
+                    mask[crossing:] = 0.0
+                    self.taken["bridge"] += 1
+                out = self.sample(dt / parts, z, mask)
+            missing = [np.isnan(sample[self.channels.index(s)]) for s in self.compared]
+            out.innovations[missing] = np.nan
+            found.append(out)
+            before = time
+        return found
+
+    def begin(self, sample: Floats) -> None:
+        """Prior mean and covariance, and what is remembered at the first sample."""
+        self.m = np.array([s.mean for s in self.states])
+        stds = np.array([s.std for s in self.states])
+        self.drives = [DriveMemory() for _ in self.rig.drives]
+        for i, drive in enumerate(self.rig.drives):
+            sensor = self.position_of[i]
+            if sensor is not None:
+                z = sample[self.positions.index(sensor)]
+                if np.isnan(z):
+                    self.drives[i].u = LOST_FIRST[drive.kind] ** 2
+                    self.taken["first missing"] += 1
+                else:
+                    self.drives[i].s = z - sensor.bias.value
+            k = self.at("transmitted", i)
+            if k is not None:
+                force = self.force_of[i]
+                u = sample[self.channels.index(force)]
+                self.m[k] = 0.0 if np.isnan(u) else u - force.bias.value
+                stds[k] = sqrt(self.play_at_rest(i) ** 2 / 3 + variance(force))
+        self.P = np.diag(stds**2)
+        self.prior_stds = stds
+
+    def play_at_rest(self, drive: int) -> float:
+        """h₀: the play's limit at pre-tension with the joints at `initial`."""
+        part = self.rig.drives[drive]
+        own = [i for i, t in enumerate(self.rig.tendons) if t.drive == part.name]
+        radius = part.radius.value if part.kind == "capstan" else 1.0
+        tension = sum(self.rig.tendons[i].pretension.value for i in own)
+        joint = self.rig.joints[self.mechanism.joint_of[own[0]]]
+        play = part.hysteresis
+        return max(
+            (play.constant.value + play.load.value * radius * tension) * (1 + play.slope.value * joint.initial.value), 0
+        )
+
+    # ---- one sample ----
+
+    def sample(self, dt: float, z: Floats, mask: Floats) -> Sample:
+        tracked = [self.track(i, dt, z, mask) for i in range(self.n_d)]
+        transition = self.predict(dt, tracked)
+        self.revert(dt, transition)
+        for i in range(self.n_d):
+            if self.at("transmitted", i) is not None:
+                self.play(i, z, mask, transition)
+        predicted = self.m.copy(), self.P.copy()
+        innovations, variances = update(self, dt, z, mask, tracked)
+        out = Sample(self.m.copy(), self.P.copy(), innovations, variances, *predicted, transition)
+        self.parts.append(out)
+        return out
+
+    def track(self, i: int, dt: float, z_all: Floats, mask: Floats) -> Tracked:
+        """Section 3."""
+        sensor, d = self.position_of[i], self.drives[i]
+        if sensor is None:
+            return Tracked(0.0, 0.0, 0.0, 0.0, 0.0)
+        column, noise = self.positions.index(sensor), variance(sensor)
+        z, k = z_all[column] - sensor.bias.value, mask[column]
+        tau = d.t + dt
+        e = d.s + d.speed * dt
+        limit = self.guards.wild_displacement
+        wild = (
+            limit < inf
+            and k > 0
+            and d.wild == 0
+            and (z - e) ** 2 > limit**2 * (d.square * tau**2 + d.u + 2 * noise)  # (1)
+        )
+        if k < 0:
+            s = d.s + (z - d.s) / abs(k)  # (2)
+        elif k > 0 and not wild:
+            s = z
+        else:
+            s = e
+        good = k != 0 and not wild
+        if good:  # (3)
+            span = dt if k < 0 else tau
+            if k < 0:
+                rate = (s - d.s) / (dt if dt > 0 else 1.0)
+            else:
+                rate = d.speed + (s - e) / (tau if tau > 0 else 1.0)
+            gain = 1 - exp(-span / MEAN_TIME)
+            speed, square = d.speed + gain * (rate - d.speed), d.square + gain * (rate**2 - d.square)
+        else:
+            speed, square = d.speed * exp(-dt / (2 * MEAN_TIME)), d.square
+        if k < 0:  # (4)
+            u = (s - d.s) ** 2
+        elif good:
+            u = 0.0
+        else:
+            c = self.guards.bridged_share if tau < 1.5 / sensor.rate else 1.0
+            u = max(d.u, c**2 * d.square * tau**2 + noise)
+            self.taken["led on, briefly" if c < 1 else "led on, for long"] += 1
+            if wild:
+                u += self.guards.real_jump * (z - e) ** 2
+        bend = s - d.s - d.speed * dt if good else 0.0  # (5)
+        r_s = noise + u + (self.guards.bend_share * bend) ** 2  # (6)
+        tracked = Tracked(d.s, s, u - d.u, bend, r_s)
+        self.taken["wild displacement"] += wild
+        self.taken["believed after a wild one"] += bool(d.wild and good and k > 0)
+        self.taken["missing displacement"] += k == 0
+        self.taken["crossed"] += k < 0
+        self.drives[i] = replace(d, s=s, wild=float(wild), speed=speed, square=square, u=u, t=0.0 if good else tau)
+        return tracked
+
+    def error_at(self, i: int, s: float) -> tuple[float, Floats]:
+        """E(s) of a drive's position sensor at the mean, and its slope in x."""
+        slope, sensor = np.zeros(self.n), self.position_of[i]
+        index = self.positions.index(sensor)
+        low, high = travel_of(self.rig, i)
+        xi = (s - low) / (high - low)
+        for k, state in enumerate(self.states):
+            if state.kind == "linearity" and state.of == index:
+                slope[k] = cos(pi * state.order * xi)
+        return float(slope @ self.m), slope
+
+    def places(self, tracked: list[Tracked], dt: float) -> tuple[Floats, Floats, Floats, Floats]:
+        """s̃, s̃⁺, ṡ of (7) and ∂s̃⁺/∂x, all at the mean."""
+        start, end, slopes = np.zeros(self.n_d), np.zeros(self.n_d), np.zeros((self.n_d, self.n))
+        for i in range(self.n_d):
+            k = self.at("place", i)
+            if k is not None:
+                start[i] = end[i] = self.m[k]
+                slopes[i, k] = 1.0
+            else:
+                start[i] = tracked[i].before - self.error_at(i, tracked[i].before)[0]
+                error, slope = self.error_at(i, tracked[i].s)
+                end[i], slopes[i] = tracked[i].s - error, -slope
+        rates = (end - start) / dt if dt > 0 else np.zeros(self.n_d)  # (7)
+        return start, end, rates, slopes
+
+    def predict(self, dt: float, tracked: list[Tracked]) -> Floats:
+        """Section 4, up to (12). Returns the transition so far."""
+        n, n_j, n_d = self.n, self.n_j, self.n_d
+        s, *self.place = self.places(tracked, dt)
+        _, rates, slopes = self.place
+        s_s = np.hstack([slopes, np.eye(n_d)])
+        s_theta, s_omega = np.zeros((n_j, n + n_d)), np.zeros((n_j, n + n_d))
+        s_theta[:, :n_j], s_omega[:, n_j : 2 * n_j] = np.eye(n_j), np.eye(n_j)
+        sigma, rho, x = np.zeros(n_j), np.zeros(n_j), self.m.copy()
+        for i, state in enumerate(self.states):
+            if state.kind == "torque":
+                sigma[state.of] = sqrt(self.P[i, i])
+        h = dt / self.model.substeps
+        for _ in range(self.model.substeps):
+            theta, omega, by_x, by_s, rest = self.model.substep(x, s, rates, h, sigma)
+            direct = np.zeros((n_j, n + n_d))
+            direct[:, 2 * n_j : n] = by_x[:, 2 * n_j :]
+            s_omega = by_x[:, :n_j] @ s_theta + by_x[:, n_j : 2 * n_j] @ s_omega + by_s @ s_s + direct  # (9)
+            s_theta = s_theta + h * s_omega
+            rho = rho + rest  # (10)
+            x[:n_j], x[n_j : 2 * n_j] = theta, omega  # (8)
+            s = s + h * rates
+        whole = np.vstack([s_theta, s_omega])
+        m_x, m_s = whole[:, :n], whole[:, n:]
+        transition = np.eye(n)
+        transition[: 2 * n_j] = m_x
+        # (11): what is not of the joints keeps its covariance
+        self.P = transition @ self.P @ transition.T
+        added = m_s @ np.diag([t.variance for t in tracked]) @ m_s.T
+        added += np.diag([*self.followed(tracked), *(rho + self.unmodelled() ** 2 * dt)])
+        self.P[: 2 * n_j, : 2 * n_j] += added
+        for i, state in enumerate(self.states):
+            self.P[i, i] += state.walk**2 * dt
+        self.m[: 2 * n_j] = x[: 2 * n_j]
+        return transition
+
+    def unmodelled(self) -> Floats:
+        return self.guards.unmodelled * np.array([j.unmodelled for j in self.rig.joints])
+
+    def followed(self, tracked: list[Tracked]) -> Floats:
+        """f_θ of (12)."""
+        found = np.zeros(self.n_j)
+        for i, drive in enumerate(self.rig.drives):
+            if self.position_of[i] is None:
+                continue
+            share = max(tracked[i].grown, 0.0) * self.g(self.drives[i].t)
+            radius = drive.radius.value if drive.kind == "capstan" else 1.0
+            for j in range(self.n_j):
+                own = [t for t in self.rig.tendons if t.drive == drive.name and t.joint == self.rig.joints[j].name]
+                if own:
+                    found[j] += share * (radius / own[0].insertion.radius.value) ** 2
+            self.taken["followed"] += share > 0
+        return found
+
+    def g(self, t: float) -> float:
+        return (t / (t + self.guards.follow_time)) ** 3
+
+    def revert(self, dt: float, transition: Floats) -> None:
+        for i, state in enumerate(self.states):
+            if state.fade_rate > 0:
+                f = exp(-state.fade_rate * dt)
+                factor = np.eye(self.n)
+                factor[i, i] = f
+                self.m = factor @ self.m
+                self.P = factor @ self.P @ factor
+                self.P[i, i] += state.std**2 * (1 - f**2)  # (13)
+                transition[i] = f * transition[i]
+
+    def play(self, i: int, z: Floats, mask: Floats, transition: Floats) -> None:
+        """Section 5."""
+        force, k, d = self.force_of[i], self.at("transmitted", i), self.drives[i]
+        column = self.channels.index(force)
+        if mask[column] <= 0:
+            self.taken["play without reading"] += 1
+            return
+        u, noise = z[column] - force.bias.value, variance(force)
+        h0 = self.play_at_rest(i)
+        rho = min((h0 / 8) ** 2 / noise, 1.0)
+        lam = max(2 * rho / (1 + rho), 0.02)
+        effort = u if d.effort == 0 else d.effort + lam * (u - d.effort)  # (14)
+        left = noise * lam / (2 - lam)
+        self.drives[i] = d = replace(d, effort=effort)
+        end, rates, slopes = self.place
+        limit, by_x, by_s = self.model.play_limit(i, self.m, end)
+        h = limit + 2 * sqrt(left)
+        b = self.at("bias", self.compared.index(force))
+        bias = self.m[b] if b is not None else 0.0
+        a = effort - bias - self.model.damping_of(i, self.m) * rates[i]
+        mean, low, free, high, rest = self.model.clip(a - h, a + h, self.m[k], sqrt(self.P[k, k]) + 1e-9)  # (15)
+        self.taken["play held below" if low > 0.9 else "play held above" if high > 0.9 else "play free"] += 1
+        g = (high - low) * (by_x + by_s @ slopes)
+        if b is not None:
+            g[b] -= low + high
+        g[k] += free
+        across = g @ self.P
+        self_variance = g @ self.P @ g + rest + (low + high) ** 2 * left
+        self.P[k, :], self.P[:, k] = across, across
+        self.P[k, k] = self_variance
+        self.m[k] = mean
+        transition[k] = g @ transition

@@ -1,0 +1,155 @@
+"""What the naive twin takes from `distal.model`: one sub-step, forces and limits, each with its slopes in x."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.model import (
+    Kick,
+    Mechanism,
+    clip_moments,
+    impulses,
+    joint_frequency,
+    kick_and_drift,
+    responses,
+    soft_moments,
+)
+from distal.rig import Rig
+from tests.estimators.adaptive.twin_states import State
+
+Floats = NDArray[np.float64]
+
+
+class TwinModel:
+    """Functions of (x, places s, speeds ṡ) with their slopes in x and s; the parameters are read from x."""
+
+    def __init__(self, rig: Rig, mechanism: Mechanism, states: list[State], interval: float) -> None:
+        self.mechanism, self.states = mechanism, states
+        self.n, self.n_j, self.n_d = len(states), mechanism.n_joints, mechanism.n_drives
+        # n sub-steps: 2.5 ms, or 0.6/ω_j where that is shorter, 50 at most
+        self.substeps = min(max(1, int(np.ceil(interval / min(2.5e-3, 0.6 / joint_frequency(mechanism))))), 50)
+        self.x, self.s, self.rates = ca.SX.sym("x", self.n), ca.SX.sym("s", self.n_d), ca.SX.sym("rates", self.n_d)
+        self.parameters = self._parameters()
+        self.step_function = self._substep(rig)
+        self.compare_function = self._compared()
+        self.limit_functions = {i: self._play_limit(i) for i, d in enumerate(rig.drives) if d.hysteresis is not None}
+        self.clip_function = self._clip()
+        (dampings,) = self._with_parameters(mechanism.dampings()[self.n_j :])
+        self.damping_function = ca.Function("damping", [self.x], [dampings])
+
+    def _parameters(self) -> Any:
+        """p as a function of x: a state of its own, or its value times a factor."""
+        p = self.mechanism.parameters
+        values = [ca.SX(value) for value in p.values]
+        for i, state in enumerate(self.states):
+            if state.kind == "parameter":
+                values[state.of] = self.x[i]
+            for k in state.members:
+                values[k] = p.values[k] * self.x[i]
+        return ca.vertcat(*values)
+
+    def _with_parameters(self, *expressions: Any) -> list[Any]:
+        return [ca.substitute(ca.SX(e), self.mechanism.parameters.symbols, self.parameters) for e in expressions]
+
+    def _bodies(self) -> tuple[Any, Any]:
+        """q = (θ, s) and v = (ω, ṡ)."""
+        return ca.vertcat(self.x[: self.n_j], self.s), ca.vertcat(self.x[self.n_j : 2 * self.n_j], self.rates)
+
+    def _substep(self, rig: Rig) -> ca.Function:
+        """(x, s, ṡ, h, σ_τ) → θ⁺, ω⁺, slopes of ω⁺ in x and in s, what friction adds to its variance: (8), (9), (10)."""
+        h, sigma = ca.SX.sym("h"), ca.SX.sym("sigma", self.n_j)
+        q, v = self._bodies()
+        torques = [ca.SX(0)] * self.n_j
+        for i, state in enumerate(self.states):
+            if state.kind == "torque":
+                torques[state.of] = self.x[i]
+        effort = ca.vertcat(*torques, ca.SX.zeros(self.n_d, 1))
+        response = responses(self.mechanism, h, h, rebounds=False)
+        kick = Kick(q, v, effort, response, h, h)
+        moved, speeds = kick_and_drift(self.mechanism, kick, rebounds=False, bodies=range(self.n_j))
+        z, limits, damping = impulses(self.mechanism, kick)
+        std = ca.SX.sym("std", self.n_j)
+        smooth, remaining, b = [], [], []
+        for i, joint in enumerate(rig.joints):
+            b.append(response[i, 1])
+            if joint.external_torque.std > 0:
+                expected = soft_moments(z[i], limits[i], std[i])
+                share = 1 / (1 + response[i, 1] * damping[i])
+                smooth.append(expected.mean * share)
+                remaining.append(expected.rest * share**2)
+            else:
+                smooth.append(speeds[i])
+                remaining.append(ca.SX(0))
+        slope = ca.vertcat(*smooth)
+        outputs = [moved[: self.n_j], speeds[: self.n_j], ca.vertcat(*remaining)]
+        by_x, by_s = [ca.jacobian(e, of) for e in self._with_parameters(slope) for of in (self.x, self.s)]
+        outputs = [*self._with_parameters(*outputs), by_x, by_s]
+        # the std b σ_τ + 1e-9 is put in last: it is no function of x
+        spread = self._with_parameters(ca.vertcat(*b))[0] * sigma + 1e-9
+        outputs = [ca.substitute(entry, std, spread) for entry in outputs]
+        return ca.Function("substep", [self.x, self.s, self.rates, h, sigma], outputs)
+
+    def substep(self, x: Floats, s: Floats, rates: Floats, h: float, sigma: Floats) -> list[Floats]:
+        theta, omega, rest, by_x, by_s = self.step_function(x, s, rates, h, sigma)
+        return [array(theta), array(omega), by_x.full(), by_s.full(), array(rest)]
+
+    def _compared(self) -> ca.Function:
+        """(x, s, ṡ) → (T, pull without damping, pull, l, a), one column, and its slopes in x and in s."""
+        q, v = self._bodies()
+        m = self.mechanism
+        tensions = m.tensions(q, v)
+        levers = m.length_jacobian(q)
+        elastic = ca.mtimes(levers.T, tensions)[self.n_j :]
+        pull = elastic + m.dampings()[self.n_j :] * self.rates
+        limits = m.friction_limits(q, v, tensions)[self.n_j :]
+        columns = [tensions, elastic, pull]
+        columns += [ca.vertcat(*(limit.mean for limit in limits)), ca.vertcat(*(limit.asymmetry for limit in limits))]
+        (value,) = self._with_parameters(ca.vertcat(*columns))
+        slopes = [ca.jacobian(value, self.x), ca.jacobian(value, self.s)]
+        return ca.Function("compared", [self.x, self.s, self.rates], [value, *slopes])
+
+    def compared(self, x: Floats, s: Floats, rates: Floats) -> dict[str, tuple[Floats, Floats, Floats]]:
+        value, by_x, by_s = self.compare_function(x, s, rates)
+        value, by_x, by_s = array(value), by_x.full(), by_s.full()
+        sizes = {"tension": self.mechanism.n_tendons, "elastic": self.n_d, "pull": self.n_d, "mean": self.n_d}
+        sizes["asymmetry"] = self.n_d
+        found, start = {}, 0
+        for name, size in sizes.items():
+            rows = slice(start, start + size)
+            found[name] = (value[rows], by_x[rows], by_s[rows])
+            start += size
+        return found
+
+    def _play_limit(self, drive: int) -> ca.Function:
+        """(x, s) → limit of a drive's play at the tensions of that place at rest, its slopes in x and s."""
+        q, _ = self._bodies()
+        tensions = self.mechanism.tensions(q, ca.SX.zeros(self.n_j + self.n_d, 1))
+        (limit,) = self._with_parameters(self.mechanism.hysteresis_limit(drive, q, tensions))
+        slopes = [ca.jacobian(limit, self.x), ca.jacobian(limit, self.s)]
+        return ca.Function("play_limit", [self.x, self.s], [limit, *slopes])
+
+    def play_limit(self, drive: int, x: Floats, s: Floats) -> tuple[float, Floats, Floats]:
+        limit, by_x, by_s = self.limit_functions[drive](x, s)
+        return float(limit), array(by_x), array(by_s)
+
+    def _clip(self) -> ca.Function:
+        symbols = [ca.SX.sym(name) for name in ("low", "high", "mean", "std")]
+        moments = clip_moments(*symbols)
+        return ca.Function(
+            "clip", symbols, [moments.mean, moments.by_low, moments.by_mean, moments.by_high, moments.rest]
+        )
+
+    def clip(self, low: float, high: float, mean: float, std: float) -> list[float]:
+        return [float(value) for value in self.clip_function(low, high, mean, std)]
+
+    def damping_of(self, drive: int, x: Floats) -> float:
+        """B of a drive at the mean."""
+        return float(self.damping_function(x)[drive])
+
+
+def array(value: Any) -> Floats:
+    return np.array(value.full(), dtype=float).ravel()

@@ -1,0 +1,192 @@
+"""The state vector of the naive twin: section 2 of docs/adaptive.md, one plain list."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import erf, exp, inf, isclose, pi, sqrt
+from typing import Any
+
+import numpy as np
+
+from distal.estimators import Robustness
+from distal.model import Mechanism
+from distal.rig import Rig
+from distal.sensors import variance
+
+MAY_BE_NEGATIVE = ("rest_angle", "hanging_angle", "slope", "curvature", "centre", "wrap_slope")
+LINEARITY_SHARE = 0.6  # std of a linearity curve, as a share of its largest magnitude
+
+
+@dataclass
+class State:
+    """One number of x: what it is called, its prior, and how it changes."""
+
+    name: str
+    kind: str
+    mean: float
+    std: float
+    of: int = 0  # index of its joint, drive, parameter or sensor (position or compared)
+    order: int = 0  # j of a bend of a linearity
+    walk: float = 0.0  # per √s
+    fade_rate: float = 0.0  # f = e^{−rate dt}
+    lowest: float = -inf
+    considered: bool = False
+    members: tuple[int, ...] = ()  # the parameters that a factor multiplies
+
+
+def cut_at_zero(mean: float, std: float) -> tuple[float, float]:
+    """Mean and std of a normal distribution that is cut at zero, (†)."""
+    if mean > 4 * std:
+        return mean, std
+    alpha = -mean / std
+    density = exp(-alpha * alpha / 2) / sqrt(2 * pi)
+    hazard = density / (1 - (1 + erf(alpha / sqrt(2))) / 2)
+    return mean + std * hazard, std * sqrt(1 + alpha * hazard - hazard**2)
+
+
+def travel_of(rig: Rig, drive: int) -> tuple[float, float]:
+    """Between the drive's stops; else ±1.2 rad of the joint about where the nominal force pulls a slider to."""
+    part = rig.drives[drive]
+    if part.stops is not None:
+        return part.stops
+    tendon = next(t for t in rig.tendons if t.drive == part.name)
+    radius = part.radius.value if part.kind == "capstan" else 1.0
+    middle = part.nominal_force.value / tendon.stiffness.value if part.kind == "slider" else 0.0
+    half = 1.2 * tendon.insertion.radius.value / radius
+    return middle - half, middle + half
+
+
+def declares_friction(rig: Rig, drive: int, least: float) -> bool:
+    """Whether friction at the drive's usual load comes to `least` newtons or more."""
+    part = rig.drives[drive]
+    own = [t for t in rig.tendons if t.drive == part.name]
+    radius = part.radius.value if part.kind == "capstan" else 1.0
+    load = max(abs(part.nominal_force.value) / radius, sum(t.pretension.value for t in own), 1.0)
+    constant, share = part.friction.constant, part.friction.load
+    total = (constant.value + constant.unsure) / radius + (share.value + share.unsure) * load
+    for tendon in own:
+        if tendon.path is not None:
+            mu, beta = tendon.path.friction, tendon.path.wrap.value
+            total += load * (exp((mu.value + mu.unsure) * beta) - 1)
+    return total >= least
+
+
+def sensor_at(sensors: tuple[Any, ...], part: Any) -> Any:
+    """The sensor of a drive, or None."""
+    return next((s for s in sensors if s.of == part.name), None)
+
+
+def states_of(rig: Rig, mechanism: Mechanism, guards: Robustness, references: tuple[Any, ...]) -> list[State]:
+    """The whole list, in the order of the table."""
+    names = [j.name for j in rig.joints]
+    one = len(names) == 1
+    positions, forces = rig.sensors_of("position"), rig.sensors_of("force")
+    states = [
+        State("theta" if one else f"theta_{j.name}", "angle", j.initial.value, j.initial.std, i)
+        for i, j in enumerate(rig.joints)
+    ]
+    states += [
+        State("theta_dot" if one else f"theta_{j.name}_dot", "speed", 0.0, 0.3, i) for i, j in enumerate(rig.joints)
+    ]
+    for i, joint in enumerate(rig.joints):
+        torque = joint.external_torque
+        if torque.std > 0:
+            name = "external_torque" if one else f"external_torque_{joint.name}"
+            states.append(State(name, "torque", 0.0, torque.std, i, fade_rate=1 / torque.correlation_time))
+    states += parameters_of(rig, mechanism, guards)
+    for i, sensor in enumerate(positions):
+        states += linearity_of(sensor, i)
+    for i, drive in enumerate(rig.drives):
+        if sensor_at(positions, drive) is None:
+            low, high = travel_of(rig, i)
+            state = State(f"position_{drive.name}", "place", (low + high) / 2, (high - low) / sqrt(12), i)
+            state.walk = high - low
+            states.append(state)
+    for i, drive in enumerate(rig.drives):
+        sensor = sensor_at(forces, drive)
+        if sensor is None or guards.unknown_friction == 0 or drive.hysteresis is not None:
+            continue
+        if not declares_friction(rig, i, guards.declared_friction):
+            sigma = sqrt(variance(sensor))
+            state = State(f"friction_{drive.name}", "friction", 0.0, guards.unknown_friction * sigma, i)
+            state.walk = guards.unknown_friction_walk * sigma
+            states.append(state)
+    for i, drive in enumerate(rig.drives):
+        if drive.hysteresis is not None and sensor_at(forces, drive) is not None:
+            # its prior is the first reading ± √(h₀²/3 + σ²): filled in by the twin, which has h₀
+            states.append(State(f"transmitted_{drive.name}", "transmitted", 0.0, 0.0, i))
+    for i, drive in enumerate(rig.drives):
+        if drive.hysteresis is not None and drive.hysteresis.error > 0 and sensor_at(forces, drive) is not None:
+            state = State(f"transmission_error_{drive.name}", "error", 0.0, drive.hysteresis.error, i)
+            state.fade_rate, state.considered = 1 / drive.hysteresis.error_time, True
+            states.append(state)
+    for i, sensor in enumerate((*forces, *rig.sensors_of("tension"), *references)):
+        spread = sqrt(sensor.bias.unsure**2 + (LINEARITY_SHARE * sensor.linearity) ** 2)
+        if spread > 0:
+            state, drift = State(f"bias_{sensor.name}", "bias", 0.0, spread, i), sensor.bias.drift or 0.0
+            if sensor.measures == "angle":
+                state.fade_rate = drift**2 / (2 * spread**2)
+            else:
+                state.walk = drift
+            states.append(state)
+    return states
+
+
+def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[State]:
+    """Parameters with a std that can be seen, and the factors of tendons that err together, as they come."""
+    p, states, factors = mechanism.parameters, [], []
+    of_factors: set[int] = set()
+    for i, (name, value, std, drift) in enumerate(zip(p.names, p.values, p.stds, p.drifts)):
+        if i in of_factors or std <= 0 or not is_seen(rig, name, std):
+            continue
+        kind, _, what = name.split(".", 2)
+        if kind == "tendons" and what in ("stiffness", "damping"):
+            alike = [k for k, other in enumerate(p.names) if other.split(".", 2)[::2] == [kind, what]]
+            members = [k for k in alike if isclose(p.stds[k] / p.values[k], std / value, rel_tol=1e-9)]
+            of_factors |= set(members)
+            title = f"tendons.{what}.factor" if len(members) > 1 else f"{name}.factor"
+            mean, spread = cut_at_zero(1.0, std / value)
+            state = State(title, "factor", mean, spread, lowest=0.05, members=tuple(members))
+            state.walk = guards.parameter_walk * spread if np.isnan(drift) else drift / value
+            factors.append(state)
+            continue
+        state = State(name, "parameter", value, std, i, walk=drift)
+        if not name.endswith(MAY_BE_NEGATIVE):
+            state.mean, state.std = cut_at_zero(value, std)
+            state.lowest = 0.01 * state.std
+        if np.isnan(drift):
+            state.walk = guards.parameter_walk * state.std
+        states.append(state)
+    return states + factors
+
+
+def is_seen(rig: Rig, name: str, std: float) -> bool:
+    """Whether a parameter can be seen by the filter: of a drive, only its damping, its radius and larger friction."""
+    if not name.startswith("drives."):
+        return True
+    _, index, what = name.split(".", 2)
+    if what in ("damping", "radius"):
+        return True
+    drive = rig.drives[int(index)]
+    sensor = sensor_at(rig.sensors_of("force"), drive)
+    noise = sqrt(variance(sensor)) if sensor is not None else drive.nominal_force.unsure
+    if what not in ("friction.constant", "friction.load"):
+        return False
+    load = max(abs(drive.nominal_force.value), 1.0) if what == "friction.load" else 1.0
+    return std * load >= 0.1 * noise
+
+
+def linearity_of(sensor: Any, index: int) -> list[State]:
+    """Bends of a position sensor's error over the travel, (‡)."""
+    if sensor.linearity == 0 and sensor.bias.unsure == 0:
+        return []
+    weights = [exp(-((j / 3) ** 2) / 2) for j in range(6)]
+    # c²(1 + ½ Σ e^{−(j/3)²}) = (0.6 L)²
+    c = LINEARITY_SHARE * sensor.linearity / sqrt(1 + 0.5 * sum(w * w for w in weights[1:]))
+    curve = [*sensor.curve, *(6 - len(sensor.curve)) * [0.0]]
+    states = []
+    for j in range(6):
+        std = sqrt((c * weights[j]) ** 2 + (sensor.bias.unsure**2 if j == 0 else 0.0))
+        if std > 0:
+            states.append(State(f"linearity_{sensor.name}_{j}", "linearity", curve[j], std, index, order=j))
+    return states
