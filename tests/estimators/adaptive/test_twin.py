@@ -64,6 +64,7 @@ TEXTBOOK = {
     "paths of a capstan": (capstan(BOTH_PATHS), ("declared, slips",)),
     "transmitted": (capstan(rigs.HYSTERESIS), ("play held below", "play free", "play held above")),
     "transmission error": (capstan(rigs.HYSTERESIS, ERROR), ("play held below", "play free", "play held above")),
+    "a play within the noise": (capstan(rigs.HYSTERESIS, {"sensors.motor_torque.noise": 0.05}), ("play free",)),
     "transmitted with a bias": (capstan(rigs.HYSTERESIS, TORQUE_BIAS), ("play held below", "play held above")),
     "biases of forces and of a tension": (sliders(rigs.BIASES, without=("encoder",)), ()),
     "biases with a reference": (sliders(rigs.BIASES, without=EVERY), ()),
@@ -214,6 +215,19 @@ def test_one_guard_at_a_time(name: str) -> None:
     if states[0].means.shape == states[1].means.shape:
         told = [np.nan_to_num(course.innovations) for course in states]
         assert np.abs(states[0].means - states[1].means).max() > 1e-9 or np.abs(told[0] - told[1]).max() > 1e-6
+
+
+def test_what_is_wild_at_rest() -> None:
+    """Only the sensor's noise decides there: 6 √2 σ is 8.5 σ."""
+    rig = sliders()
+    time, samples = slider_log(rig, rest=30)
+    samples[29:, :2] = samples[29, :2]
+    for row, size in ((70, 9.5), (100, 8.0)):
+        samples[row, 0] += size * rig.sensors_of("position")[0].noise
+    twin = agree(rig, (time, samples), replace(NONE, wild_displacement=6.0))
+    before = Twin(rig, replace(NONE, wild_displacement=6.0))
+    before.run(time[:60], samples[:60])
+    assert twin.taken["wild displacement"] - before.taken["wild displacement"] == 1
 
 
 def test_a_long_stick_tells_little() -> None:
