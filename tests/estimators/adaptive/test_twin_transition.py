@@ -46,7 +46,7 @@ def test_the_smoother_goes_back_by_its_equation() -> None:
     taken = {id(sample) for sample in twin.run(time, samples)}
     own = [k for k, part in enumerate(twin.parts) if id(part) in taken]
     means, covariances = [part.mean for part in twin.parts], [part.covariance for part in twin.parts]
-    scale, guards = twin.prior_stds, [i for i, name in enumerate(twin.names) if name.startswith("friction_")]
+    scale, guards = twin.prior_stds, [i for i, state in enumerate(twin.states) if state.kind == "friction"]
     assert guards  # their rows of C are zero
     for k in range(len(twin.parts) - 2, -1, -1):
         after, phi, p = twin.parts[k + 1], twin.parts[k + 1].transition, twin.parts[k].covariance

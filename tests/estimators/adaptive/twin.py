@@ -346,6 +346,7 @@ class Twin:
         g = (high - low) * (by_x + by_s @ slopes)
         if b is not None:
             g[b] -= low + high
+        g -= (low + high) * rates[i] * self.model.damping_slope_of(i, self.m)
         g[k] += free
         across = g @ self.P
         self_variance = g @ self.P @ g + rest + (low + high) ** 2 * left

@@ -39,7 +39,7 @@ class TwinModel:
         self.limit_functions = {i: self._play_limit(i) for i, d in enumerate(rig.drives) if d.hysteresis is not None}
         self.clip_function = self._clip()
         (dampings,) = self._with_parameters(mechanism.dampings()[self.n_j :])
-        self.damping_function = ca.Function("damping", [self.x], [dampings])
+        self.damping_function = ca.Function("damping", [self.x], [dampings, ca.jacobian(dampings, self.x)])
 
     def _parameters(self) -> Any:
         """p as a function of x: a state of its own, or its value times a factor."""
@@ -148,7 +148,11 @@ class TwinModel:
 
     def damping_of(self, drive: int, x: Floats) -> float:
         """B of a drive at the mean."""
-        return float(self.damping_function(x)[drive])
+        return float(self.damping_function(x)[0][drive])
+
+    def damping_slope_of(self, drive: int, x: Floats) -> Floats:
+        """∂B/∂x of a drive."""
+        return np.array(self.damping_function(x)[1].full())[drive]
 
 
 def array(value: Any) -> Floats:

@@ -62,7 +62,7 @@ def rows_of(states: StateVector, state: Any, tracks: Tracks, rates: Any, x: Any)
     places = [states.place(i, tracks[i].place, state) for i in range(setup.n_drives)]
     q, v = ca.vertcat(state[:nj], *places), ca.vertcat(state[nj : 2 * nj], rates)
     mechanics = _mechanics(setup)(q, v, states.parameters(state))
-    tensions, pulls, limits, asymmetries, tension_slopes, pull_slopes = mechanics
+    tensions, pulls, dampings, limits, asymmetries, tension_slopes, pull_slopes = mechanics
     rows = []
     for i, drive in enumerate(mechanism.rig.drives):
         sensor, body, track = setup.force_sensor(i), nj + i, tracks[i]
@@ -79,7 +79,7 @@ def rows_of(states: StateVector, state: Any, tracks: Tracks, rates: Any, x: Any)
         own, mask = setup.noise(sensor), setup.mask(x, sensor) * free
         transmitted = states.transmitted(i)
         if transmitted is not None:
-            damped = mechanism.dampings()[body] * rates[i]
+            damped = dampings[body] * rates[i]
             rows.append(Row(sensor.name, state[transmitted[0]] - (expected - damped), TIE**2 * own + spread, mask))
             continue
         residual = setup.value(x, sensor) - expected - states.sensor_error(sensor, state)
@@ -101,18 +101,16 @@ def rows_of(states: StateVector, state: Any, tracks: Tracks, rates: Any, x: Any)
 
 
 def _mechanics(setup: Setup) -> ca.Function:
-    """Return (q, v, p) → tensions, pulls on the bodies, friction limits and asymmetries, slopes of the first two by q."""
+    """Return (q, v, p) → tensions, pulls on the bodies, their dampings, friction limits and asymmetries, slopes by q."""
     mechanism = setup.mechanism
     q, v, p = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("v", mechanism.n_bodies), mechanism.parameters.symbols
     tensions = mechanism.tensions(q, v)
     pulls = ca.mtimes(mechanism.length_jacobian(q).T, tensions) + mechanism.dampings() * v
     friction = mechanism.friction_limits(q, v, tensions)
-    outputs = [
-        tensions,
-        pulls,
-        *(ca.vertcat(*(getattr(limit, part) for limit in friction)) for part in ("mean", "asymmetry")),
-    ]
-    return ca.Function("mechanics", [q, v, p], [*outputs, ca.jacobian(tensions, q), ca.jacobian(pulls, q)])
+    limits = ca.vertcat(*(limit.mean for limit in friction))
+    asymmetries = ca.vertcat(*(limit.asymmetry for limit in friction))
+    slopes = [ca.jacobian(tensions, q), ca.jacobian(pulls, q)]
+    return ca.Function("mechanics", [q, v, p], [tensions, pulls, mechanism.dampings(), limits, asymmetries, *slopes])
 
 
 def away_from_stops(setup: Setup, drive: int, place: Any) -> Any:

@@ -57,18 +57,14 @@ def moved(
     """
     setup, n = states.setup, len(states)
     nj, columns = setup.n_joints, n + setup.n_drives
-    starts, rates, parameters, drive_slopes, response, torques, spreads = _interval(states, count)(
-        mean, covariance, memory, tracks, x, p
-    )
+    starts, rates, torques, *constant = _interval(states, count)(mean, covariance, memory, tracks, x, p)
     step, h = _substep(states), x[0] / count
     q, v = ca.vertcat(mean[:nj], starts), ca.vertcat(mean[nj : 2 * nj], rates)
     identity = ca.DM.eye(columns)
     angle_slopes, speed_slopes = (ca.MX(ca.densify(identity[i * nj : (i + 1) * nj, :])) for i in (0, 1))
     rest = ca.MX(ca.DM.zeros(nj))
     for _ in range(count):
-        q, v, angle_slopes, speed_slopes, added = step(
-            q, v, torques, spreads, response, h, parameters, angle_slopes, speed_slopes, drive_slopes
-        )
+        q, v, angle_slopes, speed_slopes, added = step(q, v, torques, h, angle_slopes, speed_slopes, *constant)
         rest = rest + added
     return Moved(q[:nj], v[:nj], angle_slopes, speed_slopes, rest, rates)
 
@@ -76,8 +72,9 @@ def moved(
 def _interval(states: StateVector, count: int) -> ca.Function:
     """Return what an interval needs before its sub-steps.
 
-    (mean, P, memory, tracks, x, p) → places of the drives at its start, their speeds, the model's parameters, the slopes of
-    the places with respect to states and their own errors, the responses of the bodies, external torques and their stds.
+    (mean, P, memory, tracks, x, p) → places of the drives at its start, their speeds, external torques; then, the same for
+    all sub-steps, the torques' stds, the model's parameters, the slopes of the places with respect to states and their own
+    errors, the responses of the bodies, and, where a state changes them, the slopes of the joints' responses.
     """
     setup, n, nd = states.setup, len(states), states.setup.n_drives
     mechanism, p = setup.mechanism, setup.mechanism.parameters.symbols
@@ -101,17 +98,29 @@ def _interval(states: StateVector, count: int) -> ca.Function:
         # torques are sums of states of their own: their variances add up
         _, at = slope.sparsity().get_triplet()
         spreads.append(ca.sqrt(ca.fmax(sum((covariance[i, i] for i in at), ca.SX(0)), 0)) if at else ca.SX(0))
-    outputs = [ca.vertcat(*starts), ca.vertcat(*rates), parameters, slopes, respond(dt / count, parameters)]
-    outputs += [torques, ca.vertcat(*spreads)]
+    response, responding = respond(dt / count, parameters), _responding(states)
+    outputs = [ca.vertcat(*starts), ca.vertcat(*rates), torques, ca.vertcat(*spreads), parameters, slopes, response]
+    if responding:
+        outputs.append(ca.jacobian(ca.vec(response[: setup.n_joints, :2]), mean)[:, responding])
     return ca.Function(
         "interval", [mean, covariance, memory, vector, x, p], ca.cse([ca.densify(entry) for entry in outputs])
     )
 
 
+def _responding(states: StateVector) -> list[int]:
+    """Return which states change the responses a and b of a joint: its inertia and damping act through them alone."""
+    mechanism, state, h = states.setup.mechanism, ca.SX.sym("state", len(states)), ca.SX.sym("h")
+    p = mechanism.parameters.symbols
+    respond = ca.Function("responses", [h, p], [responses(mechanism, h, h, rebounds=False)])
+    own = respond(h, states.parameters(state))[: mechanism.n_joints, :2]
+    _, columns = ca.jacobian(ca.vec(own), state).sparsity().get_triplet()
+    return sorted({int(i) for i in columns})
+
+
 def _substep(states: StateVector) -> ca.Function:
     """Return one sub-step of the joints with its slopes, the drives moving as they were measured to.
 
-    (q, v, τ, σ_τ, response, h, p, S_θ, S_ω, S_drives) → (q⁺, v⁺, S_θ⁺, S_ω⁺, variance added to ω). Where an external
+    (q, v, τ, h, S_θ, S_ω, σ_τ, p, S_drives, response, …) → (q⁺, v⁺, S_θ⁺, S_ω⁺, variance added to ω). Where an external
     torque can occur, mean and motion are exact, but slopes and the variance left over are those of the expectation over
     the torque (`soft_moments`): a stuck joint may be moved by a hand, though its linearisation says that it cannot.
     """
@@ -138,8 +147,13 @@ def _substep(states: StateVector) -> ca.Function:
     along += ca.mtimes(ca.jacobian(speed, q[nj:]), drive_slopes)
     along[:, :n] += ca.mtimes(ca.jacobian(speed, p), _parameter_slopes(states))
     along[:, :n] += ca.mtimes(ca.jacobian(speed, torques), torque_slopes)
+    arguments = [q, v, torques, h, angle_slopes, speed_slopes, spreads, p, drive_slopes, response]
+    responding = _responding(states)
+    if responding:
+        arguments.append(ca.SX.sym("S_response", 2 * nj, len(responding)))
+        by_response = ca.horzcat(ca.jacobian(speed, response[:nj, 0]), ca.jacobian(speed, response[:nj, 1]))
+        along[:, responding] += ca.mtimes(by_response, arguments[-1])
     outputs = [q_next, v_next, angle_slopes + h * along, along, ca.vertcat(*rest)]
-    arguments = [q, v, torques, spreads, response, h, p, angle_slopes, speed_slopes, drive_slopes]
     return ca.Function("substep", arguments, ca.cse([ca.densify(entry) for entry in outputs]))
 
 

@@ -111,11 +111,13 @@ def play_function(states: StateVector, drive: int) -> ca.Function:
     places = [states.place(i, tracks[i].place, state) for i in range(nd)]
     q, still = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
     limit = mechanism.hysteresis_limit(drive, q, mechanism.tensions(q, still))
-    held = ca.Function("limit", [q, p], [limit])(ca.vertcat(state[:nj], *places), states.parameters(state))
+    found = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
+    held, dampings = found(ca.vertcat(state[:nj], *places), states.parameters(state))
     slope = ca.densify(ca.jacobian(held, state))
     kept = smoothed_effort(setup, block, remembered, x)
-    error = states.sensor_error(block.sensor, state)
-    effort = kept - error - mechanism.dampings()[nj + drive] * rates[drive]
+    # what the effort has beyond the transmission's own: the sensor's error, and the drive's damping
+    error = states.sensor_error(block.sensor, state) + dampings[nj + drive] * rates[drive]
+    effort = kept - error
     share = reading_weight(block)
     left = share / (2 - share) * setup.noise(block.sensor)
     held += CREST * ca.sqrt(left)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states.state import State
+from distal.rig import number
 from distal.sensors import variance
 
 Floats = NDArray[np.float64]
@@ -112,13 +113,17 @@ def uncertain_parameters(setup: Setup) -> list[UncertainParameter]:
             shared.setdefault(key, []).append(i)
             continue
         mean, spread, lowest = value, std, -np.inf
-        if not name.endswith("angle"):
+        if number(setup.mechanism.rig, name).quantity.bound != "any":
             mean, spread = cut_normal(value, std)
             lowest = SMALLEST_VALUE * spread
         found.append(UncertainParameter(name, (i,), False, mean, spread, walk(spread, drift), lowest))
     for (kind, relative, walked), indices in shared.items():
         mean, spread = cut_normal(1.0, relative)
-        name = p.names[indices[0]] if len(indices) == 1 else f"tendons.{kind}"
+        name = p.names[indices[0]]
+        if len(indices) > 1:
+            several = sum(key[0] == kind and len(own) > 1 for key, own in shared.items()) > 1
+            which = "+".join(p.names[i].split(".")[1] for i in indices)
+            name = f"tendons.{which}.{kind}" if several else f"tendons.{kind}"
         found.append(UncertainParameter(f"{name}.factor", tuple(indices), True, mean, spread, walked, SMALLEST_FACTOR))
     return found
 
