@@ -34,7 +34,6 @@ from distal.running import with_references  # noqa: E402
 WITHOUT: dict[str, float] = {
     "wild_displacement": inf,
     "real_jump": 0.0,
-    "bridged_share": 1.0,
     "bend_share": 0.0,
     "follow_time": inf,
     "followed_variance": 0.0,

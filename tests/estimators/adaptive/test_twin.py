@@ -152,7 +152,6 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
     paper = Robustness(
         wild_displacement=6.0,  # (1)
         real_jump=0.1,  # (4)
-        bridged_share=0.3,
         bend_share=0.12,  # (6)
         follow_time=0.05,  # (12)
         followed_variance=20.0,  # (16)
@@ -184,7 +183,6 @@ GUARDS = {
     "wild displacement": (UNDECLARED, {"wild_displacement": 6.0}, ("wild displacement", "believed after a wild one")),
     # so little doubt that the reading after a wild one would be wild again, were it not believed
     "a real jump": (UNDECLARED, {"wild_displacement": 6.0, "real_jump": 1e-3}, ("believed after a wild one",)),
-    "bridged share": (UNDECLARED, {"bridged_share": 0.7}, LOST),
     "bend": (UNDECLARED, {"bend_share": 0.12}, ()),
     "follow time": (UNDECLARED, {"follow_time": 0.02}, LOST),
     "force of a lost place": (UNDECLARED, {"followed_variance": 20.0}, LOST),

@@ -74,7 +74,7 @@ MISTAKES: dict[str, tuple[Any, str, str, str, Any, Robustness, float]] = {
     "variance of a lost place": (
         twin.Twin,
         "track",
-        "c**2 * d.square * tau**2 + noise",
+        "d.square * tau**2 + noise",
         "noise",
         UNDECLARED,
         NONE,

@@ -212,9 +212,8 @@ class Twin:
         elif good:
             u = 0.0
         else:
-            c = self.guards.bridged_share if tau < 1.5 / sensor.rate else 1.0
-            u = max(d.u, c**2 * d.square * tau**2 + noise)
-            self.taken["led on, briefly" if c < 1 else "led on, for long"] += 1
+            u = max(d.u, d.square * tau**2 + noise)
+            self.taken["led on, briefly" if tau < 1.5 / sensor.rate else "led on, for long"] += 1
             if wild:
                 u += self.guards.real_jump * (z - e) ** 2
         bend = s - d.s - d.speed * dt if good else 0.0  # (5)

@@ -24,9 +24,6 @@ MEMORY, UNKNOWN = len(REMEMBERED), REMEMBERED.index("unknown")
 TRACKED = (*REMEMBERED, "bend", "variance")
 """Names of the numbers that are known of each drive after a reading."""
 
-ON_TIME = 1.5
-"""A reading that is missing for less than this times its sensor's interval is on its way [1]."""
-
 
 @dataclass(frozen=True)
 class Drive:
@@ -106,13 +103,13 @@ def tracking(setup: Setup) -> ca.Function:
             continue
         remembered = memory[MEMORY * i : MEMORY * (i + 1)]
         reading, there = setup.value(x, sensor), setup.mask(x, sensor)
-        drives.append(track(remembered, reading, there, setup.noise(sensor), 1.0 / sensor.rate, x[0], setup.robustness))
+        drives.append(track(remembered, reading, there, setup.noise(sensor), x[0], setup.robustness))
     kept = [getattr(drive, name) for drive in drives for name in REMEMBERED]
     vector = ca.vertcat(*kept, *(drive.bend for drive in drives), *(drive.variance for drive in drives))
     return ca.Function("track", [memory, x, p], [ca.cse(ca.densify(vector))])
 
 
-def track(memory: Any, reading: Any, there: Any, noise: Any, interval: float, dt: Any, robustness: Robustness) -> Drive:
+def track(memory: Any, reading: Any, there: Any, noise: Any, dt: Any, robustness: Robustness) -> Drive:
     """Return a drive after a reading; a missing or wild one is bridged by the mean speed, which fades.
 
     A reading is wild if it is far from where the mean speed leads, and the one before was not: a real jump, or the
@@ -123,7 +120,6 @@ def track(memory: Any, reading: Any, there: Any, noise: Any, interval: float, dt
         reading: displacement [m, rad].
         there: 1 where it is not missing; −k in an interval without a sample, k intervals before the one with `reading`.
         noise: variance of the sensor's random error.
-        interval: time between the sensor's own readings [s].
         dt: length of the interval [s].
         robustness: the guards.
     """
@@ -145,8 +141,7 @@ def track(memory: Any, reading: Any, there: Any, noise: Any, interval: float, dt
     share = 1 - ca.exp(-elapsed / MOTION_TIME)
     fade = ca.exp(-dt / (2 * MOTION_TIME))
     # (4) a drive that is lost goes on as it did: its error grows with time, not with the root of time
-    part = ca.if_else(time < ON_TIME * interval, robustness.bridged_share, 1)
-    astray = part * part * square * time * time + noise
+    astray = square * time * time + noise
     jumped = ca.if_else(wild, robustness.real_jump * (reading - expected) ** 2, 0)
     unknown = ca.if_else(bridged, moved * moved, ca.if_else(good, 0, ca.fmax(unknown, astray) + jumped))
     # (5), (6) what a straight line between samples misses

@@ -19,7 +19,6 @@ class Robustness:
     Args:
         wild_displacement: a reading farther than this times the recent motion from where it should be is wild [1].
         real_jump: chance that a wild reading is a real jump: its square times this is doubted until the next one [1].
-        bridged_share: error of a place that is led on for less than its sensor's interval, as a share of the motion [1].
         bend_share: share of the bend between samples that a straight line may miss [1].
         follow_time: time in which the joint follows a drive whose place is not known [s].
         followed_variance: how often the variance of a place that is lost is added to its force [1].
@@ -42,8 +41,6 @@ class Robustness:
     """docs/estimators.md, spoiled logs; `python -m benchmarks.strangers loads glitches`"""
     real_jump: float = 0.1
     """docs/estimators.md, "a wild one is bridged"; as above"""
-    bridged_share: float = 0.3
-    """docs/estimators.md, logs at 10 to 100 Hz: `python -m benchmarks.sensitivity`"""
     bend_share: float = 0.12
     """a parabola misses 1/8 of its second difference; docs/adaptive.md, equation (6)"""
     follow_time: float = 0.05
