@@ -39,8 +39,6 @@ WITHOUT: dict[str, float] = {
     "followed_variance": 0.0,
     "wild_force": inf,
     "stop_margin": 0.0,
-    "stop_noise": 0.0,
-    "stop_travel": 0.0,
     "sticking_samples": 0.0,
     "turning_samples": 0.0,
     "unknown_friction": 0.0,
@@ -49,9 +47,6 @@ WITHOUT: dict[str, float] = {
     "unmodelled": 0.0,
 }
 """Guard → its value where it does nothing."""
-
-TOGETHER = ("stop_noise", "stop_travel"), ("stop_margin", "stop_noise", "stop_travel")
-"""Guards that may stand in for each other: taken out together."""
 
 CONSTANTS: dict[str, tuple[str, float]] = {
     "SHARP_BEND": ("stick_slip", 1e9),
@@ -167,7 +162,7 @@ def main() -> None:
     """Print the tables: one for each kind of logs, a row for each guard."""
     asked = set(sys.argv[1:])
     variants: dict[str, Variant] = {"as it is": (Robustness(), "")}
-    for names in [*((name,) for name in WITHOUT), *TOGETHER]:
+    for names in [(name,) for name in WITHOUT]:
         if not asked or "+".join(names) in asked:
             without = replace(Robustness(), **{name: WITHOUT[name] for name in names})
             variants[f"without {' + '.join(names)}"] = (without, "")

@@ -157,8 +157,6 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
         followed_variance=20.0,  # (16)
         wild_force=9.0,  # (23)
         stop_margin=1.0,  # (17)
-        stop_noise=10.0,
-        stop_travel=0.002,
         sticking_samples=50.0,  # δ
         turning_samples=10.0,
         unknown_friction=0.7,  # the state "friction"
@@ -189,7 +187,7 @@ GUARDS = {
     "force of a lost place with hysteresis": (PLAY, {"followed_variance": 20.0}, LOST),
     "wild force": (UNDECLARED, {"wild_force": 9.0}, ("wild force",)),
     "wild force, a considered state": (PLAY, {"wild_force": 4.0}, ("wild force",)),
-    "stop margin": (UNDECLARED, {"stop_margin": 3.0, "stop_noise": 20.0, "stop_travel": 0.05}, ("at a stop",)),
+    "stop margin": (sliders(rigs.NEAR_STOPS, rigs.FACTORS), {"stop_margin": 3.0}, ("at a stop",)),
     "sticking": (UNDECLARED, {"sticking_samples": 50.0}, ("undeclared, sticks", "undeclared, moves")),
     "turning": (UNDECLARED, {"turning_samples": 10.0}, ("undeclared, moves",)),
     "sticking, declared": (DECLARED, {"sticking_samples": 50.0}, ("sticks, within the limits", "declared, slips")),

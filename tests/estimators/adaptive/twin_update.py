@@ -171,8 +171,7 @@ def near_stop(twin: Twin, i: int, s: float) -> bool:
     if stops is None or sensor is None:
         return False
     low, high = stops
-    margin = guards.stop_margin * sensor.linearity + guards.stop_noise * sqrt(variance(sensor))
-    margin += guards.stop_travel * (high - low)
+    margin = guards.stop_margin * sensor.linearity
     near = not low + margin < s < high - margin
     twin.taken["at a stop"] += near
     return near

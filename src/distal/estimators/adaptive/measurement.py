@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from distal.estimators.adaptive.drive_tracking import Tracks
-from distal.estimators.adaptive.robustness import extra_variance, stop_distance
+from distal.estimators.adaptive.robustness import extra_variance
 from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states import StateVector
-from distal.sensors import variance
 
 TIE = 0.3
 """How closely the transmitted effort fits the tendons' pull, in standard deviations of the effort's sensor."""
@@ -125,7 +123,7 @@ def away_from_stops(setup: Setup, drive: int, place: Any) -> Any:
     if part.stops is None or sensor is None:
         return ca.SX(1)
     low, high = part.stops
-    margin = stop_distance(setup.robustness, sensor.linearity, float(np.sqrt(variance(sensor))), high - low)
+    margin = setup.robustness.stop_margin * sensor.linearity
     return ca.if_else(ca.logic_and(place > low + margin, place < high - margin), 1, 0)
 
 

@@ -24,8 +24,6 @@ class Robustness:
         followed_variance: how often the variance of a place that is lost is added to its force [1].
         wild_force: a squared innovation beyond this times its variance counts less [1].
         stop_margin: a drive nearer to a stop than this times its sensor's linearity may touch it [1].
-        stop_noise: and than this many standard deviations of its sensor's noise [1].
-        stop_travel: and than this share of its travel [1].
         sticking_samples: samples over which friction of a drive that sticks is the same [1].
         turning_samples: the same while a drive turns back [1].
         unknown_friction: std of friction that the rig does not declare, in those of the drive's force sensor [1]; 0: not
@@ -51,10 +49,6 @@ class Robustness:
     """3 σ; docs/identification.md uses the same bound in the criterion of a fit"""
     stop_margin: float = 1.0
     """0.1 mm on 1e5 N/m is 10 N; docs/estimators.md, "In the hard places\""""
-    stop_noise: float = 10.0
-    """as above"""
-    stop_travel: float = 0.002
-    """as above"""
     sticking_samples: float = 50.0
     """docs/estimators.md, "In the hard places\""""
     turning_samples: float = 10.0
@@ -136,18 +130,6 @@ def extra_variance(robustness: Robustness, lost: Any, unknown: Any) -> Any:
         unknown: variance of the place [m², rad²].
     """
     return robustness.followed_variance * followed_share(robustness, lost) * unknown
-
-
-def stop_distance(robustness: Robustness, linearity: float, noise: float, travel: float) -> float:
-    """Return how near to a stop a drive may touch it [m, rad]: (17).
-
-    Args:
-        robustness: the guards.
-        linearity: largest systematic error of its sensor.
-        noise: standard deviation of its sensor's random error.
-        travel: distance of its stops.
-    """
-    return robustness.stop_margin * linearity + robustness.stop_noise * noise + robustness.stop_travel * travel
 
 
 def robust_variance(robustness: Robustness, variance: Any, innovation: Any) -> Any:
