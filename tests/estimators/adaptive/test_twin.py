@@ -157,8 +157,8 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
         followed_variance=20.0,  # (16)
         wild_force=9.0,  # (23)
         stop_margin=1.0,  # (17)
-        sticking_samples=50.0,  # δ
-        turning_samples=10.0,
+        sticking_time=0.5,  # δ
+        turning_time=0.1,
         unknown_friction=0.7,  # the state "friction"
         unknown_friction_walk=0.6,
         declared_friction=0.1,
@@ -167,7 +167,7 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
         moving_only=False,
     )
     assert paper == Robustness()
-    nothing = {"bend_share": 0.0, "followed_variance": 0.0, "sticking_samples": 0.0, "turning_samples": 0.0}
+    nothing = {"bend_share": 0.0, "followed_variance": 0.0, "sticking_time": 0.0, "turning_time": 0.0}
     nothing |= {"unknown_friction": 0.0, "parameter_walk": 0.0, "unmodelled": 0.0}
     assert replace(paper, wild_displacement=np.inf, wild_force=np.inf, **nothing) == NONE
     assert replace(paper, unknown_friction=0.0, moving_only=True) == Robustness.fitting()
@@ -188,16 +188,16 @@ GUARDS = {
     "wild force": (UNDECLARED, {"wild_force": 9.0}, ("wild force",)),
     "wild force, a considered state": (PLAY, {"wild_force": 4.0}, ("wild force",)),
     "stop margin": (sliders(rigs.NEAR_STOPS, rigs.FACTORS), {"stop_margin": 3.0}, ("at a stop",)),
-    "sticking": (UNDECLARED, {"sticking_samples": 50.0}, ("undeclared, sticks", "undeclared, moves")),
-    "turning": (UNDECLARED, {"turning_samples": 10.0}, ("undeclared, moves",)),
-    "sticking, declared": (DECLARED, {"sticking_samples": 50.0}, ("sticks, within the limits", "declared, slips")),
-    "turning, declared": (DECLARED, {"turning_samples": 10.0}, ("declared, slips",)),
+    "sticking": (UNDECLARED, {"sticking_time": 0.5}, ("undeclared, sticks", "undeclared, moves")),
+    "turning": (UNDECLARED, {"turning_time": 0.1}, ("undeclared, moves",)),
+    "sticking, declared": (DECLARED, {"sticking_time": 0.5}, ("sticks, within the limits", "declared, slips")),
+    "turning, declared": (DECLARED, {"turning_time": 0.1}, ("declared, slips",)),
     "unknown friction": (UNDECLARED, {"unknown_friction": 0.7}, ("limit kept at zero",)),
     "what declares friction": (DECLARED, {"unknown_friction": 0.7, "declared_friction": 0.4}, ("undeclared, moves",)),
     "walk of parameters": (DECLARED, {"parameter_walk": 0.02}, ()),
     "unmodelled": (UNDECLARED, {"unmodelled": 1.0}, ()),
     "moving only": (DECLARED, {"moving_only": True}, ("does not clearly move", "declared, slips")),
-    "moving only, sticking": (DECLARED, {"moving_only": True, "sticking_samples": 50.0, "turning_samples": 10.0}, ()),
+    "moving only, sticking": (DECLARED, {"moving_only": True, "sticking_time": 0.5, "turning_time": 0.1}, ()),
 }
 
 

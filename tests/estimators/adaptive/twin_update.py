@@ -196,19 +196,21 @@ def friction_of(
     mu = max(moved, (MOTION_TIME * d.speed) ** 2, 0.0)
     kappa = n / (mu + n)  # (18)
     way = MOTION_TIME * d.speed / sqrt(mu + n) / (1 + b**2 / (100 * noise))  # (19)
-    counts, stuck = row.counts, guards.sticking_samples
+    force = twin.force_of[i]
+    delta_t = twin.interval if force is None else 1 / force.rate
+    counts, stuck = row.counts, guards.sticking_time
     if not declared:
+        clear = counts and kappa < 0.15 and abs(way) > 0.5
+        y = sign(way) * delta_t if clear else d.direction + sign(d.direction) * dt
+        twin.drives[i] = d = replace(d, direction=y)
         if counts:
-            clear = kappa < 0.15 and abs(way) > 0.5
-            y = sign(way) if clear else d.direction + sign(d.direction)
-            twin.drives[i] = d = replace(d, direction=y)
             twin.taken["undeclared, moves" if kappa < 0.15 else "undeclared, sticks"] += 1
         if kappa >= 0.15:
             way = sign(d.direction)
         long = d.direction**2 / stuck if stuck > 0 else 0.0
         twin.taken["undeclared, sticks for long"] += bool(counts and long > stuck)
         twin.taken["undeclared, has not moved yet"] += bool(counts and d.direction == 0)
-        delta = kappa * max(stuck, long) + guards.turning_samples * (1 - kappa) * (1 - way**2)
+        delta = (kappa * max(stuck, long) + guards.turning_time * (1 - kappa) * (1 - way**2)) / delta_t
     else:
         if guards.moving_only:
             clear = kappa < 0.15 and abs(way) > 0.9
@@ -218,7 +220,7 @@ def friction_of(
         if counts:
             f = exp(-dt / RESIDUAL_TIME)
             twin.drives[i] = d = replace(d, residual=f * d.residual + (1 - f) * r)
-        delta = stuck * kappa + 3 * guards.turning_samples * (1 - kappa) * (1 - way**2)
+        delta = (stuck * kappa + 3 * guards.turning_time * (1 - kappa) * (1 - way**2)) / delta_t
         if guards.moving_only and row.told:
             delta = 0.0
         if kappa > 0.5:

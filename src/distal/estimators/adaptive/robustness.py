@@ -24,8 +24,8 @@ class Robustness:
         followed_variance: how often the variance of a place that is lost is added to its force [1].
         wild_force: a squared innovation beyond this times its variance counts less [1].
         stop_margin: a drive nearer to a stop than this times its sensor's linearity may touch it [1].
-        sticking_samples: samples over which friction of a drive that sticks is the same [1].
-        turning_samples: the same while a drive turns back [1].
+        sticking_time: for so long friction of a drive that sticks is the same [s].
+        turning_time: the same while a drive turns back [s].
         unknown_friction: std of friction that the rig does not declare, in those of the drive's force sensor [1]; 0: not
             looked for.
         unknown_friction_walk: its random walk, in the same unit per √s.
@@ -36,33 +36,33 @@ class Robustness:
     """
 
     wild_displacement: float = 6.0
-    """docs/estimators.md, spoiled logs; `python -m benchmarks.strangers loads glitches`"""
+    """docs/guards.md: costs on loads that step, brings on bursts and random rigs with wild samples"""
     real_jump: float = 0.1
-    """docs/estimators.md, "a wild one is bridged"; as above"""
+    """docs/guards.md, bursts of five samples"""
     bend_share: float = 0.12
     """a parabola misses 1/8 of its second difference; docs/adaptive.md, equation (6)"""
     follow_time: float = 0.05
-    """docs/estimators.md, "What misses its goal": the sample after a gap"""
+    """docs/guards.md: without it the band is too narrow where samples are missing"""
     followed_variance: float = 20.0
-    """`python -m benchmarks.sensitivity`, table sensitivity-lost"""
+    """docs/guards.md, and `python -m benchmarks.sensitivity`, table sensitivity-lost"""
     wild_force: float = 9.0
-    """3 σ; docs/identification.md uses the same bound in the criterion of a fit"""
+    """3 σ; docs/guards.md: without it one wild force throws the filter off"""
     stop_margin: float = 1.0
     """0.1 mm on 1e5 N/m is 10 N; docs/estimators.md, "In the hard places\""""
-    sticking_samples: float = 50.0
-    """docs/estimators.md, "In the hard places\""""
-    turning_samples: float = 10.0
-    """as above"""
+    sticking_time: float = 0.5
+    """docs/guards.md; 50 samples of the paper's rig"""
+    turning_time: float = 0.1
+    """docs/guards.md; 10 samples of the paper's rig"""
     unknown_friction: float = 0.7
-    """`python -m benchmarks.sensitivity`, table sensitivity-priors"""
+    """docs/guards.md, and `python -m benchmarks.sensitivity`, table sensitivity-priors"""
     unknown_friction_walk: float = 0.6
     """as above"""
     declared_friction: float = 0.1
     """a third of a load cell's σ on the paper's rig: less cannot be told from noise"""
     parameter_walk: float = 0.02
-    """docs/estimators.md: 2 % of the std per √s"""
+    """docs/guards.md: nothing on logs of 12 s; on a long log a parameter that drifts is followed"""
     unmodelled: float = 1.0
-    """the rig file says how much: docs/rig-files.md"""
+    """the rig file says how much (docs/rig-files.md); without it the band is too narrow: docs/guards.md"""
     moving_only: bool = False
     """docs/identification.md, "Friction that the rig does not declare\""""
 
@@ -77,8 +77,8 @@ class Robustness:
             bend_share=0.0,
             followed_variance=0.0,
             wild_force=inf,
-            sticking_samples=0.0,
-            turning_samples=0.0,
+            sticking_time=0.0,
+            turning_time=0.0,
             unknown_friction=0.0,
             parameter_walk=0.0,
             unmodelled=0.0,

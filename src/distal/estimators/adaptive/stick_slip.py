@@ -31,7 +31,7 @@ SHARP_BEND = 10.0
 """A bend of this many standard deviations of its sensor between two samples halves the direction."""
 
 TURNING_DECLARED = 3.0
-"""Where friction is declared, it is unsure for so many times as many samples while its drive turns back."""
+"""Where friction is declared, it is unsure for so many times as long while its drive turns back [1]."""
 
 MEAN_TIME = 0.1
 """Time constant of the mean residual of a force whose drive sticks [s]."""
@@ -49,7 +49,7 @@ class Comparison:
         innovation: measured minus expected.
         variance: of the innovation without the state's.
         memory: what is remembered of the drive: its mean residual where the rig declares friction, else its last clear
-            direction times the samples since then.
+            direction times the time since then [s].
         by_limit: β.
         by_asymmetry: γ.
         counts: 1 where its innovation belongs to a likelihood: a guess at the friction of a drive that hardly moves does
@@ -136,10 +136,11 @@ def compared(setup: Setup, index: int, drive: Drive, residual: Residual, dt: Any
     if sensor is None:
         # nobody knows how it moves: any friction up to its limit
         return Comparison(residual.value, residual.variance + residual.limit**2, residual.memory)
-    noise = setup.noise(sensor)
+    noise, force = setup.noise(sensor), setup.force_sensor(index)
+    interval = setup.channels.interval if force is None else 1.0 / force.rate
     if setup.declares_friction(index):
-        return _declared(setup, motion_of(drive, noise, dt, SLOW_DECLARED), residual, dt)
-    return _unknown(setup, motion_of(drive, noise, dt, SLOW_UNKNOWN), residual)
+        return _declared(setup, motion_of(drive, noise, dt, SLOW_DECLARED), residual, interval, dt)
+    return _unknown(setup, motion_of(drive, noise, dt, SLOW_UNKNOWN), residual, interval, dt)
 
 
 def _slipping(residual: Residual, direction: Any, doubt: Any) -> tuple[Any, Any]:
@@ -148,28 +149,28 @@ def _slipping(residual: Residual, direction: Any, doubt: Any) -> tuple[Any, Any]
     return value, residual.variance + doubt * (residual.limit**2 + residual.limit_variance)
 
 
-def _unknown(setup: Setup, motion: Motion, residual: Residual) -> Comparison:
+def _unknown(setup: Setup, motion: Motion, residual: Residual, interval: float, dt: Any) -> Comparison:
     """Return how a force is compared whose friction the rig does not declare."""
     robustness = setup.robustness
-    # the last clear direction, times the samples since: friction of a drive that stops stays as it was
+    # the last clear direction, times the time since: friction of a drive that stops stays as it was
     turned = ca.logic_and(motion.stuck < CLEAR_STICK, ca.fabs(motion.direction) > TURNING)
-    since = residual.memory + ca.sign(residual.memory)
-    memory = ca.if_else(residual.mask > 0, ca.if_else(turned, ca.sign(motion.direction), since), residual.memory)
+    since = residual.memory + ca.sign(residual.memory) * dt
+    memory = ca.if_else(ca.logic_and(residual.mask > 0, turned), ca.sign(motion.direction) * interval, since)
     direction = ca.if_else(motion.stuck < CLEAR_STICK, motion.direction, ca.sign(memory))
-    # while it sticks its friction stays the same: a long stick tells little more than a short one
+    # all samples of the time for which friction is the same tell as much as one, those of a long stick little more
     sticking: Any = 0
-    if robustness.sticking_samples > 0.0:
-        sticking = ca.fmax(robustness.sticking_samples, memory * memory / robustness.sticking_samples)
-    turning = (1 - motion.stuck) * (1 - direction**2) * robustness.turning_samples
+    if robustness.sticking_time > 0.0:
+        sticking = ca.fmax(robustness.sticking_time, memory * memory / robustness.sticking_time) / interval
+    turning = (1 - motion.stuck) * (1 - direction**2) * (robustness.turning_time / interval)
     innovation, variance = _slipping(residual, direction, motion.stuck * sticking + turning)
     return Comparison(innovation, variance, memory, direction, ca.fabs(direction))
 
 
-def _declared(setup: Setup, motion: Motion, residual: Residual, dt: Any) -> Comparison:
+def _declared(setup: Setup, motion: Motion, residual: Residual, interval: float, dt: Any) -> Comparison:
     """Return how a force is compared whose friction the rig declares: a clipped residual while its drive sticks, (21)."""
     robustness, stuck, direction = setup.robustness, motion.stuck, motion.direction
-    turning = (1 - stuck) * (1 - direction**2) * TURNING_DECLARED * robustness.turning_samples
-    doubt, counts = stuck * robustness.sticking_samples + turning, ca.SX(1)
+    turning = (1 - stuck) * (1 - direction**2) * TURNING_DECLARED * (robustness.turning_time / interval)
+    doubt, counts = stuck * (robustness.sticking_time / interval) + turning, ca.SX(1)
     if robustness.moving_only:
         # a fit goes by the drives that clearly move: there friction is what it is
         doubt, counts = ca.if_else(motion.clear, 0, doubt), motion.clear

@@ -67,7 +67,7 @@ def updated(
         for at in states.considered:
             change[at] = 0
         if row.drive is not None:
-            # a mean residual moves with the state; a count of samples does not
+            # a mean residual moves with the state; a time does not
             declared = states.setup.declares_friction(row.drive)
             kept[row.drive] = after + _along(slope, change) if declared else after
         mean = mean + change
