@@ -28,17 +28,10 @@ ROOT = Path(__file__).parents[1]
 ESTIMATORS = "src/distal/estimators"
 
 MODULES = (
-    f"{ESTIMATORS}/adaptive.py",
     f"{ESTIMATORS}/adaptive/**/*.py",
-    f"{ESTIMATORS}/augmented.py",
-    f"{ESTIMATORS}/displacement_driven.py",
-    f"{ESTIMATORS}/force_update.py",
-    f"{ESTIMATORS}/hysteresis.py",
-    f"{ESTIMATORS}/motion.py",
-    f"{ESTIMATORS}/stick_slip.py",
     f"{ESTIMATORS}/kalman.py",
     f"{ESTIMATORS}/channels.py",
-    "src/distal/**/smooth*.py",
+    "src/distal/running/smoothing.py",
 )
 """The modules of the adaptive filter; of these patterns, those count that match a file."""
 
