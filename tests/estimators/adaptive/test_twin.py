@@ -151,7 +151,9 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
     """The twin takes them from `Robustness`, so that they are compared with docs/adaptive.md here."""
     paper = Robustness(
         wild_displacement=6.0,  # (1)
-        real_jump=0.1,  # (4)
+        real_jump=0.1,  # (2)
+        persistence=0.02,
+        persistence_alone=0.05,
         bend_share=0.12,  # (6)
         follow_time=0.05,  # (12)
         followed_variance=20.0,  # (16)

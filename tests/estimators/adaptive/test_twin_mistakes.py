@@ -94,8 +94,9 @@ MISTAKES: dict[str, tuple[Any, str, str, str, Any, Robustness, float]] = {
     "noise of the torque": (twin.Twin, "revert", "(1 - f**2)", "(1 - f)", TORQUE, NONE, 0),
     "what friction hides of a torque": (twin.Twin, "predict", "rho = rho + rest", "pass", TORQUE, NONE, 0),
     "linearity in the place": (twin.Twin, "places", "- error, -slope", "- error, slope", LINEARITY, NONE, 0),
-    "doubt of a wild reading": (twin.Twin, "track", "+ gain * (rate**2 - d.square)", "", UNDECLARED, DEFAULT, 2.0),
-    "a jump that is real": (twin.Twin, "track", "and d.wild == 0", "", UNDECLARED, HARD_JUMP, 2.0),
+    "doubt of a wild reading": (twin.Twin, "track", "+ a * (rate**2 - d.square)", "", UNDECLARED, DEFAULT, 2.0),
+    "a jump that stays": (twin.Twin, "chance", "odds += log(100)", "odds -= log(100)", UNDECLARED, HARD_JUMP, 2.0),
+    "a jump that its force denies": (twin.Twin, "chance", "expected / 2", "expected / 3", UNDECLARED, HARD_JUMP, 2.0),
     "cut of a prior": (twin_states, "cut_at_zero", "if mean > 4 * std", "if True", DECLARED, NONE, 0),
 }
 

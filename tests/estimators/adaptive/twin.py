@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from math import ceil, cos, exp, inf, pi, sqrt
+from math import ceil, cos, exp, inf, log, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,7 @@ class DriveMemory:
     """What is remembered of a drive's motion, and what friction does with its force."""
 
     s: float = 0.0
-    wild: float = 0.0
+    doubt: float = 0.0
     speed: float = 0.0
     square: float = 0.0
     u: float = 0.0
@@ -183,48 +183,80 @@ class Twin:
         z, k = z_all[column] - sensor.bias.value, mask[column]
         tau = d.t + dt
         e = d.s + d.speed * dt
-        limit = self.guards.wild_displacement
-        wild = (
-            limit < inf
-            and k > 0
-            and d.wild == 0
-            and (z - e) ** 2 > limit**2 * (d.square * tau**2 + d.u + 2 * noise)  # (1)
-        )
+        jump, far, p, judged = z - e, False, 1.0, False
+        reach = self.guards.wild_displacement
+        if reach < inf and k > 0:
+            u_before = 0.0 if d.doubt > 0 else d.u
+            far = jump**2 > reach**2 * (d.square * tau**2 + u_before + 2 * noise)  # (1)
+        if far:
+            p, judged = self.chance(i, d, dt, jump, z_all, mask)  # (2)
         if k < 0:
-            s = d.s + (z - d.s) / abs(k)  # (2)
-        elif k > 0 and not wild:
-            s = z
+            s = d.s + (z - d.s) / abs(k)
         else:
-            s = e
-        good = k != 0 and not wild
-        if good:  # (3)
-            span = dt if k < 0 else tau
-            if k < 0:
-                rate = (s - d.s) / (dt if dt > 0 else 1.0)
-            else:
-                rate = d.speed + (s - e) / (tau if tau > 0 else 1.0)
-            gain = 1 - exp(-span / MEAN_TIME)
-            speed, square = d.speed + gain * (rate - d.speed), d.square + gain * (rate**2 - d.square)
+            s = e + p * jump if k > 0 else e
+        b = 1.0 if k < 0 else p if k > 0 else 0.0
+        phi = exp(-dt / (2 * MEAN_TIME))  # (3)
+        if k < 0:
+            span, rate = dt, (s - d.s) / (dt if dt > 0 else 1.0)
         else:
-            speed, square = d.speed * exp(-dt / (2 * MEAN_TIME)), d.square
+            span, rate = tau, d.speed + jump / (tau if tau > 0 else 1.0)
+        a = b * (1 - exp(-span / MEAN_TIME))
+        speed = d.speed * (phi + (1 - phi) * b)
+        square = d.square
+        if k != 0:
+            speed, square = speed + a * (rate - d.speed), d.square + a * (rate**2 - d.square)
         if k < 0:  # (4)
             u = (s - d.s) ** 2
-        elif good:
-            u = 0.0
-        else:
+        elif k == 0:
             u = max(d.u, d.square * tau**2 + noise)
             self.taken["led on, briefly" if tau < 1.5 / sensor.rate else "led on, for long"] += 1
-            if wild:
-                u += self.guards.real_jump * (z - e) ** 2
+        elif far:
+            u = (1 - p) * (p if judged else max(p, 0.25)) * jump**2
+            self.taken["a jump that is real" if p > 0.5 else "wild displacement"] += 1
+            self.taken["judged by its force" if judged else "not judged"] += 1
+        else:
+            u = 0.0
+        good = b > 0.5
         bend = s - d.s - d.speed * dt if good else 0.0  # (5)
         r_s = noise + u + (self.guards.bend_share * bend) ** 2  # (6)
         tracked = Tracked(d.s, s, u - d.u, bend, r_s)
-        self.taken["wild displacement"] += wild
-        self.taken["believed after a wild one"] += bool(d.wild and good and k > 0)
+        self.taken["believed after a wild one"] += bool(d.doubt > 0 and good and k > 0)
         self.taken["missing displacement"] += k == 0
         self.taken["crossed"] += k < 0
-        self.drives[i] = replace(d, s=s, wild=float(wild), speed=speed, square=square, u=u, t=0.0 if good else tau)
+        self.drives[i] = replace(
+            d, s=s, doubt=d.doubt + dt if far else 0.0, speed=speed, square=square, u=u, t=0.0 if good else tau
+        )
         return tracked
+
+    def chance(self, i: int, d: DriveMemory, dt: float, jump: float, z: Floats, mask: Floats) -> tuple[float, bool]:
+        """P of (2), and whether a force judged it."""
+        guards, force = self.guards, self.force_of[i]
+        judged = force is not None and mask[self.channels.index(force)] > 0
+        odds = log(guards.real_jump / (1 - guards.real_jump))
+        odds += log(100) * d.doubt / (guards.persistence if judged else guards.persistence_alone)
+        odds = min(odds, 50.0)
+        if judged:
+            led = np.array([m.s + m.speed * dt for m in self.drives])
+            for other in range(self.n_d):
+                place = self.at("place", other)
+                led[other] = self.m[place] if place is not None else led[other] - self.error_at(other, led[other])[0]
+            still = self.m.copy()
+            still[self.n_j : 2 * self.n_j] = 0.0
+            found = self.model.compared(still, led, np.zeros(self.n_d))
+            pull, stiffness = found["pull"][0][i], found["pull"][2][i, i]
+            limit, error, bias = found["mean"][0][i], self.at("error", i), self.at("bias", self.compared.index(force))
+            friction = self.at("friction", i)
+            limit += self.m[friction] if friction is not None else 0.0
+            pull -= self.m[error] if error is not None else 0.0
+            pull += self.m[bias] if bias is not None else 0.0
+            spread = variance(force) + limit**2 + (0.1 * pull) ** 2
+            if self.at("transmitted", i) is not None:
+                spread += self.play_at_rest(i) ** 2
+            y = z[self.channels.index(force)] - force.bias.value - pull
+            c = min(max(y / (stiffness * jump), 0.5), 2.0) if stiffness * jump != 0 else 0.5
+            expected = c * stiffness * jump
+            odds += min(max((y - expected / 2) * expected / spread, -50.0), 50.0)
+        return 1 / (1 + exp(-odds)), bool(judged)
 
     def error_at(self, i: int, s: float) -> tuple[float, Floats]:
         """E(s) of a drive's position sensor at the mean, and its slope in x."""

@@ -10,14 +10,18 @@ from typing import Any
 
 import casadi as ca
 
-from distal.estimators.adaptive.robustness import Robustness, is_wild
-from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.mechanics import mechanics_function
+from distal.estimators.adaptive.robustness import Robustness, chance_of_jump, is_far, jump_evidence
+from distal.estimators.adaptive.states import StateVector
 
 MOTION_TIME = 0.025
 """Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz."""
 
 REMEMBERED = ("place", "doubt", "speed", "square", "unknown", "lost")
 """Names of the numbers that are remembered of each drive."""
+
+UNSURE_PULL = 0.1
+"""Share of a drive's pull that is not known where a jump is judged by it: stiffness and angle [1]."""
 
 MEMORY, UNKNOWN = len(REMEMBERED), REMEMBERED.index("unknown")
 
@@ -31,7 +35,7 @@ class Drive:
 
     Args:
         place: that its sensor reads or should read, at the end of the interval [m, rad].
-        doubt: 1 where the last reading was taken as wild.
+        doubt: for how long readings have been far from where they should be [s].
         speed: mean, over `MOTION_TIME`.
         square: mean square speed.
         unknown: variance of the place beyond the sensor's noise: grows while it is missing.
@@ -87,33 +91,71 @@ class Tracks:
         return self.vector[(MEMORY + 1) * self._n :]
 
 
-def tracking(setup: Setup) -> ca.Function:
-    """Return (memory, x, p) → tracks of all drives; see `Tracks`. A drive that nothing measures has zeros.
+@dataclass(frozen=True)
+class Witness:
+    """What the force of a drive says of a jump of its place, all scalars.
 
     Args:
-        setup: the rig.
+        missing: what is read less what is expected where the mean speed leads, U − F [N, N m].
+        there: 1 where a force is read.
+        stiffness: change of the drive's pull with its place, ∂F/∂s.
+        variance: of how far both may differ where there was no jump: noise, friction, and what is not known of the pull.
     """
-    n, p = setup.n_drives, setup.mechanism.parameters.symbols
-    memory, x = ca.SX.sym("memory", MEMORY * n), ca.SX.sym("x", setup.width)
+
+    missing: Any
+    there: Any
+    stiffness: Any
+    variance: Any
+
+
+def tracking(states: StateVector) -> ca.Function:
+    """Return (mean, memory, x, p) → tracks of all drives; see `Tracks`. A drive that nothing measures has zeros.
+
+    Args:
+        states: the state vector.
+    """
+    setup = states.setup
+    n, p, nj = setup.n_drives, setup.mechanism.parameters.symbols, setup.n_joints
+    mean, memory, x = ca.SX.sym("mean", len(states)), ca.SX.sym("memory", MEMORY * n), ca.SX.sym("x", setup.width)
+    led = [memory[MEMORY * i] + memory[MEMORY * i + 2] * x[0] for i in range(n)]
+    q = ca.vertcat(mean[:nj], *(states.place(i, place, mean) for i, place in enumerate(led)))
+    v = ca.SX.zeros(setup.mechanism.n_bodies)
+    _, pulls, _, limits, _, _, slopes = mechanics_function(setup)(q, v, states.parameters(mean))
     drives = []
     for i in range(n):
-        sensor = setup.position_sensor(i)
+        sensor, force = setup.position_sensor(i), setup.force_sensor(i)
         if sensor is None:
             drives.append(Drive(*(ca.SX(0) for _ in TRACKED)))
             continue
         remembered = memory[MEMORY * i : MEMORY * (i + 1)]
-        reading, there = setup.value(x, sensor), setup.mask(x, sensor)
-        drives.append(track(remembered, reading, there, setup.noise(sensor), x[0], setup.robustness))
+        reading, there, witness = setup.value(x, sensor), setup.mask(x, sensor), None
+        if force is not None and setup.robustness.guards_displacements:
+            friction = limits[nj + i] + states.friction(i, mean)
+            pull = pulls[nj + i] + states.force(i, mean) + states.sensor_error(force, mean)
+            spread = setup.noise(force) + friction**2 + (UNSURE_PULL * pull) ** 2
+            transmitted = states.transmitted(i)
+            if transmitted is not None:  # the play takes up as much as its limit
+                spread += transmitted[1].limit ** 2
+            witness = Witness(setup.value(x, force) - pull, setup.mask(x, force), slopes[nj + i, nj + i], spread)
+        drives.append(track(remembered, reading, there, setup.noise(sensor), x[0], setup.robustness, witness))
     kept = [getattr(drive, name) for drive in drives for name in REMEMBERED]
     vector = ca.vertcat(*kept, *(drive.bend for drive in drives), *(drive.variance for drive in drives))
-    return ca.Function("track", [memory, x, p], [ca.cse(ca.densify(vector))])
+    return ca.Function("track", [mean, memory, x, p], [ca.cse(ca.densify(vector))])
 
 
-def track(memory: Any, reading: Any, there: Any, noise: Any, dt: Any, robustness: Robustness) -> Drive:
-    """Return a drive after a reading; a missing or wild one is bridged by the mean speed, which fades.
+def track(
+    memory: Any,
+    reading: Any,
+    there: Any,
+    noise: Any,
+    dt: Any,
+    robustness: Robustness,
+    witness: Witness | None = None,
+) -> Drive:
+    """Return a drive after a reading; one that is missing is bridged by the mean speed, which fades.
 
-    A reading is wild if it is far from where the mean speed leads, and the one before was not: a real jump, or the
-    start of a fast motion, is believed at its second sample.
+    A reading that is far from where the mean speed leads is a real jump with a chance P, else wild: its force says so
+    where it has one, and the longer it stays, the likelier it is real. The place is the mean of both, with their variance.
 
     Args:
         memory: of the last interval, (MEMORY,).
@@ -122,37 +164,46 @@ def track(memory: Any, reading: Any, there: Any, noise: Any, dt: Any, robustness
         noise: variance of the sensor's random error.
         dt: length of the interval [s].
         robustness: the guards.
+        witness: the drive's force, or None.
     """
     place, doubt, speed, square, unknown, lost = (memory[i] for i in range(MEMORY))
     expected, time = place + speed * dt, lost + dt
-    # (1) wild: farther than the recent motion can have led
-    far = is_wild(robustness, reading - expected, square * time * time + unknown, noise)
-    wild = ca.logic_and(ca.logic_and(far, doubt < 0.5), there > 0)
-    bridged = there < 0
-    good = ca.logic_and(there != 0, ca.logic_not(wild))
-    # (2) a gap is crossed in a straight line to the reading that ends it
+    jump, bridged = reading - expected, there < 0
+    # (1) far: more than the recent motion can have led to
+    lost_before = ca.if_else(doubt > 0, 0, unknown)
+    far = ca.logic_and(is_far(robustness, jump, square * time * time + lost_before, noise), there > 0)
+    judged: Any = ca.SX(0)
+    evidence: Any = ca.SX(0)
+    if witness is not None:
+        judged = witness.there > 0
+        evidence = jump_evidence(witness.missing, witness.stiffness * jump, witness.variance)
+    # (2) the chance that a jump is real
+    real = ca.if_else(far, chance_of_jump(robustness, doubt, evidence, judged), 1)
+    # a gap is crossed in a straight line to the reading that ends it
     line = place + (reading - place) / ca.if_else(bridged, -there, 1)
-    now = ca.if_else(bridged, line, ca.if_else(good, reading, expected))
+    now = ca.if_else(bridged, line, ca.if_else(there > 0, expected + real * jump, expected))
     moved = now - place
     # (3) mean motion; what was not seen while the reading was missing belongs to all of that time
     elapsed = ca.if_else(bridged, dt, time)
     passed = ca.if_else(elapsed > 0, elapsed, 1)
-    seen = ca.if_else(bridged, moved / ca.if_else(dt > 0, dt, 1), speed + (now - expected) / passed)
-    share = 1 - ca.exp(-elapsed / MOTION_TIME)
+    seen = ca.if_else(bridged, moved / ca.if_else(dt > 0, dt, 1), speed + jump / passed)
+    believed = ca.if_else(there != 0, real, 0)
+    share = believed * (1 - ca.exp(-elapsed / MOTION_TIME))
     fade = ca.exp(-dt / (2 * MOTION_TIME))
     # (4) a drive that is lost goes on as it did: its error grows with time, not with the root of time
-    astray = square * time * time + noise
-    jumped = ca.if_else(wild, robustness.real_jump * (reading - expected) ** 2, 0)
-    unknown = ca.if_else(bridged, moved * moved, ca.if_else(good, 0, ca.fmax(unknown, astray) + jumped))
+    astray = ca.fmax(unknown, square * time * time + noise)
+    doubted = (1 - real) * ca.if_else(judged, real, ca.fmax(real, 0.25)) * jump**2
+    unknown = ca.if_else(bridged, moved * moved, ca.if_else(there > 0, ca.if_else(far, doubted, 0), astray))
     # (5), (6) what a straight line between samples misses
-    bend = ca.if_else(good, moved - speed * dt, 0)
+    sure = believed > 0.5
+    bend = ca.if_else(sure, moved - speed * dt, 0)
     return Drive(
         place=now,
-        doubt=ca.if_else(wild, 1, 0),
-        speed=ca.if_else(good, speed + share * (seen - speed), speed * fade),
-        square=ca.if_else(good, square + share * (seen * seen - square), square),
+        doubt=ca.if_else(far, doubt + dt, 0),
+        speed=speed * (fade + (1 - fade) * believed) + share * (seen - speed),
+        square=square + share * (seen * seen - square),
         unknown=unknown,
-        lost=ca.if_else(ca.logic_or(good, bridged), 0, time),
+        lost=ca.if_else(sure, 0, time),
         bend=bend,
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
     )

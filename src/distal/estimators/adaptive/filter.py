@@ -34,7 +34,7 @@ def adaptive_function(states: StateVector, count: int, loops: bool = False, trac
     p = ca.MX.sym("p", len(setup.mechanism.parameters))
     mean, covariance = carry[:n], ca.reshape(carry[n : n + n * n], n, n)
     memory, forces = carry[n + n * n : n + n * n + nd * MEMORY], carry[n + n * n + nd * MEMORY :]
-    tracks = tracking(setup)(memory, x, p)  # (1) to (6)
+    tracks = tracking(states)(mean, memory, x, p)  # (1) to (6)
     motion = moved(states, count, mean, covariance, memory, tracks, x, p)  # (7) to (10)
     given = [mean, covariance, *_parts(motion), tracks, memory, forces, x, p]
     step = corrected(states, given, loops=True) if loops else _Step(*_scalars(states, given)(*given))

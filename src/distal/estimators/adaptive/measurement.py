@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import Tracks
+from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.robustness import extra_variance
 from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states import StateVector
@@ -59,7 +60,7 @@ def rows_of(states: StateVector, state: Any, tracks: Tracks, rates: Any, x: Any)
     setup, mechanism, nj = states.setup, states.setup.mechanism, states.setup.n_joints
     places = [states.place(i, tracks[i].place, state) for i in range(setup.n_drives)]
     q, v = ca.vertcat(state[:nj], *places), ca.vertcat(state[nj : 2 * nj], rates)
-    mechanics = _mechanics(setup)(q, v, states.parameters(state))
+    mechanics = mechanics_function(setup)(q, v, states.parameters(state))
     tensions, pulls, dampings, limits, asymmetries, tension_slopes, pull_slopes = mechanics
     rows = []
     for i, drive in enumerate(mechanism.rig.drives):
@@ -96,19 +97,6 @@ def rows_of(states: StateVector, state: Any, tracks: Tracks, rates: Any, x: Any)
     # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
     names = [sensor.name for sensor in setup.channels.compared]
     return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))
-
-
-def _mechanics(setup: Setup) -> ca.Function:
-    """Return (q, v, p) → tensions, pulls on the bodies, their dampings, friction limits and asymmetries, slopes by q."""
-    mechanism = setup.mechanism
-    q, v, p = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("v", mechanism.n_bodies), mechanism.parameters.symbols
-    tensions = mechanism.tensions(q, v)
-    pulls = ca.mtimes(mechanism.length_jacobian(q).T, tensions) + mechanism.dampings() * v
-    friction = mechanism.friction_limits(q, v, tensions)
-    limits = ca.vertcat(*(limit.mean for limit in friction))
-    asymmetries = ca.vertcat(*(limit.asymmetry for limit in friction))
-    slopes = [ca.jacobian(tensions, q), ca.jacobian(pulls, q)]
-    return ca.Function("mechanics", [q, v, p], [tensions, pulls, mechanism.dampings(), limits, asymmetries, *slopes])
 
 
 def away_from_stops(setup: Setup, drive: int, place: Any) -> Any:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import inf, isfinite, log
 from typing import Any
 
 import casadi as ca
@@ -18,7 +18,9 @@ class Robustness:
 
     Args:
         wild_displacement: a reading farther than this times the recent motion from where it should be is wild [1].
-        real_jump: chance that a wild reading is a real jump: its square times this is doubted until the next one [1].
+        real_jump: chance that a reading that is far from where it should be is a real jump, if nothing else is known [1].
+        persistence: a jump that stays for so long is 100 times as likely real; where a force can judge it [s].
+        persistence_alone: the same where no force can [s].
         bend_share: share of the bend between samples that a straight line may miss [1].
         follow_time: time in which the joint follows a drive whose place is not known [s].
         followed_variance: how often the variance of a place that is lost is added to its force [1].
@@ -39,6 +41,10 @@ class Robustness:
     """docs/guards.md: costs on loads that step, brings on bursts and random rigs with wild samples"""
     real_jump: float = 0.1
     """docs/guards.md, bursts of five samples"""
+    persistence: float = 0.02
+    """docs/guards.md"""
+    persistence_alone: float = 0.05
+    """docs/guards.md"""
     bend_share: float = 0.12
     """a parabola misses 1/8 of its second difference; docs/adaptive.md, equation (6)"""
     follow_time: float = 0.05
@@ -65,6 +71,11 @@ class Robustness:
     """the rig file says how much (docs/rig-files.md); without it the band is too narrow: docs/guards.md"""
     moving_only: bool = False
     """docs/identification.md, "Friction that the rig does not declare\""""
+
+    @property
+    def guards_displacements(self) -> bool:
+        """Whether displacements may be wild at all."""
+        return isfinite(self.wild_displacement)
 
     @classmethod
     def none(cls) -> Robustness:
@@ -94,7 +105,7 @@ STILL_LOST = 3
 """Power with which a lost place comes to move its joint: one missing sample does no harm."""
 
 
-def is_wild(robustness: Robustness, away: Any, motion: Any, noise: Any) -> Any:
+def is_far(robustness: Robustness, away: Any, motion: Any, noise: Any) -> Any:
     """Return 1 where a displacement is farther from where it should be than the recent motion can have led: (1).
 
     Args:
@@ -103,9 +114,42 @@ def is_wild(robustness: Robustness, away: Any, motion: Any, noise: Any) -> Any:
         motion: mean square of the recent motion, and what is unknown of the place [m², rad²].
         noise: variance of the sensor's random error.
     """
-    if not isfinite(robustness.wild_displacement):
+    if not robustness.guards_displacements:
         return ca.SX(0)
     return away**2 > robustness.wild_displacement**2 * (motion + 2 * noise)
+
+
+MOST_EVIDENCE = 50.0
+"""Logarithm of odds beyond which nothing becomes likelier: e⁵⁰ is certain."""
+
+
+def jump_evidence(change: Any, expected: Any, variance: Any) -> Any:
+    """Return the logarithm of the likelihood ratio of a real jump to a wild reading, from the change of its force: (2).
+
+    A light slider rings after a jump: it may be seen anywhere from half to twice as far as its force says.
+
+    Args:
+        change: of the force since the last place that was believed [N, N m].
+        expected: change that the jump would make, ∂F/∂s times it.
+        variance: of the difference of both.
+    """
+    ratio = change * expected / ca.fmax(expected * expected, 1e-300)
+    explained = ca.fmin(ca.fmax(ratio, 0.5), 2) * expected
+    return ca.fmin(ca.fmax((change - explained / 2) * explained / variance, -MOST_EVIDENCE), MOST_EVIDENCE)
+
+
+def chance_of_jump(robustness: Robustness, doubt: Any, evidence: Any, judged: Any) -> Any:
+    """Return the chance that a reading that is far away is a real jump: (2).
+
+    Args:
+        robustness: the guards.
+        doubt: for how long readings have been far away [s].
+        evidence: of the force, see `jump_evidence`.
+        judged: 1 where there is such evidence.
+    """
+    time = ca.if_else(judged, robustness.persistence, robustness.persistence_alone)
+    odds = ca.fmin(log(robustness.real_jump / (1 - robustness.real_jump)) + log(100.0) * doubt / time, MOST_EVIDENCE)
+    return 1 / (1 + ca.exp(-(odds + ca.if_else(judged, evidence, 0))))
 
 
 def followed_share(robustness: Robustness, lost: Any) -> Any:
