@@ -55,7 +55,7 @@ class EnsembleFilter(KernelEstimator, ABC):
         setup, channels = states.setup, states.setup.channels
         self._states, self._size = states, size
         count = max(1, int(np.ceil(channels.interval / LONGEST_SUBSTEP - 1e-9)))
-        self._track = tracking(setup)
+        self._track = tracking(states)
         self._move = move_function(states, count).map(size)
         self._compare = compare_function(states).map(size)
         super().__init__(

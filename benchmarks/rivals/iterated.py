@@ -53,7 +53,7 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
     p = ca.MX.sym("p", len(setup.mechanism.parameters))
     mean, covariance = carry[:n], ca.reshape(carry[n : n + n * n], n, n)
     memory, forces = carry[n + n * n : n + n * n + nd * MEMORY], carry[n + n * n + nd * MEMORY :]
-    tracks = tracking(setup)(memory, x, p)
+    tracks = tracking(states)(mean, memory, x, p)
     motion = moved(states, count, mean, covariance, memory, tracks, x, p)
     parts = [getattr(motion, field.name) for field in fields(Moved)]
     given = [mean, covariance, *parts, tracks, memory, forces, x, p]

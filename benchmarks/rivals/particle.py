@@ -49,7 +49,7 @@ class ParticleFilter(EnsembleFilter):
         kept = rest[n * size : (n + nd) * size].reshape(nd, size)
         logs = rest[(n + nd) * size :].copy()
         dt, before = row[0], memory[::MEMORY]
-        tracks = np.array(self._track(memory, row, self._p)).ravel()
+        tracks = np.array(self._track(carry[:n], memory, row, self._p)).ravel()
         shift = np.sqrt(tracks[-nd:])[:, None] * rng.normal(size=(nd, size))
         states = np.array(self._move(states, shift, before, tracks, dt, self._p))
         states += self._process_stds(dt)[:, None] * rng.normal(size=(n, size))

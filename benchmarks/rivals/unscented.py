@@ -38,7 +38,7 @@ class UnscentedFilter(EnsembleFilter):
         mean, covariance = carry[:n], carry[n:start].reshape(n, n)
         memory, kept = carry[start : start + nd * MEMORY], carry[start + nd * MEMORY : start + nd * (MEMORY + 1)]
         dt, before = row[0], memory[::MEMORY]
-        tracks = np.array(self._track(memory, row, self._p)).ravel()
+        tracks = np.array(self._track(carry[:n], memory, row, self._p)).ravel()
         points = self._lowest(self._points(mean, covariance))
         still = np.zeros((nd, self._size))
         moved = np.array(self._move(points, still, before, tracks, dt, self._p))
