@@ -25,6 +25,7 @@ from distal.kernels import find_compiler, lanes_here
 from distal.logs import write_log
 from distal.simulation import build_scenario
 
+pytestmark = pytest.mark.compiled
 SEEDS = 11
 
 
