@@ -9,6 +9,7 @@ import hypothesis
 import pytest
 
 from distal import Rig, load_rig
+from distal.kernels import find_compiler
 
 hypothesis.settings.register_profile("distal", deadline=None, derandomize=True, max_examples=60)
 hypothesis.settings.load_profile("distal")
@@ -16,6 +17,26 @@ hypothesis.settings.load_profile("distal")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-golden", action="store_true", help="write the golden files anew, to look at in a diff")
+
+
+WISH = os.environ.get("DISTAL_COMPILE")
+"""What whoever runs the tests said of compiling."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Let the kernels of most fast tests be interpreted: the same numbers, without seconds of a compiler for each.
+
+    A hook and not a fixture: it is in force before fixtures of any scope are made, and processes inherit it.
+    """
+    compiled = item.get_closest_marker("compiled") or item.get_closest_marker("slow")
+    wish = WISH if compiled else "0"
+    if os.environ.get("DISTAL_COMPILE") != wish:
+        find_compiler.cache_clear()  # it remembers what it found
+        if wish is None:
+            del os.environ["DISTAL_COMPILE"]
+        else:
+            os.environ["DISTAL_COMPILE"] = wish
 
 
 @pytest.fixture(autouse=True, scope="session")

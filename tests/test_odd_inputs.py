@@ -14,7 +14,10 @@ import pytest
 
 from distal import estimate, load_rig, make_estimator, read_log
 from distal.errors import DistalError, DistalWarning, EstimationError, LogError, RigError
+from distal.rig import rig_text
 from distal.units import unit_factor
+from tests.cli.test_cli import refused as refused_here
+from tests.cli.test_cli import run  # noqa: F401
 
 GOOD = "t,x1,u1,x2,u2\n" + "".join(f"{0.01 * i},{1e-4 * i},2.0,1e-3,2.0\n" for i in range(30))
 CLI = [sys.executable, "-c", "from distal.cli import main; main()"]
@@ -183,17 +186,17 @@ def test_odd_csv(tmp_path: Path, paper_rig, text: str, said: str) -> None:
     assert len(str(caught.value)) < 1200
 
 
-def test_inputs_are_not_overwritten(log: Path, tmp_path: Path) -> None:
-    assert "is an input" in refused(cli("estimate", log, "--rig", "paper-2008", "--out", log))
+def test_inputs_are_not_overwritten(run, log: Path, tmp_path: Path) -> None:  # noqa: F811
+    refused_here(run("estimate", log, "--rig", "paper-2008", "--out", log), "is an input")
     assert log.read_text() == GOOD
     both = tmp_path / "both.svg"
-    assert "asked for twice" in refused(cli("estimate", log, "--rig", "paper-2008", "--out", both, "--plot", both))
+    refused_here(run("estimate", log, "--rig", "paper-2008", "--out", both, "--plot", both), "asked for twice")
 
 
-def test_nothing_is_written_by_a_command_that_fails(log: Path, tmp_path: Path) -> None:
+def test_nothing_is_written_by_a_command_that_fails(run, log: Path, tmp_path: Path) -> None:  # noqa: F811
     out = tmp_path / "out.csv"
     for plot in ("p.xyz", "p", "none/p.png"):
-        refused(cli("estimate", log, "--rig", "paper-2008", "--out", out, "--plot", tmp_path / plot))
+        refused_here(run("estimate", log, "--rig", "paper-2008", "--out", out, "--plot", tmp_path / plot))
         assert not out.exists()
 
 
@@ -211,7 +214,7 @@ def test_names_that_are_too_long(log: Path) -> None:
         refused(cli(*words))
 
 
-def test_odd_terminals_and_compilers(log: Path, tmp_path: Path) -> None:
+def test_odd_terminals(log: Path) -> None:
     ascii_only = cli("estimate", log, "--rig", "paper-2008", PYTHONUTF8="0", PYTHONIOENCODING="ascii")
     assert ascii_only.returncode == 0, ascii_only.stderr
     full = subprocess.run(
@@ -222,6 +225,10 @@ def test_odd_terminals_and_compilers(log: Path, tmp_path: Path) -> None:
     )
     assert full.returncode != 0
     assert "Traceback" not in full.stderr
+
+
+@pytest.mark.slow  # the same within this process: test_a_compiler_that_is_no_command
+def test_odd_compilers(log: Path, tmp_path: Path) -> None:
     odd = cli("estimate", log, "--rig", "paper-2008", CC='"x', DISTAL_CACHE=str(tmp_path / "c"))
     assert odd.returncode == 0
     assert odd.stderr.startswith("warning: kernels are interpreted")
@@ -238,14 +245,29 @@ def test_titles_are_plain_text(log: Path, tmp_path: Path) -> None:
         assert plot.exists()
 
 
-def test_pipes(log: Path) -> None:
-    code = "from distal.cli import main; main()"
-    for tail in ("estimate /dev/stdin --rig paper-2008 --truth u1", "rig show /dev/stdin --set joints.0.inertia=1"):
-        source = f"cat {log}" if "estimate" in tail else f"'{sys.executable}' -c '{code}' rig show paper-2008"
-        ran = subprocess.run(
-            ["bash", "-c", f"{source} | '{sys.executable}' -c '{code}' {tail}"],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert ran.returncode == 0, ran.stderr
+DISTAL = f"'{sys.executable}' -c 'from distal.cli import main; main()'"
+
+
+@pytest.mark.parametrize(
+    ("source", "tail"),
+    [
+        pytest.param("cat log.csv", "estimate /dev/stdin --rig paper-2008 --truth u1", marks=pytest.mark.slow),
+        pytest.param("cat rig.toml", "rig show /dev/stdin --set joints.0.inertia=1"),
+        pytest.param(
+            f"{DISTAL} rig show paper-2008",
+            "rig show /dev/stdin --set joints.0.inertia=1",
+            marks=pytest.mark.slow,
+        ),
+    ],
+    ids=["log", "rig", "rig that is shown"],
+)
+def test_pipes(log: Path, source: str, tail: str) -> None:
+    (log.parent / "rig.toml").write_text(rig_text("paper-2008")[0])
+    ran = subprocess.run(
+        ["bash", "-c", f"{source} | {DISTAL} {tail}"],
+        cwd=log.parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr

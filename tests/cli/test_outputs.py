@@ -203,8 +203,15 @@ def input_is_a_link(given: dict[str, str], read: str, target: Path) -> str:
 WAYS = (absolute, relative, dotted, by_a_linked_folder, symlink, link_to_a_link, hard_link, input_is_a_link)
 
 
-@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
-@pytest.mark.parametrize(("name", "read"), PAIRS, ids=[f"{name} {read}" for name, read in PAIRS])
+def _ways() -> Iterator[object]:
+    """Return all pairs in all ways; a quarter of them is fast, with every pair in two ways, and every way often."""
+    for i, (name, read) in enumerate(PAIRS):
+        for j, way in enumerate(WAYS):
+            marks = () if (i + j) % 4 == 0 else pytest.mark.slow
+            yield pytest.param(name, read, way, marks=marks, id=f"{name} {read}-{way.__name__}")
+
+
+@pytest.mark.parametrize(("name", "read", "way"), list(_ways()))
 def test_no_output_replaces_an_input(
     run,  # noqa: F811
     inputs: dict[str, str],
@@ -373,8 +380,14 @@ NAMES = {
 }
 
 
-@pytest.mark.parametrize("odd", NAMES)
-@pytest.mark.parametrize("name", COMMANDS)
+def _names() -> Iterator[object]:
+    """Return all commands with all odd names; half of them is fast."""
+    for i, name in enumerate(COMMANDS):
+        for j, odd in enumerate(NAMES):
+            yield pytest.param(name, odd, marks=() if (i + j) % 2 == 0 else pytest.mark.slow, id=f"{name}-{odd}")
+
+
+@pytest.mark.parametrize(("name", "odd"), list(_names()))
 def test_names_that_cannot_be_written(
     run,  # noqa: F811
     inputs: dict[str, str],

@@ -1,13 +1,15 @@
-"""`distal stream` as a process: lines in, lines out at once, UDP, recordings."""
+"""`distal stream`: lines in, lines out at once, UDP, recordings; as a process where that matters."""
 
 from __future__ import annotations
 
+import io
 import json
 import signal
 import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +17,11 @@ import polars as pl
 import pytest
 
 from distal import Log, Rig, estimate, load_scenario, read_log, scenario_rig, simulate
+from distal.cli import main
 from distal.logs import write_log
 from distal.running import HEALTH
 
+Run = Callable[..., tuple[str, str, int]]
 COMMAND = [sys.executable, "-m", "distal", "stream", "--rig", "paper-2008"]
 for path, value in load_scenario("series-2").set.items():
     COMMAND += ["--set", f"{path}={json.dumps(value)}"]
@@ -44,12 +48,32 @@ def as_json(csv: str) -> list[str]:
     return [json.dumps(row) for row in pl.read_csv(csv.encode()).select("t", "x1", "u1", "x2", "u2").to_dicts()]
 
 
-def run(text: str, *options: str) -> tuple[str, str, int]:
+def own_process(text: str, *options: str) -> tuple[str, str, int]:
+    """Return what a process of its own says and writes to stderr, and its code."""
     done = subprocess.run([*COMMAND, *options], input=text, capture_output=True, text=True, timeout=60, check=False)
     return done.stdout, done.stderr, done.returncode
 
 
-def test_csv_in_csv_out(rig: Rig, log: Log, csv: str) -> None:
+@pytest.fixture
+def run(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
+    """The same within this process, which saves the second that a process takes to begin."""
+    signals = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+
+    def call(text: str, *options: str) -> tuple[str, str, int]:
+        monkeypatch.setattr(sys, "argv", ["distal", *COMMAND[3:], *options])
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        said = capfd.readouterr()
+        return said.out, said.err, int(stopped.value.code or 0)
+
+    yield call
+    for number, what in signals.items():
+        signal.signal(number, what)
+
+
+def test_csv_in_csv_out(run: Run, rig: Rig, log: Log, csv: str) -> None:
     out, err, code = run(csv)
     assert code == 0, err
     rows = pl.read_csv(out.encode())
@@ -58,7 +82,14 @@ def test_csv_in_csv_out(rig: Rig, log: Log, csv: str) -> None:
     assert "300 samples in" in err
 
 
-def test_json_in_json_out_and_a_recording(rig: Rig, log: Log, csv: str, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_process_of_its_own_says_the_same(run: Run, csv: str) -> None:
+    out, err, code = own_process(csv)
+    assert (out, code) == (run(csv)[0], 0)
+    assert "300 samples in" in err
+
+
+def test_json_in_json_out_and_a_recording(run: Run, rig: Rig, log: Log, csv: str, tmp_path: Path) -> None:
     path = tmp_path / "out.mcap"
     out, err, code = run("\n".join(as_json(csv)), "--record", str(path))
     assert code == 0, err
@@ -72,7 +103,7 @@ def test_json_in_json_out_and_a_recording(rig: Rig, log: Log, csv: str, tmp_path
 
 
 @pytest.mark.slow
-def test_other_ways_to_write_csv(csv: str) -> None:
+def test_other_ways_to_write_csv(run: Run, csv: str) -> None:
     known, _, _ = run(csv)
     rows = [line.split(",")[:5] for line in csv.splitlines()]
     for text in (
@@ -90,7 +121,7 @@ def test_other_ways_to_write_csv(csv: str) -> None:
     assert out.splitlines()[1].split(",")[3] == "missing"
 
 
-def test_a_stream_that_begins_midway(csv: str) -> None:
+def test_a_stream_that_begins_midway(run: Run, csv: str) -> None:
     good = as_json(csv)
     out, err, code = run("\n".join([good[0][9:], *good[1:40]]))
     assert code == 0, err
@@ -98,8 +129,8 @@ def test_a_stream_that_begins_midway(csv: str) -> None:
     assert words == ["bad"] + ["ok"] * 39
 
 
-def test_recordings_keep_to_the_rules_of_files(csv: str, tmp_path: Path, rig: Rig) -> None:
-    """A link is followed, a run without samples leaves what stood there, and a full disk ends the recording only."""
+def test_recordings_keep_to_the_rules_of_files(run: Run, csv: str, tmp_path: Path, rig: Rig) -> None:
+    """A link is followed, and a run without samples leaves what stood there."""
     real, link = tmp_path / "real.mcap", tmp_path / "link.mcap"
     real.write_bytes(b"old")
     link.symlink_to(real)
@@ -113,6 +144,10 @@ def test_recordings_keep_to_the_rules_of_files(csv: str, tmp_path: Path, rig: Ri
     assert link.is_symlink()
     assert len(read_log(real, rig)) == 29
     assert {path.name for path in tmp_path.iterdir()} == {"real.mcap", "link.mcap"}
+
+
+@pytest.mark.slow
+def test_a_full_disk_ends_the_recording_only(csv: str, tmp_path: Path) -> None:
     limited = ["bash", "-c", 'ulimit -f 4; exec "$@"', "-", *COMMAND, "--record", str(tmp_path / "full.mcap")]
     long = csv + "".join(
         line.replace(line.split(",")[0], f"{float(line.split(',')[0]) + 3.0 * k:.2f}", 1) + "\n"
@@ -125,7 +160,7 @@ def test_recordings_keep_to_the_rules_of_files(csv: str, tmp_path: Path, rig: Ri
     assert len(done.stdout.splitlines()) == 2701
 
 
-def test_bad_lines_are_answered_and_nothing_ends(csv: str) -> None:
+def test_bad_lines_are_answered_and_nothing_ends(run: Run, csv: str) -> None:
     lines = csv.splitlines()
     odd = ["", "nonsense", "1,2,3", lines[40].replace("0.3", "x", 1), "\x00\xff", '{"t": 1}', "9" * 5000]
     text = "\n".join([*lines[:41], *odd, *lines[41:]]) + "\n"
@@ -138,7 +173,7 @@ def test_bad_lines_are_answered_and_nothing_ends(csv: str) -> None:
     assert set(words) <= set(HEALTH)
 
 
-def test_bad_json_is_answered(csv: str) -> None:
+def test_bad_json_is_answered(run: Run, csv: str) -> None:
     good = as_json(csv)
     odd = [
         "[]",
@@ -179,7 +214,7 @@ def test_each_line_is_answered_at_once(csv: str) -> None:
     process.stderr.close()
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_stopped_it_closes_its_recording(csv: str, rig: Rig, tmp_path: Path, how: signal.Signals) -> None:
     path = tmp_path / "out.mcap"
     command = [*COMMAND, "--record", str(path)]
@@ -248,7 +283,7 @@ def test_udp_as_plotjuggler_sends_and_reads_it(log: Log, rig: Rig, csv: str) -> 
 
 
 @pytest.mark.slow
-def test_what_cannot_begin_is_one_line(csv: str, tmp_path: Path) -> None:
+def test_what_cannot_begin_is_one_line(run: Run, csv: str, tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         busy = str(taken.getsockname()[1])

@@ -13,7 +13,7 @@ from distal.codegen.memory import Value
 from distal.kernels import LaneKernel, find_compiler
 from distal.kernels.compiler import compiled_source
 
-pytestmark = pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")
+pytestmark = [pytest.mark.compiled, pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")]
 
 
 def scalars() -> ca.Function:

@@ -16,7 +16,7 @@ from distal.codegen.matrices import WRITERS
 from distal.kernels import find_compiler
 from tests.codegen.graphs import given, matrix_graph, scalar_graph
 
-pytestmark = pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")
+pytestmark = [pytest.mark.compiled, pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")]
 LANES = 4
 TOLERANCE = 1e-12
 """Of smooth graphs, relative to the largest number of an output, or to 1 if that is less: sums are taken in another order

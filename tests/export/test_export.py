@@ -90,8 +90,15 @@ def test_a_whole_log_under_sanitizers(rig: Rig, log: Log, plain: Log, name: str,
 
 
 @needs_compiler
-@pytest.mark.parametrize("single", [False, True], ids=["double", "float"])
-@pytest.mark.parametrize("name", ["capstan-joint", "da-vinci-grasper"])
+@pytest.mark.parametrize(
+    ("name", "single"),
+    [
+        pytest.param("capstan-joint", False, marks=pytest.mark.slow, id="capstan-joint-double"),
+        pytest.param("capstan-joint", True, id="capstan-joint-float"),
+        pytest.param("da-vinci-grasper", False, id="da-vinci-grasper-double"),
+        pytest.param("da-vinci-grasper", True, marks=pytest.mark.slow, id="da-vinci-grasper-float"),
+    ],
+)
 def test_other_rigs(name: str, single: bool, tmp_path: Path) -> None:
     """One drive, external torque, hysteresis with a considered state."""
     servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}

@@ -18,6 +18,7 @@ from distal.kernels import Kernel, c_source, find_compiler, kernel, probe
 from distal.kernels.cache import Cache, digest
 from distal.running import samples_of
 
+pytestmark = pytest.mark.compiled
 needs_compiler = pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler on this machine")
 
 
@@ -133,6 +134,11 @@ def test_a_compiler_that_does_not_run(fresh: Path, monkeypatch: pytest.MonkeyPat
     falls_back("does not run")
 
 
+def test_a_compiler_that_is_no_command(fresh: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", '"x')
+    falls_back("CC is not a command")
+
+
 def test_an_unwritable_cache(monkeypatch: pytest.MonkeyPatch, fresh: Path, tmp_path: Path) -> None:
     if isinstance(find_compiler(), str):
         pytest.skip("no C compiler on this machine")
@@ -148,7 +154,8 @@ def test_switched_off_without_a_word(fresh: Path, monkeypatch: pytest.MonkeyPatc
 
 
 @needs_compiler
-def test_several_processes_at_once(fresh: Path) -> None:
+@pytest.mark.parametrize("count", [2, pytest.param(4, marks=pytest.mark.slow)])
+def test_several_processes_at_once(fresh: Path, count: int) -> None:
     code = (
         "import numpy as np, casadi as ca, warnings; warnings.simplefilter('error')\n"
         "from tests.kernels.test_kernels import *\n"
@@ -157,7 +164,7 @@ def test_several_processes_at_once(fresh: Path) -> None:
     environment = {**os.environ, "DISTAL_CACHE": str(fresh)}
     running = [
         subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True)
-        for _ in range(4)
+        for _ in range(count)
     ]
     said = {process.communicate()[0] for process in running}
     assert all(process.returncode == 0 for process in running)

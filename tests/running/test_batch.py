@@ -49,7 +49,17 @@ def same(one, other) -> None:
         np.testing.assert_array_equal(getattr(one, part), getattr(other, part))
 
 
-@pytest.mark.parametrize("name", ["adaptive", "ekf", "ekf-2008", "elastic"])
+# runs lie side by side in compiled kernels only; those of adaptive and ekf take seconds to compile
+@pytest.mark.compiled
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("adaptive", marks=pytest.mark.slow),
+        pytest.param("ekf", marks=pytest.mark.slow),
+        "ekf-2008",
+        "elastic",
+    ],
+)
 def test_the_numbers_are_those_of_one_by_one(rig: Rig, logs: list[Log], name: str) -> None:
     """To the last bit, with runs of different lengths side by side."""
     together = list(estimate_batch(logs, rig, name, workers=2))
@@ -77,9 +87,11 @@ def test_other_rigs_and_homing(logs: list[Log]) -> None:
                 same(estimate(log, known, homing=homing), result)
 
 
-def test_without_a_compiler_the_same(rig: Rig, logs: list[Log]) -> None:
-    for log, result in zip(logs[:3], estimate_batch(logs[:3], rig, compiled=False)):
-        np.testing.assert_allclose(result.means, estimate(log, rig).means, atol=1e-9)
+@pytest.mark.compiled
+@pytest.mark.parametrize("name", [pytest.param("adaptive", marks=pytest.mark.slow), "ekf-2008"])
+def test_without_a_compiler_the_same(rig: Rig, logs: list[Log], name: str) -> None:
+    for log, result in zip(logs[:3], estimate_batch(logs[:3], rig, name, compiled=False)):
+        np.testing.assert_allclose(result.means, estimate(log, rig, name).means, atol=1e-9)
 
 
 def test_a_bad_log_is_named_or_left_out(rig: Rig, logs: list[Log], tmp_path: Path) -> None:
@@ -139,7 +151,9 @@ def test_what_came_before_an_error_is_yielded(rig: Rig, logs: list[Log]) -> None
         estimate_batch(None, rig)  # type: ignore[arg-type]
 
 
-def test_no_more_in_memory_than_is_in_work(rig: Rig, logs: list[Log]) -> None:
+@pytest.mark.compiled
+@pytest.mark.parametrize("name", [pytest.param("adaptive", marks=pytest.mark.slow), "elastic"])
+def test_no_more_in_memory_than_is_in_work(rig: Rig, logs: list[Log], name: str) -> None:
     """Logs are asked for when their turn comes, and 400 runs need no more than 40."""
     asked = 0
 
@@ -153,7 +167,7 @@ def test_no_more_in_memory_than_is_in_work(rig: Rig, logs: list[Log]) -> None:
     for count in (80, 400):
         tracemalloc.start()
         asked, taken = 0, 0
-        for _ in estimate_batch(endless(count), rig, workers=2):
+        for _ in estimate_batch(endless(count), rig, name, workers=2):
             taken += 1
             assert asked <= taken + 5 * lanes_here()
         assert taken == count
@@ -162,6 +176,7 @@ def test_no_more_in_memory_than_is_in_work(rig: Rig, logs: list[Log]) -> None:
     assert peaks[1] < 2.0 * peaks[0]  # five times the runs, and threads that are not always equally far
 
 
+@pytest.mark.compiled
 def test_simulations_side_by_side(rig: Rig) -> None:
     """Other seeds of one scenario, other scenarios of one plant, another plant: each log as `simulate` gives it."""
     one = load_scenario("series-2").model_copy(update={"duration": 1.0})
