@@ -22,6 +22,9 @@ Floats = NDArray[np.float64]
 OUTSIDE = "outside_range"
 """The state that says how far readings are outside the learned range, in halves of it; 0 within."""
 
+NOTICED = 0.1
+"""Readings this far outside the learned range, in halves of it, are said; the band grows from the range's end on."""
+
 NEEDS = "needs [affine] in the rig file (distal fit with logs whose angle is known), or a homing move (--homing 3s)"
 """What to do where there is no map."""
 
@@ -107,13 +110,13 @@ class AffineEstimator(KernelEstimator):
             samples: values of `channels`, (k, n_channels).
         """
         far = means[:, self.state_names.index(OUTSIDE)]
-        if self.affine is None or not np.any(far > 0.0):
+        if self.affine is None or not np.any(far > NOTICED):
             return self._notes
         low, high = np.asarray(self.affine.low), np.asarray(self.affine.high)
         with np.errstate(invalid="ignore"):
             left = [name for i, name in enumerate(self.channels) if np.any(_beyond(samples[:, i], low[i], high[i]))]
         what = ", ".join(left) if left else "the sensors' combination"
-        share = 100.0 * float(np.mean(far > 0.0))
+        share = 100.0 * float(np.mean(far > NOTICED))
         logs = self.affine.logs
         learned = "the homing move" if logs == 0 else "the one log" if logs == 1 else f"the {logs} logs"
         note = (

@@ -106,7 +106,7 @@ def sized(affine: Affine, errors: Sequence[Sequence[tuple[Floats, Floats, Floats
     """
     joints = []
     for joint, logs in zip(affine.joints, errors):
-        factor = _factor([np.vstack(parts) for parts in logs], smallest)
+        factor = _factor([np.vstack(parts) for parts in logs], smallest) if logs else smallest
         covariance = tuple(tuple(factor**2 * value for value in row) for row in joint.covariance)
         joints.append(joint.model_copy(update={"covariance": covariance}))
     return affine.model_copy(update={"joints": tuple(joints)})
