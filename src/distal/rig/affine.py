@@ -17,10 +17,12 @@ class AffineJoint(Description):
 
     joint: str = Field(min_length=1, description="name of the joint")
     coefficients: Row = Field(
-        min_length=1, description="[rad]: b0, one b for each channel, one c for each position sensor; 0 for what is dropped"
+        min_length=1,
+        description="[rad]: b0, one b for each channel, one c for each position sensor; 0 for what is dropped",
     )
     covariance: tuple[Row, ...] = Field(
-        min_length=1, description="of the coefficients of the next log about these [rad^2]: between logs, and of the fit"
+        min_length=1,
+        description="of the coefficients of the next log about these [rad^2]: between logs, and of the fit",
     )
     std: Annotated[float, In("rad", "positive")] = Field(description="residual with a log's own coefficients")
 
@@ -48,7 +50,9 @@ class Affine(Description):
     low: Row = Field(description="smallest reading of each sensor [SI]")
     high: Row = Field(description="largest reading of each sensor [SI]")
     rate: Row = Field(description="RMS speed of each reading [SI/s]: how fast a missing value loses its worth")
-    dead_band: Row = Field(description="of each position sensor: motion within ± this does not change its direction [SI]")
+    dead_band: Row = Field(
+        description="of each position sensor: motion within ± this does not change its direction [SI]"
+    )
     distance: tuple[Row, ...] = Field(
         description="matrix M of the squared Mahalanobis distance zᵀ M z of the readings (s − centre)/scale"
     )

@@ -61,9 +61,7 @@ def learned_alone(readings: Readings, rig: Rig, bands: Sequence[float]) -> Affin
         wider = student(found.freedom)
         joints.append(filled(joint, columns, found.coefficients, wider**2 * found.covariance, wider * found.std))
         longest = max(longest, found.correlated)
-    return made.model_copy(
-        update={"joints": tuple(joints), "logs": 0, "correlation_time": longest * readings.interval}
-    )
+    return made.model_copy(update={"joints": tuple(joints), "logs": 0, "correlation_time": longest * readings.interval})
 
 
 def filled(joint: AffineJoint, columns: Sequence[int], mean: Floats, covariance: Floats, std: float) -> AffineJoint:
@@ -87,8 +85,8 @@ def corrected(affine: Affine, readings: Readings, rig: Rig) -> tuple[Affine, flo
     """Return a stored map after a homing move, and how surprising the move was in standard deviations.
 
     The stored mean and covariance are the prior of this log's coefficients, the window their likelihood (Bayes' rule for
-    Gaussians), with as many samples counting as one as the residuals are correlated, in the logs or here. Where the
-    move is further off than `EXPECTED`, the prior is widened until it is not.
+    Gaussians), with as many samples counting as one as the logs' residuals, or the motion in the window, are correlated:
+    what a model of least squares errs by depends on the place, and one slow sweep shows it once. Where the move is further off than `EXPECTED`, the prior is widened until it is not.
 
     Args:
         affine: as learned from logs.
@@ -104,15 +102,17 @@ def corrected(affine: Affine, readings: Readings, rig: Rig) -> tuple[Affine, flo
             continue
         x, y = columns[there], readings.angles[there, j]
         mean, covariance = np.asarray(joint.coefficients), np.asarray(joint.covariance)
-        count = max(affine.correlation_time / readings.interval, 1.0)
+        # errors that depend on the place repeat with the motion: they last as long as it does
+        count = max(affine.correlation_time / readings.interval, correlated_samples(x @ mean))
         spread = joint.std**2 * count
         n = int(np.count_nonzero(np.diag(covariance)))
-        off = surprise(mean, covariance, x, y, spread)
+        gram, moment = x.T @ x, x.T @ y
+        off = surprise(mean, covariance, gram, moment, spread)
         ratio = off / max(n, 1)
         worst = max(worst, float(np.sqrt(ratio)))
         if ratio > EXPECTED**2:
             covariance = covariance * ratio
-        after, left = updated(mean, covariance, x, y, spread)
+        after, left = updated(mean, covariance, gram, moment, spread)
         residuals = y - x @ after
         # what this log leaves beyond the logs before it is this log's own
         own, independent = float(np.mean(residuals**2)), len(y) / max(count, correlated_samples(residuals))

@@ -58,18 +58,19 @@ def _joint(
     joint: AffineJoint, columns: Sequence[int], parts: Sequence[tuple[Floats, Floats, float]]
 ) -> tuple[AffineJoint, float]:
     """Return the map of one joint and the correlation time of its residuals [s]."""
-    x, y = np.vstack([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
     if len(parts) == 1:
-        only = line(x, y)
+        only = line(*parts[0][:2])
         return filled(joint, columns, only.coefficients, only.covariance, only.std), only.correlated * parts[0][2]
-    mean = np.linalg.lstsq(x, y, rcond=None)[0]
+    grams = [part[0].T @ part[0] for part in parts]
+    moments = [part[0].T @ part[1] for part in parts]
+    mean = np.linalg.pinv(sum(grams)) @ sum(moments)
     ones = [line(part[0], part[1]) for part in parts]
     lengths = np.array([len(part[1]) for part in parts])
     count = np.array([one.correlated for one in ones])
     std = np.sqrt(max(np.average([one.std**2 for one in ones], weights=lengths), SMALLEST_STD**2))
     spread = _start(parts, mean, std)
     for _ in range(ITERATIONS):
-        drawn = [updated(mean, spread, part[0], part[1], std**2 * own) for part, own in zip(parts, count)]
+        drawn = [updated(mean, spread, *each, std**2 * own) for *each, own in zip(grams, moments, count)]
         means = np.array([after for after, _ in drawn])
         mean = means.mean(axis=0)
         off = means - mean

@@ -67,38 +67,38 @@ def line(design: Floats, angles: Floats) -> Line:
     return Line(coefficients, std**2 * correlated * inverse, std, correlated, freedom)
 
 
-def updated(mean: Floats, covariance: Floats, design: Floats, angles: Floats, spread: float) -> tuple[Floats, Floats]:
+def updated(mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float) -> tuple[Floats, Floats]:
     """Return mean and covariance of coefficients after samples, by P⁺ = (P⁻¹ + XᵀX/r)⁻¹ in a form that needs no P⁻¹.
 
     Args:
         mean: before, (n,).
         covariance: P, may be singular, (n, n).
-        design: X, (k, n).
-        angles: y [rad], (k,).
+        gram: XᵀX of the samples' columns X, (n, n).
+        moment: Xᵀy of their angles y [rad], (n,).
         spread: r, variance of a sample times the number of samples that count as one.
     """
     n = len(mean)
     root = _root(covariance)
-    told = root.T @ (design.T @ design) @ root / spread + np.eye(n)
+    told = root.T @ gram @ root / spread + np.eye(n)
     gain = root @ np.linalg.solve(told, root.T)
-    after = mean + gain @ (design.T @ (angles - design @ mean)) / spread
+    after = mean + gain @ (moment - gram @ mean) / spread
     return after, 0.5 * (gain + gain.T)
 
 
-def surprise(mean: Floats, covariance: Floats, design: Floats, angles: Floats, spread: float) -> float:
+def surprise(mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float) -> float:
     """Return the squared Mahalanobis distance of a log's own coefficients from what was expected, for n numbers.
 
     Args:
         mean: expected, (n,).
         covariance: of that, (n, n).
-        design: X, (k, n).
-        angles: y [rad], (k,).
+        gram: XᵀX, (n, n).
+        moment: Xᵀy [rad], (n,).
         spread: as for `updated`.
     """
-    values, vectors = np.linalg.eigh(design.T @ design / spread)
+    values, vectors = np.linalg.eigh(gram / spread)
     seen = values > 1e-9 * values[-1]
     scale = np.sqrt(values[seen])
-    off = (vectors[:, seen].T @ (design.T @ (angles - design @ mean)) / spread) / scale
+    off = (vectors[:, seen].T @ (moment - gram @ mean) / spread) / scale
     expected = (scale[:, None] * (vectors[:, seen].T @ covariance @ vectors[:, seen])) * scale + np.eye(int(seen.sum()))
     return float(off @ np.linalg.solve(expected, off))
 
