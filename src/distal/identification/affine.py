@@ -159,7 +159,7 @@ def learn_affine(
             check_homing(homing, log, joints)
     bands = dead_bands(rig)
     readings = [readings_of(log, rig, bands) for log in known]
-    readings = [one.part(np.isfinite(one.angles).any(axis=1)) for one in readings]
+    readings = [one.part(np.asarray(np.isfinite(one.angles).any(axis=1))) for one in readings]
     notes: list[str] = []
     if len(readings) < ENOUGH:
         count = f"{len(readings)} log" + ("s" if len(readings) > 1 else "")

@@ -120,8 +120,8 @@ class AffineEstimator(KernelEstimator):
         logs = self.affine.logs
         learned = "the homing move" if logs == 0 else "the one log" if logs == 1 else f"the {logs} logs"
         note = (
-            f"affine: {share:.2g} % of the samples are outside the range of {learned} that it was learned from ({what}), by "
-            f"up to {float(far.max()):.2g} of half that range; the band is wider there"
+            f"affine: {share:.2g} % of the samples are outside the range of {learned} that it was learned from ({what}), "
+            f"by up to {float(far.max()):.2g} of half that range; the band is wider there"
         )
         return (*self._notes, note)
 

@@ -86,7 +86,8 @@ def corrected(affine: Affine, readings: Readings, rig: Rig) -> tuple[Affine, flo
 
     The stored mean and covariance are the prior of this log's coefficients, the window their likelihood (Bayes' rule for
     Gaussians), with as many samples counting as one as the logs' residuals, or the motion in the window, are correlated:
-    what a model of least squares errs by depends on the place, and one slow sweep shows it once. Where the move is further off than `EXPECTED`, the prior is widened until it is not.
+    what least squares errs by depends on the place, and one slow sweep shows it once. Where the move is further off
+    than `EXPECTED`, the prior is widened until it is not.
 
     Args:
         affine: as learned from logs.

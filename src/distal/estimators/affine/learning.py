@@ -70,7 +70,7 @@ def _joint(
     std = np.sqrt(max(np.average([one.std**2 for one in ones], weights=lengths), SMALLEST_STD**2))
     spread = _start(parts, mean, std)
     for _ in range(ITERATIONS):
-        drawn = [updated(mean, spread, *each, std**2 * own) for *each, own in zip(grams, moments, count)]
+        drawn = [updated(mean, spread, gram, moment, std**2 * own) for gram, moment, own in zip(grams, moments, count)]
         means = np.array([after for after, _ in drawn])
         mean = means.mean(axis=0)
         off = means - mean

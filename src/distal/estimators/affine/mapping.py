@@ -94,7 +94,10 @@ def half_ranges(affine: Affine, noise: Floats) -> Floats:
         affine: with the range.
         noise: standard deviation of each channel's random error [SI], (m,).
     """
-    return np.maximum(0.5 * (np.asarray(affine.high) - np.asarray(affine.low)), np.maximum(3.0 * noise, 1e-12))
+    halves: Floats = np.maximum(
+        0.5 * (np.asarray(affine.high) - np.asarray(affine.low)), np.maximum(3.0 * noise, 1e-12)
+    )
+    return halves
 
 
 def outside(affine: Affine, values: Floats, noise: Floats) -> Floats:
@@ -110,7 +113,8 @@ def outside(affine: Affine, values: Floats, noise: Floats) -> Floats:
     beyond = np.maximum(np.asarray(affine.low) - values, values - np.asarray(affine.high)) / half_ranges(affine, noise)
     z = (values - np.asarray(affine.centre)) / np.asarray(affine.scale)
     far = np.sqrt(np.maximum(np.sum(z @ np.asarray(affine.distance) * z, axis=1), 0.0)) / affine.reach - 1.0
-    return np.maximum(0.0, np.maximum(beyond.max(axis=1), far))
+    excess: Floats = np.maximum(0.0, np.maximum(beyond.max(axis=1), far))
+    return excess
 
 
 def predicted(affine: Affine, readings: Readings, noise: Floats, joint: int = 0) -> tuple[Floats, Floats]:

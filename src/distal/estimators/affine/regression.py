@@ -57,7 +57,7 @@ def line(design: Floats, angles: Floats) -> Line:
         angles: y [rad], (k,).
     """
     k, n = design.shape
-    inverse = np.linalg.pinv(design.T @ design)
+    inverse = np.asarray(np.linalg.pinv(design.T @ design), dtype=np.float64)
     coefficients = inverse @ (design.T @ angles)
     residuals = angles - design @ coefficients
     correlated = correlated_samples(residuals)
@@ -131,4 +131,5 @@ RANK = 1e-6
 
 def _root(covariance: Floats) -> Floats:
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    return vectors * np.sqrt(np.maximum(values, 0.0))
+    root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
