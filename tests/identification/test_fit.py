@@ -344,7 +344,8 @@ def test_the_obvious_estimator_is_learned_with_the_rig(rig: Rig, tmp_path: Path)
     found.save(tmp_path / "fitted.toml")
     assert load_rig(tmp_path / "fitted.toml") == found.rig
     assert "# affine: learned from 2 logs" in (tmp_path / "fitted.toml").read_text()
-    assert estimate(logs[0], found.rig, "affine").rms_error() < np.deg2rad(3.0)  # friction is all that is left
+    # what friction keeps back, over a travel of some 80°; a map that is not there would be tens of degrees off
+    assert estimate(logs[0], found.rig, "affine").rms_error() < np.deg2rad(5.0)
     again = fit(without_truth(logs[0]), found.rig, FREE[:1], noise=False)
     assert again.affine is None
     assert again.rig.affine == found.rig.affine
