@@ -27,7 +27,7 @@ HAND = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", tuple(ESTIMATORS))
+@pytest.mark.parametrize("name", tuple(name for name in ESTIMATORS if name != "affine"))  # no log of this rig before it
 @pytest.mark.parametrize(("log", "bounds"), [("servo", SERVO), ("hand", HAND)])
 def test_every_estimator_runs_on_the_mujoco_logs(data: Path, name: str, log: str, bounds: dict[str, float]) -> None:
     folder = data / "mujoco_rig"

@@ -53,7 +53,9 @@ def _unit(field: FieldInfo) -> str:
             bound = {"positive": ", > 0", "nonnegative": ", ≥ 0"}.get(getattr(part, "bound", ""), "")
             kind = ", std" if _holds(field, Parameter) else ", over time" if _holds(field, Signal) else ""
             return f"{unit}{bound}{kind}"
-    return "table" if _inner(field) else "text"
+    if _inner(field):
+        return "table"
+    return "number" if _holds(field, float) or _holds(field, int) else "text"
 
 
 def _default(field: FieldInfo) -> str:

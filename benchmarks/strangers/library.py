@@ -22,6 +22,11 @@ try:
 except ImportError:
     from distal.estimators import diagnose
 
+try:
+    from distal import learn_affine
+except ImportError:
+    learn_affine = None  # type: ignore[assignment]
+
 __all__ = [
     "DistalError",
     "Log",
@@ -31,6 +36,7 @@ __all__ = [
     "build_scenario",
     "diagnose",
     "estimate",
+    "learn_affine",
     "load_rig",
     "load_scenario",
     "printed_rig",

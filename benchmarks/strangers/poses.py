@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
-from functools import partial
+from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.strangers.library import Log, load_rig, read_log
-from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case, record
+from benchmarks.strangers.library import Log, Rig, learn_affine, load_rig, read_log
+from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case, record, score
 
 NAME = "poses"
 HOMING = 3.0
@@ -26,6 +27,9 @@ POSES = {
 """Case → its files in the folder DISTAL_DATA."""
 
 LEAST_SQUARES = "least squares"
+
+LEARNED = "affine, learned from the straight wrist"
+"""`affine` with the map of the twelve runs of the straight wrist, corrected by the homing move."""
 
 
 def least_squares(log: Log, case: str, name: str) -> Record:
@@ -46,7 +50,22 @@ def run(case: str, path: Path) -> list[Record]:
     """Score all estimators on one recorded log, and least squares."""
     rig = load_rig("da-vinci-grasper")
     log = read_log(path, rig)
-    return [*all_estimators(NAME, case, path.stem, log, rig, HOMING), least_squares(log, case, path.stem)]
+    records = [*all_estimators(NAME, case, path.stem, log, rig, HOMING), least_squares(log, case, path.stem)]
+    if learn_affine is not None and case != "wrist straight":
+        taught = learned(str(path.parents[1]))
+        records.append(replace(score(NAME, case, path.stem, log, taught, "affine", HOMING), estimator=LEARNED))
+    return records
+
+
+@cache
+def learned(folder: str) -> Rig:
+    """Return the shipped rig with `[affine]` from the runs of the straight wrist.
+
+    Args:
+        folder: with the data.
+    """
+    logs = sorted(Path(folder).glob(POSES["wrist straight"]))
+    return learn_affine(logs, "da-vinci-grasper", homing=HOMING).rig
 
 
 def jobs(quick: bool, first: int) -> list[Job]:

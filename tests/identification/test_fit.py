@@ -334,3 +334,22 @@ def test_an_effort_that_moves_a_play_keeps_its_noise() -> None:
     names = [{part.name for part in choose(rig, (reference,), (), (), True, False)} for rig in (plain, playing)]
     assert f"sensors.{torque}.noise" in names[0] - names[1]
     assert "drives.0.hysteresis.constant" in names[1]
+
+
+def test_the_obvious_estimator_is_learned_with_the_rig(rig: Rig, tmp_path: Path) -> None:
+    """A fit to logs with truth writes [affine] beside the fitted values; one without truth leaves it alone."""
+    plant, _ = drawn_plant(3)
+    logs = logs_of(rig, plant, 3, ("ramps", "servo"), 4.0)
+    found = fit(logs, rig, FREE[:1], noise=False)
+    assert found.affine is not None
+    assert found.rig.affine == found.affine.affine
+    assert found.affine.affine.logs == 2
+    assert found.rig == rig.with_values(found.assignments())
+    found.save(tmp_path / "fitted.toml")
+    assert load_rig(tmp_path / "fitted.toml") == found.rig
+    assert "# affine: learned from 2 logs" in (tmp_path / "fitted.toml").read_text()
+    # what friction keeps back, over a travel of some 80°; a map that is not there would be tens of degrees off
+    assert estimate(logs[0], found.rig, "affine").rms_error() < np.deg2rad(5.0)
+    again = fit(without_truth(logs[0]), found.rig, FREE[:1], noise=False)
+    assert again.affine is None
+    assert again.rig.affine == found.rig.affine

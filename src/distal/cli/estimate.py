@@ -76,6 +76,9 @@ def estimate_command(
     known = true_angles(data, [joint.name for joint in description.joints]) is not None
     names = list(dict.fromkeys(estimator or ([DEFAULT, *ESTIMATORS] if known else [DEFAULT])))
     home = seconds(homing) if homing is not None else None
+    # in a comparison that nobody chose, what cannot run is a row that says what it needs
+    missing = estimator is None and description.affine is None and home is None
+    names = [name for name in names if not (missing and name == "affine")]
     results = [estimate(data, description, name, passes, homing=home) for name in names]
     if smooth:
         if home is not None:
@@ -88,7 +91,7 @@ def estimate_command(
     if known:
         used = f"; used for the first {home:g} s, compared with afterwards" if home is not None else ""
         say(f"truth: {data.truth_source}{used}")
-        _compare(results)
+        _compare(results, missing)
     final = results[0]
     for joint, angles, stds in zip(final.joint_names, np.rad2deg(final.angles.T), final.angle_stds.T):
         which = "angle" if len(final.joint_names) == 1 else f"angle of {joint}"
@@ -96,6 +99,8 @@ def estimate_command(
         say(
             f"{final.estimator}: {which} from {angles.min():.2f}° to {angles.max():.2f}°, 95 % band ±{half:.2f}° (median)"
         )
+    for note in dict.fromkeys(note for result in results for note in result.notes):
+        say(note)
     say(diagnose(final).text)
     for path in (out, plot):
         if path is not None:
@@ -129,7 +134,8 @@ def _describe(log: Log, rig: Rig) -> None:
         )
 
 
-def _compare(results: list[Estimate]) -> None:
+def _compare(results: list[Estimate], no_affine: bool) -> None:
+    from distal.estimators.affine import NEEDS
     from distal.results import BAND
 
     rows = [
@@ -142,4 +148,8 @@ def _compare(results: list[Estimate]) -> None:
         )
         for result in results
     ]
+    if no_affine:
+        rows.append(("affine", "–", "–", "–", "–"))
     table("error against truth", ["estimator", "RMS [°]", "maximum [°]", "inside 95 % band", "median band [°]"], rows)
+    if no_affine:
+        say(f"affine {NEEDS}")

@@ -150,6 +150,9 @@ def _say(result: Fit) -> None:
         if np.isfinite(after)
     )
     say(f"normalised innovations ν²/S (1 is expected): {ratios}")
+    if result.affine is not None:
+        for line in (result.affine.text, *result.affine.notes):
+            say(line)
     if result.interrupted:
         say("interrupted: these are the best values so far")
     elif not result.converged:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from distal.cli.console import say, table
@@ -54,6 +55,11 @@ def check_command(
         )
     )
     say(f"  stiffest mode {stiffest_frequency(mechanism):.4g} rad/s: {count} sub-steps per sample at {rate:g} Hz")
+    if description.affine is not None:
+        learned = description.affine.logs
+        what = "a homing move" if learned == 0 else f"{learned} log{'s' if learned > 1 else ''}"
+        std = max(float(np.rad2deg(joint.std)) for joint in description.affine.joints)
+        say(f"  affine: learned from {what}, residual ±{std:.2g}° (1σ)")
     say(f"  uncertain: {', '.join(uncertain) if uncertain else 'nothing (no parameter has a std)'}")
 
 

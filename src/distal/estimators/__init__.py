@@ -1,6 +1,7 @@
 """Estimators behind one contract: belief and sample in, belief and innovation out."""
 
 from distal.estimators.adaptive import AdaptiveFilter, Robustness
+from distal.estimators.affine import AffineEstimator
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import LARGEST_ANGLE, Belief, Estimator, Innovation, KernelEstimator, check_time
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise, state_units
@@ -14,6 +15,7 @@ __all__ = [
     "LARGEST_ANGLE",
     "RIVALS",
     "AdaptiveFilter",
+    "AffineEstimator",
     "Belief",
     "Channels",
     "Estimator",

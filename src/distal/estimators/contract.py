@@ -252,6 +252,15 @@ class KernelEstimator:
         """Where the joints' angles stand among the states."""
         return slice(0, len(self.rig.joints))
 
+    def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
+        """Return what a user should know of an estimate, a sentence each; most estimators have nothing to say.
+
+        Args:
+            means: states over the log, (k, n).
+            samples: values of `channels`, (k, n_channels).
+        """
+        return ()
+
     @property
     def bridged(self) -> int:
         """Number of channels, the first ones, that cross a gap in a straight line to the reading that ends it."""

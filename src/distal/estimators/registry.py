@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from distal.errors import EstimationError, did_you_mean
 from distal.estimators.adaptive import AdaptiveFilter
+from distal.estimators.affine import AffineEstimator
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.full_state import FullStateFilter, paper_noise, rig_noise
 from distal.estimators.kinematic import KinematicEstimator
@@ -13,6 +14,7 @@ from distal.rig import Rig
 
 ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
     "adaptive": lambda rig, compiled: AdaptiveFilter(rig, compiled),
+    "affine": lambda rig, compiled: AffineEstimator(rig, compiled),
     "inextensible": lambda rig, compiled: KinematicEstimator("inextensible", rig, elastic=False, compiled=compiled),
     "elastic": lambda rig, compiled: KinematicEstimator("elastic", rig, elastic=True, compiled=compiled),
     "ekf-2008": lambda rig, compiled: FullStateFilter("ekf-2008", rig, paper_noise(rig), compiled),

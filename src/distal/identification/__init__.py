@@ -1,5 +1,6 @@
 """A rig's parameters and noise from its own logs, and what the logs can tell."""
 
+from distal.identification.affine import AffineFit, LeftOut, affine_table, learn_affine
 from distal.identification.crossvalidation import CrossValidation, HeldOut, cross_validate, groups_of
 from distal.identification.fit import fit
 from distal.identification.fitted import Fitted
@@ -8,14 +9,18 @@ from distal.identification.observability import Observability, observability
 from distal.identification.result import Fit
 
 __all__ = [
+    "AffineFit",
     "CrossValidation",
     "Fit",
     "Fitted",
     "Free",
     "HeldOut",
+    "LeftOut",
     "Observability",
+    "affine_table",
     "cross_validate",
     "fit",
     "groups_of",
+    "learn_affine",
     "observability",
 ]

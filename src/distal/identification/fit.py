@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError
+from distal.identification.affine import learn_affine
 from distal.identification.checks import check_logs, check_outcome, warn_of
 from distal.identification.curves import curves as curves_of
 from distal.identification.fitted import Fitted, assignments
@@ -134,8 +135,9 @@ def fit(
     added = tuple(f"sensors.{i}." for i in range(len(rig.sensors), len(described.sensors)))
     if added:
         result = rig.with_values({path: value for path, value in values.items() if not path.startswith(added)})
+    affine = learn_affine(with_truth, result, homing) if with_truth else None
     return Fit(
-        rig=result,
+        rig=affine.rig if affine is not None else result,
         start=rig,
         fitted=tuple(part for part in fitted if not (added and part.name.startswith(added))),
         logs=tuple(log.source for log in read),
@@ -153,6 +155,7 @@ def fit(
         converged=found.converged,
         interrupted=found.interrupted,
         curves=learned,
+        affine=affine,
         evaluations=likelihood.evaluations + (final.evaluations if final is not likelihood else 0),
     )
 

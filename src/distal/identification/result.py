@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.identification.affine import AffineFit, affine_table
 from distal.identification.fitted import Fitted, assignments
 from distal.identification.fitted_file import MARK, fitted_text
 from distal.logs import shown, write_whole
@@ -42,6 +43,7 @@ class Fit:
         interrupted: whether the user stopped it.
         evaluations: runs of the filter over all logs.
         curves: path → value of what was learned of the position sensors' systematic errors.
+        affine: the obvious estimator's map from the same logs, where some have a truth; the rig holds it.
     """
 
     rig: Rig
@@ -63,6 +65,7 @@ class Fit:
     interrupted: bool
     evaluations: int
     curves: Mapping[str, object] = field(default_factory=dict)
+    affine: AffineFit | None = None
 
     def __getitem__(self, name: str) -> Fitted:
         """Return a fitted number by its name or one of its paths.
@@ -89,7 +92,8 @@ class Fit:
 
     def assignments(self) -> dict[str, Any]:
         """Return path → value (with its std, where it had one) of what changed, as for `Rig.with_values`."""
-        return {**assignments(self.fitted, self.start), **self.curves}
+        learned = {"affine": affine_table(self.affine.affine)} if self.affine is not None else {}
+        return {**assignments(self.fitted, self.start), **self.curves, **learned}
 
     def _account(self) -> str:
         """Return the comment at the head of a fitted file: what it was fitted to, and where each value came from."""
@@ -115,4 +119,6 @@ class Fit:
                 "# Learned too: the systematic curves of the position sensors (curve), and what linearity is left."
             )
         lines += [f"# These logs tell {line}." for line in self.combinations]
+        if self.affine is not None:
+            lines += [f"# {line}" for line in (self.affine.text, *self.affine.notes)]
         return "\n".join(lines) + "\n\n"

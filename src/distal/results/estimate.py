@@ -39,6 +39,7 @@ class Estimate:
         truths: true angles [rad], (k, n_joints), NaN where a joint's is not known; None where none is.
         covariances: (k, n, n); None from a batch, where they would fill the memory.
         joint_names: names of the joints.
+        notes: what the estimator says of its own estimate, a sentence each, such as how much was outside a learned range.
     """
 
     estimator: str
@@ -53,6 +54,7 @@ class Estimate:
     truths: Floats | None = None
     covariances: Floats | None = None
     joint_names: tuple[str, ...] = ("joint",)
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.time)

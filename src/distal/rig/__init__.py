@@ -1,5 +1,6 @@
 """The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
 
+from distal.rig.affine import Affine, AffineJoint
 from distal.rig.columns import angle_names, speed_names, std_name, tendon_angle_name
 from distal.rig.drives import (
     Capstan,
@@ -32,6 +33,8 @@ from distal.rig.tendons import Linkage, Path, Pinned, Pulley, Tendon
 from distal.rig.validation import validated
 
 __all__ = [
+    "Affine",
+    "AffineJoint",
     "Capstan",
     "CapstanFriction",
     "Description",

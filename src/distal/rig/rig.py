@@ -8,6 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from distal.errors import RigError, did_you_mean
+from distal.rig.affine import Affine
 from distal.rig.drives import Capstan, Drive, Slider, effort_unit, position_unit
 from distal.rig.joints import Joint
 from distal.rig.overrides import set_value
@@ -53,6 +54,7 @@ class Rig(Description):
     tendons: tuple[Tendon, ...] = Field(min_length=1, description="the tendons")
     sensors: tuple[Sensor, ...] = Field((), description="the sensors")
     stepping: Stepping = Field(Stepping(), description="time step of the model")
+    affine: Affine | None = Field(None, description="the obvious estimator, as learned: `distal fit` writes it")
 
     @field_validator("joints", mode="after")
     @classmethod
@@ -94,6 +96,19 @@ class Rig(Description):
             except ValueError as error:
                 raise ValueError(f"{i}.unit: {error}") from None
         return sensors
+
+    @field_validator("affine", mode="after")
+    @classmethod
+    def _affine_fits(cls, affine: Affine | None, info: ValidationInfo) -> Affine | None:
+        if affine is None or "sensors" not in info.data or "joints" not in info.data:
+            return affine
+        sensors, joints = ([part.name for part in info.data[kind]] for kind in ("sensors", "joints"))
+        for channel in affine.channels:
+            if channel not in sensors:
+                raise ValueError(f"channels: no sensor is called '{channel}'{did_you_mean(channel, sensors)}")
+        if [one.joint for one in affine.joints] != joints:
+            raise ValueError(f"joints: one for each joint is needed ({', '.join(joints)})")
+        return affine
 
     @model_validator(mode="after")
     def _whole(self) -> Self:

@@ -200,9 +200,9 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
         except DistalError:
             return [_alone(each) for each in runs]
     keep = [*range(n), *range(n, n + n * n, n + 1)]
-    scanned = lanes.scan(
-        [run.start.carry for run in runs], [row for row, _ in rows], [runner.numbers] * len(runs), keep
-    )
+    # a homing move gives each run numbers of its own
+    numbers = [run.runner.numbers for run in runs if isinstance(run.runner, KernelEstimator)]
+    scanned = lanes.scan([run.start.carry for run in runs], [row for row, _ in rows], numbers, keep)
     results: list[Estimate | DistalError] = []
     for run, (_, last), (kept, ys) in zip(runs, rows, scanned):
         if len(last) < len(kept):

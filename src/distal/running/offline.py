@@ -15,9 +15,11 @@ from distal.estimators import (
     DEFAULT,
     LARGEST_ANGLE,
     AdaptiveFilter,
+    AffineEstimator,
     Belief,
     Estimator,
     FullStateFilter,
+    KernelEstimator,
     make_estimator,
 )
 from distal.logs import Log, frozen, read_log, true_angles
@@ -85,7 +87,8 @@ def estimate(
         truth: where `log` is no `Log`: the true angle's column or file.
         compiled: compile kernels where possible.
         homing: for how long the truth is a reference that is used [s]; afterwards it is only compared with. Filters of
-            the displacement-driven kind read it as a sensor, the others are shifted by their mean error.
+            the displacement-driven kind read it as a sensor, `affine` learns from it, the others are shifted by their mean
+            error.
 
     Raises:
         EstimationError: the log lacks a sensor, the estimator cannot run on this rig, or there is nothing to home by.
@@ -104,6 +107,7 @@ def estimate(
             f"{runner.name} takes one pass; --passes is for the filters of the paper's kind (ekf-2008, ekf)"
         )
     run = prepared(log, runner, homing)
+    runner = run.runner
     belief = run.start
     for number in range(passes):
         means, covariances, innovations, variances = runner.scan(belief, log.time, run.samples)
@@ -180,6 +184,8 @@ def runner_for(
         check_homing(homing, log, [joint.name for joint in rig.joints])
         if isinstance(estimator, str) and estimator in HOMED:
             return AdaptiveFilter(rig, compiled, references=references)
+        if estimator == "affine":
+            return AffineEstimator(rig, compiled, homing=True)
     return make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
 
 
@@ -196,6 +202,8 @@ def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
     """
     read = log
     if homing is not None:
+        if isinstance(runner, AffineEstimator):
+            runner = runner.after_homing(log, homing)
         known = check_homing(homing, log, [joint.name for joint in runner.rig.joints])
         early = log.time - log.time[0] < homing
         for channel, joint in references_of(runner).items():
@@ -242,7 +250,7 @@ def finished(
     known = true_angles(log, joints)
     if run.homing is not None and known is not None:
         early = log.time - log.time[0] < run.homing
-        if not run.reads_reference:
+        if not (run.reads_reference or isinstance(runner, AffineEstimator)):
             means = means.copy()
             means[:, : len(joints)] = homed(means[:, : len(joints)], known, early)
         known = frozen(np.where(early[:, None], np.nan, known))
@@ -264,6 +272,7 @@ def finished(
         known,
         None if covariances is None else frozen(covariances),
         joints,
+        runner.notes_of(means, run.samples) if isinstance(runner, KernelEstimator) else (),
     )
 
 

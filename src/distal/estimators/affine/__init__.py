@@ -1,0 +1,33 @@
+"""`affine`, the obvious estimator: least squares of what the sensors read, from logs or a homing move."""
+
+from distal.estimators.affine.estimator import NEEDS, OUTSIDE, AffineEstimator
+from distal.estimators.affine.homing import NORMAL, corrected, learned_alone, student
+from distal.estimators.affine.learning import learned, sized
+from distal.estimators.affine.mapping import design, noise_of, outside, predicted
+from distal.estimators.affine.readings import NAME, Readings, dead_bands, direction, readings_of
+from distal.estimators.affine.regression import correlated_samples, line, surprise, updated
+
+__all__ = [
+    "NAME",
+    "NEEDS",
+    "NORMAL",
+    "OUTSIDE",
+    "AffineEstimator",
+    "Readings",
+    "corrected",
+    "correlated_samples",
+    "dead_bands",
+    "design",
+    "direction",
+    "learned",
+    "learned_alone",
+    "line",
+    "noise_of",
+    "outside",
+    "predicted",
+    "readings_of",
+    "sized",
+    "student",
+    "surprise",
+    "updated",
+]
