@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+
 from distal import (
     DistalError,
     Log,
@@ -14,6 +16,7 @@ from distal import (
     shipped_rigs,
     simulate,
 )
+from distal.results import Diagnosis, Estimate
 from distal.rig import build_rig
 from distal.simulation import build_scenario
 
@@ -30,6 +33,7 @@ __all__ = [
     "build_rig",
     "build_scenario",
     "diagnose",
+    "diagnosed",
     "estimate",
     "load_rig",
     "load_scenario",
@@ -37,6 +41,14 @@ __all__ = [
     "read_log",
     "simulate",
 ]
+
+
+def diagnosed(result: Estimate, log: Log, rig: Rig, homing: float | None = None) -> Diagnosis:
+    """Return what the diagnosis says of an estimate, with all that it is able to ask in this release."""
+    asked = inspect.signature(diagnose).parameters
+    if "rig" not in asked:
+        return diagnose(result)
+    return diagnose(result, log, rig, homing=homing, compiled=False)
 
 
 def printed_rig() -> Rig:

@@ -39,6 +39,9 @@ class Estimate:
         truths: true angles [rad], (k, n_joints), NaN where a joint's is not known; None where none is.
         covariances: (k, n, n); None from a batch, where they would fill the memory.
         joint_names: names of the joints.
+        prior_means: of the states that are numbers of the rig or its sensors, NaN for those that are meant to move,
+            (n,); None where the estimator has no such states.
+        prior_stds: their standard deviations, (n,).
     """
 
     estimator: str
@@ -53,6 +56,8 @@ class Estimate:
     truths: Floats | None = None
     covariances: Floats | None = None
     joint_names: tuple[str, ...] = ("joint",)
+    prior_means: Floats | None = None
+    prior_stds: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.time)

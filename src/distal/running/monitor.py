@@ -126,7 +126,8 @@ class Monitor:
         self._dead = np.maximum(DEAD, 2 * self._overdue)
         # a sensor with noise does not say the same twice for long
         self._noisy = np.array([sensor.noise > sensor.resolution for sensor in chosen])
-        self._ranges = np.array([_range(live.rig, sensor) for sensor in chosen]).reshape(-1, 2)
+        mechanism = Mechanism(live.rig)
+        self._ranges = np.array([place_range(mechanism, sensor) for sensor in chosen]).reshape(-1, 2)
         self._seen = np.full(len(chosen), nan)
         self._changed = np.full(len(chosen), nan)
         self._last = np.full(len(chosen), nan)
@@ -278,11 +279,17 @@ class Monitor:
         return ", ".join(name for name, there in zip(self._live.channels, chosen) if there)
 
 
-def _range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
-    """Return within which values a position sensor can be, infinite for the others."""
+def place_range(mechanism: Mechanism, sensor: Sensor) -> tuple[float, float]:
+    """Return within which values a position sensor can be, infinite for the others.
+
+    Args:
+        mechanism: the rig's equations.
+        sensor: one of the rig's.
+    """
     if sensor.measures != "position":
         return -1e300, 1e300
-    drive = next(drive for drive in rig.drives if drive.name == sensor.of)
-    low, high = travel(Mechanism(rig), [each.name for each in rig.drives].index(drive.name))
+    drives = mechanism.rig.drives
+    drive = next(drive for drive in drives if drive.name == sensor.of)
+    low, high = travel(mechanism, drives.index(drive))
     room = (BEYOND if drive.stops is not None else FAR) * (high - low) + sensor.linearity + 10.0 * sensor.noise
     return low - room + sensor.bias.value, high + room + sensor.bias.value
