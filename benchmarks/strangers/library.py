@@ -43,12 +43,12 @@ __all__ = [
 ]
 
 
-def diagnosed(result: Estimate, log: Log, rig: Rig, homing: float | None = None) -> Diagnosis:
+def diagnosed(result: Estimate, log: Log, rig: Rig, homing: float | None = None, what_if: bool = True) -> Diagnosis:
     """Return what the diagnosis says of an estimate, with all that it is able to ask in this release."""
     asked = inspect.signature(diagnose).parameters
     if "rig" not in asked:
         return diagnose(result)
-    return diagnose(result, log, rig, homing=homing, compiled=False)
+    return diagnose(result, log, rig, homing=homing, compiled=False, what_if=what_if)
 
 
 def printed_rig() -> Rig:

@@ -1,9 +1,9 @@
 """One mistake in the rig: a sign, a side, a radius, a stiffness, a unit, a gear; is it flagged, or named as beyond test?
 
 Each case is a rig with a plant drawn from its stds and a log; then one thing is wrong. A sign or a unit of a sensor is
-wrong in what the rig reads of the log; a radius, stiffness or side is wrong in the rig. "Flagged" is a diagnosis that
-is not "consistent"; a log that is refused counts as flagged. "Named" is a mistake whose subject the diagnosis says that
-these sensors cannot test. Right rigs are counted beside them.
+wrong in what the rig reads of the log; a radius, stiffness or side is wrong in the rig. "Flagged": something contradicts,
+or the log is refused. "Named": the diagnosis says that these sensors cannot test this very thing. "Nothing tested": it
+says that nothing was compared. What is left is called consistent. Right rigs are counted beside them.
 """
 
 from __future__ import annotations
@@ -151,21 +151,27 @@ def case(name: str, seed: int) -> tuple[Rig, Log]:
     return rig, simulate(rig, made.model_copy(update={"plant": plant}), seed)
 
 
+FLAGGED, NAMED, UNTESTED, MISSED = "flagged", "named", "untested", "missed"
+
+
 def judged(kind: str, where: str, mistake: Mistake) -> Record:
-    """Return whether a mistake is flagged; `inside` holds whether it is flagged or named, `note` what was said."""
+    """Return what is said of a mistake, as the record's note; `consistent` is whether it is called so."""
     try:
         result = estimate(mistake.log, mistake.rig, "adaptive", compiled=False)
     except DistalError:
-        return Record(NAME, kind, where, "adaptive", 0.0, 1.0, 0.0, False, "refused")
-    verdict = diagnosed(result, mistake.log, mistake.rig)
-    found = getattr(verdict, "findings", ())
-    named = {one.subject for one in found if one.kind == "cannot test"} & mistake.names
-    tested = len(result.measured) > 0
+        return Record(NAME, kind, where, "adaptive", 90.0, 0.0, 0.0, False, FLAGGED)
+    # signs and units that would explain it take long, and change nothing here
+    verdict = diagnosed(result, mistake.log, mistake.rig, what_if=False)
+    says = verdict.text.startswith(("not checked", "not tested"))
+    note = MISSED if verdict.consistent else UNTESTED if says else FLAGGED
+    if note != FLAGGED:
+        found = getattr(diagnosed(result, mistake.log, mistake.rig), "findings", ())
+        if {one.subject for one in found if one.kind == "cannot test"} & mistake.names:
+            note = NAMED
+    error, inside = float(np.rad2deg(result.rms_error())), float(result.inside_band())
+    half = float(np.rad2deg(1.96 * np.mean(result.theta_std)))
     consistent = verdict.consistent
-    error = float(np.rad2deg(result.rms_error()))
-    good = (not consistent) or bool(named)
-    half = 1.0 if named else 0.0
-    return Record(NAME, kind, where, "adaptive", round(error, 4), float(good), half, consistent and tested, verdict.text)
+    return Record(NAME, kind, where, "adaptive", round(error, 4), round(inside, 4), round(half, 4), consistent, note)
 
 
 def run(name: str, seed: int) -> list[Record]:
@@ -178,8 +184,8 @@ def run(name: str, seed: int) -> list[Record]:
 
 
 def jobs(quick: bool, first: int) -> list[Job]:
-    """Return the jobs: 4 seeds of each shipped rig and 16 random rigs, or 1 and 3; right rigs of 40 random ones more."""
-    few, many = (1, 3) if quick else (4, 16)
+    """Return the jobs: 4 seeds of each shipped rig and 10 random rigs, or 1 and 2."""
+    few, many = (1, 2) if quick else (3, 10)
     made = [partial(run, name, first + i) for name in RIGS[:3] for i in range(few)]
     return made + [partial(run, "random", first + i) for i in range(many)]
 
@@ -187,9 +193,10 @@ def jobs(quick: bool, first: int) -> list[Job]:
 COLUMNS = (
     ("cases", 0),
     ("flagged [%]", 0),
-    ("named as cannot test only [%]", 0),
-    ("flagged or named [%]", 0),
-    ("neither, and off by more than 0.5° [%]", 0),
+    ("named as beyond test [%]", 0),
+    ("nothing tested, and said so [%]", 0),
+    ("called consistent [%]", 0),
+    ("called so, truth less than half inside [%]", 0),
     ("median RMS [°]", 2),
 )
 
@@ -202,14 +209,14 @@ def tables(records: list[Record]) -> list[Table]:
         own = [one for one in records if group in ("all", one.log.split(" | ")[0])]
         for kind in dict.fromkeys(one.case for one in own):
             chosen = [one for one in own if one.case == kind]
-            flagged = [not one.consistent for one in chosen]
             rows[(group, kind)] = (
                 float(len(chosen)),
-                share(flagged),
-                share(one.half > 0 and not flag for one, flag in zip(chosen, flagged)),
-                share(one.inside > 0 for one in chosen),
-                share(one.inside == 0 and one.rms > 0.5 for one in chosen),
+                share(one.note == FLAGGED for one in chosen),
+                share(one.note == NAMED for one in chosen),
+                share(one.note == UNTESTED for one in chosen),
+                share(one.note == MISSED for one in chosen),
+                share(one.note == MISSED and one.inside < 0.5 for one in chosen),
                 float(np.median([one.rms for one in chosen])),
             )
-    title = "One mistake in the rig: flagged (not called consistent) or named as beyond test"
+    title = "One mistake in the rig: flagged, or named as beyond test, or neither"
     return [Table(f"strangers-{NAME}", title, ("rig", "mistake"), COLUMNS, rows)]

@@ -7,7 +7,7 @@ from distal.running.live import LiveEstimator
 from distal.running.monitor import HEALTH, Monitor, Reading
 from distal.running.offline import HOMED, estimate, first_values, samples_of, with_channel
 from distal.running.smoothing import smooth
-from distal.running.what_if import testability
+from distal.running.what_if import cannot_test
 
 __all__ = [
     "HEALTH",
@@ -17,6 +17,7 @@ __all__ = [
     "Monitor",
     "Reading",
     "added_reference",
+    "cannot_test",
     "check_homing",
     "diagnose",
     "estimate",
@@ -24,7 +25,6 @@ __all__ = [
     "first_values",
     "samples_of",
     "smooth",
-    "testability",
     "with_channel",
     "with_references",
 ]

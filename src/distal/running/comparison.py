@@ -50,7 +50,7 @@ def disagreement(result: Estimate, log: Log, rig: Rig, homing: float | None = No
 
 
 def stretch(log: Log, rig: Rig, joint: str) -> Floats:
-    """Return by how much friction and an unknown stiffness may turn a joint in the eyes of a kinematic estimate [rad], (k,).
+    """Return by how much friction and an unknown stiffness may turn a joint for a kinematic estimate [rad], (k,).
 
     Args:
         log: the log.
@@ -65,7 +65,9 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
         drive = drives[tendon.drive]
         mates = [other for other in rig.tendons if other.drive == tendon.drive]
         lever = drive.radius.value if drive.kind == "capstan" else 1.0
-        sensor = next((s for s in rig.sensors if s.measures == "force" and s.of == drive.name and s.name in log.channels), None)
+        sensor = next(
+            (s for s in rig.sensors if s.measures == "force" and s.of == drive.name and s.name in log.channels), None
+        )
         pull = np.zeros(len(log))
         if sensor is None:
             unknown = 2 * BAND * drive.nominal_force.std / lever
@@ -76,7 +78,9 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
             unknown = 2 * BAND * sensor.noise / lever
             tension = float(np.nanmax(np.abs(read))) + tendon.pretension.value
         friction = drive.friction
-        limit = (_high(friction.constant) / lever + _high(friction.load) * tension) * (1.0 if sensor is not None else 0.0)
+        limit = (_high(friction.constant) / lever + _high(friction.load) * tension) * (
+            1.0 if sensor is not None else 0.0
+        )
         if drive.hysteresis is not None:
             limit += _high(drive.hysteresis.constant) / lever + _high(drive.hysteresis.load) * tension
         if tendon.path is not None:

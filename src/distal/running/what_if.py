@@ -8,7 +8,7 @@ import numpy as np
 
 from distal.estimators import AdaptiveFilter
 from distal.logs import Log
-from distal.results import BAND, Estimate, Finding
+from distal.results import BAND, Estimate, Finding, Kind
 from distal.results import diagnose as of_estimate
 from distal.rig import Rig
 from distal.running.offline import runner_for
@@ -24,7 +24,7 @@ STIFF = 3.0
 """Factor on the stiffness that is tried."""
 
 TURNS = 57.3
-"""Factor on a sensor's scale that is tried: degrees for radians; other wrong units are larger, and seen where this one is."""
+"""Factor on a sensor's scale that is tried: degrees for radians; larger ones are seen where this one is."""
 
 GEAR = 10.0
 """Ratio of a gear that is tried, on a capstan's angle and torque."""
@@ -33,14 +33,14 @@ SETTLED = 0.5
 """The first moments of a log, in which a start is forgotten, do not count [s]."""
 
 HANGS = 1.3
-"""Spread of the angle over starts drawn from the prior, in its standard deviations, that is too much: 1 is the most that is right.
+"""Spread of the angle over starts drawn from the prior, in its standard deviations, that is too much.
 
 Of a filter that is right the spread is at most 1: the posterior covariance is what the prior leaves plus what noise
 adds. Linearisation and friction make it up to 1.2 on rigs whose truth is inside.
 """
 
 
-def testability(log: Log, rig: Rig, homing: float | None = None, compiled: bool = True) -> tuple[Finding, ...]:
+def cannot_test(log: Log, rig: Rig, homing: float | None = None, compiled: bool = True) -> tuple[Finding, ...]:
     """Return what the sensors of a log cannot test: changes of the rig that move the angle but no innovation.
 
     Each moment arm, capstan, pretension, stiffness, each sensor's sign and scale, and the joint's direction is changed,
@@ -62,7 +62,7 @@ def testability(log: Log, rig: Rig, homing: float | None = None, compiled: bool 
 
 
 def untestable(rerun: Rerun) -> list[Finding]:
-    """Return what cannot be tested, see `testability`.
+    """Return what cannot be tested, see `cannot_test`.
 
     Args:
         rerun: the filter over the log.
@@ -70,7 +70,7 @@ def untestable(rerun: Rerun) -> list[Finding]:
     found, known = list[Finding](), {(one.kind, one.subject) for one in _contradictions(rerun, rerun.base)}
     for subject, changes in _suspects(rerun):
         if any(_unseen(rerun, rerun(change), known) for change in changes):
-            found.append(Finding("cannot test", subject, f"no sensor here tests {subject}: a wrong one moves the angle only"))
+            found.append(Finding("cannot test", subject, f"a wrong {subject} moves the angle and no innovation"))
     return found
 
 
@@ -100,7 +100,8 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
     if spread <= HANGS:
         return []
     most = max(moved, key=lambda name: moved[name])
-    text = f"the band is too narrow: the angle hangs on what {most} begins with, {spread:.1f}× as much as the band allows"
+    what = f"where {most}" if most in runner.state_names[:joints] else f"what {most}"
+    text = f"the band is too narrow: the angle hangs {spread:.1f}× as much as it allows on {what} begins with"
     return [Finding("overconfident", most, text)]
 
 
@@ -134,7 +135,7 @@ def _suspects(rerun: Rerun) -> Iterator[tuple[str, list[Change]]]:
 
 
 def _numbers(rerun: Rerun, paths: list[str], *factors: float) -> list[Change]:
-    """Return changes of numbers of the rig by a factor, of those that are states by as much, or 3 stds where that is more."""
+    """Return changes of numbers of the rig by a factor, of states by as much or by 3 stds."""
     states, names = rerun.runner.states, rerun.runner.state_names
     changes = []
     for factor in factors:
@@ -152,7 +153,7 @@ def _numbers(rerun: Rerun, paths: list[str], *factors: float) -> list[Change]:
     return changes
 
 
-def _unseen(rerun: Rerun, outcome: Outcome, known: set[tuple[str, str]]) -> bool:
+def _unseen(rerun: Rerun, outcome: Outcome, known: set[tuple[Kind, str]]) -> bool:
     """Return whether a change moved the angle by more than its band, and nothing that is measured."""
     base, joints = rerun.base, len(rerun.runner.rig.joints)
     if not outcome.bounded:
@@ -164,8 +165,8 @@ def _unseen(rerun: Rerun, outcome: Outcome, known: set[tuple[str, str]]) -> bool
         there = np.isfinite(base.squares) & np.isfinite(outcome.squares)
         if there.sum() < 0.5 * np.isfinite(base.squares).sum():
             return False
-        change = [np.mean((outcome.squares - base.squares)[there[:, i], i]) for i in range(there.shape[1]) if there[:, i].any()]
-        if np.max(np.abs(change), initial=0.0) >= UNMOVED:
+        change = np.where(there, outcome.squares - base.squares, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
+        if np.max(np.abs(change)) >= UNMOVED:
             return False
     return not ({(one.kind, one.subject) for one in _contradictions(rerun, outcome)} - known)
 

@@ -85,7 +85,9 @@ def _text(
         small = [one.text for one in silent if one.kind == "not tested"]
         return _joined([*(small or ["not tested: hardly anything could be compared"]), *hardly, *cannot])
     least = min(share for name, share in zip(names, shares) if name in tested)
-    agree = f"consistent: {', '.join(tested)} agree{'s' * (len(tested) == 1)} with the rig, {100 * least:.0f} % compared"
+    agree = (
+        f"consistent: {', '.join(tested)} agree{'s' * (len(tested) == 1)} with the rig, {100 * least:.0f} % compared"
+    )
     untested = [one.subject for one in silent if one.kind == "not tested"]
     silence = [f"not tested by {', '.join(untested)}"] if untested else []
     return _joined([agree, *hardly, *silence, *cannot])

@@ -7,7 +7,7 @@ import numpy as np
 from distal.results.diagnosis.finding import Finding
 from distal.results.estimate import Estimate
 
-FAR = 3.0
+LARGE_PRIOR = 3.0
 """A state this many prior standard deviations from its prior mean, its own doubt taken off, has left its prior."""
 
 WALKS = 8.0
@@ -16,7 +16,7 @@ WALKS = 8.0
 On right rigs the 95th percentile is 3 to 6 (friction is not normal, and a start is not linear); on wrong ones 10 to 30.
 """
 
-BEGUN = 0.3
+BEGUN = 1.0
 """Share of its prior std that a state's change must exceed to count as walking."""
 
 
@@ -40,11 +40,11 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
         learned = max(float(estimate.variances[middle, i]) - std * std, (0.01 * stds[i]) ** 2)
         change = value - estimate.means[middle, i]
         subject = _subject(name)
-        if abs(value - prior) - std > FAR * stds[i]:
+        if abs(value - prior) - std > LARGE_PRIOR * stds[i]:
             said = f"{subject} is {value:.3g} ± {std:.1g}, its prior {prior:.3g} ± {stds[i]:.1g}"
             found = Finding("left its prior", subject, said)
         elif abs(change) > WALKS * np.sqrt(learned) and abs(change) > BEGUN * stds[i]:
-            found = Finding("left its prior", subject, f"{subject} does not settle: it moved by {change:.2g} in the 2nd half")
+            found = Finding("left its prior", subject, f"{subject} does not settle: it moves by {change:.2g} late")
         else:
             continue
         size = max(abs(away), 0.0)
@@ -65,7 +65,8 @@ def undeclared_friction(estimate: Estimate) -> list[Finding]:
         prior = np.sqrt(estimate.variances[0, i])
         if name.startswith("friction_") and value > 0.25 * prior and value > 3.0 * std:
             drive = name.removeprefix("friction_")
-            text = f"friction that the rig does not have: {value:.2g} at '{drive}' [SI] (set drives.*.friction, or a hand acts)"
+            size = f"friction that the rig does not have: {value:.2g} at '{drive}' [SI]"
+            text = f"{size} (set drives.*.friction, or a hand acts)"
             found.append(Finding("friction", drive, text))
     return found
 
