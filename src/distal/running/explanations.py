@@ -64,13 +64,9 @@ def _candidates(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
 
 
 def _likelihood(outcome: Outcome) -> float:
-    """Return ln p per compared value, an outlier beyond 9 S counted as in the filter."""
-    there = np.isfinite(outcome.innovations)
-    if not outcome.bounded or not there.any():
-        return -np.inf
-    squares, variances = outcome.squares[there], outcome.innovation_variances[there]
-    inflation = np.maximum(1.0, squares / 9.0)
-    return float(-0.5 * np.mean(squares / inflation + np.log(variances * inflation)))
+    """Return ln p per compared value."""
+    there = int(np.isfinite(outcome.innovations).sum())
+    return outcome.log_likelihood / there if outcome.bounded and there else -np.inf
 
 
 def _agrees(rerun: Rerun, outcome: Outcome) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators import AdaptiveFilter
+from distal.estimators import AdaptiveFilter, Robustness
 from distal.logs import Log
 from distal.running.offline import out_of_bounds, prepared
 
@@ -16,6 +16,9 @@ Floats = NDArray[np.float64]
 
 MOST = 2000
 """So many samples of a log are run again, the first ones: 60 compiled runs of them take about a second."""
+
+OUTLIER = Robustness().wild_force
+"""ν²/S beyond which an innovation is an outlier."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,14 @@ class Outcome:
         """ν²/S, (k, m)."""
         squares: Floats = self.innovations**2 / self.innovation_variances
         return squares
+
+    @property
+    def log_likelihood(self) -> float:
+        """ln p of all that was compared, less a constant; beyond ν² = 9 S an outlier counts as in the filter."""
+        there = np.isfinite(self.innovations)
+        squares, variances = self.squares[there], self.innovation_variances[there]
+        inflation = np.maximum(1.0, squares / OUTLIER)
+        return float(-0.5 * np.sum(squares / inflation + np.log(variances * inflation)))
 
 
 class Rerun:

@@ -32,7 +32,16 @@ MOST = 0.5
 """Share of the windows since then in which a channel that disagrees is larger than expected."""
 
 WHITE = 0.5
-"""Correlation of neighbouring innovations from which on they are not white."""
+"""Correlation of neighbouring innovations of all channels from which on something acts that the rig does not have."""
+
+COLOURED = 0.3
+"""Correlation of a channel's neighbouring innovations from which on its rig or its sensor is doubted.
+
+On right rigs it is below 0.13 where ν²/S is above `WHOLE`; a moment arm 20 % wrong on one side of two gives 0.3 to 0.7.
+"""
+
+WHOLE = 0.3
+"""Mean of ν²/S above which a channel's innovations are mostly noise; below it their correlation tells nothing."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +95,13 @@ class Channels:
             factor = np.sqrt(np.mean([ratios[i] for i in large]))
             text = f"innovations {factor:.1f}× larger than expected: the rig's stiffness, friction or geometry is off"
             return [Finding("too large", ", ".join(names[i] for i in large), text)]
+        pairs = zip(names, ratios, self.correlations)
+        coloured = [(name, value) for name, ratio, value in pairs if value > COLOURED and ratio > WHOLE]
+        if coloured:
+            most = max(value for _, value in coloured)
+            several = ", ".join(each for each, _ in coloured)
+            text = f"innovations of {several} are not white (correlation {most:.1f})"
+            return [Finding("drifts", several, f"{text}: geometry, stiffness or friction is off")]
         return []
 
     def _untested(self) -> list[Finding]:
