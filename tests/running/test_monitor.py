@@ -104,7 +104,7 @@ class TestHealth:
         assert readings[-1].detail == "no sensor is compared"
 
     def test_a_sensor_too_doubted_to_test_is_untested(self, rig: Rig, log: Log) -> None:
-        """Force sensors that the rig calls a hundred times as noisy as they are agree with anything; it shows in seconds."""
+        """Forces that the rig calls a hundred times as noisy as they are agree with anything; it shows in seconds."""
         noisy = rig.with_values(
             {f"sensors.{i}.noise": 30.0 for i, s in enumerate(rig.sensors) if s.measures == "force"}
         )

@@ -61,8 +61,11 @@ def diagnose(
     runner = runner_for(log, rig, "adaptive", compiled, homing)
     assert isinstance(runner, AdaptiveFilter)
     rerun = Rerun(log, runner, homing)
-    further += [*disagreement(result, log, rig, homing), *overconfidence(rerun)]
+    further += disagreement(result, log, rig, homing)
     first = of_estimate(result, further)
+    if not any(one.contradicts for one in first.findings):  # of a rig that is wrong the band says nothing anyway
+        further += overconfidence(rerun)
+        first = of_estimate(result, further)
     if not what_if:
         return first
     against = [one for one in first.findings if one.contradicts]
