@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+
 from distal import (
     DistalError,
     Log,
@@ -14,6 +16,7 @@ from distal import (
     shipped_rigs,
     simulate,
 )
+from distal.results import Diagnosis, Estimate
 from distal.rig import build_rig
 from distal.simulation import build_scenario
 
@@ -35,6 +38,7 @@ __all__ = [
     "build_rig",
     "build_scenario",
     "diagnose",
+    "diagnosed",
     "estimate",
     "learn_affine",
     "load_rig",
@@ -43,6 +47,14 @@ __all__ = [
     "read_log",
     "simulate",
 ]
+
+
+def diagnosed(result: Estimate, log: Log, rig: Rig, homing: float | None = None, what_if: bool = True) -> Diagnosis:
+    """Return what the diagnosis says of an estimate, with all that it is able to ask in this release."""
+    asked = inspect.signature(diagnose).parameters
+    if "rig" not in asked:
+        return diagnose(result)
+    return diagnose(result, log, rig, homing=homing, compiled=False, what_if=what_if)
 
 
 def printed_rig() -> Rig:

@@ -5,9 +5,9 @@ from distal.estimators import ESTIMATORS, Belief, Estimator, Innovation, make_es
 from distal.export import export_c
 from distal.identification import Fit, cross_validate, fit, learn_affine, observability
 from distal.logs import Log, read_log, write_log
-from distal.results import Estimate, diagnose, plot_estimates
+from distal.results import Estimate, plot_estimates
 from distal.rig import Rig, load_rig, shipped_rigs
-from distal.running import LiveEstimator, Monitor, estimate, estimate_batch, smooth
+from distal.running import LiveEstimator, Monitor, diagnose, estimate, estimate_batch, smooth
 from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate, simulate_batch
 
 __all__ = [

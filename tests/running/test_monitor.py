@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from distal import LiveEstimator, Log, Monitor, Rig, estimate, load_scenario, scenario_rig, simulate
+from distal.rig import build_rig
 from distal.running import HEALTH, Reading, first_values, samples_of
 
 
@@ -84,6 +85,33 @@ class TestHealth:
         first = next(one for one in readings if one.health == "disagrees")
         assert 4.0 < first.time < 4.5
         assert "u1" in first.detail
+
+    def test_a_number_that_left_its_prior_is_said(self, rig: Rig, log: Log) -> None:
+        """A stiffness three times too large in the rig, ± 10 %: the filter walks away from it, and the stream says so."""
+        path = "tendons.{}.stiffness"
+        three = {path.format(i): {"value": 3 * rig.tendons[i].stiffness.value, "std": 240.0} for i in range(2)}
+        readings = take(Monitor(LiveEstimator(rig.with_values(three))), log, range(len(log)))
+        said = [one for one in readings if one.health == "disagrees" and "stiffness.factor" in one.detail]
+        assert said
+        assert "further from the rig's value" in said[-1].detail
+
+    def test_where_nothing_is_compared_it_is_untested(self, rig: Rig, log: Log) -> None:
+        """Without force sensors nothing can disagree: that is not "ok"."""
+        raw = rig.model_dump()
+        raw["sensors"] = [sensor for sensor in raw["sensors"] if sensor["measures"] == "position"]
+        readings = take(Monitor(LiveEstimator(build_rig(raw, "no forces"))), log, range(100))
+        assert {one.health for one in readings} == {"untested"}
+        assert readings[-1].detail == "no sensor is compared"
+
+    def test_a_sensor_too_doubted_to_test_is_untested(self, rig: Rig, log: Log) -> None:
+        """Forces that the rig calls a hundred times as noisy as they are agree with anything; it shows in seconds."""
+        noisy = rig.with_values(
+            {f"sensors.{i}.noise": 30.0 for i, s in enumerate(rig.sensors) if s.measures == "force"}
+        )
+        readings = take(Monitor(LiveEstimator(noisy)), log, range(len(log)))
+        assert readings[0].health == "ok"  # it had no time yet
+        assert readings[-1].health == "untested"
+        assert readings[-1].detail == "u1, u2"
 
     def test_a_sensor_that_always_says_the_same_is_dead(self, rig: Rig, log: Log) -> None:
         x1 = np.where(log.time < 2.0, log.channels["x1"], log.channels["x1"][200])

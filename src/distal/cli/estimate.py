@@ -44,14 +44,20 @@ def estimate_command(
         str | None,
         typer.Option("--homing", help="Use the reference for so long (e.g. 3s), then only check against it."),
     ] = None,
+    what_if: Annotated[
+        bool,
+        typer.Option(
+            "--what-if/--no-what-if", help="Run again with one thing changed: what explains it, what is untested."
+        ),
+    ] = True,
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
     from distal.estimators import DEFAULT, ESTIMATORS
     from distal.logs import read_log, true_angles, write_columns
-    from distal.results import BAND, diagnose, plot_kind
+    from distal.results import BAND, plot_kind
     from distal.rig import load_rig
-    from distal.running import estimate
+    from distal.running import diagnose, estimate
     from distal.running import smooth as smoothed
 
     if len(logs) > 1:
@@ -101,7 +107,8 @@ def estimate_command(
         )
     for note in dict.fromkeys(note for result in results for note in result.notes):
         say(note)
-    say(diagnose(final).text)
+    # a smoothed estimate is of the same log and rig, and its innovations are the filter's
+    say(diagnose(final, data, description, home, what_if=what_if).text)
     for path in (out, plot):
         if path is not None:
             say(f"wrote {path}")

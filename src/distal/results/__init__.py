@@ -1,6 +1,6 @@
 """What an estimator made of a log: angles, bands, innovations, what they say of the rig, and plots."""
 
-from distal.results.diagnosis import Diagnosis, diagnose
+from distal.results.diagnosis import LARGE_PRIOR, SMALL, Diagnosis, Finding, Kind, diagnose
 from distal.results.estimate import Estimate
 from distal.results.plots import BAND, COLOURS, DASHES, draw_estimate, figure, plot_estimates, plot_kind, save_figure
 
@@ -8,8 +8,12 @@ __all__ = [
     "BAND",
     "COLOURS",
     "DASHES",
+    "LARGE_PRIOR",
+    "SMALL",
     "Diagnosis",
     "Estimate",
+    "Finding",
+    "Kind",
     "diagnose",
     "draw_estimate",
     "figure",

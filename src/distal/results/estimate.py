@@ -40,6 +40,9 @@ class Estimate:
         covariances: (k, n, n); None from a batch, where they would fill the memory.
         joint_names: names of the joints.
         notes: what the estimator says of its own estimate, a sentence each, such as how much was outside a learned range.
+        prior_means: of the states that are numbers of the rig or its sensors, NaN for those that are meant to move,
+            (n,); None where the estimator has no such states.
+        prior_stds: their standard deviations, (n,).
     """
 
     estimator: str
@@ -55,6 +58,8 @@ class Estimate:
     covariances: Floats | None = None
     joint_names: tuple[str, ...] = ("joint",)
     notes: tuple[str, ...] = ()
+    prior_means: Floats | None = None
+    prior_stds: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.time)

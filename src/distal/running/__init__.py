@@ -1,11 +1,13 @@
 """An estimator over a log, over many, over a stream; homing, smoothing, and a stream's health."""
 
 from distal.running.batch import estimate_batch
+from distal.running.diagnosing import diagnose
 from distal.running.homing import TRUTH_NOISE, added_reference, check_homing, with_references
 from distal.running.live import LiveEstimator
 from distal.running.monitor import HEALTH, Monitor, Reading
 from distal.running.offline import HOMED, estimate, first_values, samples_of, with_channel
 from distal.running.smoothing import smooth
+from distal.running.what_if import cannot_test
 
 __all__ = [
     "HEALTH",
@@ -15,7 +17,9 @@ __all__ = [
     "Monitor",
     "Reading",
     "added_reference",
+    "cannot_test",
     "check_homing",
+    "diagnose",
     "estimate",
     "estimate_batch",
     "first_values",

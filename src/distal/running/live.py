@@ -13,6 +13,7 @@ from distal.errors import EstimationError
 from distal.estimators import DEFAULT, LARGEST_ANGLE, Belief, KernelEstimator, check_time, make_estimator
 from distal.estimators.gaps import MOST_BRIDGES, fill, predictions
 from distal.rig import Rig, load_rig
+from distal.running.offline import priors_of
 
 Floats = NDArray[np.float64]
 
@@ -58,6 +59,8 @@ class LiveEstimator:
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
         self._covariance = _view(self._carry[self._n : self._n * (self._n + 1)].reshape(self._n, self._n))
+        means, stds = priors_of(runner)
+        self._priors = None if means is None or stds is None else (means, stds)
 
     def step(self, time: float, sample: Floats) -> float | Floats:
         """Take in a sample and return the joint angle [rad], of several joints their `angles`.
@@ -216,6 +219,20 @@ class LiveEstimator:
     def innovation_variances(self) -> Floats:
         """Their variances, (m,), a view that changes with each step."""
         return _view(self._y[self._m : 2 * self._m])
+
+    def left_priors(self, far: float) -> tuple[str, ...]:
+        """Return the states that are numbers of the rig and now further from its values than their stds allow.
+
+        Args:
+            far: by so many prior standard deviations, their own doubt taken off.
+        """
+        if self._priors is None or self._samples == 0:
+            return ()
+        means, stds = self._priors
+        own = np.sqrt(np.maximum(self._diagonal, 0.0))
+        # NaN, of a state that is meant to move, compares as false
+        gone = np.abs(self._mean - means) - own > far * stds
+        return tuple(name for name, there in zip(self.state_names, gone & (stds > 0.0)) if there)
 
     def belief(self) -> Belief:
         """Return what is believed now, to keep: a copy.

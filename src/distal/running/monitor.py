@@ -11,19 +11,22 @@ from numpy.typing import NDArray
 
 from distal.errors import EstimationError
 from distal.estimators import LARGEST_ANGLE
-from distal.estimators.adaptive import travel
 from distal.model import Mechanism
-from distal.rig import Rig, Sensor
+from distal.results import LARGE_PRIOR, SMALL
+from distal.rig import Rig
 from distal.running.live import LiveEstimator
+from distal.running.places import FAR, place_range
 
 Floats = NDArray[np.float64]
-Health = Literal["ok", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"]
+Health = Literal["ok", "untested", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"]
 
 HEALTH: dict[Health, str] = {
-    "ok": "all sensors were read and agree",
+    "ok": "all sensors were read, and those that are compared agree",
+    "untested": "all sensors were read, and none can disagree: no force is compared, or its innovations are far too small",
     "missing": "a sensor has no value for longer than its own interval; it is bridged",
     "gap": "samples are missing before this one; they are bridged",
-    "disagrees": "a sensor is not where it can be, or its innovations are too large: do not trust the band",
+    "disagrees": "a sensor is not where it can be, its innovations are too large, or a number of the rig left its prior: "
+    "do not trust the band",
     "dead": "a sensor has had no value, or always the same one, for half a second or more",
     "restarted": "the clock jumped, or the filter left all bounds: it begins anew with this sample",
     "late": "the stamp is older than the last one's; skipped, no estimate",
@@ -49,12 +52,6 @@ LARGE = 2.5
 
 MEMORY = 1.0
 """Time over which that mean, and the share of time beyond the stops, is taken [s]."""
-
-BEYOND = 0.05
-"""A drive this share of its travel beyond its stops is not where it can be."""
-
-FAR = 10.0
-"""A drive without stops this many times as far as the joint could turn it is not where it can be."""
 
 UNKNOWN = 1.0
 """Standard deviation of the angle beyond which it is not known [rad]."""
@@ -126,7 +123,8 @@ class Monitor:
         self._dead = np.maximum(DEAD, 2 * self._overdue)
         # a sensor with noise does not say the same twice for long
         self._noisy = np.array([sensor.noise > sensor.resolution for sensor in chosen])
-        self._ranges = np.array([_range(live.rig, sensor) for sensor in chosen]).reshape(-1, 2)
+        mechanism = Mechanism(live.rig)
+        self._ranges = np.array([place_range(mechanism, sensor) for sensor in chosen]).reshape(-1, 2)
         self._seen = np.full(len(chosen), nan)
         self._changed = np.full(len(chosen), nan)
         self._last = np.full(len(chosen), nan)
@@ -199,6 +197,12 @@ class Monitor:
         dt = time - before if 0.0 < time - before < LONGEST_GAP else live.interval
         said += self._sensors(time, sample, min(dt / MEMORY, 1.0))
         said += self._innovations(min(dt / MEMORY, 1.0))
+        gone = live.left_priors(LARGE_PRIOR)
+        if gone:
+            said.append(("disagrees", f"{', '.join(gone)}: further from the rig's value than its std allows"))
+        # a filter that has just begun has not yet had what it needs to say so
+        if not np.any(self._ratios >= SMALL):
+            said.append(("untested", ", ".join(live.measured) or "no sensor is compared"))
         stds = live.angle_stds
         if stds.max() > UNKNOWN and live.samples > 1:
             said.append(("disagrees", "the angle is not known"))
@@ -276,13 +280,3 @@ class Monitor:
 
     def _names(self, chosen: NDArray[np.bool_]) -> str:
         return ", ".join(name for name, there in zip(self._live.channels, chosen) if there)
-
-
-def _range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
-    """Return within which values a position sensor can be, infinite for the others."""
-    if sensor.measures != "position":
-        return -1e300, 1e300
-    drive = next(drive for drive in rig.drives if drive.name == sensor.of)
-    low, high = travel(Mechanism(rig), [each.name for each in rig.drives].index(drive.name))
-    room = (BEYOND if drive.stops is not None else FAR) * (high - low) + sensor.linearity + 10.0 * sensor.noise
-    return low - room + sensor.bias.value, high + room + sensor.bias.value

@@ -259,6 +259,7 @@ def finished(
     columns = [i for i, name in enumerate(runner.measured) if name not in references]
     if references:
         innovations, variances = innovations[:, columns], variances[:, columns]
+    prior_means, prior_stds = priors_of(runner)
     return Estimate(
         runner.name,
         runner.rig.name,
@@ -273,7 +274,22 @@ def finished(
         None if covariances is None else frozen(covariances),
         joints,
         runner.notes_of(means, run.samples) if isinstance(runner, KernelEstimator) else (),
+        prior_means,
+        prior_stds,
     )
+
+
+def priors_of(runner: Estimator) -> tuple[Floats | None, Floats | None]:
+    """Return means and stds of the states that are numbers of the rig, before the first sample; NaN for the others.
+
+    Args:
+        runner: the estimator; None and None where it has no such states.
+    """
+    if not isinstance(runner, AdaptiveFilter):
+        return None, None
+    states = runner.states
+    means, stds = (np.where(states.lasting, each, np.nan) for each in (states.means, states.stds))
+    return frozen(means), frozen(stds)
 
 
 HOMED = frozenset({"adaptive"})

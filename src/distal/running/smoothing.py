@@ -10,7 +10,7 @@ from distal.estimators import AdaptiveFilter
 from distal.logs import Log, frozen, true_angles
 from distal.results import Estimate
 from distal.rig import Rig
-from distal.running.offline import first_values, out_of_bounds, samples_of
+from distal.running.offline import first_values, out_of_bounds, priors_of, samples_of
 
 Floats = NDArray[np.float64]
 
@@ -70,4 +70,5 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         true_angles(log, joints),
         frozen(covariances[last]),
         joints,
+        *priors_of(runner),
     )

@@ -17,7 +17,12 @@ import distal
 from distal.rig import log_factor
 from distal.running import HEALTH
 
-LEVELS = {"ok": DiagnosticStatus.OK, "missing": DiagnosticStatus.WARN, "gap": DiagnosticStatus.WARN}
+LEVELS = {
+    "ok": DiagnosticStatus.OK,
+    "untested": DiagnosticStatus.OK,
+    "missing": DiagnosticStatus.WARN,
+    "gap": DiagnosticStatus.WARN,
+}
 
 
 class EstimateNode(Node):

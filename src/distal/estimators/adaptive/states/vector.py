@@ -9,12 +9,12 @@ import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.setup import Setup
-from distal.estimators.adaptive.states.bias import sensor_biases
+from distal.estimators.adaptive.states.bias import SensorBias, sensor_biases
 from distal.estimators.adaptive.states.external_torque import external_torques
 from distal.estimators.adaptive.states.friction import unknown_frictions
 from distal.estimators.adaptive.states.joint import JointMotion
-from distal.estimators.adaptive.states.linearity import linearities
-from distal.estimators.adaptive.states.parameter import uncertain_parameters
+from distal.estimators.adaptive.states.linearity import Linearity, linearities
+from distal.estimators.adaptive.states.parameter import UncertainParameter, uncertain_parameters
 from distal.estimators.adaptive.states.place import unmeasured_places
 from distal.estimators.adaptive.states.state import Fading, State
 from distal.estimators.adaptive.states.transmission import Transmitted, transmissions
@@ -33,6 +33,10 @@ KINDS: tuple[Kind, ...] = (
     sensor_biases,
 )
 """Their order is that of the state vector, after the joints."""
+
+
+LASTING = (UncertainParameter, Linearity, SensorBias)
+"""Blocks that are numbers of the rig or its sensors; the others are meant to move."""
 
 
 class StateVector:
@@ -57,6 +61,8 @@ class StateVector:
         self.walks = np.concatenate([np.full(len(block.names), block.walk) for block in blocks])
         self.lowest = np.concatenate([np.full(len(block.names), block.lowest) for block in blocks])
         self.unsmoothed = tuple(i for block in blocks if not block.smoothed for i in self.indices(block))
+        lasting = [i for block in blocks if isinstance(block, LASTING) for i in self.indices(block)]
+        self.lasting = np.isin(np.arange(len(self.names)), lasting)
         self.considered = tuple(i for block in blocks if block.considered for i in self.indices(block))
 
     def __len__(self) -> int:

@@ -1,0 +1,74 @@
+"""Signs, units and gears that would explain what is seen: tried one at a time on a log that disagrees with its rig."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from distal.results import Finding
+from distal.results import diagnose as of_estimate
+from distal.running.rerun import Change, Outcome, Rerun
+from distal.running.what_if import as_estimate
+
+FACTORS: dict[float, dict[str, str]] = {
+    -1.0: {"": "as if its sign were wrong"},
+    1 / 57.295779513: {"rad": "like degrees", "": "57.3 times too large (degrees?)"},
+    57.295779513: {"": "57.3 times too small (converted from degrees twice?)"},
+    1e-3: {"m": "like millimetres", "N": "like millinewtons", "N m": "like N mm", "": "1000 times too large"},
+    1e3: {"": "1000 times too small"},
+    4.4482216: {"N": "like pounds", "": "4.45 times too small"},
+    1 / 4.4482216: {"": "4.45 times too large (pounds converted twice?)"},
+}
+"""Factor on a channel → in words by the sensor's unit, what the channel looks like if the factor mends it."""
+
+GEARS = tuple(float(n) for n in np.geomspace(2.0, 200.0, 14))
+"""Ratios of a gear that are tried, and their inverses."""
+
+GAIN = 0.5
+"""Gain in ln p per compared value that a change must bring to explain something."""
+
+
+def explanations(rerun: Rerun) -> list[Finding]:
+    """Return the one change of a sign, a unit or a gear that makes the log agree with the rig, if there is one.
+
+    Args:
+        rerun: the filter over the log.
+    """
+    base = _likelihood(rerun.base)
+    best: tuple[float, Finding] | None = None
+    for finding, change in _candidates(rerun):
+        outcome = rerun(change)
+        gain = _likelihood(outcome) - base
+        if outcome.bounded and gain > GAIN and (best is None or gain > best[0]) and _agrees(rerun, outcome):
+            best = (gain, finding)
+    return [] if best is None else [best[1]]
+
+
+def _candidates(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
+    rig, channels = rerun.runner.rig, rerun.runner.channels
+    for sensor in rig.sensors:
+        if sensor.name in channels and sensor.measures != "angle":
+            for factor, words in FACTORS.items():
+                text = f"{sensor.name} looks {words.get(sensor.si, words[''])}"
+                yield Finding("looks like", sensor.name, text), Change(channels={sensor.name: factor})
+    for drive in rig.drives:
+        own = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive.name}
+        if drive.kind == "capstan" and own.get("position") in channels:
+            for ratio in (*GEARS, *(1 / gear for gear in GEARS)):
+                change = {own["position"]: 1 / ratio}
+                if own.get("force") in channels:
+                    change[own["force"]] = ratio
+                text = f"{drive.name} looks as if a gear of about {ratio:.2g}:1 were forgotten"
+                yield Finding("looks like", drive.name, text), Change(channels=change)
+
+
+def _likelihood(outcome: Outcome) -> float:
+    """Return ln p per compared value."""
+    there = int(np.isfinite(outcome.innovations).sum())
+    return outcome.log_likelihood / there if outcome.bounded and there else -np.inf
+
+
+def _agrees(rerun: Rerun, outcome: Outcome) -> bool:
+    """Return whether nothing is left that contradicts."""
+    return not any(one.contradicts for one in of_estimate(as_estimate(rerun, outcome)).findings)

@@ -1,0 +1,29 @@
+"""Where a drive can be, by its stops or by what its joint could turn it."""
+
+from __future__ import annotations
+
+from distal.estimators.adaptive import travel
+from distal.model import Mechanism
+from distal.rig import Sensor
+
+BEYOND = 0.05
+"""A drive this share of its travel beyond its stops is not where it can be."""
+
+FAR = 10.0
+"""A drive without stops this many times as far as the joint could turn it is not where it can be."""
+
+
+def place_range(mechanism: Mechanism, sensor: Sensor) -> tuple[float, float]:
+    """Return within which values a position sensor can be, infinite for the others.
+
+    Args:
+        mechanism: the rig's equations.
+        sensor: one of the rig's.
+    """
+    if sensor.measures != "position":
+        return -1e300, 1e300
+    drives = mechanism.rig.drives
+    drive = next(drive for drive in drives if drive.name == sensor.of)
+    low, high = travel(mechanism, drives.index(drive))
+    room = (BEYOND if drive.stops is not None else FAR) * (high - low) + sensor.linearity + 10.0 * sensor.noise
+    return low - room + sensor.bias.value, high + room + sensor.bias.value
