@@ -70,5 +70,6 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         true_angles(log, joints),
         frozen(covariances[last]),
         joints,
+        (),
         *priors_of(runner),
     )

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from distal.errors import EstimationError
 from distal.estimators.affine.mapping import design, frame, rows
@@ -29,6 +28,8 @@ def student(freedom: float) -> float:
     Args:
         freedom: degrees of freedom.
     """
+    from scipy.special import stdtrit  # loaded late: it takes as long as all of distal
+
     return float(stdtrit(max(freedom, 1.0), 0.975)) / NORMAL
 
 
