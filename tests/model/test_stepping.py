@@ -75,7 +75,7 @@ def test_equals_the_naive_twin(paper_rig: Rig) -> None:
     np.testing.assert_allclose(v, naive_v, rtol=1e-7, atol=1e-11)
 
 
-@pytest.mark.parametrize("method", ["RK23", "Radau"])
+@pytest.mark.parametrize("method", ["RK23", pytest.param("Radau", marks=pytest.mark.slow)])
 def test_agrees_with_scipy_on_a_smoothed_twin(paper_rig: Rig, method: str) -> None:
     """RK23 as in the paper, and Radau, on sgn smoothed to tanh: 0.1° while the link turns by 20°.
 
