@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Lock
 from typing import TypeVar
 
 import numpy as np
@@ -98,6 +99,7 @@ class Likelihood:
         self._homing = homing
         self.data = tuple(self._prepared(log) for log in logs)
         self._workers = workers
+        self._building = Lock()
         self._per_log = [k for k, part in enumerate(self.free) if part.per_log]
         self._shared = [k for k, part in enumerate(self.free) if not part.per_log]
         self.evaluations = 0
@@ -168,8 +170,7 @@ class Likelihood:
                 p[place] = value
                 if prior_changes(path):
                     changed[path] = value
-        runner = self._filter if not changed else self._filter.with_prior(changed)
-        carry = runner.initial(data.log.time[0], data.first).carry
+        carry = self._first_carry(data, changed)
         carries, ys = self._filter.kernel.scan(carry, data.rows, p)
         values, variances = self._filter.innovations_of(ys[data.last], data.samples)
         if self._homing is not None:
@@ -177,6 +178,15 @@ class Likelihood:
             values[:, : -len(self.references)] = np.nan
             values[data.log.time - data.log.time[0] < self._homing] = np.nan
         return values, variances, carries[data.last]
+
+    def _first_carry(self, data: Data, changed: dict[str, float]) -> Floats:
+        # A filter of another prior is built, used and dropped within the lock: CasADi's symbols are counted without one,
+        # and two threads that make or drop them at once end the process.
+        with self._building:
+            runner = self._filter if not changed else self._filter.with_prior(changed)
+            carry = runner.initial(data.log.time[0], data.first).carry
+            del runner
+        return carry
 
     def estimates(self, log: int, z: Floats) -> tuple[Floats, Floats]:
         """Return means (k, n) and covariances (k, n, n) of the filter's states along a log.
