@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import time
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +91,31 @@ def test_a_product_is_named(rig: Rig) -> None:
         noise=False,
     )
     assert any("only as a product" in line and "friction.radius" in line for line in found.combinations)
+
+
+def test_filters_of_other_priors_are_built_one_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Threads that make CasADi's symbols at once end the process, so the second must wait for the first."""
+    from distal.estimators import AdaptiveFilter
+
+    inside, most, built = 0, 0, 0
+    plain = AdaptiveFilter.with_prior
+
+    def watched(self: AdaptiveFilter, values: Mapping[str, float]) -> AdaptiveFilter:
+        nonlocal inside, most, built
+        inside, built = inside + 1, built + 1
+        most = max(most, inside)
+        time.sleep(0.005)
+        other = plain(self, values)
+        inside -= 1
+        return other
+
+    monkeypatch.setattr(AdaptiveFilter, "with_prior", watched)
+    rig = start_rig()
+    plant, _ = drawn_plant(3)
+    logs = [log for seed in (3, 4) for log in logs_of(rig, plant, seed, ("ramps",), 1.0)]
+    fit(logs, rig, (FREE[0], "sensors.0.noise"), noise=False)
+    assert built >= 4
+    assert most == 1
 
 
 def test_each_log_may_have_its_own(pulley_rig: Rig) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -19,6 +20,8 @@ Floats = NDArray[np.float64]
 
 LARGEST_ANGLE = 50.0
 """A joint angle beyond this [rad] is a filter that diverged."""
+
+_BUILDING = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -164,7 +167,9 @@ class KernelEstimator:
     def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
         """Return mean, covariance and remembered inputs before the first sample, which fills what has no prior."""
         if self._begin is None:
-            self._begin = Evaluation(self.prior_function())
+            with _BUILDING:  # the threads of a batch share a filter, and CasADi's symbols are not counted safely
+                if self._begin is None:
+                    self._begin = Evaluation(self.prior_function())
         there = np.isfinite(sample)
         mean, spread, memory = self._begin(np.where(there, sample, 0.0), there)
         return mean, np.diag(spread), memory
