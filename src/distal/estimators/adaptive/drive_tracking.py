@@ -23,6 +23,9 @@ REMEMBERED = ("place", "doubt", "speed", "square", "unknown", "lost")
 UNSURE_PULL = 0.1
 """Share of a drive's pull that is not known where a jump is judged by it: stiffness and angle [1]."""
 
+LEAST_DOUBT = 0.25
+"""A jump that no force judges leaves the place in doubt by at least this share of (1 − P) times the jump squared [1]."""
+
 MEMORY, UNKNOWN = len(REMEMBERED), REMEMBERED.index("unknown")
 
 TRACKED = (*REMEMBERED, "bend", "variance")
@@ -192,7 +195,7 @@ def track(
     fade = ca.exp(-dt / (2 * MOTION_TIME))
     # (4) a drive that is lost goes on as it did: its error grows with time, not with the root of time
     astray = ca.fmax(unknown, square * time * time + noise)
-    doubted = (1 - real) * ca.if_else(judged, real, ca.fmax(real, 0.25)) * jump**2
+    doubted = (1 - real) * ca.if_else(judged, real, ca.fmax(real, LEAST_DOUBT)) * jump**2
     unknown = ca.if_else(bridged, moved * moved, ca.if_else(there > 0, ca.if_else(far, doubted, 0), astray))
     # (5), (6) what a straight line between samples misses
     sure = believed > 0.5
