@@ -75,7 +75,7 @@ def live(name):
 def batch(name):
     rig, log, runner, samples, start, rows, live = cases[name]
     t = time.perf_counter_ns(); count = 0
-    for result in estimate_batch([log] * 48, rig, runner, workers=2):
+    for result in estimate_batch([log] * 240, rig, runner, workers=2):
         count += len(result)
     return (time.perf_counter_ns() - t) / count / 1e3
 

@@ -75,6 +75,8 @@ def rows_of(
     """
     width, there = samples.shape[1], np.isfinite(samples)
     known = np.where(there, samples, 0.0)
+    if len(steps) and predictions(float(steps.max()), interval) == 1:  # no gaps, as most logs: a row for each sample
+        return np.column_stack([steps, known, there]), np.arange(len(steps))
     parts = np.maximum(1.0, np.ceil(steps / (SPLIT * interval) - ROUNDING))
     if parts.max(initial=1.0) > MOST_BRIDGES:
         raise EstimationError(
@@ -86,8 +88,6 @@ def rows_of(
             f"{name}: the stamps are {np.median(steps):g} s apart, the rig's sensors give a value every "
             f"{interval:g} s: {parts.sum():.3g} predictions would be needed; set the sensors' rate to the log's"
         )
-    if parts.max(initial=1.0) == 1.0:  # no gaps, as most logs: a row for each sample
-        return np.column_stack([steps, known, there]), np.arange(len(steps))
     counts = parts.astype(np.int64)
     last = np.cumsum(counts) - 1
     rows = np.zeros((int(counts.sum()), 1 + 2 * width))

@@ -93,14 +93,20 @@ class LiveEstimator:
         self._sample[:] = sample
         self._sample[~self._there] = 0.0
         self._x[0] = dt / parts
-        for left in range(parts - 1, -1, -1):
+        for left in range(parts - 1, 0, -1):
             fill(self._values, self._mask, self._sample, self._there, left, self._bridged)
             self._loop.step()
+        self._values[:] = self._sample  # as `fill` does, without the call
+        self._mask[:] = self._there
+        self._loop.step()
         self._time, self._samples = float(time), self._samples + 1
         for i, k in enumerate(self._read):
             self._innovations[i] = self._y[i] if self._there[k] else np.nan
         angles = self._joints.tolist()
-        if not (all(abs(angle) <= LARGEST_ANGLE for angle in angles) and isfinite(self._carry.sum())):
+        bounded = isfinite(self._carry.sum())
+        for angle in angles:
+            bounded = bounded and abs(angle) <= LARGEST_ANGLE
+        if not bounded:
             raise EstimationError(f"{name}: left all bounds at {time:g} s; call reset")
         return angles[0] if len(angles) == 1 else self.angles
 

@@ -287,9 +287,7 @@ def priors_of(runner: Estimator) -> tuple[Floats | None, Floats | None]:
     """
     if not isinstance(runner, AdaptiveFilter):
         return None, None
-    states = runner.states
-    means, stds = (np.where(states.lasting, each, np.nan) for each in (states.means, states.stds))
-    return frozen(means), frozen(stds)
+    return runner.priors
 
 
 HOMED = frozenset({"adaptive"})

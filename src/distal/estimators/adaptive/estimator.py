@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -18,6 +19,7 @@ from distal.estimators.adaptive.states import KINDS, Kind, StateVector
 from distal.estimators.channels import UNKNOWN_PLACE, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.kernels import Kernel
+from distal.logs import frozen
 from distal.model import RESOLUTION, Mechanism, joint_frequency
 from distal.rig import Rig, Sensor
 
@@ -113,6 +115,13 @@ class AdaptiveFilter(KernelEstimator):
         """The state vector: its blocks, their priors and what they do."""
         return self._states
 
+    @cached_property
+    def priors(self) -> tuple[Floats, Floats]:
+        """Prior means and stds of the states that are numbers of the rig, NaN for the others, (n,) each."""
+        states = self._states
+        means, stds = (np.where(states.lasting, each, np.nan) for each in (states.means, states.stds))
+        return frozen(means), frozen(stds)
+
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the kernel's parameters, (n_p,)."""
@@ -140,6 +149,7 @@ class AdaptiveFilter(KernelEstimator):
         )
         other = copy(self)
         other.rig, other._begin = rig, None
+        other.__dict__.pop("priors", None)
         mechanism = Mechanism(rig, setup.mechanism.parameters.given)
         other._states = StateVector(replace(setup, mechanism=mechanism, channels=channels), self._states.kinds)
         return other

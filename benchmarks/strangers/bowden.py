@@ -1,0 +1,219 @@
+"""Rigs of strangers, as plants with physics that distal's model does not have; they share no code with it.
+
+`finger_log`: a motor winds one cable that runs through a Bowden sheath with friction along its way; an extension spring
+pulls the joint back; the motor's current and encoder counts are measured. `hand_log`: two motors pull a joint by ropes that
+creep, with backlash in the gears. What moves is a chain of places that rest until what pulls them exceeds friction, so that
+the plants are quasi-static: exact for motions of some hertz.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.strangers.library import Log, Rig, build_rig
+
+Floats = NDArray[np.float64]
+
+RATE = 100.0
+DURATION = 30.0
+
+
+def motion(rng: np.random.Generator, low: float, high: float) -> Floats:
+    """Return a smooth motion between two places with rests: sums of sines, held now and then, (k,)."""
+    time = np.arange(round(DURATION * RATE)) / RATE
+    rates = rng.uniform(0.05, 0.45, 4)
+    weights = rng.uniform(0.4, 1.0, 4)
+    waves = sum(w * np.sin(2 * np.pi * f * time + rng.uniform(0, 2 * np.pi)) for w, f in zip(weights, rates))
+    raw = (waves / weights.sum() + 1.0) / 2.0
+    for _ in range(3):
+        at = int(rng.integers(len(raw) - 200))
+        raw[at : at + 150] = raw[at]
+    kernel = np.hanning(25)
+    smooth = np.convolve(np.pad(raw, 12, mode="edge"), kernel / kernel.sum(), mode="valid")
+    places: Floats = low + (high - low) * np.clip(smooth, 0.0, 1.0)
+    return places
+
+
+def finger_log(seed: int) -> Log:
+    """Return a log of the finger; the plant's numbers are the same for all seeds, the motion and load are not."""
+    rng = np.random.default_rng([seed, 41])
+    turn = motion(rng, 0.0, 1.35)
+    spool, arm = 0.0082, 0.0093
+    parts, wrap, coefficient = 8, 2.1, 0.11
+    stiffness = 6500.0 * parts
+    spring, rest, preload = 0.042, -0.15, 0.006
+    nodes, angle = np.zeros(parts + 1), 0.0
+    angles, torques = np.empty(len(turn)), np.empty(len(turn))
+    share = np.expm1(coefficient * wrap / parts)
+    tensions = np.full(parts, 1.0)
+    for k, place in enumerate(turn):
+        nodes[0] = spool * place
+        for _ in range(60):
+            before = nodes.copy()
+            for i in range(1, parts):
+                pull, hold = stiffness * (nodes[i - 1] - nodes[i]), stiffness * (nodes[i] - nodes[i + 1])
+                limit = share * max(min(pull, hold), 0.0) + 1e-3
+                extra = pull - hold
+                if abs(extra) > limit:
+                    nodes[i] += (extra - np.sign(extra) * limit) / (2 * stiffness)
+            # the finger: spring and load against the cable, with its own friction
+            lever = arm * (1.0 + 0.08 * np.cos(angle))
+            pull = stiffness * (nodes[parts - 1] - nodes[parts])
+            extra = max(pull, 0.0) * lever - spring * (angle - rest) - preload
+            limit = 0.0025
+            if abs(extra) > limit:
+                angle += (extra - np.sign(extra) * limit) / (2 * (stiffness * lever**2 + spring))
+            nodes[parts] = arm * (angle + 0.08 * np.sin(angle))
+            if np.abs(nodes - before).max() < 1e-9:
+                break
+        tensions = stiffness * np.maximum(nodes[:-1] - nodes[1:], 0.0)
+        angles[k] = angle
+        speed = (turn[k] - turn[k - 1]) * RATE if k else 0.0
+        torques[k] = tensions[0] * spool + 0.004 * np.tanh(speed / 0.02) + 0.001 * speed
+    counts = 2 * np.pi / 2048
+    time = np.arange(len(turn)) / RATE
+    measured = {
+        "motor_angle": np.round((turn + 0.012) / counts) * counts,
+        "motor_torque": np.round((1.06 * torques + 1.5e-3 * rng.normal(size=len(turn))) / 5e-4) * 5e-4,
+    }
+    return Log(time, measured, {"theta": angles + np.deg2rad(0.05) * rng.normal(size=len(turn))}, f"finger {seed}")
+
+
+def finger_rig() -> Rig:
+    """Return the rig file that somebody would write who has a calliper and data sheets."""
+    raw: dict[str, Any] = {
+        "name": "finger with a Bowden cable",
+        "joints": [
+            {
+                "name": "finger",
+                "inertia": "3e-5 kg m^2",
+                "damping": "1e-3 N m s",
+                "initial": {"value": 0.0, "std": "10 deg"},
+                "spring": {"stiffness": {"value": 0.04, "std": 0.008}, "rest_angle": {"value": -0.1, "std": 0.1}},
+                "friction": {"coefficient": {"value": 0.15, "std": 0.08}, "radius": "1.5 mm", "preload": "1 N"},
+            }
+        ],
+        "drives": [
+            {
+                "name": "motor",
+                "kind": "capstan",
+                "inertia": "1e-4 kg m^2",
+                "radius": {"value": "8 mm", "std": "0.2 mm"},
+                "friction": {"constant": {"value": "4e-3 N m", "std": "2e-3 N m"}, "load": {"value": 0.05, "std": 0.05}},
+            }
+        ],
+        "tendons": [
+            {
+                "name": "flexor",
+                "joint": "finger",
+                "drive": "motor",
+                "side": 1,
+                "insertion": {"kind": "pulley", "radius": {"value": "9 mm", "std": "0.5 mm"}},
+                "stiffness": {"value": "8e3 N/m", "std": "30 %"},
+                "damping": "1 N s/m",
+                "pretension": {"value": "1 N", "std": "1 N"},
+            }
+        ],
+        "sensors": [
+            {"name": "motor_angle", "measures": "position", "of": "motor", "unit": "rad", "rate": RATE,
+             "noise": "0.05 deg", "resolution": "0.176 deg", "bias": {"value": 0.0, "std": "3 deg"}},
+            {"name": "motor_torque", "measures": "force", "of": "motor", "unit": "N m", "rate": RATE,
+             "noise": "1.5e-3 N m", "resolution": "5e-4 N m"},
+        ],
+    }  # fmt: skip
+    return build_rig(raw, "finger")
+
+
+def hand_log(seed: int) -> Log:
+    """Return a log of a joint with two motors, ropes that creep 2 % of their length a minute, and backlash in the gears."""
+    rng = np.random.default_rng([seed, 42])
+    mean = motion(rng, -0.7, 0.7)
+    squeeze = motion(rng, 0.10, 0.22)
+    time = np.arange(len(mean)) / RATE
+    radius, arm, stiffness = 0.010, 0.012, 9000.0
+    motors = {"flexor": mean + squeeze, "extensor": -mean + squeeze}
+    angle = 0.0
+    creep = {"flexor": 0.0, "extensor": 0.0}
+    behind = {name: values[0] for name, values in motors.items()}
+    gap, angles = 0.008, np.empty(len(time))
+    torques = {name: np.empty(len(time)) for name in motors}
+    for k in range(len(time)):
+        pulls = {}
+        for _ in range(40):
+            for name, side in (("flexor", 1.0), ("extensor", -1.0)):
+                behind[name] = min(max(behind[name], motors[name][k] - gap), motors[name][k] + gap)
+                stretch = radius * behind[name] - side * arm * angle - creep[name]
+                pulls[name] = stiffness * max(stretch, 0.0) * (1.0 + 40.0 * max(stretch, 0.0))
+            extra = arm * (pulls["flexor"] - pulls["extensor"]) - 0.03 * np.sin(angle)
+            limit = 0.003 + 0.0006 * (pulls["flexor"] + pulls["extensor"])
+            if abs(extra) <= limit:
+                break
+            angle += 0.5 * (extra - np.sign(extra) * limit) / (2 * stiffness * arm**2)
+        for name in motors:
+            # a standard solid: creeps towards a fiftieth of a length of 0.3 m at 20 N
+            aim = 3e-4 * pulls[name] / 20.0
+            creep[name] += (aim - creep[name]) / 40.0 / RATE
+            speed = (motors[name][k] - motors[name][k - 1]) * RATE if k else 0.0
+            torques[name][k] = radius * pulls[name] * (1.0 + 0.06 * np.tanh(speed / 0.02)) + 0.01 * np.tanh(
+                speed / 0.02
+            )
+        angles[k] = angle
+    measured = {}
+    for name in motors:
+        measured[f"{name}_angle"] = motors[name] + 0.02 + 3e-4 * rng.normal(size=len(time))
+        measured[f"{name}_torque"] = torques[name] + 4e-3 * rng.normal(size=len(time))
+    return Log(time, measured, {"theta": angles + np.deg2rad(0.05) * rng.normal(size=len(time))}, f"hand {seed}")
+
+
+def hand_rig() -> Rig:
+    """Return the rig file that somebody would write for the joint with two motors."""
+    drives, tendons, sensors = [], [], []
+    for name, side in (("flexor", 1), ("extensor", -1)):
+        drives.append(
+            {
+                "name": name,
+                "kind": "capstan",
+                "inertia": "1e-4 kg m^2",
+                "radius": "10 mm",
+                "friction": {
+                    "constant": {"value": "0.01 N m", "std": "5e-3 N m"},
+                    "load": {"value": 0.05, "std": 0.05},
+                },
+            }
+        )
+        tendons.append(
+            {
+                "name": f"{name}_rope",
+                "joint": "knuckle",
+                "drive": name,
+                "side": side,
+                "insertion": {"kind": "pulley", "radius": {"value": "12 mm", "std": "0.4 mm"}},
+                "stiffness": {"value": "1e4 N/m", "std": "25 %"},
+                "damping": "2 N s/m",
+                "pretension": {"value": "1 N", "std": "1 N"},
+            }
+        )
+        sensors += [
+            {"name": f"{name}_angle", "measures": "position", "of": name, "unit": "rad", "rate": RATE,
+             "noise": "3e-4 rad", "bias": {"value": 0.0, "std": "2 deg"}},
+            {"name": f"{name}_torque", "measures": "force", "of": name, "unit": "N m", "rate": RATE, "noise": "4e-3 N m"},
+        ]  # fmt: skip
+    raw: dict[str, Any] = {
+        "name": "joint with two motors",
+        "joints": [
+            {
+                "name": "knuckle",
+                "inertia": "5e-5 kg m^2",
+                "damping": "2e-3 N m s",
+                "initial": {"value": 0.0, "std": "20 deg"},
+                "friction": {"coefficient": {"value": 0.15, "std": 0.08}, "radius": "2 mm", "preload": "1 N"},
+            }
+        ],
+        "drives": drives,
+        "tendons": tendons,
+        "sensors": sensors,
+    }
+    return build_rig(raw, "hand")
