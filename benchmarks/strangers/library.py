@@ -30,6 +30,13 @@ try:
 except ImportError:
     learn_affine = None  # type: ignore[assignment]
 
+try:
+    from distal import fit, learn_discrepancy
+except ImportError:
+    from distal import fit
+
+    learn_discrepancy = None  # type: ignore[assignment]
+
 __all__ = [
     "DistalError",
     "Log",
@@ -40,7 +47,9 @@ __all__ = [
     "diagnose",
     "diagnosed",
     "estimate",
+    "fit",
     "learn_affine",
+    "learn_discrepancy",
     "load_rig",
     "load_scenario",
     "printed_rig",

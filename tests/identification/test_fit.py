@@ -187,8 +187,8 @@ class TestBadLogs:
             *logs_of(rig, {}, 9, ("servo",), 2.5),
             *logs_of(rig, {"tendons.0.stiffness": 403.0, "tendons.1.stiffness": 403.0}, 10, ("servo",), 2.5),
         ]
-        with pytest.raises(FitError, match=r"contradictory logs: servo .*--per-log"):
-            fit(logs, rig, FREE, noise=False)
+        found = fit(logs, rig, FREE, noise=False)
+        assert any(re.search(r"contradictory logs: servo .*--per-log", doubt) for doubt in found.doubts)
 
     def test_nothing_to_fit(self, rig: Rig, log: Log) -> None:
         sure = rig.with_values(
@@ -229,8 +229,12 @@ def test_logs_that_do_not_look_like_the_rig(rig: Rig, log: Log) -> None:
     ):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DistalWarning)
-            with pytest.raises(FitError, match=r"do not look like this rig|moves against|leaves all bounds"):
-                fit([changed(**wrong)], rig)
+            try:
+                said = list(fit([changed(**wrong)], rig).doubts)
+            except FitError as problem:  # no fit at all can be made of it
+                said = [str(problem)]
+            meant = r"do not look like this rig|errs by more than it says|moves against|leaves all bounds"
+            assert any(re.search(meant, line) for line in said)
     with pytest.warns(DistalWarning, match="standard deviations from what the rig file expected"):
         fit([changed(u1=u1 / 9.81, u2=u2 / 9.81)], rig)
     slow = Log(1e3 * log.time, log.channels, log.truth, "ms.csv")
@@ -376,4 +380,6 @@ def test_the_obvious_estimator_is_learned_with_the_rig(rig: Rig, tmp_path: Path)
     assert estimate(logs[0], found.rig, "affine").rms_error() < np.deg2rad(5.0)
     again = fit(without_truth(logs[0]), found.rig, FREE[:1], noise=False)
     assert again.affine is None
-    assert again.rig.affine == found.rig.affine
+    assert again.rig.affine is None  # it was learned with other numbers
+    again.save(tmp_path / "again.toml", (tmp_path / "fitted.toml").read_text())
+    assert load_rig(tmp_path / "again.toml") == again.rig

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import time
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
+from rich.markup import escape
 
 from distal.cli.console import err, say, table
 from distal.cli.options import RigOption, SetOption, seconds
@@ -16,7 +18,11 @@ from distal.cli.outputs import check_outputs, to_file, to_folder
 from distal.errors import DistalWarning, FitError, OutputError
 
 if TYPE_CHECKING:
-    from distal.identification import CrossValidation, Fit
+    from distal.identification import CrossValidation, Fit, Score
+
+
+EVERY = 5.0
+"""Where progress goes to a file or a pipe, a line is written so often [s]."""
 
 
 def fit_command(
@@ -84,14 +90,21 @@ def fit_command(
         "workers": jobs,
     }
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    # a file or a pipe shows no progress
+    # a file or a pipe shows a line now and then instead
     shown: dict[str, Any] = {"console": err(), "transient": True, "disable": not err().is_terminal}
     validation = None
     with Progress(*columns, **shown) as progress, warnings.catch_warnings():
         task = progress.add_task("reading")
 
+        told = time.monotonic()
+
         def show(stage: str, iteration: int, cost: float) -> None:
-            progress.update(task, description=f"{stage}: iteration {iteration}, −ln p = {cost:.1f}")
+            nonlocal told
+            line = f"{stage}: iteration {iteration}, −ln p = {cost:.1f}"
+            progress.update(task, description=line)
+            if not err().is_terminal and time.monotonic() - told > EVERY:
+                told = time.monotonic()
+                err().print(line)
 
         result = fitted_to(read, description, homing=home, progress=show, **options)
         # what it warns of was said of the fit to all logs
@@ -153,10 +166,36 @@ def _say(result: Fit) -> None:
     if result.affine is not None:
         for line in (result.affine.text, *result.affine.notes):
             say(line)
+    if result.discrepancy is not None:
+        for line in result.discrepancy.notes:
+            say(line)
+    if result.compared:
+        _say_left_out(result)
+    for line in result.doubts:
+        say(f"[bold]doubt:[/] {escape(line)}")
+    if result.verdict:
+        say(result.verdict)
     if result.interrupted:
         say("interrupted: these are the best values so far")
     elif not result.converged:
         say("the search stopped before it converged; start closer, or fix what the logs cannot tell")
+
+
+def _say_left_out(result: Fit) -> None:
+    def cells(score: Score | None) -> tuple[str, str]:
+        return ("–", "–") if score is None else (f"{np.rad2deg(score.rms):.3f}", f"{100 * score.inside:.0f} %")
+
+    rows = [(Path(one.log).name, *cells(one.fitted), *cells(one.before), *cells(one.affine)) for one in result.compared]
+    heads = [
+        "log left out",
+        "adaptive, fitted [°]",
+        "in band",
+        "rig as it came [°]",
+        "in band",
+        "affine [°]",
+        "in band",
+    ]
+    table("each log left out once, RMS error by what the others teach", heads, rows)
 
 
 def _say_held_out(validation: CrossValidation) -> None:

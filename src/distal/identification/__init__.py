@@ -2,25 +2,31 @@
 
 from distal.identification.affine import AffineFit, LeftOut, affine_table, learn_affine
 from distal.identification.crossvalidation import CrossValidation, HeldOut, cross_validate, groups_of
+from distal.identification.discrepancy import DiscrepancyFit, learn_discrepancy
 from distal.identification.fit import fit
 from distal.identification.fitted import Fitted
 from distal.identification.free import Free
+from distal.identification.leaving_out import Compared, Score
 from distal.identification.observability import Observability, observability
 from distal.identification.result import Fit
 
 __all__ = [
     "AffineFit",
+    "Compared",
     "CrossValidation",
+    "DiscrepancyFit",
     "Fit",
     "Fitted",
     "Free",
     "HeldOut",
     "LeftOut",
     "Observability",
+    "Score",
     "affine_table",
     "cross_validate",
     "fit",
     "groups_of",
     "learn_affine",
+    "learn_discrepancy",
     "observability",
 ]

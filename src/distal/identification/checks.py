@@ -96,40 +96,43 @@ def _check_stamps(log: Log, rig: Rig) -> None:
         )
 
 
-def check_outcome(likelihood: Likelihood, z: Floats, nis: Sequence[float]) -> None:
-    """Refuse a fit after which the logs still do not look like the rig: a wrong unit, sign or column.
+def doubts_of(likelihood: Likelihood, z: Floats, nis: Sequence[float]) -> list[str]:
+    """Return what speaks against a fit, a sentence each: logs that still do not look like the rig.
 
     Args:
         likelihood: at its end.
         z: coordinates there, (n,).
         nis: mean ν²/S per channel there.
-
-    Raises:
-        FitError: innovations are much larger than expected, or a sensor's noise had to grow far beyond its own.
     """
-    advice = (
-        "check the columns, units and signs of the log's sensors (distal estimate says which disagrees), then the rig"
-    )
+    references = {sensor.name for sensor in likelihood.references}
+    doubts = []
     for name, ratio in zip(likelihood.measured, nis):
-        if ratio > LARGEST_NIS:
-            raise FitError(
+        if ratio > LARGEST_NIS and name not in references:
+            doubts.append(
                 f"the logs do not look like this rig: innovations of '{name}' are {np.sqrt(ratio):.3g} times larger than "
-                f"expected even after the fit; {advice}"
+                f"expected even after the fit; {ADVICE}"
             )
     for k, (part, _) in enumerate(likelihood.parts()):
         if not (part.noise and part.has_prior):
             continue
         grown = part.value(float(z[k])) / part.start
         if part.paths[0].endswith(".unmodelled") and grown > LARGEST_UNMODELLED_GROWTH:
-            raise FitError(
-                f"the logs do not look like this rig: {part.name} would have to be {grown:.1f} times what the rig says, so "
-                f"that the joint hardly follows the model; {advice}, or say that it is so (--set {part.paths[0]}=…)"
+            doubts.append(
+                f"the logs do not look like this rig: {part.name} had to become {grown:.1f} times what the rig says, so "
+                f"that the joint hardly follows the model; {ADVICE}"
             )
         if part.paths[0].startswith("sensors.") and not part.kept_by_file and grown > LARGEST_NOISE_GROWTH:
-            raise FitError(
-                f"the logs do not look like this rig: {part.name} would have to be {grown:.1f} times what the rig says; "
-                f"{advice}, or say that the sensor is so noisy (--set {part.paths[0]}=…)"
+            doubts.append(
+                f"the logs do not look like this rig: {part.name} had to become {grown:.1f} times what the rig says; "
+                f"{ADVICE}"
             )
+    return doubts
+
+
+ADVICE = (
+    "the rig lacks physics that these logs have, or a column, unit or sign of a sensor is wrong (distal estimate says "
+    "which disagrees)"
+)
 
 
 def warn_of(fitted: Sequence[Fitted], likelihood: Likelihood) -> None:

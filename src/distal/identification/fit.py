@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError
-from distal.identification.affine import learn_affine
-from distal.identification.checks import check_logs, check_outcome, warn_of
+from distal.identification.affine import AffineFit, learn_affine
+from distal.identification.checks import check_logs, doubts_of, warn_of
 from distal.identification.curves import curves as curves_of
+from distal.identification.discrepancy import DiscrepancyFit, filtered, learned_from, widened
 from distal.identification.fitted import Fitted, assignments
 from distal.identification.free import Free
+from distal.identification.leaving_out import Compared, leave_out
 from distal.identification.likelihood import Likelihood
 from distal.identification.result import Fit
 from distal.identification.search import Found, search
@@ -32,6 +34,20 @@ STARTS = 6
 
 UNKNOWN_SPREAD = 2.0
 """Spread of those points where there is no prior, in units of the coordinate (a tenth of the value)."""
+
+UNAIDED = 3.0
+"""Mean ν²/S of the angle without its reference from which on a fit with it hides what the angle errs by."""
+
+HIDDEN = (
+    "with the reference as a sensor the fit agrees with itself, and without it the angle errs by more than it says: the "
+    "rig lacks physics that these logs have; it was fitted to the angle without the reference"
+)
+
+FEW_ITERATIONS = 6
+"""So many iterations take a search from the optimum of all logs to that of some of them."""
+
+FOR_LEAVING_OUT = 3
+"""With so many logs whose angle is known, each is left out once."""
 
 DISAGREE = 2.0
 """Logs contradict each other if the innovations of one are this much larger than with parameters of its own."""
@@ -53,11 +69,14 @@ def fit(
     compiled: bool = True,
     progress: Progress | None = None,
 ) -> Fit:
-    """Fit a rig's parameters and noise to logs, by the likelihood of the filter's innovations.
+    """Fit a rig's parameters and noise to logs, and learn what the model leaves of the angle.
 
-    −ln p = ½ Σ (ν²/S + ln 2πS) − ln prior, over all logs and channels (prediction-error method; Ljung, 1999, ch. 7); the
-    truth of a log that has one is one more sensor. With `homing` it is a sensor for that long only, and what is
-    predicted afterwards is what counts: the fit is to the use.
+    −ln p = ½ Σ (ν²/S + ln 2πS) − ln prior, over all logs and channels (prediction-error method; Ljung, 1999, ch. 7). The
+    truth of a log that has one is no sensor: it is compared with what the filter makes of the others. With `homing` it is
+    a sensor for that long, and what is predicted afterwards is what counts: the fit is to the use. Logs with truth also
+    teach the discrepancy of `adaptive` and the map of `affine`; with three or more each is left out once, and how the
+    fitted rig, the rig as it came and `affine` do on it is in the outcome. Logs that do not look like the rig, or
+    contradict each other, are fitted as well as may be, and the outcome says so.
 
     Args:
         logs: each a `Log`, a path or a frame (see `read_log`).
@@ -80,6 +99,8 @@ def fit(
         RigError: the rig is unknown or wrong.
     """
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    if rig.discrepancy is not None or rig.affine is not None:  # both are learned anew
+        rig = rig.model_copy(update={"discrepancy": None, "affine": None})
     logs = [logs] if isinstance(logs, (Log, str, Path)) else list(logs)
     free, per_log = _listed(free), _listed(per_log)
     if not isinstance(seed, (int, np.integer)) or seed < 0:
@@ -96,12 +117,14 @@ def fit(
                 raise FitError(f"{log.source}: has no truth, which a fit with homing needs on every log")
             check_homing(homing, log, joints)
     described, references = with_references(rig, with_truth[0]) if with_truth else _unused_reference(rig, read[0])
-    parts = choose(described, references, free, per_log, noise, homing is not None)
+    parts = choose(described, references, free, per_log, noise, homing is not None, len(read) > 1)
     if not with_truth:
         parts = tuple(part for part in parts if not _of_references(described, references, part))
 
+    aided = bool(with_truth) and homing is None
+
     def made(chosen: Sequence[Free], group: Sequence[Log]) -> Likelihood:
-        return Likelihood(described, references, chosen, group, homing, compiled, workers)
+        return Likelihood(described, references, chosen, group, homing, compiled, workers, aided)
 
     likelihood = made(parts, read)
     before = likelihood.cost(np.zeros(likelihood.size))
@@ -109,9 +132,19 @@ def fit(
         raise FitError(
             f"{rig.name}: the filter leaves all bounds on these logs; check the units of logs and rig (distal estimate)"
         )
+    doubts = list[str]()
     found = _best_of_starts(likelihood, seed, progress)
+    if aided and not found.interrupted:
+        # a reference that corrects tells most where the model is right; is the angle right without it?
+        aided = False
+        unaided = made(parts, read)
+        if _surprise(unaided, found.z) > UNAIDED:
+            doubts.append(HIDDEN)
+            likelihood, found = unaided, search(unaided, found.z, _staged(progress, "the angle without its reference"))
+        else:
+            aided = True
     if len(read) > 1 and not found.interrupted:
-        _check_agreement(likelihood, found, made, read, progress)
+        doubts += _disagreement(likelihood, found, made, read, progress)
     all_free = uncertainty_at(likelihood.derivatives(found.z), found.z, likelihood.parts())
     final, uncertainty, kept = likelihood, all_free, list[Free]()
     while not found.interrupted:
@@ -126,18 +159,41 @@ def fit(
         uncertainty = uncertainty_at(final.derivatives(found.z), found.z, final.parts())
     nis_after = _nis(final, found.z)
     if not found.interrupted:
-        check_outcome(final, found.z, nis_after)
-    fitted = _fitted(final, found.z, uncertainty, found.interrupted) + [_kept(part) for part in kept]
+        doubts += doubts_of(final, found.z, nis_after)
+    unsure = found.interrupted or bool(doubts)
+    fitted = _fitted(final, found.z, uncertainty, unsure) + [_kept(part) for part in kept]
     warn_of(fitted, final)
     learned = curves_of(final, found.z) if curves else {}
     values = {**assignments(fitted, described), **learned}
     result = described.with_values(values) if values else described
     added = tuple(f"sensors.{i}." for i in range(len(rig.sensors), len(described.sensors)))
+
+    def written(given: Mapping[str, object]) -> Rig:
+        return rig.with_values({path: value for path, value in given.items() if not path.startswith(added)})
+
     if added:
-        result = rig.with_values({path: value for path, value in values.items() if not path.startswith(added)})
-    affine = learn_affine(with_truth, result, homing) if with_truth else None
+        result = written(values)
+    affine, discrepancy, compared = None, None, tuple[Compared, ...]()
+    if with_truth:
+        affine = learn_affine(with_truth, result, homing)
+        data, refused = filtered(with_truth, result, homing, compiled)
+        doubts += refused
+        if data:
+            if len(data) >= FOR_LEAVING_OUT and not found.interrupted:
+
+                def refitted(rest: Sequence[Log]) -> Rig:
+                    own = made(final.free, rest)
+                    at = _coordinates(final, own, found.z, read, rest)
+                    again = search(own, at, _staged(progress, "leaving one out"), FEW_ITERATIONS)
+                    unsure_again = uncertainty_at(own.derivatives(again.z), again.z, own.parts())
+                    return written(assignments(_fitted(own, again.z, unsure_again, unsure), described))
+
+                compared, errors = leave_out(with_truth, read, rig, refitted, affine, homing)
+            else:
+                errors = []
+            discrepancy = widened(learned_from(data, result, homing, scored=False), errors)
     return Fit(
-        rig=affine.rig if affine is not None else result,
+        rig=_with_learned(result, affine, discrepancy),
         start=rig,
         fitted=tuple(part for part in fitted if not (added and part.name.startswith(added))),
         logs=tuple(log.source for log in read),
@@ -156,8 +212,29 @@ def fit(
         interrupted=found.interrupted,
         curves=learned,
         affine=affine,
+        discrepancy=discrepancy,
+        compared=compared,
+        doubts=tuple(doubts),
         evaluations=likelihood.evaluations + (final.evaluations if final is not likelihood else 0),
     )
+
+
+def _with_learned(rig: Rig, affine: AffineFit | None, discrepancy: DiscrepancyFit | None) -> Rig:
+    learned: dict[str, object] = {}
+    if affine is not None:
+        learned["affine"] = affine.affine.model_dump()
+    if discrepancy is not None:
+        learned["discrepancy"] = discrepancy.discrepancy.model_dump()
+    return rig.with_values(learned) if learned else rig
+
+
+def _coordinates(whole: Likelihood, some: Likelihood, z: Floats, logs: Sequence[Log], rest: Sequence[Log]) -> Floats:
+    """Return the coordinates of a likelihood of some of the logs at those of all."""
+    start = np.zeros(some.size)
+    for j, log in enumerate(rest):
+        here = next(i for i, other in enumerate(logs) if other is log)
+        start[some.columns(j)] = z[whole.columns(here)]
+    return start
 
 
 def _listed(paths: Sequence[str] | str) -> tuple[str, ...]:
@@ -243,6 +320,13 @@ def _kept(part: Free) -> Fitted:
     return Fitted(part.name, part.paths, part.si, part.start, part.std, part.start, part.std, False, False, part.starts)
 
 
+def _surprise(likelihood: Likelihood, z: Floats) -> float:
+    """Return the mean of ν²/S of the references, the largest of all; infinite where the filter left all bounds."""
+    names = {sensor.name for sensor in likelihood.references}
+    found = [nis for name, nis in zip(likelihood.measured, _nis(likelihood, z)) if name in names and not np.isnan(nis)]
+    return max(found) if found else 0.0
+
+
 def _nis(likelihood: Likelihood, z: Floats) -> tuple[float, ...]:
     """Return the mean of ν²/S per channel over all logs."""
     innovations = likelihood.each(z, likelihood.run)
@@ -251,18 +335,14 @@ def _nis(likelihood: Likelihood, z: Floats) -> tuple[float, ...]:
     return tuple(means)
 
 
-def _check_agreement(
+def _disagreement(
     likelihood: Likelihood,
     found: Found,
     made: Callable[[Sequence[Free], Sequence[Log]], Likelihood],
     logs: Sequence[Log],
     progress: Progress | None,
-) -> None:
-    """Refuse logs that only parameters of their own explain.
-
-    Raises:
-        FitError: a log's innovations are `DISAGREE` times larger with shared parameters than with its own.
-    """
+) -> list[str]:
+    """Return what is to be said of logs that only parameters of their own explain: a sentence, or none."""
     parts = tuple(replace(part, per_log=False) for part in likelihood.free if not part.noise)
     at = [k for k, part in enumerate(likelihood.free) if not part.noise]
     worst: tuple[float, str, str] = (0.0, "", "")
@@ -270,20 +350,21 @@ def _check_agreement(
         own = made(parts, [log])
         shared = found.z[likelihood.columns(j)]
         start = shared[at]
-        alone = search(own, start, _staged(progress, f"does {Path(log.source).name} agree"))
+        alone = search(own, start, _staged(progress, f"does {Path(log.source).name} agree"), FEW_ITERATIONS)
         if alone.interrupted:
-            return
+            return []
         together, apart = _sizes(own, start), _sizes(own, alone.z)
         ratio = float(np.nanmax(together / apart))
         moved = int(np.argmax(np.abs(alone.z - start) * [1.0 / p.spread if p.has_prior else 1.0 for p in parts]))
         if ratio > worst[0]:
             wanted = f"{parts[moved].name} = {parts[moved].value(alone.z[moved]):.4g} {parts[moved].si}".rstrip()
             worst = (ratio, log.source, f"{wanted}, all logs together {parts[moved].value(start[moved]):.4g}")
-    if worst[0] > DISAGREE:
-        raise FitError(
-            f"contradictory logs: {worst[1]} fits {worst[0]:.1f} times better with parameters of its own ({worst[2]}); was "
-            "something changed between the logs? Fit them apart, or give each its own with --per-log"
-        )
+    if worst[0] <= DISAGREE:
+        return []
+    return [
+        f"contradictory logs: {worst[1]} fits {worst[0]:.1f} times better with parameters of its own ({worst[2]}); was "
+        "something changed between the logs? Fit them apart, or give each its own with --per-log"
+    ]
 
 
 def _sizes(likelihood: Likelihood, z: Floats) -> Floats:

@@ -29,6 +29,9 @@ def fitted_text(rig: Rig, start: Rig, values: Mapping[str, object], head: str, t
 
     source = text if text is not None else tomlkit.dumps(plain(start.model_dump(exclude_defaults=True)))
     document = tomlkit.parse(_without_old_head(source))
+    for learned in ("affine", "discrepancy"):
+        if getattr(rig, learned) is None and learned in document:
+            del document[learned]  # it was learned with other numbers
     for path, value in values.items():
         set_value(document, path, value, RigError)
     written = head + tomlkit.dumps(document)

@@ -33,6 +33,10 @@ FINE = 0.2
 """Largest product of sub-step and a joint's own frequency in a fit: its errors must not look like parameters."""
 
 
+LASTING = 0.5
+"""What the unaided angle errs by lasts about so long [s]: samples within it tell as much as one."""
+
+
 @dataclass(frozen=True)
 class Data:
     """A log, ready for the filter.
@@ -64,10 +68,13 @@ class Likelihood:
         references: the sensors of joints' angles.
         free: what is varied.
         logs: with the reference as truth, NaN or absent where it is not known.
-        homing: None to use the reference wherever it is; else for how long it is used [s]. What follows is compared with
-            what the filter predicts, and only that counts: the fit is to the use.
+        homing: for how long the reference is used [s], None for never. Where it is not used it is compared with what the
+            filter makes of the other sensors: it is the truth to predict. With homing only that counts: the fit is to
+            the use.
         compiled: compile the kernel where possible.
         workers: threads.
+        aided: without homing, use the reference wherever it is as one more sensor, which tells more where the model is
+            right, and hides what the angle errs by where it is not.
     """
 
     def __init__(
@@ -79,6 +86,7 @@ class Likelihood:
         homing: float | None = None,
         compiled: bool = True,
         workers: int = 2,
+        aided: bool = False,
     ) -> None:
         self.rig, self.references, self.free = rig, tuple(references), tuple(free)
         given = [path for part in self.free for path in part.paths]
@@ -96,7 +104,7 @@ class Likelihood:
         self._base = np.array(self._filter.numbers)
         self.measured = self._filter.measured
         self.state_names = self._filter.state_names
-        self._homing = homing
+        self._homing, self._aided = homing, aided and homing is None
         self.data = tuple(self._prepared(log) for log in logs)
         self._workers = workers
         self._building = Lock()
@@ -117,8 +125,8 @@ class Likelihood:
         times, fine, own = refined(log.time, samples, runner.bridged, steps)
         rows, last = runner.rows(np.diff(times, prepend=times[0]), fine)
         last = last[own]
-        if self._homing is not None:
-            late = last[log.time - log.time[0] >= self._homing]
+        if not self._aided:
+            late = last[log.time - log.time[0] >= (0.0 if self._homing is None else self._homing)]
             rows[late, -len(self.references) :] *= -1.0  # a mask of −1: compared, but not used
         return Data(log, samples, first_values(samples), rows, last)
 
@@ -127,6 +135,16 @@ class Likelihood:
         """ν²/S of each channel beyond which an innovation is an outlier, (m,): as in the filter, never for a reference."""
         references = {sensor.name for sensor in self.references}
         return np.array([np.inf if name in references else Robustness().wild_force for name in self.measured])
+
+    def weights(self, log: int) -> Floats:
+        """Return how much a value of each channel counts, (m,): 1, but for a truth that is only compared with.
+
+        Args:
+            log: its index.
+        """
+        references = {sensor.name for sensor in self.references}
+        share = 1.0 if self._homing is not None or self._aided else min(1.0, 1.0 / (LASTING * self.data[log].log.rate))
+        return np.array([share if name in references else 1.0 for name in self.measured])
 
     @property
     def size(self) -> int:
@@ -223,7 +241,7 @@ class Likelihood:
             z: all coordinates, (size,).
         """
         self.evaluations += 1
-        costs = self.each(z, lambda j, own: cost_of(*self.run(j, own), self.tolerance))
+        costs = self.each(z, lambda j, own: cost_of(*self.run(j, own), self.tolerance, self.weights(j)))
         return float(np.sum(costs)) + 0.5 * float(np.sum(self.prior_residuals(z) ** 2))
 
     def prior_residuals(self, z: Floats) -> Floats:
@@ -278,14 +296,15 @@ class Likelihood:
         # with S' = S · inflation the terms beyond 9 S are ln ν²: no slope in S, a bounded one in ν
         inlier = inflation <= 1.0
         # score of each sample, inlier: ν ν'/S + ½ (ln S)' (1 − ν²/S); outlier: ν'/ν
+        weight = np.broadcast_to(self.weights(log), values.shape)[there]
         influence = np.where(inlier, nu / spread, 1.0 / np.where(nu == 0.0, 1.0, nu))
-        scores = slopes * influence + 0.5 * log_slopes * np.where(inlier, 1.0 - ratio, 0.0)
-        root = slopes / np.sqrt(spread * inflation)
-        spreads = np.sqrt(0.5) * log_slopes * inlier
+        scores = weight * (slopes * influence + 0.5 * log_slopes * np.where(inlier, 1.0 - ratio, 0.0))
+        root = slopes * np.sqrt(weight / (spread * inflation))
+        spreads = np.sqrt(0.5 * weight) * log_slopes * inlier
         information = root @ root.T + spreads @ spreads.T
         times = np.broadcast_to(self.data[log].log.time[:, None], values.shape)[there]
         return LogDerivatives(
-            cost_of(values, variances, self.tolerance),
+            cost_of(values, variances, self.tolerance, self.weights(log)),
             scores.sum(axis=1),
             information,
             *long_run_covariance(scores, times),
@@ -332,13 +351,14 @@ class Derivatives:
     spans: int
 
 
-def cost_of(values: Floats, variances: Floats, tolerance: Floats) -> float:
-    """Return ½ Σ (ν²/S + ln S) over what was compared, with S grown for outliers.
+def cost_of(values: Floats, variances: Floats, tolerance: Floats, weights: Floats | None = None) -> float:
+    """Return ½ Σ w (ν²/S + ln S) over what was compared, with S grown for outliers.
 
     Args:
         values: innovations ν, NaN where nothing was compared.
         variances: S.
         tolerance: ν²/S of each channel beyond which an innovation is an outlier, (m,).
+        weights: w of each channel, (m,); default 1.
     """
     there = np.isfinite(values)
     nu, spread = values[there], variances[there]
@@ -346,7 +366,8 @@ def cost_of(values: Floats, variances: Floats, tolerance: Floats) -> float:
         return float("inf")
     ratio = nu * nu / spread
     inflation = np.maximum(1.0, ratio / np.broadcast_to(tolerance, values.shape)[there])
-    return 0.5 * float(np.sum(ratio / inflation + np.log(spread * inflation)))
+    weight = np.ones(len(nu)) if weights is None else np.broadcast_to(weights, values.shape)[there]
+    return 0.5 * float(np.sum(weight * (ratio / inflation + np.log(spread * inflation))))
 
 
 CORRELATED = 2.0

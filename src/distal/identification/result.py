@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.identification.affine import AffineFit, affine_table
+from distal.identification.discrepancy import DiscrepancyFit
 from distal.identification.fitted import Fitted, assignments
-from distal.identification.fitted_file import MARK, fitted_text
+from distal.identification.fitted_file import MARK, fitted_text, plain
+from distal.identification.leaving_out import Compared, verdict
 from distal.logs import shown, write_whole
 from distal.rig import Rig
 
@@ -44,6 +46,9 @@ class Fit:
         evaluations: runs of the filter over all logs.
         curves: path → value of what was learned of the position sensors' systematic errors.
         affine: the obvious estimator's map from the same logs, where some have a truth; the rig holds it.
+        discrepancy: what the model leaves of the angle, from the same logs; the rig holds it.
+        compared: each log left out once, with how the fitted rig, the rig as it came and `affine` do on it.
+        doubts: plain sentences on what speaks against the fit.
     """
 
     rig: Rig
@@ -66,6 +71,14 @@ class Fit:
     evaluations: int
     curves: Mapping[str, object] = field(default_factory=dict)
     affine: AffineFit | None = None
+    discrepancy: DiscrepancyFit | None = None
+    compared: tuple[Compared, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """Which estimator did better on logs left out, in a sentence; empty where none was."""
+        return verdict(self.compared)
 
     def __getitem__(self, name: str) -> Fitted:
         """Return a fitted number by its name or one of its paths.
@@ -93,6 +106,8 @@ class Fit:
     def assignments(self) -> dict[str, Any]:
         """Return path → value (with its std, where it had one) of what changed, as for `Rig.with_values`."""
         learned = {"affine": affine_table(self.affine.affine)} if self.affine is not None else {}
+        if self.discrepancy is not None:
+            learned["discrepancy"] = plain(self.discrepancy.discrepancy.model_dump())
         return {**assignments(self.fitted, self.start), **self.curves, **learned}
 
     def _account(self) -> str:
@@ -121,4 +136,7 @@ class Fit:
         lines += [f"# These logs tell {line}." for line in self.combinations]
         if self.affine is not None:
             lines += [f"# {line}" for line in (self.affine.text, *self.affine.notes)]
+        if self.discrepancy is not None:
+            lines += [f"# {line}" for line in self.discrepancy.notes]
+        lines += [f"# {line}" for line in (*self.doubts, self.verdict) if line]
         return "\n".join(lines) + "\n\n"

@@ -42,7 +42,9 @@ class Found:
 Progress = Callable[[int, float], None]
 
 
-def search(likelihood: Likelihood, start: Floats, progress: Progress | None = None) -> Found:
+def search(
+    likelihood: Likelihood, start: Floats, progress: Progress | None = None, most: int = MOST_ITERATIONS
+) -> Found:
     """Return the local minimum of −ln p that damped Fisher scoring leads to from a start.
 
     Each step solves (H + λ diag H) d = −g within the bounds (a bounded linear least squares), with Fisher's information
@@ -53,6 +55,7 @@ def search(likelihood: Likelihood, start: Floats, progress: Progress | None = No
         likelihood: what to minimise.
         start: coordinates, (n,).
         progress: called with the iteration and the cost after each step.
+        most: iterations.
     """
     bounds = np.array([part.bounds for part, _ in likelihood.parts()]).reshape(-1, 2)
     best = Found(np.clip(start, bounds[:, 0], bounds[:, 1]), np.inf, 0, False)
@@ -60,7 +63,7 @@ def search(likelihood: Likelihood, start: Floats, progress: Progress | None = No
         derivatives = likelihood.derivatives(best.z)
         best = replace(best, cost=derivatives.cost)
         damping = 1e-2
-        for iteration in range(1, MOST_ITERATIONS + 1):
+        for iteration in range(1, most + 1):
             step, predicted = _step(derivatives, best.z, bounds, damping)
             best = replace(best, iterations=iteration)
             if predicted < ENOUGH:

@@ -29,7 +29,13 @@ SMALLEST = 1e-3
 
 
 def choose(
-    rig: Rig, references: Sequence[Sensor], asked: Sequence[str], per_log: Sequence[str], noise: bool, homing: bool
+    rig: Rig,
+    references: Sequence[Sensor],
+    asked: Sequence[str],
+    per_log: Sequence[str],
+    noise: bool,
+    homing: bool,
+    several: bool = False,
 ) -> tuple[Free, ...]:
     """Return what a fit varies.
 
@@ -44,11 +50,15 @@ def choose(
         per_log: paths of which each log has its own.
         noise: whether the noise is varied too.
         homing: whether the fit is to what is predicted after homing: then sensors' own noise is left as it is.
+        several: whether there are several logs: each has sensors' offsets of its own then, and what they scatter by is
+            their std.
 
     Raises:
         FitError: nothing is free, or a path cannot be.
     """
-    free = [_asked(rig, path, False) for path in asked] if asked else list(_uncertain(rig, references, per_log))
+    free = (
+        [_asked(rig, path, False) for path in asked] if asked else list(_uncertain(rig, references, per_log, several))
+    )
     free += [_asked(rig, path, True) for path in per_log]
     if noise:
         own = {path for part in free for path in part.paths}
@@ -67,10 +77,10 @@ def choose(
     return tuple(free)
 
 
-def _uncertain(rig: Rig, references: Sequence[Sensor], per_log: Sequence[str]) -> list[Free]:
+def _uncertain(rig: Rig, references: Sequence[Sensor], per_log: Sequence[str], several: bool) -> list[Free]:
     mechanism = Mechanism(rig)
     own = {path for wanted in per_log for path in _paths(rig, wanted)}
-    free = []
+    free = [part for part in _biases(rig, several) if not own.intersection(part.paths)]
     for state in uncertain_parameters(Setup(mechanism, channels_of(rig, "fit", references), Robustness.fitting())):
         paths = [mechanism.parameters.names[i] for i in state.indices]
         if not own.intersection(paths):
@@ -90,6 +100,13 @@ def _uncertain(rig: Rig, references: Sequence[Sensor], per_log: Sequence[str]) -
         numbers = [number(rig, path) for path in paths]
         free.append(_free(paths[0] if len(paths) == 1 else name, numbers, False))
     return free
+
+
+def _biases(rig: Rig, several: bool) -> list[Free]:
+    """Return the offsets of the sensors that estimators read, where they have a std."""
+    read = [f"sensors.{i}.bias" for i, sensor in enumerate(rig.sensors) if sensor.measures != "angle"]
+    numbers = [number(rig, path) for path in read]
+    return [_free(one.path, [one], several) for one in numbers if one.std > 0.0 and not one.hold]
 
 
 def _held(rig: Rig) -> list[str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.identification import CrossValidation, Fit, Observability, observability
+from distal.identification import CrossValidation, Fit, Observability, Score, observability
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
 from distal.reports.page import heading, html_table, page, paragraph, picture
@@ -55,7 +55,7 @@ def fit_report(
         advance()
         after.append(estimate(log, fit.rig, homing=fit.homing))
         advance()
-    parts = [*_parameters(fit), *_errors(logs, before, after)]
+    parts = [*_doubts(fit), *_left_out(fit), *_parameters(fit), *_errors(logs, before, after)]
     if validation is not None:
         parts += _held_out(validation)
     parts += [heading("Along the logs")]
@@ -169,6 +169,42 @@ def _error(result: Estimate) -> tuple[str, str]:
     return f"{np.rad2deg(result.rms_error()):.3f}", f"{100 * result.inside_band():.0f} %"
 
 
+def _doubts(fit: Fit) -> list[str]:
+    if not fit.doubts:
+        return []
+    return [
+        heading("What speaks against this fit"),
+        *(paragraph(f"{line[0].upper()}{line[1:]}.") for line in fit.doubts),
+    ]
+
+
+def _left_out(fit: Fit) -> list[str]:
+    if not fit.compared:
+        return []
+
+    def cells(score: Score | None) -> tuple[str, str]:
+        return ("–", "–") if score is None else (f"{np.rad2deg(score.rms):.3f}", f"{100 * score.inside:.0f} %")
+
+    rows = [
+        (escape(Path(one.log).name), *cells(one.fitted), *cells(one.before), *cells(one.affine)) for one in fit.compared
+    ]
+    columns = (
+        "log left out",
+        "adaptive [°]",
+        "in the band",
+        "rig as it came [°]",
+        "in the band",
+        "affine [°]",
+        "in the band",
+    )
+    text = f"Each log was estimated by what the others teach alone. {fit.verdict[0].upper()}{fit.verdict[1:]}."
+    return [
+        heading("On logs that were not fitted"),
+        paragraph(text),
+        html_table(columns, rows, numbers=(1, 2, 3, 4, 5, 6)),
+    ]
+
+
 def _held_out(validation: CrossValidation) -> list[str]:
     rows = [
         (
@@ -185,7 +221,7 @@ def _held_out(validation: CrossValidation) -> list[str]:
         f"{np.rad2deg(validation.mean_rms):.3f}°, worst {np.rad2deg(validation.worst_rms):.3f}°, "
         f"{100 * validation.inside_band:.0f} % inside the 95 % band."
     )
-    return [heading("On logs that were not fitted"), paragraph(text), html_table(columns, rows, numbers=(2, 3, 4, 5))]
+    return [heading("Cross-validation"), paragraph(text), html_table(columns, rows, numbers=(2, 3, 4, 5))]
 
 
 def _seen(log: Log, seen: Observability) -> list[str]:

@@ -2,6 +2,7 @@
 
 from distal.rig.affine import Affine, AffineJoint
 from distal.rig.columns import angle_names, speed_names, std_name, tendon_angle_name
+from distal.rig.discrepancy import CONSTANT, Discrepancy, factors
 from distal.rig.drives import (
     Capstan,
     CapstanFriction,
@@ -33,11 +34,13 @@ from distal.rig.tendons import Linkage, Path, Pinned, Pulley, Tendon
 from distal.rig.validation import validated
 
 __all__ = [
+    "CONSTANT",
     "Affine",
     "AffineJoint",
     "Capstan",
     "CapstanFriction",
     "Description",
+    "Discrepancy",
     "ExternalTorque",
     "Gravity",
     "Hysteresis",
@@ -66,6 +69,7 @@ __all__ = [
     "build_rig",
     "edited_text",
     "effort_unit",
+    "factors",
     "load_rig",
     "log_factor",
     "number",

@@ -9,6 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from distal.errors import RigError, did_you_mean
 from distal.rig.affine import Affine
+from distal.rig.discrepancy import Discrepancy
 from distal.rig.drives import Capstan, Drive, Slider, effort_unit, position_unit
 from distal.rig.joints import Joint
 from distal.rig.overrides import set_value
@@ -17,6 +18,8 @@ from distal.rig.sensors import Sensor, log_factor
 from distal.rig.tendons import Tendon
 from distal.rig.validation import validated
 from distal.units import unit_factor
+
+Learned = Affine | Discrepancy | None
 
 
 class TimeColumn(Description):
@@ -55,6 +58,9 @@ class Rig(Description):
     sensors: tuple[Sensor, ...] = Field((), description="the sensors")
     stepping: Stepping = Field(Stepping(), description="time step of the model")
     affine: Affine | None = Field(None, description="the obvious estimator, as learned: `distal fit` writes it")
+    discrepancy: Discrepancy | None = Field(
+        None, description="what the model leaves of the angle, as learned: `distal fit` writes it"
+    )
 
     @field_validator("joints", mode="after")
     @classmethod
@@ -97,18 +103,18 @@ class Rig(Description):
                 raise ValueError(f"{i}.unit: {error}") from None
         return sensors
 
-    @field_validator("affine", mode="after")
+    @field_validator("affine", "discrepancy", mode="after")
     @classmethod
-    def _affine_fits(cls, affine: Affine | None, info: ValidationInfo) -> Affine | None:
-        if affine is None or "sensors" not in info.data or "joints" not in info.data:
-            return affine
+    def _learned_fits(cls, learned: Learned, info: ValidationInfo) -> Learned:
+        if learned is None or "sensors" not in info.data or "joints" not in info.data:
+            return learned
         sensors, joints = ([part.name for part in info.data[kind]] for kind in ("sensors", "joints"))
-        for channel in affine.channels:
+        for channel in learned.channels:
             if channel not in sensors:
                 raise ValueError(f"channels: no sensor is called '{channel}'{did_you_mean(channel, sensors)}")
-        if [one.joint for one in affine.joints] != joints:
+        if [one.joint for one in learned.joints] != joints:
             raise ValueError(f"joints: one for each joint is needed ({', '.join(joints)})")
-        return affine
+        return learned
 
     @model_validator(mode="after")
     def _whole(self) -> Self:

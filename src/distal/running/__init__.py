@@ -1,6 +1,7 @@
 """An estimator over a log, over many, over a stream; homing, smoothing, and a stream's health."""
 
 from distal.running.batch import estimate_batch
+from distal.running.calibration import numbers_homed, plain_samples
 from distal.running.diagnosing import diagnose
 from distal.running.homing import TRUTH_NOISE, added_reference, check_homing, with_references
 from distal.running.live import LiveEstimator
@@ -23,6 +24,8 @@ __all__ = [
     "estimate",
     "estimate_batch",
     "first_values",
+    "numbers_homed",
+    "plain_samples",
     "samples_of",
     "smooth",
     "with_channel",

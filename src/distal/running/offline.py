@@ -25,6 +25,7 @@ from distal.estimators import (
 from distal.logs import Log, frozen, read_log, true_angles
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
+from distal.running.calibration import calibrated
 from distal.running.homing import check_homing, homed, with_references
 
 Floats = NDArray[np.float64]
@@ -209,7 +210,10 @@ def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
         for channel, joint in references_of(runner).items():
             read = with_channel(read, channel, np.where(early, known[:, joint], np.nan))
     samples = samples_of(read, runner.channels, runner.name)
-    return Run(log, runner, samples, runner.initial(log.time[0], first_values(samples)), homing)
+    start = runner.initial(log.time[0], first_values(samples))
+    if homing is not None and isinstance(runner, AdaptiveFilter) and runner.discrepancy is not None:
+        runner, start, samples, _ = calibrated(runner, start, log, samples, known, homing)
+    return Run(log, runner, samples, start, homing)
 
 
 def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:

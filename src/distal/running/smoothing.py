@@ -56,6 +56,8 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         left = np.eye(n) - gain @ transition
         smoothed = left @ before @ left.T + gain @ (covariances[k + 1] + process) @ gain.T
         covariances[k] = (smoothed + smoothed.T) / 2
+    if rig.discrepancy is not None:
+        correct(means, covariances, log, rig, compiled, last)
     values, variances = runner.innovations_of(ys[last], samples)
     return Estimate(
         runner.name,
@@ -73,3 +75,27 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         (),
         *priors_of(runner),
     )
+
+
+def correct(means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bool, last: NDArray[np.intp]) -> None:
+    """Add what the filter adds for the rig's discrepancy, which depends on the readings alone, to a smoothed estimate.
+
+    Args:
+        means: to change, of all rows, (k, n).
+        covariances: to change, (k, n, n).
+        log: sensors over time.
+        rig: with a discrepancy.
+        compiled: compile the kernel where possible.
+        last: each sample's own row.
+    """
+    runner = AdaptiveFilter(rig, compiled)
+    samples = samples_of(log, runner.channels, runner.name)
+    belief = runner.initial(log.time[0], first_values(samples))
+    rows, _ = runner.checked_rows(belief, log.time, samples)
+    carries, _ = runner.kernel.scan(belief.carry, rows, runner.numbers)
+    nj, memory = len(rig.joints), carries[last, runner.own_memory :]
+    joints = np.arange(nj)
+    means[last[:, None], joints] += memory[:, :nj]
+    # the filter's own doubt may count less beside the band that was learned; what is left is never negative
+    added = covariances[last[:, None], joints, joints] + memory[:, nj : 2 * nj]
+    covariances[last[:, None], joints, joints] = np.maximum(added, 0.0)

@@ -11,17 +11,19 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.errors import EstimationError
 from distal.estimators.adaptive.drive_tracking import MEMORY, UNKNOWN
 from distal.estimators.adaptive.filter import adaptive_function
 from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector
-from distal.estimators.channels import UNKNOWN_PLACE, channels_of
+from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of
 from distal.estimators.contract import KernelEstimator
+from distal.estimators.discrepancy import corrected_function, first_memory, memory_size, numbers_of
 from distal.kernels import Kernel
 from distal.logs import frozen
 from distal.model import RESOLUTION, Mechanism, joint_frequency
-from distal.rig import Rig, Sensor
+from distal.rig import Discrepancy, Rig, Sensor
 
 Floats = NDArray[np.float64]
 
@@ -66,20 +68,41 @@ class AdaptiveFilter(KernelEstimator):
         self._states = StateVector(Setup(mechanism, channels, robustness), kinds)
         longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
         self._count = min(max(1, int(np.ceil(channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
+        # a smoother goes back over the filter's own states
+        self._discrepancy = None if trace else rig.discrepancy
+        self._check_sensors(channels)
+        values = mechanism.parameters.values
+        if self._discrepancy is not None:
+            values = np.concatenate([values, numbers_of(self._discrepancy)])
         super().__init__(
             name,
             rig,
-            Kernel(adaptive_function(self._states, self._count, trace=trace), compiled),
-            mechanism.parameters.values,
+            Kernel(self._corrected(adaptive_function(self._states, self._count, trace=trace)), compiled),
+            values,
             channels.names,
             tuple(sensor.name for sensor in channels.compared),
             self._states.names,
             channels.interval,
         )
 
+    def _check_sensors(self, channels: Channels) -> None:
+        learned, read = self._discrepancy, channels.names[: len(channels.names) - len(channels.angles)]
+        if learned is not None and learned.channels != read:
+            raise EstimationError(
+                f"adaptive: [discrepancy] was learned from the sensors {', '.join(learned.channels)}, the rig now has "
+                f"{', '.join(read)}; learn it again (distal fit), or remove [discrepancy]"
+            )
+
+    def _corrected(self, function: ca.Function) -> ca.Function:
+        """Return the filter with the rig's discrepancy, if it has one."""
+        if self._discrepancy is None:
+            return function
+        setup, n = self._states.setup, len(self._states)
+        return corrected_function(function, n, len(setup.channels.names), self.places, self._discrepancy)
+
     def export_function(self) -> ca.Function:
         """Return (carry, x, p) → (carry⁺, y) in the form for small memories: matrices as loops, the same numbers."""
-        return adaptive_function(self._states, self._count, loops=True)
+        return self._corrected(adaptive_function(self._states, self._count, loops=True))
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask) → (mean, covariance's diagonal, memory) before the first sample.
@@ -103,12 +126,47 @@ class AdaptiveFilter(KernelEstimator):
             if transmitted is not None and effort is not None:
                 at = transmitted[0]
                 mean[at] = read(effort, float(states.means[at]))
+        if self._discrepancy is not None:
+            memory = ca.vertcat(memory, first_memory(self._discrepancy, values, mask))
         return ca.Function("prior", [values, mask], [mean, ca.SX(ca.DM(states.stds**2)), memory])
 
     @property
     def bridged(self) -> int:
         """Number of displacements, the first of the channels: they cross gaps in a straight line."""
         return len(self._states.setup.channels.positions)
+
+    @property
+    def discrepancy(self) -> Discrepancy | None:
+        """What is added to the angle, as learned; None where nothing is."""
+        return self._discrepancy
+
+    @property
+    def places(self) -> tuple[int | None, ...]:
+        """For each channel where in the carry its drive's place stands; None for one that is read as it comes."""
+        n, channels = len(self._states), self._states.setup.channels
+        drives = [drive.name for drive in self._states.setup.mechanism.rig.drives]
+        placed = [n + n * n + MEMORY * drives.index(sensor.of) for sensor in channels.positions]
+        return (*placed, *([None] * (len(channels.tensions) + len(channels.forces))))
+
+    @property
+    def own_memory(self) -> int:
+        """Where in the carry the correction stands: after all that is the filter's own."""
+        size: int = self.kernel.n_carry
+        return size - (0 if self._discrepancy is None else memory_size(self._discrepancy))
+
+    def with_discrepancy(self, discrepancy: Discrepancy) -> AdaptiveFilter:
+        """Return the same filter, kernel included, with other coefficients of the same terms.
+
+        Args:
+            discrepancy: with the terms of its own.
+        """
+        assert self._discrepancy is not None
+        assert self._discrepancy.terms == discrepancy.terms
+        other = copy(self)
+        count = len(self.numbers) - len(numbers_of(discrepancy))
+        other._discrepancy, other._begin = discrepancy, None
+        other._p = frozen(np.concatenate([self.numbers[:count], numbers_of(discrepancy)]))
+        return other
 
     @property
     def states(self) -> StateVector:

@@ -103,6 +103,14 @@ class Setup:
         """
         return self.number(f"{self.path(sensor)}.bias", sensor.bias.value)
 
+    def bias_std(self, sensor: Sensor) -> float:
+        """Return how unsure a sensor's offset is: nothing where the offset is an input of the filter (a fit).
+
+        Args:
+            sensor: one of the rig's.
+        """
+        return 0.0 if f"{self.path(sensor)}.bias" in self.mechanism.parameters.given else float(sensor.bias.std)
+
     def path(self, sensor: Sensor) -> str:
         """Return the path of a sensor in the description.
 

@@ -2,7 +2,7 @@
 
 from distal.estimators.affine.estimator import NEEDS, OUTSIDE, AffineEstimator
 from distal.estimators.affine.homing import NORMAL, corrected, learned_alone, student
-from distal.estimators.affine.learning import learned, sized
+from distal.estimators.affine.learning import learned, random_effects, sized
 from distal.estimators.affine.mapping import design, noise_of, outside, predicted
 from distal.estimators.affine.readings import NAME, Readings, dead_bands, direction, readings_of
 from distal.estimators.affine.regression import correlated_samples, line, surprise, updated
@@ -25,6 +25,7 @@ __all__ = [
     "noise_of",
     "outside",
     "predicted",
+    "random_effects",
     "readings_of",
     "sized",
     "student",

@@ -17,7 +17,13 @@ from distal.rig import Affine, AffineJoint, Rig
 Floats = NDArray[np.float64]
 
 ITERATIONS = 100
-"""Steps of expectation–maximisation for the spread between logs."""
+"""Most steps of expectation–maximisation for the spread between logs."""
+
+SETTLED = 1e-3
+"""It ends where a step changes the spread by less than this share."""
+
+SMALLEST_SHARE = 1e-8
+"""Combinations of columns with less than this share of the largest one's mean square are left out."""
 
 
 def learned(readings: Sequence[Readings], rig: Rig, bands: Sequence[float], directions: bool) -> Affine:
@@ -48,51 +54,83 @@ def learned(readings: Sequence[Readings], rig: Rig, bands: Sequence[float], dire
                 parts.append((design(made, one)[np.ix_(there, columns)], one.angles[there, j], one.interval))
         if not parts:
             raise EstimationError(f"affine: the angle of '{joint.joint}' is known in no log; give the truth of one")
-        found, time = _joint(joint, columns, parts)
+        found, time = random_effects(joint, columns, parts)
         joints.append(found)
         times.append(time)
     return made.model_copy(update={"joints": tuple(joints), "correlation_time": max(times)})
 
 
-def _joint(
+def random_effects(
     joint: AffineJoint, columns: Sequence[int], parts: Sequence[tuple[Floats, Floats, float]]
 ) -> tuple[AffineJoint, float]:
-    """Return the map of one joint and the correlation time of its residuals [s]."""
+    """Return the coefficients of one joint and the correlation time of the residuals [s].
+
+    Args:
+        joint: whose; its coefficients give their number.
+        columns: which of them are learned, (n,).
+        parts: of each log (design (k, n), angles [rad] (k,), interval [s]).
+    """
     if len(parts) == 1:
         only = line(*parts[0][:2])
         return filled(joint, columns, only.coefficients, only.covariance, only.std), only.correlated * parts[0][2]
-    grams = [part[0].T @ part[0] for part in parts]
-    moments = [part[0].T @ part[1] for part in parts]
+    basis = _basis([part[0] for part in parts])
+    designs = [part[0] @ basis for part in parts]
+    grams = [design.T @ design for design in designs]
+    moments = [design.T @ part[1] for design, part in zip(designs, parts)]
     mean = np.linalg.pinv(sum(grams)) @ sum(moments)
-    ones = [line(part[0], part[1]) for part in parts]
+    ones = [line(design, part[1]) for design, part in zip(designs, parts)]
     lengths = np.array([len(part[1]) for part in parts])
     count = np.array([one.correlated for one in ones])
     std = np.sqrt(max(np.average([one.std**2 for one in ones], weights=lengths), SMALLEST_STD**2))
-    spread = _start(parts, mean, std)
+    spread = _start(designs, [part[1] for part in parts], mean, std)
     for _ in range(ITERATIONS):
         drawn = [updated(mean, spread, gram, moment, std**2 * own) for gram, moment, own in zip(grams, moments, count)]
         means = np.array([after for after, _ in drawn])
         mean = means.mean(axis=0)
         off = means - mean
+        before = spread
         # the mean is of the same logs: one degree of freedom less
         spread = (off.T @ off + sum(left for _, left in drawn)) / (len(parts) - 1)
+        if np.abs(spread - before).max() < SETTLED * np.abs(spread).max():
+            break
     spread = _shrunk(spread, len(parts))
-    residuals = [part[1] - part[0] @ after for part, after in zip(parts, means)]
+    residuals = [part[1] - design @ after for design, part, after in zip(designs, parts, means)]
     std = max(float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))), SMALLEST_STD)
     times = [correlated_samples(own) * part[2] for own, part in zip(residuals, parts)]
-    covariance = spread * (1.0 + 1.0 / len(parts))
-    return filled(joint, columns, mean, covariance, std), float(np.mean(times))
+    covariance = basis @ (spread * (1.0 + 1.0 / len(parts))) @ basis.T
+    covariance = 0.5 * (covariance + covariance.T)
+    return filled(joint, columns, basis @ mean, covariance, std), float(np.mean(times))
 
 
-def _start(parts: Sequence[tuple[Floats, Floats, float]], mean: Floats, std: float) -> Floats:
+def _basis(designs: Sequence[Floats]) -> Floats:
+    """Return W for which the columns of X W are uncorrelated and of size one over all logs, (n, up to n).
+
+    What is assumed of the spread between logs is assumed of such columns, so that it does not depend on how the same
+    columns are written; combinations that hardly ever differ from zero are left at zero.
+    """
+    whole = np.vstack(designs)
+    values, vectors = np.linalg.eigh(whole.T @ whole / len(whole))
+    kept = values > SMALLEST_SHARE * values[-1]
+    basis: Floats = vectors[:, kept] / np.sqrt(values[kept])
+    return basis
+
+
+def _start(designs: Sequence[Floats], angles: Sequence[Floats], mean: Floats, std: float) -> Floats:
     """Return a wide spread to start from: as if every coefficient alone explained what the common map leaves."""
-    left = np.concatenate([y - x @ mean for x, y, _ in parts])
+    left = np.concatenate([y - x @ mean for x, y in zip(designs, angles)])
     return np.eye(len(mean)) * max(float(np.mean(left**2)), std**2)
 
 
 def _shrunk(spread: Floats, logs: int) -> Floats:
-    """Return the spread with its correlations drawn to zero, the more the fewer logs there are for n of them."""
-    share = len(spread) / (len(spread) + logs - 1)
+    """Return the spread with its correlations drawn to zero where logs are too few to tell them, fewer than 2n + 1 for n.
+
+    The share is n/(n + logs − 1): from few logs the spread has fewer directions than columns, and would be sure of the
+    rest.
+    """
+    n = len(spread)
+    if logs > 2 * n:
+        return spread
+    share = n / (n + logs - 1)
     shrunk: Floats = (1.0 - share) * spread + share * np.diag(np.diag(spread))
     return shrunk
 

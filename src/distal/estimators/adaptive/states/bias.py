@@ -45,7 +45,8 @@ class SensorBias(State):
     @property
     def stds(self) -> Floats:
         """Bias and linearity together."""
-        return np.array([float(np.hypot(self.sensor.bias.std, np.sqrt(systematic_variance(self.sensor))))])
+        own = self.setup.bias_std(self.sensor)
+        return np.array([float(np.hypot(own, np.sqrt(systematic_variance(self.sensor))))])
 
     @property
     def _wanders(self) -> bool:

@@ -60,13 +60,13 @@ class Linearity(State):
     @cached_property
     def stds(self) -> Floats:
         """Prior standard deviations of the weights [m, rad]; none where the sensor has no systematic error."""
-        sensor = self.sensor
+        sensor, bias = self.sensor, self.setup.bias_std(self.sensor)
         if sensor.linearity == 0.0:
-            return np.array([sensor.bias.std]) if sensor.bias.std > 0.0 else np.zeros(0)
+            return np.array([bias]) if bias > 0.0 else np.zeros(0)
         shape = np.exp(-0.5 * (np.arange(BASIS) / SMOOTHNESS) ** 2)
         shape /= np.sqrt(shape[0] ** 2 + 0.5 * np.sum(shape[1:] ** 2))
         stds: Floats = LINEARITY_PRIOR * sensor.linearity * shape
-        stds[0] = np.hypot(stds[0], sensor.bias.std)
+        stds[0] = np.hypot(stds[0], bias)
         return stds
 
     @cached_property

@@ -162,9 +162,9 @@ def hand_log(seed: int) -> Log:
             )
         angles[k] = angle
     measured = {}
-    for name in motors:
-        measured[f"{name}_angle"] = motors[name] + 0.02 + 3e-4 * rng.normal(size=len(time))
-        measured[f"{name}_torque"] = torques[name] + 4e-3 * rng.normal(size=len(time))
+    for name, side in (("flexor", 1.0), ("extensor", -1.0)):  # a motor on side −1 winds as it turns to −
+        measured[f"{name}_angle"] = side * motors[name] + 0.02 + 3e-4 * rng.normal(size=len(time))
+        measured[f"{name}_torque"] = side * torques[name] + 4e-3 * rng.normal(size=len(time))
     return Log(time, measured, {"theta": angles + np.deg2rad(0.05) * rng.normal(size=len(time))}, f"hand {seed}")
 
 

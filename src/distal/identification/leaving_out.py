@@ -1,0 +1,126 @@
+"""Each log left out once: how the rig that the others teach does on it, beside the rig as it came and `affine`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from distal.errors import DistalError
+from distal.estimators.affine import NORMAL
+from distal.identification.affine import AffineFit
+from distal.identification.discrepancy import filtered, learned_from
+from distal.identification.discrepancy_learning import Errors, errors_of
+from distal.logs import Log, shown
+from distal.rig import Rig
+from distal.running import estimate
+
+MOST_LEFT_OUT = 6
+"""So many logs are left out at most, spread over all: each costs a fit of the others."""
+
+CLEARLY = 1.1
+"""`affine` is said to do better where the error of `adaptive` is this many times larger."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """How an estimator did on a log.
+
+    Args:
+        rms: error [rad].
+        inside: share of samples inside the 95 % band.
+    """
+
+    rms: float
+    inside: float
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One log that was left out.
+
+    Args:
+        log: its name.
+        fitted: `adaptive` with what the other logs teach.
+        before: `adaptive` with the rig as it came; None where it cannot run.
+        affine: `affine` with what the other logs teach; None where it has no map.
+    """
+
+    log: str
+    fitted: Score
+    before: Score | None
+    affine: Score | None
+
+
+def leave_out(
+    logs: Sequence[Log],
+    every: Sequence[Log],
+    start: Rig,
+    refitted: Callable[[Sequence[Log]], Rig],
+    affine: AffineFit,
+    homing: float | None,
+) -> tuple[tuple[Compared, ...], list[Errors]]:
+    """Return how each log is estimated by what the others teach, and the errors that `adaptive` makes of it.
+
+    Nothing of a log that is left out is used: not in the rig's numbers, not in the discrepancy, its terms or its size.
+
+    Args:
+        logs: with truth.
+        every: all logs of the fit.
+        start: the rig as it came.
+        refitted: returns the rig that some logs teach, without a discrepancy.
+        affine: what all logs teach, with its own scores on logs left out.
+        homing: length of the homing move [s], or None.
+    """
+    count = min(len(logs), MOST_LEFT_OUT)
+    compared, errors = [], []
+    straight = {one.log: Score(one.rms, one.inside) for one in affine.left_out}
+    for i in np.unique(np.linspace(0, len(logs) - 1, count).round().astype(int)):
+        out = logs[i]
+        rig = refitted([log for log in every if log is not out])
+        data, _ = filtered([*(log for log in logs if log is not out), out], rig, homing, False)
+        seen = [one for one in data if one.source != out.source]
+        own = [one for one in data if one.source == out.source]
+        if not seen or not own:
+            continue
+        made = learned_from(seen, rig, homing, scored=False).discrepancy
+        parts = errors_of(made, own[0], homing)
+        errors.append(parts)
+        name = shown(out.source)
+        compared.append(Compared(name, _score(parts), _as_it_came(out, start, homing), straight.get(name)))
+    return tuple(compared), errors
+
+
+def _score(parts: Errors) -> Score:
+    error = np.concatenate([part[0] for part in parts])
+    std = np.sqrt(np.concatenate([part[1] + part[2] for part in parts]))
+    return Score(float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error) <= NORMAL * std)))
+
+
+def _as_it_came(log: Log, rig: Rig, homing: float | None) -> Score | None:
+    try:
+        result = estimate(log, rig, compiled=False, homing=homing)
+    except DistalError:
+        return None
+    return Score(result.rms_error(), result.inside_band())
+
+
+def verdict(compared: Sequence[Compared]) -> str:
+    """Return which estimator did better on logs left out, in a sentence; empty where none was left out.
+
+    Args:
+        compared: the logs.
+    """
+    if not compared:
+        return ""
+    ours = float(np.mean([one.fitted.rms for one in compared]))
+    known = [one.affine.rms for one in compared if one.affine is not None]
+    said = f"on logs left out adaptive errs by {np.rad2deg(ours):.3f}° (mean RMS)"
+    if not known:
+        return said
+    other = float(np.mean(known))
+    said += f", affine by {np.rad2deg(other):.3f}°"
+    if ours > CLEARLY * other:
+        said += "; on this rig affine does better: estimate with -e affine"
+    return said

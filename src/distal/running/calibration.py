@@ -1,0 +1,109 @@
+"""Homing with a discrepancy: what the homing move tells of the rig's numbers first, then of what the model leaves."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators import AdaptiveFilter, Belief
+from distal.estimators.discrepancy import Samples, homed
+from distal.logs import Log, frozen
+
+Floats = NDArray[np.float64]
+
+PASSES = 2
+"""So often is the window filtered: each pass begins where the last one left the rig's numbers, with their stds anew."""
+
+
+def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats) -> Samples:
+    """Return what a filter makes of a log without a correction, and what it read.
+
+    Args:
+        runner: the filter.
+        start: what it believes before the first sample.
+        log: the log.
+        samples: values of its channels, (k, n_channels).
+        truths: true angles [rad], NaN where not known, (k, n_joints).
+    """
+    rows, last = runner.checked_rows(start, log.time, samples)
+    carries, _ = runner.kernel.scan(start.carry, rows, runner.numbers)
+    carries, n, nj = carries[last], start.size, truths.shape[1]
+    angles, variances = carries[:, :nj].copy(), carries[:, n : n + n * nj : n + 1].copy()
+    if runner.discrepancy is not None:
+        correction = carries[:, runner.own_memory : runner.own_memory + 2 * nj]
+        angles -= correction[:, :nj]
+        variances -= correction[:, nj:]
+    readings = [
+        carries[:, place] if place is not None else held(samples[:, i]) for i, place in enumerate(runner.places)
+    ]
+    interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
+    return Samples(log.source, log.time - log.time[0], np.column_stack(readings), angles, variances, truths, interval)
+
+
+def held(values: Floats) -> Floats:
+    """Return the values, each missing one replaced by the last before it, the first ones by the first that is there.
+
+    Args:
+        values: NaN where missing, (k,).
+    """
+    there = np.isfinite(values)
+    last = np.maximum.accumulate(np.where(there, np.arange(len(values)), -1))
+    kept: Floats = values[np.where(last >= 0, last, int(np.argmax(there)))]
+    return kept
+
+
+def numbers_homed(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, homing: float) -> Belief:
+    """Return a belief before the first sample with the rig's numbers as a homing move tells them.
+
+    The filter reads the reference over the window. Where its numbers then are is where it begins again, `PASSES` times, so
+    that what it linearises is linearised there. Their covariance is that after the last pass.
+
+    Args:
+        runner: the filter, with the reference among its channels.
+        start: what it believes before the first sample.
+        log: the log.
+        samples: values of its channels, the reference known within the window only, (k, n_channels).
+        homing: length of the window [s].
+    """
+    until = int(np.searchsorted(log.time - log.time[0], homing))
+    lasting, n = np.flatnonzero(runner.states.lasting), start.size
+    square = np.ix_(lasting, lasting)
+    carry = start.carry.copy()
+    for _ in range(PASSES):
+        begun = Belief(start.time, frozen(carry), n)
+        rows, _ = runner.checked_rows(begun, log.time[:until], samples[:until])
+        carries, _ = runner.kernel.scan(begun.carry, rows, runner.numbers)
+        after = carries[-1]
+        if not np.isfinite(after[: n + n * n]).all():
+            return start
+        carry = start.carry.copy()
+        carry[lasting] = after[lasting]
+    covariance = carry[n : n + n * n].reshape(n, n)
+    covariance[square] = after[n : n + n * n].reshape(n, n)[square]
+    return Belief(start.time, frozen(carry), n)
+
+
+def calibrated(
+    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float
+) -> tuple[AdaptiveFilter, Belief, Floats, float]:
+    """Return filter, first belief and samples of a run after its homing move, and how surprising the move was.
+
+    The run itself reads no reference: over the window, what its angle errs by is what the discrepancy learns.
+
+    Args:
+        runner: a filter with a discrepancy, the reference among its channels.
+        start: what it believes before the first sample.
+        log: the log.
+        samples: values of its channels, the reference known within the window only, (k, n_channels).
+        truths: true angles [rad], NaN where not known, (k, n_joints).
+        homing: length of the window [s].
+    """
+    assert runner.discrepancy is not None
+    begun = numbers_homed(runner, start, log, samples, homing)
+    unaided = samples.copy()
+    unaided[:, len(runner.discrepancy.channels) :] = np.nan
+    early = log.time - log.time[0] < homing
+    plain = plain_samples(runner, begun, log, unaided, np.where(early[:, None], truths, np.nan))
+    discrepancy, surprise = homed(runner.discrepancy, plain, early)
+    taught = runner.with_discrepancy(discrepancy)
+    return taught, begun, unaided, surprise

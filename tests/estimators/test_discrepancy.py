@@ -1,0 +1,244 @@
+"""What is learned of the model's error: the correction and its band against a naive copy, its range, homing, refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from distal import LiveEstimator, Log, Rig, estimate, estimate_batch, load_rig, make_estimator, smooth
+from distal.errors import EstimationError, RigError
+from distal.estimators import AdaptiveFilter
+from distal.estimators.discrepancy import Samples, design, homed
+from distal.export.source import c_filter
+from distal.identification.fitted_file import fitted_text
+from distal.identification.fitted_file import plain as table_of
+from distal.logs import write_log
+from distal.rig import AffineJoint, Discrepancy, build_rig, parse_toml
+from distal.running import samples_of
+from tests.export.test_export import build, needs_compiler, replayed
+
+Floats = NDArray[np.float64]
+
+TERMS = (
+    "1",
+    "motor_angle",
+    "motor_angle*motor_torque",
+    "play(motor_torque)",
+    "motor_torque*abs(motor_torque)",
+    "angle(jaw)",
+)
+
+
+@pytest.fixture(scope="module")
+def plain() -> Rig:
+    return load_rig("capstan-joint")
+
+
+def made(own: float = 0.5) -> Discrepancy:
+    """Return a discrepancy with all kinds of terms, its numbers drawn."""
+    rng = np.random.default_rng(8)
+    root = 0.004 * rng.normal(size=(6, 6))
+    covariance = root @ root.T
+    return Discrepancy(
+        terms=TERMS,
+        channels=("motor_angle", "motor_torque"),
+        centre=(0.05, 0.01, 0.02),
+        scale=(0.3, 0.04, 0.2),
+        low=(-0.5, -0.1, -0.4),
+        high=(0.6, 0.12, 0.5),
+        rate=(0.8, 0.3, 0.5),
+        play=0.4,
+        distance=((1.2, 0.3), (0.3, 0.9)),
+        reach=2.2,
+        correlation_time=0.1,
+        own=own,
+        spread=(0.03,),
+        logs=7,
+        joints=(
+            AffineJoint(
+                joint="jaw",
+                coefficients=(0.01, -0.02, 0.015, 0.02, -0.01, -0.3),
+                covariance=tuple(tuple(map(float, row)) for row in covariance),
+                std=0.006,
+            ),
+        ),
+    )
+
+
+@pytest.fixture(scope="module")
+def rig(plain: Rig) -> Rig:
+    return plain.with_values({"discrepancy": made().model_dump()})
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    """A motion beyond the learned range, with torques missing for a while."""
+    time = np.arange(0.0, 2.0, 0.005)
+    angle = 0.9 * np.sin(2 * np.pi * 0.7 * time)
+    torque = 0.08 * np.sin(2 * np.pi * 0.7 * time + 0.4) + 0.02 * np.sin(15 * time)
+    torque[100:130] = np.nan
+    return Log(time, {"motor_angle": angle, "motor_torque": torque}, {"theta": 0.6 * angle})
+
+
+def naive(
+    d: Discrepancy, place: Floats, torque: Floats, angle: Floats, own: Floats, dt: float
+) -> tuple[Floats, Floats]:
+    """Return δ and the variance of the corrected angle, sample by sample, from docs/discrepancy.md."""
+    b, covariance, std = np.array(d.joints[0].coefficients), np.array(d.joints[0].covariance), d.joints[0].std
+    low, high, centre, scale = (np.array(x) for x in (d.low, d.high, d.centre, d.scale))
+    half = (high - low) / 2
+    held, age, play = d.centre[1], 1e6, None
+    deltas, variances = [], []
+    for s, u, theta, variance in zip(place, torque, angle, own):
+        held, age = (u, 0.0) if np.isfinite(u) else (held, age + dt)
+        raw = np.array([s, held, theta])
+        x, y, a = (np.clip(raw, low - 0.5 * half, high + 0.5 * half) - centre) / scale
+        play = y if play is None else min(max(play, y - d.play), y + d.play)
+        phi = np.array([1.0, x, x * y, play, y * abs(y), a])
+        z = (raw[:2] - centre[:2]) / scale[:2]
+        far = max(
+            0.0, np.sqrt(z @ np.array(d.distance) @ z) / d.reach - 1.0, *((low - raw) / half), *((raw - high) / half)
+        )
+        total = phi @ covariance @ phi + std**2 + far**2 * (std**2 + d.spread[0] ** 2)
+        inside = low[2] - 0.5 * half[2] < theta < high[2] + 0.5 * half[2]
+        total += (d.own * (1.0 + (b[5] / scale[2] if inside else 0.0))) ** 2 * variance
+        if age > 0.0:
+            step = 1e-6
+            ends = []
+            for moved in (held - step, held + step):
+                m = (np.clip(moved, low[1] - 0.5 * half[1], high[1] + 0.5 * half[1]) - centre[1]) / scale[1]
+                p = min(max(play, m - d.play), m + d.play) if abs(abs(y - play) - d.play) < 1e-12 else play
+                ends.append(b[2] * x * m + b[3] * p + b[4] * m * abs(m))
+            total += ((ends[1] - ends[0]) / (2 * step) * min(d.rate[1] * age, 2 * half[1])) ** 2
+        deltas.append(float(phi @ b))
+        variances.append(float(total))
+    return np.array(deltas), np.array(variances)
+
+
+def test_the_correction_and_its_band(plain: Rig, rig: Rig, log: Log) -> None:
+    """Against a naive copy: inside the range and beyond it, with readings there and missing."""
+    bare, corrected = estimate(log, plain, compiled=False), estimate(log, rig, compiled=False)
+    runner = AdaptiveFilter(plain, compiled=False)
+    samples = samples_of(log, runner.channels)
+    belief = runner.initial(log.time[0], samples[0])
+    rows, last = runner.checked_rows(belief, log.time, samples)
+    place = runner.kernel.scan(belief.carry, rows, runner.numbers)[0][last][:, runner.places[0]]
+    deltas, variances = naive(made(), place, log.channels["motor_torque"], bare.theta, bare.theta_std**2, 0.005)
+    np.testing.assert_allclose(corrected.theta - bare.theta, deltas, rtol=0, atol=1e-12)
+    there = np.ones(len(log), dtype=bool)
+    # where the play turns over while the reading is missing its slope has two values
+    there[100:130] = np.abs(corrected.theta_std**2 / variances - 1.0)[100:130] < 0.9
+    np.testing.assert_allclose(corrected.theta_std[there] ** 2, variances[there], rtol=1e-6)
+    whole = {**log.channels, "motor_torque": np.nan_to_num(log.channels["motor_torque"], nan=0.05)}
+    known = estimate(Log(log.time, whole, log.truth), rig, compiled=False)
+    assert corrected.theta_std[128] > 1.2 * known.theta_std[128]  # a torque that is missing is not told as known
+
+
+def test_the_filters_own_state_goes_on_without_it(plain: Rig, rig: Rig, log: Log) -> None:
+    bare, corrected = estimate(log, plain, compiled=False), estimate(log, rig, compiled=False)
+    np.testing.assert_allclose(corrected.means[:, 1:], bare.means[:, 1:], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(corrected.innovations, bare.innovations, rtol=0, atol=1e-11)
+    assert corrected.covariances is not None
+    assert bare.covariances is not None
+    np.testing.assert_allclose(corrected.covariances[:, 1:, :], bare.covariances[:, 1:, :], rtol=0, atol=1e-11)
+
+
+def test_sample_by_sample_live_and_in_a_batch(rig: Rig, log: Log) -> None:
+    whole = estimate(log, rig, compiled=False)
+    runner = make_estimator("adaptive", rig, compiled=False)
+    live, samples = LiveEstimator(rig, runner), samples_of(log, runner.channels)
+    belief = runner.initial(log.time[0], samples[0])
+    for k, (time, sample) in enumerate(zip(log.time, samples)):
+        belief, _ = runner.step(belief, time, sample)
+        assert live.step(time, sample) == whole.theta[k]
+        assert live.angle_std == pytest.approx(whole.theta_std[k], rel=1e-14)
+    np.testing.assert_array_equal(belief.mean, whole.means[-1])
+    both = list(estimate_batch([log, log], rig, compiled=False))
+    np.testing.assert_allclose(both[1].theta, whole.theta, rtol=0, atol=1e-12)
+
+
+@needs_compiler
+@pytest.mark.parametrize("single", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_in_c(rig: Rig, log: Log, single: bool, tmp_path: Path) -> None:
+    """The exported filter has the correction too."""
+    write_log(log, rig, tmp_path / "log.csv")
+    rows = replayed(build(c_filter(rig, "adaptive", single), tmp_path, "-O2"), tmp_path / "log.csv")
+    known = estimate(log, rig, compiled=False)
+    tolerance = np.deg2rad(0.02) if single else 1e-9
+    np.testing.assert_allclose(rows[:, 1], known.theta, atol=tolerance)
+    np.testing.assert_allclose(rows[:, 2], known.theta_std, atol=tolerance)
+
+
+def test_the_smoother_adds_the_same(plain: Rig, rig: Rig, log: Log) -> None:
+    bare, corrected = (smooth(log, each, compiled=False) for each in (plain, rig))
+    filtered = estimate(log, rig, compiled=False).theta - estimate(log, plain, compiled=False).theta
+    np.testing.assert_allclose(corrected.theta - bare.theta, filtered, rtol=0, atol=1e-10)
+
+
+def drawn(rng: np.random.Generator, b: Floats, d: Discrepancy) -> Samples:
+    """Return a run whose angle errs by the terms with coefficients b, and white noise."""
+    time = np.arange(0.0, 4.0, 0.01)
+    readings = np.column_stack([0.4 * np.sin(3 * time), 0.08 * np.cos(5 * time)])
+    angles = (0.3 * np.sin(3 * time + 0.2))[:, None]
+    run = Samples("run", time, readings, angles, np.full_like(angles, 1e-6), angles, 0.01)
+    left = design(d, run) @ b + d.joints[0].std * rng.normal(size=len(time))
+    return Samples("run", time, readings, angles, np.full_like(angles, 1e-6), angles + left[:, None], 0.01)
+
+
+def test_homing_is_bayes_rule() -> None:
+    """With white errors: the posterior of a linear Gaussian model, by its normal equations."""
+    d = made().model_copy(update={"correlation_time": 0.01})
+    rng = np.random.default_rng(3)
+    own = d.joints[0]
+    b = rng.multivariate_normal(np.array(own.coefficients), np.array(own.covariance))
+    run = drawn(rng, b, d)
+    window = run.time < 1.0
+    after, surprise = homed(d, run, window)
+    x, y = design(d, run)[window], (run.truths - run.angles)[window, 0]
+    prior = np.linalg.inv(np.array(own.covariance))
+    information = prior + x.T @ x / own.std**2
+    mean = np.linalg.solve(information, prior @ np.array(own.coefficients) + x.T @ y / own.std**2)
+    np.testing.assert_allclose(after.joints[0].coefficients, mean, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(after.joints[0].covariance, np.linalg.inv(information), rtol=1e-5, atol=1e-12)
+    assert surprise < 3.0
+    # an angle that is off by far more than any log was makes the prior count less
+    far = Samples(**{**run.__dict__, "truths": run.truths + 0.5})
+    widened, surprise = homed(d, far, window)
+    assert surprise > 3.0
+    left = design(d, far) @ np.array(widened.joints[0].coefficients) - (far.truths - far.angles)[:, 0]
+    assert np.sqrt(np.mean(left[window] ** 2)) < 2 * own.std
+
+
+def test_it_is_written_and_read(plain: Rig, rig: Rig) -> None:
+    text = fitted_text(rig, plain, {"discrepancy": table_of(made().model_dump())}, "", None)
+    assert build_rig(parse_toml(text, "again", RigError), "again") == rig
+
+
+def test_refusals(plain: Rig, rig: Rig) -> None:
+    raw = made().model_dump()
+    for change, said in (
+        ({"terms": ("1", "motor_angel")}, "'motor_angel' is no variable"),
+        ({"low": (0.0, 0.0)}, "low must have 3 entries"),
+        ({"low": (9.0, 9.0, 9.0)}, "low must not be above high"),
+        ({"scale": (1.0, 0.0, 1.0)}, "every scale must be positive"),
+        (
+            {"channels": ("motor_angle", "torque"), "terms": (*TERMS[:2], *["torque"] * 4)},
+            "no sensor is called 'torque'",
+        ),
+        ({"spread": (0.1, 0.1)}, "spread must have 1 entries"),
+        ({"terms": ("1",)}, "1 coefficients are needed"),
+    ):
+        with pytest.raises(RigError, match=said):
+            plain.with_values({"discrepancy": {**raw, **change}})
+    swapped = rig.model_dump()
+    swapped["sensors"] = [one for one in swapped["sensors"] if one["name"] != "motor_torque"]
+    with pytest.raises(RigError, match="no sensor is called 'motor_torque'"):
+        build_rig(swapped, "swapped")
+    fewer = {**raw, "channels": ("motor_torque", "motor_angle")}
+    with pytest.raises(
+        EstimationError, match=r"was learned from the sensors motor_torque, motor_angle.*learn it again"
+    ):
+        make_estimator("adaptive", plain.with_values({"discrepancy": {**fewer, "terms": TERMS}}), compiled=False)
