@@ -47,7 +47,7 @@ def paper_rig(plant: str) -> Rig:
     values = dict(WINDOW)
     if plant == "no linearity error":
         values |= PLANTS[plant]
-    return load_rig("paper-2008").with_values(values)
+    return load_rig("paper-2008-printed").with_values(values)
 
 
 def _points(rng: np.random.Generator, every: tuple[float, float], low: float, high: float) -> list[list[float]]:
@@ -96,7 +96,7 @@ def scenario(kind: str, plant: str, seed: int) -> Scenario:
     # the filter takes 0 ± 3° for the start
     start = {"link": float(np.deg2rad(np.clip(rng.normal(0, 3), -6, 6)))}
     raw = {
-        "rig": "paper-2008",
+        "rig": "paper-2008-printed",
         "duration": DURATION,
         "plant": PLANTS[plant],
         "drives": drives,

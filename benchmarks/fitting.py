@@ -27,7 +27,7 @@ START = Path("examples/da_vinci/start.toml")
 
 def start_rig() -> Rig:
     """Return the paper's rig in a wide window; its preload is known, so that friction has one unknown."""
-    return load_rig("paper-2008").with_values({**WINDOW, "joints.0.friction.preload.std": 0.0})
+    return load_rig("paper-2008-printed").with_values({**WINDOW, "joints.0.friction.preload.std": 0.0})
 
 
 def drawn_plant(seed: int) -> tuple[dict[str, Any], tuple[float, float, float]]:

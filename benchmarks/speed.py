@@ -102,7 +102,7 @@ def emitters() -> None:
         for what, taken in zip(ways, least):
             rows.append([name, what, f"{taken:.2f}", f"{least[0] / taken:.2f}"])
     columns = ["estimator", "C", "per sample and run [µs]", "times as fast as CasADi's"]
-    table("emitters", "Whole logs in one thread, paper-2008", columns, rows)
+    table("emitters", "Whole logs in one thread, paper-2008-printed", columns, rows)
 
 
 def main() -> None:
@@ -142,7 +142,7 @@ def everything() -> None:
     for workers in (1, 2):
         taken = batch_time(rig, logs, 1000, workers)
         found.append((f"adaptive, batch of 1000 logs, {workers} worker{'s'[: workers - 1]}", taken, None))
-    mechanism = Mechanism(load_rig("paper-2008"))
+    mechanism = Mechanism(load_rig("paper-2008-printed"))
     count = substeps(mechanism, 0.01)
     for compiled in (True, False) if compiles else (False,):
         kernel = Kernel(plant_function(mechanism, count), compiled)
@@ -164,7 +164,7 @@ def everything() -> None:
         for name, median, high in found
     ]
     columns = ["what", "median [µs]", "99 % [µs]", "ratio to the first"]
-    table("speed", "One sample of 10 ms on paper-2008", columns, rows)
+    table("speed", "One sample of 10 ms on paper-2008-printed", columns, rows)
     picture([(name, median) for name, median, _ in found])
     processes()
 
@@ -190,7 +190,7 @@ def processes() -> None:
             ("compared with the truth, five estimators, warm cache", path, {}),
             ("the same, without a compiler", path, {"DISTAL_COMPILE": "0"}),
         ):
-            command = [sys.executable, "-m", "distal", "estimate", str(file), "--rig", "paper-2008", *settings]
+            command = [sys.executable, "-m", "distal", "estimate", str(file), "--rig", "paper-2008-printed", *settings]
             taken = []
             for _ in range(6):
                 start = time.perf_counter()

@@ -1,7 +1,7 @@
 """Which time step: free-run error of the joint angle against a tight reference, and cost, by scheme and sub-steps.
 
-`python -m benchmarks.stepping` (part of `make bench`). The rig is `paper-2008`, 3 s with steps of the load, sampled every
-10 ms. The reference is the same friction and stop law with a step of 0.2 µs.
+`python -m benchmarks.stepping` (part of `make bench`). The rig is `paper-2008-printed`, 3 s with steps of the load,
+sampled every 10 ms. The reference is the same friction and stop law with a step of 0.2 µs.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ SCHEMES = {
 
 def rig(stops: list[str]) -> Rig:
     """Return the paper's rig with other stops."""
-    return load_rig("paper-2008").with_values({"drives.0.stops": stops, "drives.1.stops": stops})
+    return load_rig("paper-2008-printed").with_values({"drives.0.stops": stops, "drives.1.stops": stops})
 
 
 def main() -> None:

@@ -48,7 +48,7 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 @pytest.fixture(scope="session")
 def paper_rig() -> Rig:
-    return load_rig("paper-2008")
+    return load_rig("paper-2008-printed")
 
 
 @pytest.fixture(scope="session")

@@ -70,7 +70,7 @@ def refused(ran: subprocess.CompletedProcess[str]) -> str:
 )
 def test_odd_values_of_a_rig(assignment: str) -> None:
     with pytest.raises(RigError) as caught:
-        load_rig("paper-2008", [assignment])
+        load_rig("paper-2008-printed", [assignment])
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 700
 
@@ -123,7 +123,7 @@ def test_odd_calls(log: Path, paper_rig) -> None:
     for words in ({"passes": 1.5}, {"passes": "a"}, {"estimator": None}, {"estimator": 3}, {"truth": "zz"}):
         with pytest.raises(DistalError):
             estimate(read, paper_rig, **words)  # type: ignore[arg-type]
-    for name, rig in (([], paper_rig), (None, paper_rig), ("ekf", "paper-2008")):
+    for name, rig in (([], paper_rig), (None, paper_rig), ("ekf", "paper-2008-printed")):
         with pytest.raises(DistalError):
             make_estimator(name, rig)  # type: ignore[arg-type]
 
@@ -187,16 +187,16 @@ def test_odd_csv(tmp_path: Path, paper_rig, text: str, said: str) -> None:
 
 
 def test_inputs_are_not_overwritten(run, log: Path, tmp_path: Path) -> None:  # noqa: F811
-    refused_here(run("estimate", log, "--rig", "paper-2008", "--out", log), "is an input")
+    refused_here(run("estimate", log, "--rig", "paper-2008-printed", "--out", log), "is an input")
     assert log.read_text() == GOOD
     both = tmp_path / "both.svg"
-    refused_here(run("estimate", log, "--rig", "paper-2008", "--out", both, "--plot", both), "asked for twice")
+    refused_here(run("estimate", log, "--rig", "paper-2008-printed", "--out", both, "--plot", both), "asked for twice")
 
 
 def test_nothing_is_written_by_a_command_that_fails(run, log: Path, tmp_path: Path) -> None:  # noqa: F811
     out = tmp_path / "out.csv"
     for plot in ("p.xyz", "p", "none/p.png"):
-        refused_here(run("estimate", log, "--rig", "paper-2008", "--out", out, "--plot", tmp_path / plot))
+        refused_here(run("estimate", log, "--rig", "paper-2008-printed", "--out", out, "--plot", tmp_path / plot))
         assert not out.exists()
 
 
@@ -204,10 +204,10 @@ def test_nothing_is_written_by_a_command_that_fails(run, log: Path, tmp_path: Pa
 def test_names_that_are_too_long(log: Path) -> None:
     long = "x" * 400
     for words in (
-        ("estimate", long, "--rig", "paper-2008"),
+        ("estimate", long, "--rig", "paper-2008-printed"),
         ("estimate", log, "--rig", long),
-        ("estimate", log, "--rig", "paper-2008", "--out", long),
-        ("estimate", log, "--rig", "paper-2008", "--truth", long),
+        ("estimate", log, "--rig", "paper-2008-printed", "--out", long),
+        ("estimate", log, "--rig", "paper-2008-printed", "--truth", long),
         ("scenario", "show", long),
         ("rig", "new", long),
     ):
@@ -215,7 +215,7 @@ def test_names_that_are_too_long(log: Path) -> None:
 
 
 def test_odd_terminals(log: Path) -> None:
-    ascii_only = cli("estimate", log, "--rig", "paper-2008", PYTHONUTF8="0", PYTHONIOENCODING="ascii")
+    ascii_only = cli("estimate", log, "--rig", "paper-2008-printed", PYTHONUTF8="0", PYTHONIOENCODING="ascii")
     assert ascii_only.returncode == 0, ascii_only.stderr
     full = subprocess.run(
         ["bash", "-c", f"'{sys.executable}' -c 'from distal.cli import main; main()' rigs > /dev/full"],
@@ -229,7 +229,7 @@ def test_odd_terminals(log: Path) -> None:
 
 @pytest.mark.slow  # the same within this process: test_a_compiler_that_is_no_command
 def test_odd_compilers(log: Path, tmp_path: Path) -> None:
-    odd = cli("estimate", log, "--rig", "paper-2008", CC='"x', DISTAL_CACHE=str(tmp_path / "c"))
+    odd = cli("estimate", log, "--rig", "paper-2008-printed", CC='"x', DISTAL_CACHE=str(tmp_path / "c"))
     assert odd.returncode == 0
     assert odd.stderr.startswith("warning: kernels are interpreted")
 
@@ -238,7 +238,7 @@ def test_odd_compilers(log: Path, tmp_path: Path) -> None:
 def test_titles_are_plain_text(log: Path, tmp_path: Path) -> None:
     for i, name in enumerate(("cost $x^$", "日本語", "a" * 3000)):
         plot = tmp_path / f"{i}.png"
-        ran = cli("estimate", log, "--rig", "paper-2008", "--plot", plot, "--set", f'name="{name}"')
+        ran = cli("estimate", log, "--rig", "paper-2008-printed", "--plot", plot, "--set", f'name="{name}"')
         assert ran.returncode == 0
         assert "Traceback" not in ran.stderr
         assert "Glyph" not in ran.stderr
@@ -251,10 +251,10 @@ DISTAL = f"'{sys.executable}' -c 'from distal.cli import main; main()'"
 @pytest.mark.parametrize(
     ("source", "tail"),
     [
-        pytest.param("cat log.csv", "estimate /dev/stdin --rig paper-2008 --truth u1", marks=pytest.mark.slow),
+        pytest.param("cat log.csv", "estimate /dev/stdin --rig paper-2008-printed --truth u1", marks=pytest.mark.slow),
         pytest.param("cat rig.toml", "rig show /dev/stdin --set joints.0.inertia=1"),
         pytest.param(
-            f"{DISTAL} rig show paper-2008",
+            f"{DISTAL} rig show paper-2008-printed",
             "rig show /dev/stdin --set joints.0.inertia=1",
             marks=pytest.mark.slow,
         ),
@@ -262,7 +262,7 @@ DISTAL = f"'{sys.executable}' -c 'from distal.cli import main; main()'"
     ids=["log", "rig", "rig that is shown"],
 )
 def test_pipes(log: Path, source: str, tail: str) -> None:
-    (log.parent / "rig.toml").write_text(rig_text("paper-2008")[0])
+    (log.parent / "rig.toml").write_text(rig_text("paper-2008-printed")[0])
     ran = subprocess.run(
         ["bash", "-c", f"{source} | {DISTAL} {tail}"],
         cwd=log.parent,

@@ -133,15 +133,16 @@ def iterated_update(
             weight, root, robust, shown = weigh(spread, innovation, values[5 * k + 4], counts)
             change = (weight * innovation) * across
             point = mean + change
-        for at in states.considered:
-            change[at] = 0
+        shares = states.gain_shares(row.drive, row.trusted)
+        for at, share in shares.items():
+            change[at] *= share
         if row.drive is not None:
             kept[row.drive] = after + _along(slope, change) if states.setup.declares_friction(row.drive) else after
         mean = mean + change
-        if states.considered:
+        if shares:
             gain = weight * across
-            for at in states.considered:
-                gain[at] = 0
+            for at, share in shares.items():
+                gain[at] *= share
             covariance = lowered(covariance, gain, across - (0.5 * robust) * gain, loops=False)
         else:
             covariance = lowered(covariance, root * across, None, loops=False)

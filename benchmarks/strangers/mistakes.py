@@ -127,7 +127,7 @@ def mistakes(rig: Rig, log: Log) -> Iterator[Mistake]:
             yield Mistake("a gear forgotten", drive.name, rig, scaled(log, factors), own)
 
 
-RIGS = ("paper-2008", "pulley-antagonist", "capstan-joint", "random")
+RIGS = ("paper-2008-printed", "pulley-antagonist", "capstan-joint", "random")
 
 
 def case(name: str, seed: int) -> tuple[Rig, Log]:
@@ -136,7 +136,7 @@ def case(name: str, seed: int) -> tuple[Rig, Log]:
         drawn = random_case(seed)
         return drawn.rig, drawn.log
     rng = np.random.default_rng([seed, TAG])
-    rig = wide_rig() if name == "paper-2008" else load_rig(name)
+    rig = wide_rig() if name == "paper-2008-printed" else load_rig(name)
     plant = drawn_plant(rig, seed, TAG)
     if name == "capstan-joint":
         servo = {

@@ -64,7 +64,7 @@ def run(case: str, seed: int) -> list[Record]:
         how, every, upper = KINDS[case]
         pulls = loads(rng, every, upper)
     raw = {
-        "rig": "paper-2008",
+        "rig": "paper-2008-printed",
         "name": f"{case}, seed {seed}",
         "duration": DURATION,
         "plant": plant,

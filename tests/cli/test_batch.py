@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from distal.cli.app import app
 from distal.errors import DistalError
 
-RIG = ["--rig", "paper-2008", "--set", 'joints.0.initial="-25 deg"']
+RIG = ["--rig", "paper-2008-printed", "--set", 'joints.0.initial="-25 deg"']
 
 
 @pytest.fixture(scope="module")

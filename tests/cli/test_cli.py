@@ -61,7 +61,7 @@ SET = (
 
 def test_simulate_then_estimate(run, log: Path, tmp_path: Path) -> None:
     out, plot = tmp_path / "est.csv", tmp_path / "est.png"
-    ran = run("estimate", log, "--rig", "paper-2008", "--out", out, "--plot", plot, *SET)
+    ran = run("estimate", log, "--rig", "paper-2008-printed", "--out", out, "--plot", plot, *SET)
     assert ran.code == 0
     assert ran.err == ""
     assert "800 samples, 0 to 7.99 s, 100 Hz" in ran.out
@@ -100,8 +100,8 @@ def test_the_same_from_python(run, log: Path, tmp_path: Path) -> None:
     import distal
 
     out = tmp_path / "est.parquet"
-    run("estimate", log, "--rig", "paper-2008", "--out", out, "--estimator", "ekf-2008", "--passes", 2, *SET)
-    rig = distal.load_rig("paper-2008", SET[1::2])
+    run("estimate", log, "--rig", "paper-2008-printed", "--out", out, "--estimator", "ekf-2008", "--passes", 2, *SET)
+    rig = distal.load_rig("paper-2008-printed", SET[1::2])
     result = distal.estimate(log, rig, "ekf-2008", passes=2)
     np.testing.assert_array_equal(pl.read_parquet(out)["theta"].to_numpy(), result.theta)
 
@@ -109,7 +109,7 @@ def test_the_same_from_python(run, log: Path, tmp_path: Path) -> None:
 def test_without_truth_one_estimate_and_no_errors(run, log: Path, tmp_path: Path) -> None:
     blind = tmp_path / "blind.csv"
     pl.read_csv(log).select("t", "x1", "x2", "u1", "u2").write_csv(blind)
-    ran = run("estimate", blind, "--rig", "paper-2008", *SET)
+    ran = run("estimate", blind, "--rig", "paper-2008-printed", *SET)
     assert ran.code == 0
     assert "error against truth" not in ran.out
     assert "95 % band" in ran.out
@@ -120,8 +120,8 @@ def test_truth_as_column_or_file(run, log: Path, tmp_path: Path) -> None:
     sensors, truth = tmp_path / "sensors.csv", tmp_path / "truth.csv"
     frame.select("t", "x1", "x2", "u1", "u2").write_csv(sensors)
     frame.select("t", theta="true_theta").write_csv(truth)
-    by_file = run("estimate", sensors, "--rig", "paper-2008", "--truth", truth, "--estimator", "ekf", *SET)
-    by_column = run("estimate", log, "--rig", "paper-2008", "--truth", "true_theta", "--estimator", "ekf", *SET)
+    by_file = run("estimate", sensors, "--rig", "paper-2008-printed", "--truth", truth, "--estimator", "ekf", *SET)
+    by_column = run("estimate", log, "--rig", "paper-2008-printed", "--truth", "true_theta", "--estimator", "ekf", *SET)
     assert by_file.code == by_column.code == 0
     assert by_file.out.splitlines()[6:] == by_column.out.splitlines()[6:]
     assert by_file.out.count("ekf") >= 1
@@ -131,7 +131,7 @@ def test_gaps_and_missing_values_are_named(run, log: Path, tmp_path: Path) -> No
     frame = pl.read_csv(log).with_columns(x1=pl.when(pl.col("t") < 0.055).then(None).otherwise(pl.col("x1")))
     holed = tmp_path / "holed.csv"
     frame.filter((pl.col("t") < 3) | (pl.col("t") > 3.5)).write_csv(holed)
-    ran = run("estimate", holed, "--rig", "paper-2008", *SET)
+    ran = run("estimate", holed, "--rig", "paper-2008-printed", *SET)
     assert "6 missing" in ran.out
     assert "1 gap, the longest 0.52 s at 2.99 s" in ran.out
 
@@ -164,7 +164,7 @@ def test_bad_input_is_one_line_and_exit_code_2(run, log: Path, tmp_path: Path) -
     for content, said in cases:
         bad = tmp_path / "bad.csv"
         bad.write_text(content)
-        refused(run("estimate", bad, "--rig", "paper-2008", "--out", out), "bad.csv", *said)
+        refused(run("estimate", bad, "--rig", "paper-2008-printed", "--out", out), "bad.csv", *said)
         assert out.read_text() == "precious"
 
 
@@ -174,20 +174,20 @@ def test_bad_rigs_and_options(run, log: Path, tmp_path: Path) -> None:
     cases = [
         (("estimate", log, "--rig", "paper-208"), ("unknown rig 'paper-208'; did you mean 'paper-2008'?",)),
         (
-            ("estimate", log, "--rig", "paper-2008", "--set", "drives.0.mass=-1"),
+            ("estimate", log, "--rig", "paper-2008-printed", "--set", "drives.0.mass=-1"),
             ("drives.0.mass", "positive", "-1 came"),
         ),
-        (("estimate", log, "--rig", "paper-2008", "--set", "drives.0.mss=1"), ("did you mean 'mass'?",)),
-        (("estimate", log, "--rig", "paper-2008", "--set", 'sensors.x1.unit="s"'), ("wrong dimension",)),
-        (("estimate", log, "--rig", "paper-2008", "--set", "sensors.u1.noise=0"), ("zero noise",)),
+        (("estimate", log, "--rig", "paper-2008-printed", "--set", "drives.0.mss=1"), ("did you mean 'mass'?",)),
+        (("estimate", log, "--rig", "paper-2008-printed", "--set", 'sensors.x1.unit="s"'), ("wrong dimension",)),
+        (("estimate", log, "--rig", "paper-2008-printed", "--set", "sensors.u1.noise=0"), ("zero noise",)),
         (
-            ("estimate", log, "--rig", "paper-2008", "--estimator", "efk"),
+            ("estimate", log, "--rig", "paper-2008-printed", "--estimator", "efk"),
             ("unknown estimator 'efk'; did you mean 'ekf",),
         ),
-        (("estimate", log, "--rig", "paper-2008", "--truth", "nothing"), ("neither a file nor a column",)),
-        (("estimate", log, "--rig", "paper-2008", "--out", missing), ("does not exist",)),
-        (("estimate", log, "--rig", "paper-2008", "--plot", tmp_path / "a.xyz"), ("cannot be 'xyz'",)),
-        (("estimate", tmp_path / "none.csv", "--rig", "paper-2008"), ("cannot be read",)),
+        (("estimate", log, "--rig", "paper-2008-printed", "--truth", "nothing"), ("neither a file nor a column",)),
+        (("estimate", log, "--rig", "paper-2008-printed", "--out", missing), ("does not exist",)),
+        (("estimate", log, "--rig", "paper-2008-printed", "--plot", tmp_path / "a.xyz"), ("cannot be 'xyz'",)),
+        (("estimate", tmp_path / "none.csv", "--rig", "paper-2008-printed"), ("cannot be read",)),
         (("estimate", log), ("--rig",)),
         (("estimate",), ("'LOG...'",)),
         (("simulate", "series-9", "--out", missing), ("unknown scenario",)),
@@ -195,7 +195,7 @@ def test_bad_rigs_and_options(run, log: Path, tmp_path: Path) -> None:
         (("simulate", "series-2", "--out", tmp_path), ("is a folder",)),
         (("rig", "check", "nothing"), ("unknown rig",)),
         (("nothing",), ("No such command",)),
-        (("estimate", log, "--rig", "paper-2008", "--passes", "0"), ("--passes",)),
+        (("estimate", log, "--rig", "paper-2008-printed", "--passes", "0"), ("--passes",)),
     ]
     for words, said in cases:
         refused(run(*words), *said)
@@ -206,7 +206,7 @@ def test_a_read_only_folder(run, log: Path, tmp_path: Path) -> None:
     folder.mkdir(mode=0o500)
     if os.geteuid() == 0:  # root may write everywhere but where nobody may
         folder = Path("/proc")
-    refused(run("estimate", log, "--rig", "paper-2008", *SET, "--out", folder / "out.csv"), "cannot be written")
+    refused(run("estimate", log, "--rig", "paper-2008-printed", *SET, "--out", folder / "out.csv"), "cannot be written")
 
 
 @pytest.mark.filterwarnings("default::distal.errors.DistalWarning")
@@ -214,12 +214,12 @@ def test_millimetres_are_a_warning(run, log: Path, tmp_path: Path) -> None:
     frame = pl.read_csv(log).with_columns(x1=pl.col("x1") * 1e3, x2=pl.col("x2") * 1e3)
     path = tmp_path / "mm.csv"
     frame.write_csv(path)
-    ran = run("estimate", path, "--rig", "paper-2008", "--estimator", "inextensible", *SET)
+    ran = run("estimate", path, "--rig", "paper-2008-printed", "--estimator", "inextensible", *SET)
     assert ran.code == 0
     assert "is the log in mm?" in ran.err
     assert all(line.startswith("warning:") for line in ran.err.splitlines())
     mended = run(
-        "estimate", path, "--rig", "paper-2008", "--estimator", "inextensible", *SET,
+        "estimate", path, "--rig", "paper-2008-printed", "--estimator", "inextensible", *SET,
         "--set", 'sensors.x1.unit="mm"', "--set", 'sensors.x2.unit="mm"',
     )  # fmt: skip
     assert mended.err == ""
@@ -227,16 +227,16 @@ def test_millimetres_are_a_warning(run, log: Path, tmp_path: Path) -> None:
 
 def test_rigs(run, tmp_path: Path) -> None:
     listed = run("rigs").out
-    for name in ("paper-2008", "paper-2008-soft", "paper-2008-observed", "pulley-antagonist", "capstan-joint"):
+    for name in ("paper-2008-printed", "paper-2008-soft", "paper-2008-observed", "pulley-antagonist", "capstan-joint"):
         assert name in listed
-    checked = run("rig", "check", "paper-2008")
+    checked = run("rig", "check", "paper-2008-printed")
     assert checked.code == 0
     assert "15 sub-steps per sample at 100 Hz" in checked.out
     new = tmp_path / "mine.toml"
     assert run("rig", "new", new).code == 0
     assert run("rig", "check", new).code == 0
     refused(run("rig", "new", new), "exists already")
-    shown = run("rig", "show", "paper-2008", "--set", "joints.0.friction.coefficient=0.4").out
+    shown = run("rig", "show", "paper-2008-printed", "--set", "joints.0.friction.coefficient=0.4").out
     (tmp_path / "shown.toml").write_text(shown)
     assert "0.4" in shown
     assert run("rig", "check", tmp_path / "shown.toml").code == 0

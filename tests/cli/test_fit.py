@@ -33,7 +33,9 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 @pytest.mark.slow
 def test_fit_writes_a_rig_that_the_other_commands_take(run, logs: list[Path], tmp_path: Path) -> None:  # noqa: F811
     out, report = tmp_path / "fitted.toml", tmp_path / "report"
-    ran = run("fit", *logs, "--rig", "paper-2008", *SET, *FREE, "--holdout", "log", "--out", out, "--report", report)
+    ran = run(
+        "fit", *logs, "--rig", "paper-2008-printed", *SET, *FREE, "--holdout", "log", "--out", out, "--report", report
+    )
     assert ran.code == 0, ran.err
     for said in ("tendons.*.stiffness", "fitted", "normalised innovations", "logs that were not fitted", "wrote"):
         assert said in ran.out
@@ -64,7 +66,18 @@ def test_the_name_of_a_log_does_not_end_a_fit(run, logs: list[Path], tmp_path: P
         pytest.skip("this file system has no such names")
     out, report = tmp_path / "fitted.toml", tmp_path / "report"
     ran = run(
-        "fit", odd, "--rig", "paper-2008", *SET, "--free", FREE[3], "--no-noise", "--out", out, "--report", report
+        "fit",
+        odd,
+        "--rig",
+        "paper-2008-printed",
+        *SET,
+        "--free",
+        FREE[3],
+        "--no-noise",
+        "--out",
+        out,
+        "--report",
+        report,
     )
     assert ran.code == 0, ran.err
     assert r"# caf\udce9\n<b>$x^$.csv" in out.read_text().splitlines()
@@ -72,7 +85,7 @@ def test_the_name_of_a_log_does_not_end_a_fit(run, logs: list[Path], tmp_path: P
 
 
 def test_what_cannot_be_fitted_is_one_line_and_nothing_is_written(run, logs: list[Path], tmp_path: Path) -> None:  # noqa: F811
-    out, rig = tmp_path / "fitted.toml", ("--rig", "paper-2008", *SET)
+    out, rig = tmp_path / "fitted.toml", ("--rig", "paper-2008-printed", *SET)
     out.write_text("what stood here")
     refused(run("fit", logs[0], logs[0], *rig, "--out", out), "came more than once")
     refused(run("fit", logs[0], *rig, "--free", "tendons.*.stifness", "--out", out), "there is no 'stifness'")
@@ -89,13 +102,17 @@ def test_what_cannot_be_fitted_is_one_line_and_nothing_is_written(run, logs: lis
 
 
 def test_homing_uses_the_reference_for_a_while(run, logs: list[Path], tmp_path: Path) -> None:  # noqa: F811
-    ran = run("estimate", logs[1], "--rig", "paper-2008", *SET, "--homing", "1s", "--out", tmp_path / "e.csv")
+    ran = run("estimate", logs[1], "--rig", "paper-2008-printed", *SET, "--homing", "1s", "--out", tmp_path / "e.csv")
     assert ran.code == 0
     assert "used for the first 1 s, compared with afterwards" in ran.out
     assert "consistent" in ran.out
     rig = start_rig()
     bare = without_truth(logs_of(rig, {}, 31, ("servo",), 3.0)[0])
     write_log(bare, rig, tmp_path / "bare.csv")
-    refused(run("estimate", tmp_path / "bare.csv", "--rig", "paper-2008", *SET, "--homing", "1s"), "homing needs")
-    refused(run("estimate", logs[1], "--rig", "paper-2008", *SET, "--homing", "99s"), "shorter than the log")
-    refused(run("estimate", logs[1], "--rig", "paper-2008", *SET, "--homing", "1s", "--smooth"), "give one of them")
+    refused(
+        run("estimate", tmp_path / "bare.csv", "--rig", "paper-2008-printed", *SET, "--homing", "1s"), "homing needs"
+    )
+    refused(run("estimate", logs[1], "--rig", "paper-2008-printed", *SET, "--homing", "99s"), "shorter than the log")
+    refused(
+        run("estimate", logs[1], "--rig", "paper-2008-printed", *SET, "--homing", "1s", "--smooth"), "give one of them"
+    )

@@ -29,8 +29,8 @@ from tests.cli.test_cli import refused, run  # noqa: F401
 
 LOG = "t,x1,u1,x2,u2\n" + "".join(f"{0.01 * i:.2f},{1e-4 * i},2.0,1e-3,2.0\n" for i in range(30))
 TRUTH = "t,theta\n0,0\n1,0.1\n"
-RIG = "# distal export-c\n" + rig_text("paper-2008")[0]
-SCENARIO = scenario_text("series-2")[0].replace('rig = "paper-2008"', 'rig = "{rig}"')
+RIG = "# distal export-c\n" + rig_text("paper-2008-printed")[0]
+SCENARIO = scenario_text("series-2")[0].replace('rig = "paper-2008-printed"', 'rig = "{rig}"')
 assert "{rig}" in SCENARIO
 
 Words = Callable[[dict[str, str], str], list[str]]
@@ -338,10 +338,10 @@ def test_where_case_does_not_matter_names_are_compared_so(
 
 
 def test_a_shipped_file_is_an_input_too(run, inputs: dict[str, str]) -> None:  # noqa: F811
-    rig = Path(str(resources.files("distal.rig") / "library" / "paper-2008.toml"))
+    rig = Path(str(resources.files("distal.rig") / "library" / "paper-2008-printed.toml"))
     scenario = Path(str(resources.files("distal.simulation") / "library" / "series-2.toml"))
     before = rig.read_bytes(), scenario.read_bytes()
-    refused(run("fit", inputs["log"], "--rig", "paper-2008", "--out", rig), "is an input")
+    refused(run("fit", inputs["log"], "--rig", "paper-2008-printed", "--out", rig), "is an input")
     refused(run("simulate", "series-2", "--out", scenario), "is an input")
     refused(run("simulate", "series-2", "--out", rig), "is an input")
     assert (rig.read_bytes(), scenario.read_bytes()) == before
@@ -477,9 +477,9 @@ def test_streams_that_the_shell_opened(inputs: dict[str, str], tmp_path: Path) -
     log = tmp_path / "in" / "log.csv"
     command = f"'{sys.executable}' -m distal"
     for words in (
-        f"stream --rig paper-2008 --record '{log}' < '{log}'",
-        f"stream --rig paper-2008 < '{log}' >> '{log}'",
-        f"estimate '{log}' --rig paper-2008 >> '{log}'",
+        f"stream --rig paper-2008-printed --record '{log}' < '{log}'",
+        f"stream --rig paper-2008-printed < '{log}' >> '{log}'",
+        f"estimate '{log}' --rig paper-2008-printed >> '{log}'",
         "simulate series-2 --out new.csv > new.csv",
         "simulate series-2 --out /dev/stdout > new.csv",
     ):

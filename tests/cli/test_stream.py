@@ -22,7 +22,7 @@ from distal.logs import write_log
 from distal.running import HEALTH
 
 Run = Callable[..., tuple[str, str, int]]
-COMMAND = [sys.executable, "-m", "distal", "stream", "--rig", "paper-2008"]
+COMMAND = [sys.executable, "-m", "distal", "stream", "--rig", "paper-2008-printed"]
 for path, value in load_scenario("series-2").set.items():
     COMMAND += ["--set", f"{path}={json.dumps(value)}"]
 

@@ -42,7 +42,7 @@ def moved(rig: Rig, seed: int) -> Log:
     """The link turns by 80° while one pull rises slowly: no swinging weight, whose force few samples cannot follow."""
     rising = {"points": [["0 s", "2 N"], ["0.5 s", "2 N"], ["2.5 s", "6 N"]], "interpolation": "linear"}
     scenario = {
-        "rig": "paper-2008",
+        "rig": "paper-2008-printed",
         "duration": "3.2 s",
         "drives": {"left": {"force": rising}, "right": {"force": 2.0}},
     }
@@ -205,7 +205,7 @@ def drawn(rig: Rig) -> Log:
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(
-    "which", ["paper-2008", "paper-2008-soft", "paper-2008-observed", "pulley-antagonist", "capstan-joint"]
+    "which", ["paper-2008-printed", "paper-2008-soft", "paper-2008-observed", "pulley-antagonist", "capstan-joint"]
 )
 def test_runs_on_every_shipped_rig(name: str, which: str) -> None:
     described = load_rig(which)
@@ -236,11 +236,11 @@ def test_one_sensor_per_thing(name: str, rig: Rig) -> None:
 
 def test_unknown_estimators() -> None:
     with pytest.raises(EstimationError, match=r"unknown estimator 'ekf-2009'; did you mean 'ekf-2008'\?"):
-        make_estimator("ekf-2009", load_rig("paper-2008"))
+        make_estimator("ekf-2009", load_rig("paper-2008-printed"))
 
 
 @pytest.mark.parametrize("name", ["iterated", "particle", "unscented"])
 def test_what_was_a_choice_once_is_refused_by_name(name: str) -> None:
     with pytest.raises(EstimationError, match=rf"'{name}' is no estimator to choose since release 0\.2.*use adaptive"):
-        make_estimator(name, load_rig("paper-2008"))
+        make_estimator(name, load_rig("paper-2008-printed"))
     assert name not in ESTIMATORS

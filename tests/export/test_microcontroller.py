@@ -50,8 +50,8 @@ class Measured:
 def cases() -> list[tuple[str, Rig, Scenario]]:
     """Return rigs to measure, and what moves them."""
     made = []
-    for name in ("paper-2008", "pulley-antagonist", "capstan-joint", "da-vinci-grasper"):
-        if name == "paper-2008":
+    for name in ("paper-2008-printed", "pulley-antagonist", "capstan-joint", "da-vinci-grasper"):
+        if name == "paper-2008-printed":
             scenario = load_scenario("series-2")
         else:
             servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}

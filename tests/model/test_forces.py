@@ -58,7 +58,7 @@ def test_forces_are_the_papers(paper: tuple[Mechanism, ca.Function], theta: floa
     np.testing.assert_allclose(limits.full().ravel(), naive.limits(theta, x1, x2), rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["paper-2008", "pulley-antagonist", "capstan-joint"])
+@pytest.mark.parametrize("name", ["paper-2008-printed", "pulley-antagonist", "capstan-joint"])
 def test_virtual_work(name: str) -> None:
     """Force is minus the slope of the stored energy Σ ½ T²/k: nothing is gained round a closed path."""
     mechanism = Mechanism(load_rig(name))
@@ -175,7 +175,7 @@ def test_spring_gravity_and_steeper_friction() -> None:
         "joints.0.friction.exponent": 1.5,
         "joints.0.friction.reference": "12.9 N",
     }
-    mechanism = Mechanism(load_rig("paper-2008").with_values(values))
+    mechanism = Mechanism(load_rig("paper-2008-printed").with_values(values))
     theta = 0.3
     tensions, _, limits, _, passive = evaluate(mechanism)([theta, 6e-3, 6e-3], [0, 0, 0], mechanism.parameters.values)
     expected = -0.05 * (theta - np.deg2rad(10)) - 0.084 * 9.80665 * 5e-3 * np.sin(theta + np.deg2rad(30))

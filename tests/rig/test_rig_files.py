@@ -15,6 +15,7 @@ from distal.rig import edited_text, template_text
 
 def test_shipped_rigs_load() -> None:
     assert set(shipped_rigs()) == {
+        "paper-2008-printed",
         "paper-2008",
         "paper-2008-soft",
         "paper-2008-observed",
@@ -58,8 +59,8 @@ def test_stds_of_the_paper_rig(paper_rig: Rig) -> None:
 
 def test_the_example_of_the_readme_shape(tmp_path: Path) -> None:
     """Bare numbers are SI, text has units, tables have std: the same rig three ways."""
-    text = edited_text("paper-2008")
-    one = load_rig("paper-2008")
+    text = edited_text("paper-2008-printed")
+    one = load_rig("paper-2008-printed")
     file = tmp_path / "rig.toml"
     file.write_text(text.replace('"9.53 mm"', "9.53e-3").replace('"375 mm"', "{ value = 0.375 }"), encoding="utf-8")
     other = load_rig(file)
@@ -128,12 +129,14 @@ REFUSED = [
 @pytest.mark.parametrize(("assignment", "said"), REFUSED)
 def test_wrong_values_are_refused_by_name(assignment: str, said: str) -> None:
     with pytest.raises(RigError, match=said) as caught:
-        load_rig("paper-2008", [assignment])
+        load_rig("paper-2008-printed", [assignment])
     assert "\n" not in str(caught.value)
 
 
 def test_chains_are_refused_by_name(tmp_path: Path) -> None:
-    text = edited_text("paper-2008").replace("[[drives]]", '[[joints]]\nname = "tip"\ninertia = 1e-4\n\n[[drives]]', 1)
+    text = edited_text("paper-2008-printed").replace(
+        "[[drives]]", '[[joints]]\nname = "tip"\ninertia = 1e-4\n\n[[drives]]', 1
+    )
     file = tmp_path / "chain.toml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(RigError, match="2 joints came; serial chains of joints are not supported yet"):
@@ -141,7 +144,7 @@ def test_chains_are_refused_by_name(tmp_path: Path) -> None:
 
 
 def test_an_idle_drive_is_refused(tmp_path: Path) -> None:
-    text = edited_text("paper-2008").replace('drive = "right"', 'drive = "left"')
+    text = edited_text("paper-2008-printed").replace('drive = "right"', 'drive = "left"')
     file = tmp_path / "idle.toml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(RigError, match="'right' pulls no tendon"):
@@ -165,7 +168,7 @@ def test_unknown_rigs_and_unreadable_files(tmp_path: Path) -> None:
 
 def test_set_keeps_the_std_and_reads_names_and_indices() -> None:
     rig = load_rig(
-        "paper-2008",
+        "paper-2008-printed",
         [
             "joints.0.friction.coefficient=0.4",
             'drives.left.stops=["-5 mm","15 mm"]',
@@ -186,20 +189,20 @@ def test_set_keeps_the_std_and_reads_names_and_indices() -> None:
 
 
 def test_show_with_set_keeps_comments_and_loads(tmp_path: Path) -> None:
-    text = edited_text("paper-2008", ["joints.0.friction.coefficient=0.4", "tendons.left.damping=0.1"])
+    text = edited_text("paper-2008-printed", ["joints.0.friction.coefficient=0.4", "tendons.left.damping=0.1"])
     assert "# J, an 84 g disk" in text
     file = tmp_path / "edited.toml"
     file.write_text(text, encoding="utf-8")
-    expected = load_rig("paper-2008", ["joints.0.friction.coefficient=0.4", "tendons.left.damping=0.1"])
+    expected = load_rig("paper-2008-printed", ["joints.0.friction.coefficient=0.4", "tendons.left.damping=0.1"])
     assert load_rig(file) == expected
 
 
 def test_reference_load() -> None:
-    assert load_rig("paper-2008").reference_load(0) == pytest.approx(8.9)
+    assert load_rig("paper-2008-printed").reference_load(0) == pytest.approx(8.9)
     assert load_rig("paper-2008-observed").reference_load(0) == pytest.approx(12.9)
     with pytest.raises(RigError, match="needs a 'reference' load"):
         load_rig(
-            "paper-2008",
+            "paper-2008-printed",
             [
                 "joints.0.friction.exponent=1.5",
                 "joints.0.friction.preload=0",
@@ -219,7 +222,7 @@ def test_reference_load() -> None:
     )
 )
 def test_any_positive_values_make_a_rig(values: dict[str, float]) -> None:
-    rig = load_rig("paper-2008").with_values(values)
+    rig = load_rig("paper-2008-printed").with_values(values)
     dumped = rig.model_dump()
     for path, value in values.items():
         part: object = dumped
@@ -238,7 +241,7 @@ json_like = st.recursive(
 
 @given(st.sampled_from(["joints", "drives", "tendons", "sensors", "log", "stepping", "name"]), json_like)
 def test_any_rubbish_is_refused_in_one_line(key: str, rubbish: object) -> None:
-    raw = load_rig("paper-2008").model_dump()
+    raw = load_rig("paper-2008-printed").model_dump()
     raw[key] = rubbish
     from distal.rig import build_rig
 

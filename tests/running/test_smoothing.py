@@ -20,6 +20,7 @@ from distal import (
 )
 from distal.estimators import AdaptiveFilter
 from distal.running import first_values, samples_of
+from distal.running.smoothing import OPTIMAL
 from distal.simulation import build_scenario
 from tests.helpers import rms_degrees
 
@@ -46,7 +47,7 @@ def conditional(log: Log, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     States of all samples together have a prior covariance that follows from P⁻ at the first, Φ and Q; what a sample tells
     is the information P⁻¹ − (P⁻)⁻¹ that the filter gained from it. No recursion backwards, no gain.
     """
-    runner = AdaptiveFilter(rig, compiled=False, trace=True)
+    runner = AdaptiveFilter(rig, compiled=False, robustness=OPTIMAL, trace=True)
     samples = samples_of(log, runner.channels)
     belief = runner.initial(log.time[0], first_values(samples))
     rows, _ = runner.checked_rows(belief, log.time, samples)
@@ -104,7 +105,8 @@ def test_it_is_the_expectation_given_the_whole_log() -> None:
 def test_it_is_no_less_sure_and_no_worse() -> None:
     rig = paper_rig("as the rig")
     logs = [paper_log("servo", "friction +20 %", seed) for seed in range(6)]
-    filtered, smoothed = [estimate(log, rig) for log in logs], [smooth(log, rig) for log in logs]
+    optimal = AdaptiveFilter(rig, robustness=OPTIMAL)
+    filtered, smoothed = [estimate(log, rig, optimal) for log in logs], [smooth(log, rig) for log in logs]
     for one, other in zip(filtered, smoothed):
         np.testing.assert_allclose(other.theta[-1], one.theta[-1], rtol=1e-9)
         assert np.all(other.theta_std <= one.theta_std * (1 + 1e-6))

@@ -12,7 +12,7 @@ from distal.errors import ScenarioError
 from distal.simulation import build_scenario
 
 EXAMPLE = """
-rig = "paper-2008"
+rig = "paper-2008-printed"
 duration = "3 s"
 [plant]
 "joints.0.friction.coefficient" = 0.6
@@ -35,7 +35,7 @@ def scenario(text: str, tmp_path: Path) -> Path:
 
 def test_the_example_runs(tmp_path: Path) -> None:
     path = scenario(EXAMPLE, tmp_path)
-    log = simulate("paper-2008", path, seed=1)
+    log = simulate("paper-2008-printed", path, seed=1)
     assert len(log) == 300
     assert log.rate == pytest.approx(100)
     assert np.rad2deg(log.truth["theta"][0]) == pytest.approx(-25)
@@ -72,7 +72,7 @@ def test_it_starts_in_equilibrium() -> None:
 def test_a_hung_weight_has_inertia_and_a_force_has_none(paper_rig: Rig) -> None:
     """Held link, step from 2 to 6 N: the slider swings at sqrt(k/(m + W/g)), or at sqrt(k/m) with a massless force."""
     wide = paper_rig.with_values({"drives.0.stops": [-0.05, 0.05], "sensors.x1.rate": 1000, "sensors.u1.rate": 1000})
-    base = {"rig": "paper-2008", "duration": "1 s", "drives": {"right": {"weight": "2 N"}}}
+    base = {"rig": "paper-2008-printed", "duration": "1 s", "drives": {"right": {"weight": "2 N"}}}
     hold = {"joints": {"link": {"hand": {"angle": "0 deg", "stiffness": "3000 N m/rad"}}}}
     points = [["0 s", "2 N"], ["0.1 s", "6 N"]]
     swings = {}
@@ -136,7 +136,7 @@ def test_a_servo_and_a_capstan() -> None:
 def test_linear_and_sine_signals(paper_rig: Rig) -> None:
     loaded = build_scenario(
         {
-            "rig": "paper-2008",
+            "rig": "paper-2008-printed",
             "duration": "1 s",
             "drives": {
                 "left": {"force": {"mean": "3 N", "amplitude": "0.5 N", "frequency": "2 Hz"}},
@@ -158,23 +158,29 @@ def test_zero_noise_is_allowed(paper_rig: Rig) -> None:
 
 REFUSED = [
     (
-        'rig = "paper-2008"\nduration = "8 s"\n[drives.lft]\nweight = 2.0',
+        'rig = "paper-2008-printed"\nduration = "8 s"\n[drives.lft]\nweight = 2.0',
         "the rig has no drive 'lft'; did you mean 'left'",
     ),
     (
-        'rig = "paper-2008"\nduration = "8 s"\n[drives.left]\ntorque = 2.0',
+        'rig = "paper-2008-printed"\nduration = "8 s"\n[drives.left]\ntorque = 2.0',
         "drives.left.torque: a slider cannot be pulled so",
     ),
-    ('rig = "paper-2008"\nduration = "8 s"\n[drives.left]\nweight = "-2 N"', "must not be negative"),
-    ('rig = "paper-2008"\nduration = "8 s"\n[drives.left]\nweight = [["1 s", "2 N"], ["0 s", "3 N"]]', "must rise"),
-    ('rig = "paper-2008"\nduration = "8 s"\n[drives.left]\nwieght = 2', "unknown key 'wieght'; did you mean 'weight'"),
-    ('rig = "paper-2008"\nduration = "8 s"\n[initial]\nelbow = 0', "no joint 'elbow'"),
-    ('rig = "paper-2008"\nduration = "8 s"\n[initial]\nlink = "2 mm"', "initial.link: unit 'mm' is no angle"),
-    ('rig = "paper-2008"\nduration = "8 s"\n[plant]\n"joints.0.frction" = 0', "plant: .*unknown key 'frction'"),
-    ('rig = "paper-2008"\nduration = "-8 s"', "duration: must be positive"),
-    ('rig = "paper-2008"\nduration = "80 h"', "at most 10 hours"),
-    ('rig = "paper-2008"\nduration = "1 us"', "no scenario|shorter|None"),
-    ('rig = "paper-2008"\n', "duration: is missing"),
+    ('rig = "paper-2008-printed"\nduration = "8 s"\n[drives.left]\nweight = "-2 N"', "must not be negative"),
+    (
+        'rig = "paper-2008-printed"\nduration = "8 s"\n[drives.left]\nweight = [["1 s", "2 N"], ["0 s", "3 N"]]',
+        "must rise",
+    ),
+    (
+        'rig = "paper-2008-printed"\nduration = "8 s"\n[drives.left]\nwieght = 2',
+        "unknown key 'wieght'; did you mean 'weight'",
+    ),
+    ('rig = "paper-2008-printed"\nduration = "8 s"\n[initial]\nelbow = 0', "no joint 'elbow'"),
+    ('rig = "paper-2008-printed"\nduration = "8 s"\n[initial]\nlink = "2 mm"', "initial.link: unit 'mm' is no angle"),
+    ('rig = "paper-2008-printed"\nduration = "8 s"\n[plant]\n"joints.0.frction" = 0', "plant: .*unknown key 'frction'"),
+    ('rig = "paper-2008-printed"\nduration = "-8 s"', "duration: must be positive"),
+    ('rig = "paper-2008-printed"\nduration = "80 h"', "at most 10 hours"),
+    ('rig = "paper-2008-printed"\nduration = "1 us"', "no scenario|shorter|None"),
+    ('rig = "paper-2008-printed"\n', "duration: is missing"),
     ('duration = "8 s"\n', "rig: is missing"),
 ]
 
@@ -182,7 +188,7 @@ REFUSED = [
 @pytest.mark.parametrize(("text", "said"), REFUSED[:-3] + REFUSED[-2:])
 def test_wrong_scenarios_are_refused(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(ScenarioError, match=said) as caught:
-        simulate("paper-2008", scenario(text, tmp_path))
+        simulate("paper-2008-printed", scenario(text, tmp_path))
     assert "\n" not in str(caught.value)
 
 
@@ -196,9 +202,9 @@ def test_unknown_scenarios(tmp_path: Path) -> None:
 def test_a_rig_beside_the_scenario(tmp_path: Path) -> None:
     from distal.rig import rig_text
 
-    (tmp_path / "mine.toml").write_text(rig_text("paper-2008")[0], encoding="utf-8")
-    path = scenario(EXAMPLE.replace('"paper-2008"', '"mine.toml"'), tmp_path)
-    assert scenario_rig(load_scenario(path)) == load_rig("paper-2008")
+    (tmp_path / "mine.toml").write_text(rig_text("paper-2008-printed")[0], encoding="utf-8")
+    path = scenario(EXAMPLE.replace('"paper-2008-printed"', '"mine.toml"'), tmp_path)
+    assert scenario_rig(load_scenario(path)) == load_rig("paper-2008-printed")
 
 
 def test_a_scenario_nested_too_deeply_is_one_line() -> None:
@@ -206,4 +212,4 @@ def test_a_scenario_nested_too_deeply_is_one_line() -> None:
     for _ in range(20_000):
         weight = [weight]
     with pytest.raises(ScenarioError, match=r"^scenario: nested too deeply$"):
-        build_scenario({"rig": "paper-2008", "duration": "1 s", "drives": {"left": {"weight": weight}}})
+        build_scenario({"rig": "paper-2008-printed", "duration": "1 s", "drives": {"left": {"weight": weight}}})

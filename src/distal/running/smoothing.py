@@ -6,13 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators import AdaptiveFilter
+from distal.estimators import AdaptiveFilter, Robustness
 from distal.logs import Log, frozen, true_angles
 from distal.results import Estimate
 from distal.rig import Rig
 from distal.running.offline import first_values, out_of_bounds, priors_of, samples_of
 
 Floats = NDArray[np.float64]
+
+OPTIMAL = Robustness(learning_time=0.0, learning_time_guarded=0.0)
+"""The smoother goes back over a filter with the optimal gain; with a share of it its equations do not hold."""
 
 
 def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
@@ -31,7 +34,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     Raises:
         EstimationError: the log lacks a sensor, or the sensors do not suffice.
     """
-    runner = AdaptiveFilter(rig, compiled, trace=True, name="adaptive, smoothed")
+    runner = AdaptiveFilter(rig, compiled, OPTIMAL, name="adaptive, smoothed", trace=True)
     samples = samples_of(log, runner.channels, runner.name)
     belief = runner.initial(log.time[0], first_values(samples))
     rows, last = runner.checked_rows(belief, log.time, samples)

@@ -8,6 +8,7 @@ import pytest
 from distal import Log
 from distal.estimators import AdaptiveFilter
 from distal.running import smooth
+from distal.running.smoothing import OPTIMAL
 from tests.estimators.adaptive import rigs
 from tests.estimators.adaptive.agreement import TOLERANCE
 from tests.estimators.adaptive.rigs import sliders
@@ -42,7 +43,7 @@ def test_the_smoother_goes_back_by_its_equation() -> None:
     """(28) over the twin's own predictions; the inverse of P⁻ leaves less than the filter's ten digits."""
     rig = sliders(rigs.TORQUE, rigs.LINEARITY, rigs.FACTORS)
     time, samples = spoiled_log(rig)
-    twin = Twin(rig, DEFAULT)
+    twin = Twin(rig, OPTIMAL)
     taken = {id(sample) for sample in twin.run(time, samples)}
     own = [k for k, part in enumerate(twin.parts) if id(part) in taken]
     means, covariances = [part.mean for part in twin.parts], [part.covariance for part in twin.parts]

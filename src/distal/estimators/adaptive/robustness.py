@@ -32,6 +32,8 @@ class Robustness:
             looked for.
         unknown_friction_walk: its random walk, in the same unit per √s.
         declared_friction: a drive with more friction than this at its nominal load declares it [N].
+        learning_time: for so long what a force tells of a parameter counts as one sample [s] (24).
+        learning_time_guarded: the same of a force whose drive declares no friction [s].
         parameter_walk: random walk of a parameter without a `drift`, in its standard deviations per √s.
         unmodelled: share of the rig's `unmodelled` torque that is added [1].
         moving_only: count only forces of drives that clearly move where friction is declared, as a fit does.
@@ -67,6 +69,10 @@ class Robustness:
     """a third of a load cell's σ on the paper's rig: less cannot be told from noise"""
     parameter_walk: float = 0.02
     """docs/guards.md: nothing on logs of 12 s; on a long log a parameter that drifts is followed"""
+    learning_time: float = 0.3
+    """docs/guards.md, "How fast parameters are learned"; of forces with declared friction, and of tensions"""
+    learning_time_guarded: float = 0.05
+    """as above; of forces with friction that is not declared, where `sticking_time` and `turning_time` do the most"""
     unmodelled: float = 1.0
     """the rig file says how much (docs/rig-files.md); without it the band is too narrow: docs/guards.md"""
     moving_only: bool = False
@@ -92,6 +98,8 @@ class Robustness:
             turning_time=0.0,
             unknown_friction=0.0,
             parameter_walk=0.0,
+            learning_time=0.0,
+            learning_time_guarded=0.0,
             unmodelled=0.0,
         )
 

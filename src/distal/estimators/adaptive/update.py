@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -64,14 +64,15 @@ def updated(
             spread + own_variance, innovation, values[5 * k + 4], counts
         )
         change = (weight * innovation) * across
-        for at in states.considered:
-            change[at] = 0
+        shares = states.gain_shares(row.drive, row.trusted)
+        for at, share in shares.items():
+            change[at] *= share
         if row.drive is not None:
             # a mean residual moves with the state; a time does not
             declared = states.setup.declares_friction(row.drive)
             kept[row.drive] = after + _along(slope, change) if declared else after
         mean = mean + change
-        covariance = _lowered(states, covariance, across, weight, root, robust, loops)
+        covariance = _lowered(shares, covariance, across, weight, root, robust, loops)
         innovations.append(shown)
         spreads.append(spread + own_variance)
     measured = [k for k, row in enumerate(rows) if row.measured]
@@ -80,14 +81,14 @@ def updated(
 
 
 def _lowered(
-    states: StateVector, covariance: Any, across: Any, weight: Any, root: Any, robust: Any, loops: bool
+    shares: Mapping[int, float], covariance: Any, across: Any, weight: Any, root: Any, robust: Any, loops: bool
 ) -> Any:
-    """Return the covariance after a row: with the optimal gain, or with none for considered states (25), (26)."""
-    if not states.considered:
+    """Return the covariance after a row: with the optimal gain, or with a share of it for some states (25), (26)."""
+    if not shares:
         return lowered(covariance, root * across, None, loops)
     gain = weight * across
-    for at in states.considered:
-        gain[at] = 0
+    for at, share in shares.items():
+        gain[at] *= share
     return lowered(covariance, gain, across - (0.5 * robust) * gain, loops)
 
 

@@ -39,6 +39,10 @@ LASTING = (UncertainParameter, Linearity, SensorBias)
 """Blocks that are numbers of the rig or its sensors; the others are meant to move."""
 
 
+SLOW = (UncertainParameter,)
+"""Blocks that forces and tensions change slowly: see `Robustness.learning_time`."""
+
+
 class StateVector:
     """All blocks of a rig; the layout of the state follows from their order.
 
@@ -63,10 +67,25 @@ class StateVector:
         self.unsmoothed = tuple(i for block in blocks if not block.smoothed for i in self.indices(block))
         lasting = [i for block in blocks if isinstance(block, LASTING) for i in self.indices(block)]
         self.lasting = np.isin(np.arange(len(self.names)), lasting)
-        self.considered = tuple(i for block in blocks if block.considered for i in self.indices(block))
+        self._considered = {i: 0.0 for block in blocks if block.considered for i in self.indices(block)}
+        self._parameters = [i for b in blocks if isinstance(b, SLOW) for i in self.indices(b)]
 
     def __len__(self) -> int:
         return len(self.names)
+
+    def gain_shares(self, drive: int | None, reference: bool) -> dict[int, float]:
+        """Return index → share of the gain of the states that do not take all of it (24).
+
+        Args:
+            drive: index of the drive whose force is compared, or None.
+            reference: whether it is a joint's own angle, which tells of parameters what forces do not.
+        """
+        guards = self.setup.robustness
+        declared = drive is None or self.setup.declares_friction(drive)
+        time = guards.learning_time if declared else guards.learning_time_guarded
+        share = min(1.0, self.setup.channels.interval / time) if time > 0.0 and not reference else 1.0
+        slow = {} if share == 1.0 else dict.fromkeys(self._parameters, share)
+        return {**slow, **self._considered}
 
     def indices(self, block: State) -> range:
         """Return where a block's numbers stand.
