@@ -48,7 +48,7 @@ def test_fit_writes_a_rig_that_the_other_commands_take(run, logs: list[Path], tm
     page = (report / "index.html").read_text()
     assert page.count("<svg") >= 4
     assert "What was found" in page
-    assert "On logs that were not fitted" in page
+    assert "Cross-validation" in page
     assert not re.search(r'(?:src|href)\s*=\s*["\']https?:', page)  # nothing is fetched
     assert run("estimate", logs[0], "--rig", out).code == 0
     again = tmp_path / "again.toml"

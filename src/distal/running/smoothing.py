@@ -6,16 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators import AdaptiveFilter, Robustness
+from distal.estimators import AdaptiveFilter
 from distal.logs import Log, frozen, true_angles
 from distal.results import Estimate
 from distal.rig import Rig
 from distal.running.offline import first_values, out_of_bounds, priors_of, samples_of
 
 Floats = NDArray[np.float64]
-
-OPTIMAL = Robustness(learning_time=0.0, learning_time_guarded=0.0)
-"""The smoother goes back over a filter with the optimal gain; with a share of it its equations do not hold."""
 
 
 def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
@@ -24,7 +21,8 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     C = P_k Φᵀ (P⁻_{k+1})⁻¹, x^s_k = x_k + C (x^s_{k+1} − x⁻_{k+1}), and, as a sum of what cannot be negative,
     P^s_k = (I − C Φ) P_k (I − C Φ)ᵀ + C (P^s_{k+1} + Q) Cᵀ with Q = P⁻_{k+1} − Φ P_k Φᵀ, (28) of docs/adaptive.md. Φ is
     the whole transition of the filter's own predictions: joints, what fades, plays, bridges of gaps. Rows of C are zero
-    for states that are guards of the filter (`State.smoothed`); P^s holds for any C.
+    for states that are guards of the filter (`State.smoothed`), and rows and columns for those that take a share of the
+    gain (`StateVector.slow`); P^s holds for any C.
 
     Args:
         log: sensors over time.
@@ -34,7 +32,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     Raises:
         EstimationError: the log lacks a sensor, or the sensors do not suffice.
     """
-    runner = AdaptiveFilter(rig, compiled, OPTIMAL, name="adaptive, smoothed", trace=True)
+    runner = AdaptiveFilter(rig, compiled, trace=True, name="adaptive, smoothed")
     samples = samples_of(log, runner.channels, runner.name)
     belief = runner.initial(log.time[0], first_values(samples))
     rows, last = runner.checked_rows(belief, log.time, samples)
@@ -47,12 +45,18 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     # columns lie one after the other: a covariance is symmetric, a transition is turned round
     uncertain, transitions = rest[:, 0], np.swapaxes(rest[:, 1], 1, 2)
     # each state in its own prior std, so that the inverse is well scaled
-    scale, unsmoothed = np.maximum(runner.states.stds, 1e-12), list(runner.states.unsmoothed)
+    scale = np.maximum(runner.states.stds, 1e-12)
+    # with a share of the gain its equations do not hold: such states stay as the filter had them
+    slow = list(runner.states.slow)
+    unsmoothed, quick = [*runner.states.unsmoothed, *slow], np.setdiff1d(np.arange(n), slow)
     for k in range(len(rows) - 2, -1, -1):
         transition, before = transitions[k + 1], covariances[k]
         ahead = uncertain[k + 1] / np.outer(scale, scale)
         cross = (before @ transition.T) / scale
-        gain = np.linalg.lstsq(ahead, cross.T, rcond=1e-12)[0].T / scale
+        gain = np.zeros((n, n))
+        gain[:, quick] = (
+            np.linalg.lstsq(ahead[np.ix_(quick, quick)], cross[:, quick].T, rcond=1e-12)[0].T / scale[quick]
+        )
         gain[unsmoothed] = 0.0
         means[k] += gain @ (means[k + 1] - predicted[k + 1])
         process = uncertain[k + 1] - transition @ before @ transition.T

@@ -166,7 +166,7 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
         declared_friction=0.1,
         parameter_walk=0.02,
         learning_time=0.3,  # (24)
-        learning_time_guarded=0.05,
+        learning_time_guarded=0.03,
         unmodelled=1.0,
         moving_only=False,
     )
@@ -196,7 +196,7 @@ GUARDS = {
     "force of a lost place": (UNDECLARED, {"followed_variance": 20.0}, LOST),
     "force of a lost place with hysteresis": (PLAY, {"followed_variance": 20.0}, LOST),
     "learning, friction declared": (DECLARED, {"learning_time": 0.3}, ()),
-    "learning, friction not declared": (UNDECLARED, {"learning_time_guarded": 0.05}, ()),
+    "learning, friction not declared": (UNDECLARED, {"learning_time_guarded": 0.03}, ()),
     "wild force": (UNDECLARED, {"wild_force": 9.0}, ("wild force",)),
     "wild force, a considered state": (PLAY, {"wild_force": 4.0}, ("wild force",)),
     "stop margin": (sliders(rigs.NEAR_STOPS, rigs.FACTORS), {"stop_margin": 3.0}, ("at a stop",)),

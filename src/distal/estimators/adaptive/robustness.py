@@ -71,7 +71,7 @@ class Robustness:
     """docs/guards.md: nothing on logs of 12 s; on a long log a parameter that drifts is followed"""
     learning_time: float = 0.3
     """docs/guards.md, "How fast parameters are learned"; of forces with declared friction, and of tensions"""
-    learning_time_guarded: float = 0.05
+    learning_time_guarded: float = 0.03
     """as above; of forces with friction that is not declared, where `sticking_time` and `turning_time` do the most"""
     unmodelled: float = 1.0
     """the rig file says how much (docs/rig-files.md); without it the band is too narrow: docs/guards.md"""

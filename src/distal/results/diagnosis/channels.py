@@ -40,7 +40,7 @@ COLOURED = 0.3
 On right rigs it is below 0.13 where ν²/S is above `WHOLE`; a moment arm 20 % wrong on one side of two gives 0.3 to 0.7.
 """
 
-WHOLE = 0.3
+WHOLE = 0.9
 """Mean of ν²/S above which a channel's innovations are mostly noise; below it their correlation tells nothing."""
 
 
@@ -75,7 +75,7 @@ class Channels:
     def _disagreeing(self) -> list[Finding]:
         names, ratios = self.names, self.ratios
         large = [i for i, ratio in enumerate(ratios) if ratio > LARGE]
-        drifting = [names[i] for i, value in enumerate(self.correlations) if value > WHITE and ratios[i] > 0.5]
+        drifting = [names[i] for i, value in enumerate(self.correlations) if value > WHITE and ratios[i] > WHOLE]
         if drifting and len(drifting) == len(names) and not large:
             several = ", ".join(drifting)
             why = "something acts that the rig does not have (a hand: external_torque; friction at a drive)"

@@ -87,6 +87,13 @@ class StateVector:
         slow = {} if share == 1.0 else dict.fromkeys(self._parameters, share)
         return {**slow, **self._considered}
 
+    @property
+    def slow(self) -> tuple[int, ...]:
+        """Indices of the states that take a share of the gain of some forces."""
+        guards = self.setup.robustness
+        longest = max(guards.learning_time, guards.learning_time_guarded)
+        return tuple(self._parameters) if longest > self.setup.channels.interval else ()
+
     def indices(self, block: State) -> range:
         """Return where a block's numbers stand.
 
