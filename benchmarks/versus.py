@@ -24,7 +24,7 @@ from benchmarks.report import table
 
 HERE = Path(__file__).resolve().parents[1]
 ROUNDS = 8
-RIGS = ("paper-2008-printed", "capstan-joint", "da-vinci-grasper")
+RIGS = ("paper-2008", "capstan-joint", "da-vinci-grasper")
 
 _WORKER = """
 import json, sys, time, tempfile
@@ -35,8 +35,10 @@ from distal import LiveEstimator, estimate_batch, load_rig, load_scenario, make_
 from distal.simulation import build_scenario
 
 def made_log(name):
-    rig = load_rig(name)
-    if name == "paper-2008-printed":
+    printed = "paper-2008-printed"  # what release 0.1 calls paper-2008
+    rig = load_rig(printed if name == "paper-2008" and printed in distal.shipped_rigs() else name)
+    rig = rig.bare() if hasattr(rig, "bare") else rig  # the filter alone, in both
+    if name == "paper-2008":
         scenario = load_scenario("series-2")
         return rig, simulate(scenario_rig(scenario), scenario, 1)
     servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.2}

@@ -31,7 +31,7 @@ def rounded(raw: object) -> object:
 def main() -> None:
     """Learn and write."""
     path, homing, logs = Path(sys.argv[1]), float(sys.argv[2]), sys.argv[3:]
-    rig = load_rig(path).model_copy(update={"affine": None, "discrepancy": None})
+    rig = load_rig(path).bare()
     read = [read_log(log, rig) for log in logs]
     found = learn_discrepancy(read, rig, homing=homing)
     print(found.text, *found.notes, sep="\n")

@@ -36,7 +36,7 @@ class IteratedFilter(AdaptiveFilter):
     """
 
     def __init__(self, rig: Rig, compiled: bool = True, updates: int = UPDATES, name: str = "iterated") -> None:
-        super().__init__(rig, compiled=False, name=name)
+        super().__init__(rig.bare(), compiled=False, name=name)
         self.kernel = Kernel(iterated_function(self._states, self._count, updates), compiled)
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from benchmarks.strangers.library import Rig, learn_affine, learn_discrepancy, load_rig, read_log
+from benchmarks.strangers.library import learn_affine, learn_discrepancy, load_rig, read_log
 from benchmarks.strangers.poses import POSES
 from benchmarks.strangers.scoring import Job, Record, Table, by_case, score
 
@@ -25,14 +25,9 @@ CLASSES = ("run_0", "run_2", "run_4")
 """Classes of motion with the wrist straight; each is left out once."""
 
 
-def bare(rig: Rig) -> Rig:
-    """Return a rig without what was learned of its errors."""
-    return rig.model_copy(update={"affine": None, "discrepancy": None})
-
-
 def run(case: str, learned_from: list[Path], judged: list[tuple[str, Path]]) -> list[Record]:
     """Score `adaptive` and `affine`, learned from the same logs, and the shipped rig beside them."""
-    rig = bare(load_rig("da-vinci-grasper"))
+    rig = load_rig("da-vinci-grasper").bare()
     logs = [read_log(path, rig) for path in learned_from]
     adaptive = learn_discrepancy(logs, rig, homing=HOMING, compiled=False).rig
     affine = learn_affine(logs, rig, homing=HOMING).rig

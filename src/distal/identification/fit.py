@@ -100,7 +100,7 @@ def fit(
     """
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
     if rig.discrepancy is not None or rig.affine is not None:  # both are learned anew
-        rig = rig.model_copy(update={"discrepancy": None, "affine": None})
+        rig = rig.bare()
     logs = [logs] if isinstance(logs, (Log, str, Path)) else list(logs)
     free, per_log = _listed(free), _listed(per_log)
     if not isinstance(seed, (int, np.integer)) or seed < 0:

@@ -156,6 +156,10 @@ class Rig(Description):
         load += sum(t.pretension.value for t in tendons)
         return load + sum(abs(d.nominal_force.value) for d in self.drives if d.name in pulls and d.kind == "slider")
 
+    def bare(self) -> Rig:
+        """Return a copy without what logs taught beside its numbers: no `affine`, no `discrepancy`."""
+        return self.model_copy(update={"affine": None, "discrepancy": None})
+
     def sensors_of(self, measures: str) -> tuple[Any, ...]:
         """Return the sensors that measure `measures` (position, force, tension or angle), in their order."""
         return tuple(sensor for sensor in self.sensors if sensor.measures == measures)
