@@ -16,7 +16,7 @@ import pytest
 from distal import Log, Rig, estimate, fit, load_rig
 from distal.errors import DistalWarning, FitError
 from distal.identification import cross_validate, observability
-from distal.identification.crossvalidation import groups_of
+from distal.identification.groups import groups_of
 from distal.identification.selection import choose
 from tests.identification.helpers import FREE, drawn_plant, logs_of, start_rig, without_truth
 

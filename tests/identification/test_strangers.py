@@ -53,3 +53,19 @@ def test_few_logs_are_said() -> None:
     assert len(found.left_out) == 2
     assert found.rig.discrepancy is not None
     assert "each left out once" in found.text
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
+def test_units_are_left_out_as_a_whole() -> None:
+    """Two logs of each of three units: each unit is left out once, and both of its logs are compared."""
+    logs = []
+    for seed in range(6):
+        log = finger_log(seed).select(slice(0, 700))
+        logs.append(Log(log.time, log.channels, log.truth, f"unit_{seed // 2} {seed}"))
+    found = fit(logs, finger_rig(), units=r"unit_(\d)")
+    assert [one.log for one in found.compared] == [log.source for log in logs]
+    assert found.discrepancy is not None
+    assert any("3 logs or groups of logs" in note for note in found.discrepancy.notes)
+    with pytest.raises(FitError, match="at least two groups"):
+        fit(logs, finger_rig(), units=r"(unit)")

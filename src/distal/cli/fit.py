@@ -57,6 +57,12 @@ def fit_command(
             "--holdout", help="Cross-validate: 'log' leaves out each log, a regular expression groups them: 'run_(.)'."
         ),
     ] = None,
+    units: Annotated[
+        str | None,
+        typer.Option(
+            "--units", metavar="PATTERN", help="Fit a kind: what names the unit in a log's name, e.g. 'tool_(.)'."
+        ),
+    ] = None,
     report: Annotated[Path | None, typer.Option("--report", help="Folder for a page on the fit.")] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Threads.")] = 2,
@@ -78,6 +84,8 @@ def fit_command(
     _check_logs(logs)
     if holdout is not None:
         groups_of([str(path) for path in logs], None if holdout == "log" else holdout)
+    if units is not None:
+        groups_of([str(path) for path in logs], units)
     home = seconds(homing) if homing is not None else None
     description = load_rig(rig, set_ or ())
     read = [read_log(path, description, truth) for path in logs]
@@ -88,6 +96,7 @@ def fit_command(
         "curves": curves,
         "seed": seed,
         "workers": jobs,
+        "units": units,
     }
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     # a file or a pipe shows a line now and then instead

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 from distal.errors import FitError
 from distal.identification.fit import fit
+from distal.identification.groups import groups_of
 from distal.identification.result import Fit
 from distal.logs import Log, read_log, true_angles
 from distal.results import Estimate
@@ -62,36 +62,6 @@ class CrossValidation:
     def inside_band(self) -> float:
         """Mean share of samples inside the 95 % band."""
         return float(np.mean([one.after.inside_band() for one in self.held_out]))
-
-
-def groups_of(names: Sequence[str], pattern: str | None) -> list[str]:
-    """Return the group of each log: its own name, or what a regular expression finds in it.
-
-    Args:
-        names: of the logs.
-        pattern: regular expression whose first parenthesis names the group, e.g. ``run_(.)``; None for one log each.
-
-    Raises:
-        FitError: it is no such expression, does not match a name, or leaves one group only.
-    """
-    if pattern is None:
-        groups = list(names)
-    else:
-        try:
-            expression = re.compile(pattern)
-        except re.error as problem:
-            raise FitError(f"--holdout '{pattern}': not a regular expression ({problem})") from None
-        if expression.groups < 1:
-            raise FitError(f"--holdout '{pattern}': needs a parenthesis around what names a group, e.g. 'run_(.)'")
-        groups = []
-        for name in names:
-            found = expression.search(Path(name).name)
-            if found is None:
-                raise FitError(f"--holdout '{pattern}': does not match '{Path(name).name}'")
-            groups.append(str(found.group(1)))
-    if len(set(groups)) < 2:
-        raise FitError(f"cross-validation needs logs of at least two groups; {len(names)} logs of one came")
-    return groups
 
 
 def cross_validate(

@@ -17,6 +17,7 @@ from distal.identification.curves import curves as curves_of
 from distal.identification.discrepancy import DiscrepancyFit, filtered, learned_from, widened
 from distal.identification.fitted import Fitted, assignments
 from distal.identification.free import Free
+from distal.identification.groups import groups_of
 from distal.identification.leaving_out import Compared, leave_out
 from distal.identification.likelihood import Likelihood
 from distal.identification.result import Fit
@@ -68,6 +69,7 @@ def fit(
     workers: int = 2,
     compiled: bool = True,
     progress: Progress | None = None,
+    units: str | None = None,
 ) -> Fit:
     """Fit a rig's parameters and noise to logs, and learn what the model leaves of the angle.
 
@@ -92,6 +94,8 @@ def fit(
         workers: threads; one log each.
         compiled: compile the kernel where possible.
         progress: called with the stage, the iteration and −ln p.
+        units: fit a *kind* of rig: a regular expression whose first parenthesis names the unit (an instrument, a pose, a
+            day) in a log's name; units are left out as a whole, so that the band is that of a unit not seen.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
@@ -179,7 +183,9 @@ def fit(
         data, refused = filtered(with_truth, result, homing, compiled)
         doubts += refused
         if data:
-            if len(data) >= FOR_LEAVING_OUT and not found.interrupted:
+            names = [log.source for log in with_truth]
+            groups = groups_of(names, units) if units is not None else [f"{i}" for i in range(len(names))]
+            if len(set(groups)) >= FOR_LEAVING_OUT and not found.interrupted:
 
                 def refitted(rest: Sequence[Log]) -> Rig:
                     own = made(final.free, rest)
@@ -188,10 +194,11 @@ def fit(
                     unsure_again = uncertainty_at(own.derivatives(again.z), again.z, own.parts())
                     return written(assignments(_fitted(own, again.z, unsure_again, unsure), described))
 
-                compared, errors = leave_out(with_truth, read, rig, refitted, affine, homing)
+                compared, errors = leave_out(with_truth, read, rig, refitted, affine, homing, groups)
             else:
                 errors = []
-            discrepancy = widened(learned_from(data, result, homing, scored=False), errors)
+            together = groups if len(groups) == len(data) else None
+            discrepancy = widened(learned_from(data, result, homing, together, scored=False), errors)
     return Fit(
         rig=_with_learned(result, affine, discrepancy),
         start=rig,

@@ -17,7 +17,7 @@ from distal.rig import Rig
 from distal.running import estimate
 
 MOST_LEFT_OUT = 6
-"""So many logs are left out at most, spread over all: each costs a fit of the others."""
+"""So many logs, or units of them, are left out at most, spread over all: each costs a fit of the others."""
 
 CLEARLY = 1.1
 """`affine` is said to do better where the error of `adaptive` is this many times larger."""
@@ -60,6 +60,7 @@ def leave_out(
     refitted: Callable[[Sequence[Log]], Rig],
     affine: AffineFit,
     homing: float | None,
+    groups: Sequence[str],
 ) -> tuple[tuple[Compared, ...], list[Errors]]:
     """Return how each log is estimated by what the others teach, and the errors that `adaptive` makes of it.
 
@@ -72,23 +73,26 @@ def leave_out(
         refitted: returns the rig that some logs teach, without a discrepancy.
         affine: what all logs teach, with its own scores on logs left out.
         homing: length of the homing move [s], or None.
+        groups: of each log: those of one (a unit, a pose, a day) are left out together.
     """
-    count = min(len(logs), MOST_LEFT_OUT)
+    units = list(dict.fromkeys(groups))
+    chosen = np.unique(np.linspace(0, len(units) - 1, min(len(units), MOST_LEFT_OUT)).round().astype(int))
     compared, errors = [], []
     straight = {one.log: Score(one.rms, one.inside) for one in affine.left_out}
-    for i in np.unique(np.linspace(0, len(logs) - 1, count).round().astype(int)):
-        out = logs[i]
-        rig = refitted([log for log in every if log is not out])
-        data, _ = filtered([*(log for log in logs if log is not out), out], rig, homing, False)
-        seen = [one for one in data if one.source != out.source]
-        own = [one for one in data if one.source == out.source]
-        if not seen or not own:
-            continue
-        made = learned_from(seen, rig, homing, scored=False).discrepancy
-        parts = errors_of(made, own[0], homing)
-        errors.append(parts)
-        name = shown(out.source)
-        compared.append(Compared(name, _score(parts), _as_it_came(out, start, homing), straight.get(name)))
+    for unit in (units[i] for i in chosen):
+        left = [log for log, group in zip(logs, groups) if group == unit]
+        rig = refitted([log for log in every if not any(log is one for one in left)])
+        rest = [(log, group) for log, group in zip(logs, groups) if group != unit]
+        seen, _ = filtered([log for log, _ in rest], rig, homing, False)
+        if len(seen) < len(rest):
+            continue  # the filter left all bounds: that is said of the fit to all logs
+        made = learned_from(seen, rig, homing, [group for _, group in rest], scored=False).discrepancy
+        for out in left:
+            for own in filtered([out], rig, homing, False)[0]:
+                parts = errors_of(made, own, homing)
+                errors.append(parts)
+                name = shown(out.source)
+                compared.append(Compared(name, _score(parts), _as_it_came(out, start, homing), straight.get(name)))
     return tuple(compared), errors
 
 

@@ -19,7 +19,7 @@ from benchmarks.cases import (
     spoiled,
 )
 
-from distal import Estimate, Log, Rig, estimate, make_estimator
+from distal import Estimate, Log, Rig, estimate, load_rig, make_estimator
 from distal.analysis import lower_bound
 from distal.estimators import AdaptiveFilter
 from distal.results import BAND
@@ -373,3 +373,16 @@ def test_a_bias_may_walk_too() -> None:
         i = result.state_names.index("bias_u1")
         ends.append(result.covariances[-1, i, i])
     assert ends[1] > 2 * ends[0]
+
+
+def test_another_noise_leaves_the_states_that_the_kernel_has() -> None:
+    """Friction far below a force's noise is no state of a filter made for that noise; one that has it keeps it."""
+    rig = load_rig("capstan-joint")
+    made = AdaptiveFilter(rig, compiled=False)
+    at = next(i for i, sensor in enumerate(rig.sensors) if sensor.measures == "force")
+    noisy = rig.with_values({f"sensors.{at}.noise": 1.0})
+    assert len(AdaptiveFilter(noisy, compiled=False).states) < len(made.states)
+    other = made.with_prior({f"sensors.{at}.noise": 1.0})
+    assert other.states.names == made.states.names
+    sample = np.zeros(len(made.channels))
+    assert other.initial(0.0, sample).carry.shape == made.initial(0.0, sample).carry.shape

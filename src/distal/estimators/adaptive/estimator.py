@@ -209,5 +209,12 @@ class AdaptiveFilter(KernelEstimator):
         other.rig, other._begin = rig, None
         other.__dict__.pop("priors", None)
         mechanism = Mechanism(rig, setup.mechanism.parameters.given)
-        other._states = StateVector(replace(setup, mechanism=mechanism, channels=channels), self._states.kinds)
+        changed = replace(setup, mechanism=mechanism, channels=channels)
+        states = StateVector(changed, self._states.kinds)
+        if states.names != self._states.names:
+            # what shows in the sensors depends on their noise; the kernel has the states that it was built with
+            found = {block.names: block for block in states.blocks}
+            kept = [found.get(block.names, block) for block in self._states.blocks[1:]]
+            states = StateVector(changed, (lambda _: kept,))
+        other._states = states
         return other
