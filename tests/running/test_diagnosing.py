@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from benchmarks.cases import paper_log, paper_rig
+from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
-from distal import Log, Rig, diagnose, estimate
+from distal import Log, Rig, diagnose, estimate, learn_affine
 from distal.results import Finding
 from distal.running import cannot_test
 from distal.running.comparison import disagreement
@@ -133,3 +136,19 @@ class TestFurther:
         base = rerun.base
         object.__setattr__(base, "variances", base.variances / 100.0)
         assert [one.kind for one in overconfidence(rerun)] == ["overconfident"]
+
+
+def test_what_logs_taught_is_asked_too() -> None:
+    """A map in the rig file that says otherwise, and readings that its logs never had, are told by name."""
+    log = finger_log(3).select(slice(0, 800))
+    rig = learn_affine([finger_log(seed).select(slice(0, 800)) for seed in range(3)], finger_rig()).rig
+    result = estimate(log, rig, compiled=False)
+    away = np.zeros(result.means.shape[1])
+    away[0] = 1.0
+    sure = replace(result, means=result.means + away, variances=0.01 * result.variances)
+    found = diagnose(sure, log, rig, compiled=False, what_if=False)
+    assert any(one.kind == "other estimate" and one.subject == "affine" for one in found.findings)
+    assert not any(one.kind == "out of range" for one in found.findings)
+    far = Log(log.time, {**log.channels, "motor_angle": log.channels["motor_angle"] + 1.5}, log.truth)
+    found = diagnose(estimate(far, rig, compiled=False), far, rig, compiled=False, what_if=False)
+    assert any(one.kind == "out of range" and one.subject == "motor_angle" for one in found.findings)

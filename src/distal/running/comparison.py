@@ -49,6 +49,29 @@ def disagreement(result: Estimate, log: Log, rig: Rig, homing: float | None = No
     return [Finding("other estimate", name, text)]
 
 
+def disagreement_with_map(result: Estimate, log: Log, rig: Rig, homing: float | None = None) -> list[Finding]:
+    """Return where `affine`, whose map the rig file has, lies outside both bands for a good share of the time.
+
+    Args:
+        result: the estimate.
+        log: that it is of.
+        rig: the description.
+        homing: for how long the truth is used [s], or None.
+    """
+    if rig.affine is None:
+        return []
+    try:
+        other = estimate(log, rig, "affine", compiled=False, homing=homing)
+    except EstimationError:
+        return []
+    apart = np.abs(result.angles - other.angles) > BAND * (result.angle_stds + other.angle_stds)
+    share = float(np.mean(apart.any(axis=1)))
+    if share <= OFTEN:
+        return []
+    text = f"affine, learned from logs, lies outside both bands {100 * share:.0f} % of the time"
+    return [Finding("other estimate", "affine", text)]
+
+
 def stretch(log: Log, rig: Rig, joint: str) -> Floats:
     """Return by how much friction and an unknown stiffness may turn a joint for a kinematic estimate [rad], (k,).
 

@@ -13,7 +13,7 @@ from distal.model import Mechanism
 from distal.results import Diagnosis, Estimate, Finding
 from distal.results import diagnose as of_estimate
 from distal.rig import Rig
-from distal.running.comparison import disagreement
+from distal.running.comparison import disagreement, disagreement_with_map
 from distal.running.explanations import explanations
 from distal.running.offline import runner_for
 from distal.running.places import place_range
@@ -45,7 +45,7 @@ def diagnose(
         rig: the description.
         homing: for how long the truth was used [s], or None.
         compiled: compile the kernel where possible.
-        ranges: channel → lowest and highest value that a fit has seen, SI; None where nothing was fitted.
+        ranges: channel → lowest and highest value that a fit has seen, SI; default those of the rig's `[affine]`, if any.
         what_if: run the filter again with one thing changed; it costs 20 to 80 runs of the log's first 2000 samples.
 
     Raises:
@@ -55,13 +55,13 @@ def diagnose(
         raise EstimationError("diagnose needs both the log and the rig, or neither; one of them came")
     if log is None or rig is None:
         return of_estimate(result)
-    further = [*elsewhere(log, rig), *out_of_range(log, ranges or {})]
+    further = [*elsewhere(log, rig), *out_of_range(log, _learned_range(rig) if ranges is None else ranges)]
     if result.estimator != "adaptive":
         return of_estimate(result, further)
     runner = runner_for(log, rig, "adaptive", compiled, homing)
     assert isinstance(runner, AdaptiveFilter)
     rerun = Rerun(log, runner, homing)
-    further += disagreement(result, log, rig, homing)
+    further += disagreement(result, log, rig, homing) + disagreement_with_map(result, log, rig, homing)
     first = of_estimate(result, further)
     if not any(one.contradicts for one in first.findings):  # of a rig that is wrong the band says nothing anyway
         further += overconfidence(rerun)
@@ -74,6 +74,15 @@ def diagnose(
     if against:
         return first
     return of_estimate(result, [*further, *untestable(rerun)])
+
+
+def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:
+    """Return what the logs that taught a rig's map have seen, each channel by a tenth of its range more."""
+    learned = rig.affine
+    if learned is None:
+        return {}
+    ends = zip(learned.channels, learned.low, learned.high)
+    return {name: (low - 0.1 * (high - low), high + 0.1 * (high - low)) for name, low, high in ends}
 
 
 def elsewhere(log: Log, rig: Rig) -> list[Finding]:
