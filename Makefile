@@ -11,7 +11,7 @@ help:
 	@echo "make test       every test, ruff, the type check and the layer check"
 	@echo "make test-fast  the tests that finish within a minute"
 	@echo "make bench      accuracy and speed of stepping, filters, batches, processes; the filter on a microcontroller"
-	@echo "make accuracy   plants x scenarios x estimators x 20 seeds: errors, bands, ratio to the lower bound"
+	@echo "make accuracy   rigs it was not built with; plants x scenarios x estimators x 20 seeds; fits (half an hour)"
 	@echo "make strangers  rigs and logs that distal was not built with, beside release 0.1"
 	@echo "make clean      remove .venv, out and caches"
 
@@ -42,6 +42,7 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.microcontroller
 
 accuracy: $(STAMP)
+	$(BIN)/python -m benchmarks.strangers
 	$(BIN)/python -m benchmarks.accuracy
 	$(BIN)/python -m benchmarks.fitting
 

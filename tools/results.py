@@ -113,6 +113,9 @@ TABLES = {
             "strangers-rigs-worst",
             "strangers-series",
             "strangers-poses",
+            "strangers-kinds",
+            "strangers-foreign",
+            "smoothing",
         )
     },
 }
