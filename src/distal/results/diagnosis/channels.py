@@ -40,8 +40,11 @@ COLOURED = 0.3
 On right rigs it is below 0.13 where ν²/S is above `WHOLE`; a moment arm 20 % wrong on one side of two gives 0.3 to 0.7.
 """
 
-WHOLE = 0.9
-"""Mean of ν²/S above which a channel's innovations are mostly noise; below it their correlation tells nothing."""
+WHOLE = 0.5
+"""Mean of ν²/S above which a channel's innovations are mostly noise.
+
+Below it S is mostly what is not known of the rig's numbers, whose errors last: correlation is then expected.
+"""
 
 
 @dataclass(frozen=True)
