@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.markup import escape
 
 from distal.cli.console import err, say, table
 from distal.cli.options import RigOption, SetOption, seconds
@@ -64,6 +63,9 @@ def fit_command(
         ),
     ] = None,
     report: Annotated[Path | None, typer.Option("--report", help="Folder for a page on the fit.")] = None,
+    start: Annotated[
+        Path | None, typer.Option("--start", help="Go on from a fitted rig file; --rig still gives the priors.")
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Threads.")] = 2,
     set_: SetOption = None,
@@ -80,7 +82,7 @@ def fit_command(
     if out is not None and out.suffix != ".toml":
         raise OutputError(f"{out}: a rig file ends in .toml")
     outputs = [*to_file("--out", out), *to_folder("--report", report, FIT_PAGES)]
-    check_outputs(outputs, logs=logs, rig=rig, truth=truth)
+    check_outputs(outputs, logs=[*logs, *([start] if start is not None else [])], rig=rig, truth=truth)
     _check_logs(logs)
     if holdout is not None:
         groups_of([str(path) for path in logs], None if holdout == "log" else holdout)
@@ -97,6 +99,7 @@ def fit_command(
         "seed": seed,
         "workers": jobs,
         "units": units,
+        "start": start,
     }
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     # a file or a pipe shows a line now and then instead
@@ -181,7 +184,7 @@ def _say(result: Fit) -> None:
     if result.compared:
         _say_left_out(result)
     for line in result.doubts:
-        say(f"[bold]doubt:[/] {escape(line)}")
+        say(f"doubt: {line}")
     if result.verdict:
         say(result.verdict)
     if result.interrupted:

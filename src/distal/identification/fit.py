@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import FitError
+from distal.errors import FitError, RigError
 from distal.identification.affine import AffineFit, learn_affine
+from distal.identification.agreement import FEW_ITERATIONS, disagreement, staged
 from distal.identification.checks import check_logs, doubts_of, warn_of
 from distal.identification.curves import curves as curves_of
 from distal.identification.discrepancy import DiscrepancyFit, filtered, learned_from, widened
@@ -25,7 +26,7 @@ from distal.identification.search import Found, search
 from distal.identification.selection import choose
 from distal.identification.uncertainty import Uncertainty, uncertainty_at
 from distal.logs import Log, read_log, true_angles
-from distal.rig import Rig, Sensor, load_rig
+from distal.rig import Rig, Sensor, load_rig, number
 from distal.running import added_reference, check_homing, with_references
 
 Floats = NDArray[np.float64]
@@ -44,14 +45,8 @@ HIDDEN = (
     "rig lacks physics that these logs have; it was fitted to the angle without the reference"
 )
 
-FEW_ITERATIONS = 6
-"""So many iterations take a search from the optimum of all logs to that of some of them."""
-
 FOR_LEAVING_OUT = 3
 """With so many logs whose angle is known, each is left out once."""
-
-DISAGREE = 2.0
-"""Logs contradict each other if the innovations of one are this much larger than with parameters of its own."""
 
 Progress = Callable[[str, int, float], None]
 
@@ -70,6 +65,7 @@ def fit(
     compiled: bool = True,
     progress: Progress | None = None,
     units: str | None = None,
+    start: Rig | str | Path | None = None,
 ) -> Fit:
     """Fit a rig's parameters and noise to logs, and learn what the model leaves of the angle.
 
@@ -96,6 +92,7 @@ def fit(
         progress: called with the stage, the iteration and −ln p.
         units: fit a *kind* of rig: a regular expression whose first parenthesis names the unit (an instrument, a pose, a
             day) in a log's name; units are left out as a whole, so that the band is that of a unit not seen.
+        start: a fitted rig, whose values the search begins with; the priors are those of `rig`.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
@@ -137,18 +134,22 @@ def fit(
             f"{rig.name}: the filter leaves all bounds on these logs; check the units of logs and rig (distal estimate)"
         )
     doubts = list[str]()
-    found = _best_of_starts(likelihood, seed, progress)
+    if start is None:
+        found = _best_of_starts(likelihood, seed, progress)
+    else:
+        begun = start if isinstance(start, Rig) else load_rig(start)
+        found = search(likelihood, _begun(likelihood, begun), staged(progress, "from the fitted rig"))
     if aided and not found.interrupted:
         # a reference that corrects tells most where the model is right; is the angle right without it?
         aided = False
         unaided = made(parts, read)
         if _surprise(unaided, found.z) > UNAIDED:
             doubts.append(HIDDEN)
-            likelihood, found = unaided, search(unaided, found.z, _staged(progress, "the angle without its reference"))
+            likelihood, found = unaided, search(unaided, found.z, staged(progress, "the angle without its reference"))
         else:
             aided = True
     if len(read) > 1 and not found.interrupted:
-        doubts += _disagreement(likelihood, found, made, read, progress)
+        doubts += disagreement(likelihood, found, made, read, progress)
     all_free = uncertainty_at(likelihood.derivatives(found.z), found.z, likelihood.parts())
     final, uncertainty, kept = likelihood, all_free, list[Free]()
     while not found.interrupted:
@@ -157,9 +158,9 @@ def fit(
         if not at_prior or len(at_prior) == len(final.free):
             break
         kept += at_prior
-        start = np.array([found.z[k] for k, (part, _) in enumerate(final.parts()) if part not in at_prior])
+        ahead = np.array([found.z[k] for k, (part, _) in enumerate(final.parts()) if part not in at_prior])
         final = made([part for part in final.free if part not in at_prior], read)
-        found = search(final, start, _staged(progress, "what the logs tell"))
+        found = search(final, ahead, staged(progress, "what the logs tell"))
         uncertainty = uncertainty_at(final.derivatives(found.z), found.z, final.parts())
     nis_after = _nis(final, found.z)
     if not found.interrupted:
@@ -190,7 +191,7 @@ def fit(
                 def refitted(rest: Sequence[Log]) -> Rig:
                     own = made(final.free, rest)
                     at = _coordinates(final, own, found.z, read, rest)
-                    again = search(own, at, _staged(progress, "leaving one out"), FEW_ITERATIONS)
+                    again = search(own, at, staged(progress, "leaving one out"), FEW_ITERATIONS)
                     unsure_again = uncertainty_at(own.derivatives(again.z), again.z, own.parts())
                     return written(assignments(_fitted(own, again.z, unsure_again, unsure), described))
 
@@ -260,8 +261,20 @@ def _of_references(rig: Rig, references: Sequence[Sensor], part: Free) -> bool:
     return all(path.startswith(own) for path in part.paths)
 
 
-def _staged(progress: Progress | None, stage: str) -> Callable[[int, float], None] | None:
-    return None if progress is None else lambda iteration, cost: progress(stage, iteration, cost)
+def _begun(likelihood: Likelihood, rig: Rig) -> Floats:
+    """Return the coordinates at which the numbers are those of a rig; 0 for what it has no number of."""
+    z = np.zeros(likelihood.size)
+    for k, (part, _) in enumerate(likelihood.parts()):
+        try:
+            value = number(rig, part.paths[0]).value
+        except RigError:
+            continue  # the reference is a sensor of the fit only
+        if not part.logarithmic:
+            z[k] = (value - part.start) / part.scale
+        elif value > 0.0:
+            z[k] = np.log(value / part.start)
+        z[k] = np.clip(z[k], *part.bounds)
+    return z
 
 
 def _best_of_starts(likelihood: Likelihood, seed: int, progress: Progress | None) -> Found:
@@ -272,11 +285,11 @@ def _best_of_starts(likelihood: Likelihood, seed: int, progress: Progress | None
     )
     bounds = np.array([part.bounds for part, _ in likelihood.parts()])
     drawn = [np.clip(spreads * rng.normal(size=likelihood.size), *bounds.T) for _ in range(STARTS)]
-    first = search(likelihood, np.zeros(likelihood.size), _staged(progress, "from the priors"))
+    first = search(likelihood, np.zeros(likelihood.size), staged(progress, "from the priors"))
     if first.interrupted:
         return first
     costs = [likelihood.cost(z) for z in drawn]
-    other = search(likelihood, drawn[int(np.argmin(costs))], _staged(progress, "from another start"))
+    other = search(likelihood, drawn[int(np.argmin(costs))], staged(progress, "from another start"))
     best = other if other.cost < first.cost else first
     return replace(best, interrupted=other.interrupted, iterations=first.iterations + other.iterations)
 
@@ -340,42 +353,3 @@ def _nis(likelihood: Likelihood, z: Floats) -> tuple[float, ...]:
     ratios = np.vstack([values**2 / variances for values, variances in innovations])
     means = [float(np.nanmean(column)) if np.isfinite(column).any() else float("nan") for column in ratios.T]
     return tuple(means)
-
-
-def _disagreement(
-    likelihood: Likelihood,
-    found: Found,
-    made: Callable[[Sequence[Free], Sequence[Log]], Likelihood],
-    logs: Sequence[Log],
-    progress: Progress | None,
-) -> list[str]:
-    """Return what is to be said of logs that only parameters of their own explain: a sentence, or none."""
-    parts = tuple(replace(part, per_log=False) for part in likelihood.free if not part.noise)
-    at = [k for k, part in enumerate(likelihood.free) if not part.noise]
-    worst: tuple[float, str, str] = (0.0, "", "")
-    for j, log in enumerate(logs):
-        own = made(parts, [log])
-        shared = found.z[likelihood.columns(j)]
-        start = shared[at]
-        alone = search(own, start, _staged(progress, f"does {Path(log.source).name} agree"), FEW_ITERATIONS)
-        if alone.interrupted:
-            return []
-        together, apart = _sizes(own, start), _sizes(own, alone.z)
-        ratio = float(np.nanmax(together / apart))
-        moved = int(np.argmax(np.abs(alone.z - start) * [1.0 / p.spread if p.has_prior else 1.0 for p in parts]))
-        if ratio > worst[0]:
-            wanted = f"{parts[moved].name} = {parts[moved].value(alone.z[moved]):.4g} {parts[moved].si}".rstrip()
-            worst = (ratio, log.source, f"{wanted}, all logs together {parts[moved].value(start[moved]):.4g}")
-    if worst[0] <= DISAGREE:
-        return []
-    return [
-        f"contradictory logs: {worst[1]} fits {worst[0]:.1f} times better with parameters of its own ({worst[2]}); was "
-        "something changed between the logs? Fit them apart, or give each its own with --per-log"
-    ]
-
-
-def _sizes(likelihood: Likelihood, z: Floats) -> Floats:
-    """Return the RMS innovation per channel of a likelihood of one log."""
-    values, variances = likelihood.run(0, z)
-    limited = np.minimum(values**2, 9.0 * variances)
-    return np.array([np.sqrt(np.nanmean(c)) if np.isfinite(c).any() else np.nan for c in limited.T])
