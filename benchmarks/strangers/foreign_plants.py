@@ -8,6 +8,7 @@ the plants are quasi-static: exact for motions of some hertz.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ def motion(rng: np.random.Generator, low: float, high: float) -> Floats:
     return places
 
 
+@cache
 def finger_log(seed: int) -> Log:
     """Return a log of the finger; the plant's numbers are the same for all seeds, the motion and load are not."""
     rng = np.random.default_rng([seed, 41])
@@ -127,6 +129,7 @@ def finger_rig() -> Rig:
     return build_rig(raw, "finger")
 
 
+@cache
 def hand_log(seed: int) -> Log:
     """Return a log of a joint with two motors, ropes that creep 2 % of their length a minute, and backlash in the gears."""
     rng = np.random.default_rng([seed, 42])

@@ -137,6 +137,23 @@ def test_the_correction_and_its_band(plain: Rig, rig: Rig, log: Log) -> None:
     assert corrected.theta_std[128] > 1.2 * known.theta_std[128]  # a torque that is missing is not told as known
 
 
+def test_a_reading_that_is_missing_loses_its_worth_with_time(plain: Rig) -> None:
+    """At rest, with nothing of the filter's own doubt: what is added to the variance is (∂δ/∂reading · rate · age)²."""
+    rig = plain.with_values({"discrepancy": made(own=0.0).model_dump()})
+    time = np.arange(0.0, 1.0, 0.005)
+    torque = np.full(len(time), 0.03)
+    torque[50:] = np.nan
+    log = Log(time, {"motor_angle": np.full(len(time), 0.2), "motor_torque": torque})
+    variance = estimate(log, rig, compiled=False).theta_std ** 2
+    added = np.sqrt(variance[50:] - variance[49])
+    age = 0.005 * np.arange(1, len(added) + 1)
+    b, d = made().joints[0].coefficients, made()
+    x, y = (0.2 - d.centre[0]) / d.scale[0], (0.03 - d.centre[1]) / d.scale[1]
+    slope = abs(b[2] * x + 2 * b[4] * y) / d.scale[1]  # the play rests
+    np.testing.assert_allclose(added[:60], slope * d.rate[1] * age[:60], rtol=0.02)
+    assert added[-1] <= slope * 2 * 0.5 * (d.high[1] - d.low[1]) * 1.02  # never more than the whole range
+
+
 def test_the_filters_own_state_goes_on_without_it(plain: Rig, rig: Rig, log: Log) -> None:
     bare, corrected = estimate(log, plain, compiled=False), estimate(log, rig, compiled=False)
     np.testing.assert_allclose(corrected.means[:, 1:], bare.means[:, 1:], rtol=0, atol=1e-11)
@@ -189,8 +206,8 @@ def drawn(rng: np.random.Generator, b: Floats, d: Discrepancy) -> Samples:
 
 
 def test_homing_is_bayes_rule() -> None:
-    """With white errors: the posterior of a linear Gaussian model, by its normal equations."""
-    d = made().model_copy(update={"correlation_time": 0.01})
+    """The posterior of a linear Gaussian model, by its normal equations."""
+    d = made().model_copy(update={"correlation_time": 0.03})  # three samples count as one
     rng = np.random.default_rng(3)
     own = d.joints[0]
     b = rng.multivariate_normal(np.array(own.coefficients), np.array(own.covariance))
@@ -199,8 +216,8 @@ def test_homing_is_bayes_rule() -> None:
     after, surprise = homed(d, run, window)
     x, y = design(d, run)[window], (run.truths - run.angles)[window, 0]
     prior = np.linalg.inv(np.array(own.covariance))
-    information = prior + x.T @ x / own.std**2
-    mean = np.linalg.solve(information, prior @ np.array(own.coefficients) + x.T @ y / own.std**2)
+    information = prior + x.T @ x / (3 * own.std**2)
+    mean = np.linalg.solve(information, prior @ np.array(own.coefficients) + x.T @ y / (3 * own.std**2))
     np.testing.assert_allclose(after.joints[0].coefficients, mean, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(after.joints[0].covariance, np.linalg.inv(information), rtol=1e-5, atol=1e-12)
     assert surprise < 3.0
