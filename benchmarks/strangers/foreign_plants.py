@@ -22,9 +22,9 @@ RATE = 100.0
 DURATION = 30.0
 
 
-def motion(rng: np.random.Generator, low: float, high: float) -> Floats:
+def motion(rng: np.random.Generator, low: float, high: float, duration: float) -> Floats:
     """Return a smooth motion between two places with rests: sums of sines, held now and then, (k,)."""
-    time = np.arange(round(DURATION * RATE)) / RATE
+    time = np.arange(round(duration * RATE)) / RATE
     rates = rng.uniform(0.05, 0.45, 4)
     weights = rng.uniform(0.4, 1.0, 4)
     waves = sum(w * np.sin(2 * np.pi * f * time + rng.uniform(0, 2 * np.pi)) for w, f in zip(weights, rates))
@@ -39,10 +39,10 @@ def motion(rng: np.random.Generator, low: float, high: float) -> Floats:
 
 
 @cache
-def finger_log(seed: int) -> Log:
+def finger_log(seed: int, duration: float = DURATION) -> Log:
     """Return a log of the finger; the plant's numbers are the same for all seeds, the motion and load are not."""
     rng = np.random.default_rng([seed, 41])
-    turn = motion(rng, 0.0, 1.35)
+    turn = motion(rng, 0.0, 1.35, duration)
     spool, arm = 0.0082, 0.0093
     parts, wrap, coefficient = 8, 2.1, 0.11
     stiffness = 6500.0 * parts
@@ -130,11 +130,11 @@ def finger_rig() -> Rig:
 
 
 @cache
-def hand_log(seed: int) -> Log:
+def hand_log(seed: int, duration: float = DURATION) -> Log:
     """Return a log of a joint with two motors, ropes that creep 2 % of their length a minute, and backlash in the gears."""
     rng = np.random.default_rng([seed, 42])
-    mean = motion(rng, -0.7, 0.7)
-    squeeze = motion(rng, 0.10, 0.22)
+    mean = motion(rng, -0.7, 0.7, duration)
+    squeeze = motion(rng, 0.10, 0.22, duration)
     time = np.arange(len(mean)) / RATE
     radius, arm, stiffness = 0.010, 0.012, 9000.0
     motors = {"flexor": mean + squeeze, "extensor": -mean + squeeze}

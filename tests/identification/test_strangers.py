@@ -45,13 +45,13 @@ def test_a_band_is_sized_by_the_errors_of_logs_left_out() -> None:
 
 
 def test_without_an_angle_there_is_nothing_to_learn() -> None:
-    log = finger_log(0).select(slice(0, 300))
+    log = finger_log(0, 4.0)
     with pytest.raises(FitError, match="none of the 1 logs has the joint's angle"):
         learn_discrepancy([Log(log.time, log.channels, {}, "bare")], finger_rig())
 
 
 def test_few_logs_are_said() -> None:
-    logs = [finger_log(seed).select(slice(0, 600)) for seed in range(2)]
+    logs = [finger_log(seed, 6.0) for seed in range(2)]
     found = learn_discrepancy(logs, finger_rig(), compiled=False)
     assert any("2 logs or groups of logs" in note for note in found.notes)
     assert len(found.left_out) == 2
@@ -65,7 +65,7 @@ def test_units_are_left_out_as_a_whole() -> None:
     """Two logs of each of three units: each unit is left out once, and both of its logs are compared."""
     logs = []
     for seed in range(6):
-        log = finger_log(seed).select(slice(0, 700))
+        log = finger_log(seed, 7.0)
         logs.append(Log(log.time, log.channels, log.truth, f"unit_{seed // 2} {seed}"))
     found = fit(logs, finger_rig(), units=r"unit_(\d)")
     assert [one.log for one in found.compared] == [log.source for log in logs]
@@ -77,7 +77,7 @@ def test_units_are_left_out_as_a_whole() -> None:
 
 def test_a_log_that_is_left_out_teaches_nothing() -> None:
     """Neither of the rig's numbers nor of the discrepancy: what is asked for the others never sees it."""
-    logs = [replace(finger_log(seed).select(slice(0, 400)), source=f"log {seed}") for seed in range(3)]
+    logs = [replace(finger_log(seed, 4.0), source=f"log {seed}") for seed in range(3)]
     rig, asked = finger_rig(), list[list[str]]()
 
     def refitted(rest: Sequence[Log]) -> Rig:

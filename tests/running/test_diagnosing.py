@@ -140,8 +140,8 @@ class TestFurther:
 
 def test_what_logs_taught_is_asked_too() -> None:
     """A map in the rig file that says otherwise, and readings that its logs never had, are told by name."""
-    log = finger_log(3).select(slice(0, 800))
-    rig = learn_affine([finger_log(seed).select(slice(0, 800)) for seed in range(3)], finger_rig()).rig
+    log = finger_log(3, 8.0)
+    rig = learn_affine([finger_log(seed, 8.0) for seed in range(3)], finger_rig()).rig
     result = estimate(log, rig, compiled=False)
     away = np.zeros(result.means.shape[1])
     away[0] = 1.0
