@@ -132,6 +132,7 @@ def test_filters_of_other_priors_are_built_one_at_a_time(monkeypatch: pytest.Mon
     assert most == 1
 
 
+@pytest.mark.slow
 def test_each_log_may_have_its_own(pulley_rig: Rig) -> None:
     from tests.identification.helpers import logs_of as simulated
 
@@ -195,6 +196,7 @@ class TestBadLogs:
         with pytest.raises(FitError, match="is constant while the drives move"):
             fit([self.changed(log, truth=np.zeros(len(log)))], rig)
 
+    @pytest.mark.slow
     def test_contradictory_logs(self, rig: Rig) -> None:
         """The same rig with threads of half the stiffness is another rig."""
         logs = [
@@ -258,6 +260,7 @@ def test_logs_that_do_not_look_like_the_rig(rig: Rig, log: Log) -> None:
         fit([log, log], rig)
 
 
+@pytest.mark.slow
 def test_arguments_of_the_wrong_kind(rig: Rig, log: Log) -> None:
     log = log.select(slice(0, 200))
     one = fit(log, rig, "joints.0.friction.coefficient", noise=False)
@@ -282,6 +285,7 @@ def test_groups_are_whole_logs() -> None:
         groups_of(names[:1], None)
 
 
+@pytest.mark.slow
 def test_cross_validation_estimates_logs_it_has_not_seen(rig: Rig) -> None:
     plant = {"joints.0.friction.coefficient": 0.62, "tendons.0.stiffness": 740.0, "tendons.1.stiffness": 740.0}
     logs = logs_of(rig, plant, 11, ("ramps", "servo"), 6.0)

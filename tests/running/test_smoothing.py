@@ -109,6 +109,7 @@ def test_it_is_the_expectation_given_the_whole_log() -> None:
     assert np.abs((result.theta - estimate(log, rig).theta) / result.theta_std).max() > 0.05
 
 
+@pytest.mark.slow
 def test_it_is_no_less_sure_and_no_worse() -> None:
     rig = paper_rig("as the rig")
     logs = [paper_log("servo", "friction +20 %", seed) for seed in range(6)]
