@@ -11,7 +11,7 @@ from benchmarks.strangers.foreign_plants import finger_log, finger_rig, hand_log
 
 from distal import Log, Rig, estimate, fit, learn_affine, learn_discrepancy
 from distal.errors import FitError
-from distal.identification.discrepancy_learning import conformal_factor
+from distal.identification.discrepancy_learning import factor_of
 from distal.identification.leaving_out import leave_out
 
 
@@ -36,12 +36,12 @@ def test_a_band_is_sized_by_the_errors_of_logs_left_out() -> None:
     rng = np.random.default_rng(1)
     errors = [3.0 * rng.normal(size=20000) for _ in range(4)]
     own = np.zeros(20000)
-    assert conformal_factor([(e, np.ones(20000), own) for e in errors]) == pytest.approx(3.0, rel=0.02)
-    assert conformal_factor([(e, np.ones(20000), own + 5.0) for e in errors]) == pytest.approx(2.0, rel=0.04)
+    assert factor_of([(e, np.ones(20000), own) for e in errors]) == pytest.approx(3.0, rel=0.02)
+    assert factor_of([(e, np.ones(20000), own + 5.0) for e in errors]) == pytest.approx(2.0, rel=0.04)
     # all logs alike: one that is three times as long does not decide
     long, short = 9.0 * rng.normal(size=60000), np.zeros(20000)
     parts = [(long, np.ones(60000), np.zeros(60000)), *[(short, np.ones(20000), own)] * 19]
-    assert conformal_factor(parts) == pytest.approx(0.5, abs=0.01)
+    assert factor_of(parts) == pytest.approx(0.5, abs=0.01)
 
 
 def test_without_an_angle_there_is_nothing_to_learn() -> None:

@@ -19,8 +19,8 @@ from distal.identification.discrepancy_learning import (
     ENOUGH,
     Errors,
     channels_of_rig,
-    conformal_factor,
     errors_of,
+    factor_of,
     left_out_errors,
     scaled,
     sized,
@@ -262,7 +262,7 @@ def widened(found: DiscrepancyFit, errors: Sequence[Errors]) -> DiscrepancyFit:
     if not errors:
         return found
     count = len(found.discrepancy.joints)
-    factors = [max(1.0, conformal_factor([parts[j] for parts in errors])) for j in range(count)]
+    factors = [max(1.0, factor_of([parts[j] for parts in errors])) for j in range(count)]
     made = scaled(found.discrepancy, factors)
     return replace(found, rig=found.rig.with_values({"discrepancy": made.model_dump()}))
 

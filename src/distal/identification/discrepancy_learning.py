@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from distal.errors import FitError
 from distal.estimators import channels_of
-from distal.estimators.affine import NORMAL, random_effects, student
+from distal.estimators.affine import conformal_factor, random_effects, student
 from distal.estimators.discrepancy import Samples, corrected, design, homed
 from distal.identification.discrepancy_terms import Choice
 from distal.rig import AffineJoint, Discrepancy, Rig
@@ -196,7 +196,7 @@ def sized(data: Sequence[Samples], rig: Rig, folds: Sequence[int], homing: float
     best, narrowest = made, float("inf")
     for own in OWNS:
         parts = [[(e, u, own**2 * v) for e, u, v in (log[j] for log in errors)] for j in range(len(made.joints))]
-        factors = [conformal_factor(logs) for logs in parts]
+        factors = [factor_of(logs) for logs in parts]
         width = float(np.mean([np.sqrt(c**2 * u + v).mean() for c, logs in zip(factors, parts) for _, u, v in logs]))
         if width < WORTH * narrowest:
             best, narrowest = scaled(made.model_copy(update={"own": own}), factors, wider), width
@@ -218,21 +218,10 @@ def scaled(made: Discrepancy, factors: Sequence[float], wider: float = 1.0) -> D
     return made.model_copy(update={"joints": tuple(joints)})
 
 
-def conformal_factor(logs: Sequence[tuple[Floats, Floats, Floats]]) -> float:
+def factor_of(logs: Sequence[tuple[Floats, Floats, Floats]]) -> float:
     """Return the least factor c for which, all logs alike, 95 % of errors have e² ≤ 1.96² (c² u + v).
 
     Args:
         logs: of each left-out log (errors e [rad], u, v).
     """
-    needed, weights = [], []
-    for error, correction, own in logs:
-        if not len(error):
-            continue
-        wanted = np.maximum(error**2 / NORMAL**2 - own, 0.0)
-        needed.append(np.sqrt(wanted / np.maximum(correction, 1e-30)))
-        weights.append(np.full(len(error), 1.0 / len(error)))
-    factors, share = np.concatenate(needed), np.concatenate(weights)
-    order = np.argsort(factors)
-    reached = np.cumsum(share[order]) / share.sum()
-    at = min(int(np.searchsorted(reached, 0.95)), len(order) - 1)
-    return float(np.clip(factors[order][at], LEAST, LARGEST))
+    return conformal_factor(logs, LEAST, LARGEST)

@@ -1,8 +1,8 @@
 """`affine`, the obvious estimator: least squares of what the sensors read, from logs or a homing move."""
 
 from distal.estimators.affine.estimator import NEEDS, OUTSIDE, AffineEstimator
-from distal.estimators.affine.homing import NORMAL, corrected, learned_alone, student
-from distal.estimators.affine.learning import learned, random_effects, sized
+from distal.estimators.affine.homing import NORMAL, after_window, corrected, learned_alone, student
+from distal.estimators.affine.learning import conformal_factor, learned, random_effects, sized
 from distal.estimators.affine.mapping import design, noise_of, outside, predicted
 from distal.estimators.affine.readings import NAME, Readings, dead_bands, direction, readings_of
 from distal.estimators.affine.regression import correlated_samples, line, surprise, updated
@@ -14,6 +14,8 @@ __all__ = [
     "OUTSIDE",
     "AffineEstimator",
     "Readings",
+    "after_window",
+    "conformal_factor",
     "corrected",
     "correlated_samples",
     "dead_bands",

@@ -82,6 +82,31 @@ def filled(joint: AffineJoint, columns: Sequence[int], mean: Floats, covariance:
     return AffineJoint(joint=joint.joint, coefficients=rows(whole[None])[0], covariance=rows(square), std=float(std))
 
 
+def after_window(joint: AffineJoint, x: Floats, y: Floats, count: float, logs: int) -> tuple[AffineJoint, float]:
+    """Return a joint's coefficients after a window of samples, by Bayes' rule, and how surprising it was in stds.
+
+    Args:
+        joint: mean and covariance before, the prior.
+        x: columns in the window, (k, n).
+        y: what they are to give [rad], (k,).
+        count: how many samples count as one.
+        logs: how many logs the prior was learned from.
+    """
+    mean, covariance = np.asarray(joint.coefficients), np.asarray(joint.covariance)
+    gram, moment, spread = x.T @ x, x.T @ y, joint.std**2 * count
+    ratio = surprise(mean, covariance, gram, moment, spread) / max(int(np.count_nonzero(np.diag(covariance))), 1)
+    if ratio > EXPECTED**2:
+        covariance = covariance * ratio
+    after, left = updated(mean, covariance, gram, moment, spread)
+    rest = y - x @ after
+    # what this log leaves beyond the logs before it is its own
+    own, independent = float(np.mean(rest**2)), len(y) / max(count, correlated_samples(rest))
+    weight = max(logs, 1)
+    std = float(np.sqrt(max(joint.std**2, (weight * joint.std**2 + independent * own) / (weight + independent))))
+    made = AffineJoint(joint=joint.joint, coefficients=rows(after[None])[0], covariance=rows(left), std=std)
+    return made, float(np.sqrt(ratio))
+
+
 def corrected(affine: Affine, readings: Readings, rig: Rig) -> tuple[Affine, float]:
     """Return a stored map after a homing move, and how surprising the move was in standard deviations.
 
@@ -103,24 +128,11 @@ def corrected(affine: Affine, readings: Readings, rig: Rig) -> tuple[Affine, flo
             joints.append(joint)
             continue
         x, y = columns[there], readings.angles[there, j]
-        mean, covariance = np.asarray(joint.coefficients), np.asarray(joint.covariance)
         # errors that depend on the place repeat with the motion: they last as long as it does
-        count = max(affine.correlation_time / readings.interval, correlated_samples(x @ mean))
-        spread = joint.std**2 * count
-        n = int(np.count_nonzero(np.diag(covariance)))
-        gram, moment = x.T @ x, x.T @ y
-        off = surprise(mean, covariance, gram, moment, spread)
-        ratio = off / max(n, 1)
-        worst = max(worst, float(np.sqrt(ratio)))
-        if ratio > EXPECTED**2:
-            covariance = covariance * ratio
-        after, left = updated(mean, covariance, gram, moment, spread)
-        residuals = y - x @ after
-        # what this log leaves beyond the logs before it is this log's own
-        own, independent = float(np.mean(residuals**2)), len(y) / max(count, correlated_samples(residuals))
-        weight = max(affine.logs, 1)
-        std = np.sqrt(max(joint.std**2, (weight * joint.std**2 + independent * own) / (weight + independent)))
-        joints.append(AffineJoint(joint=joint.joint, coefficients=rows(after[None])[0], covariance=rows(left), std=std))
+        count = max(affine.correlation_time / readings.interval, correlated_samples(x @ np.asarray(joint.coefficients)))
+        after, off = after_window(joint, x, y, count, affine.logs)
+        joints.append(after)
+        worst = max(worst, off)
     values = readings.values
     z = (values - np.asarray(affine.centre)) / np.asarray(affine.scale)
     far = float(np.sqrt(np.max(np.sum(z @ np.asarray(affine.distance) * z, axis=1), initial=0.0)))

@@ -145,24 +145,31 @@ def sized(affine: Affine, errors: Sequence[Sequence[tuple[Floats, Floats, Floats
     """
     joints = []
     for joint, logs in zip(affine.joints, errors):
-        factor = _factor([np.vstack(parts) for parts in logs], smallest) if logs else smallest
+        factor = conformal_factor(logs, smallest, LARGEST) if logs else smallest
         covariance = tuple(tuple(factor**2 * value for value in row) for row in joint.covariance)
         joints.append(joint.model_copy(update={"covariance": covariance}))
     return affine.model_copy(update={"joints": tuple(joints)})
 
 
-def _factor(logs: Sequence[Floats], smallest: float) -> float:
-    """Return the least factor c ≥ smallest for which, over all logs alike, 95 % have e² ≤ 1.96² (c² u + v)."""
+def conformal_factor(logs: Sequence[tuple[Floats, Floats, Floats]], least: float, largest: float) -> float:
+    """Return the least factor c for which, over all logs alike, 95 % of errors have e² ≤ 1.96² (c² u + v).
+
+    Args:
+        logs: of each left-out log (errors e [rad], u, v).
+        least: smallest factor.
+        largest: largest factor.
+    """
     needed, weights = [], []
-    for error, between, within in logs:
-        wanted = np.maximum(error**2 / NORMAL**2 - within, 0.0)
-        needed.append(np.sqrt(wanted / np.maximum(between, 1e-30)))
-        weights.append(np.full(len(error), 1.0 / len(error)))
+    for error, scaled, fixed in logs:
+        if len(error):
+            wanted = np.maximum(error**2 / NORMAL**2 - fixed, 0.0)
+            needed.append(np.sqrt(wanted / np.maximum(scaled, 1e-30)))
+            weights.append(np.full(len(error), 1.0 / len(error)))
     factors, share = np.concatenate(needed), np.concatenate(weights)
     order = np.argsort(factors)
     reached = np.cumsum(share[order]) / share.sum()
     at = min(int(np.searchsorted(reached, 0.95)), len(order) - 1)
-    return float(np.clip(factors[order][at], smallest, LARGEST))
+    return float(np.clip(factors[order][at], least, largest))
 
 
 LARGEST = 100.0
