@@ -104,6 +104,7 @@ TABLES = {
             "hysteresis",
             "processes",
             "microcontroller",
+            "casadi",
             "float-errors",
             "soak",
             "strangers-steps",

@@ -16,8 +16,8 @@ from distal.estimators.adaptive.measurement import row_functions
 from distal.estimators.adaptive.motion import Moved, moved
 from distal.estimators.adaptive.play import play
 from distal.estimators.adaptive.prediction import predicted, revert
-from distal.estimators.adaptive.update import comparison_function, weights
-from distal.estimators.kalman import lowered, symmetric
+from distal.estimators.adaptive.update import comparison_function, reduced, weights
+from distal.estimators.kalman import symmetric
 from distal.kernels import Kernel
 from distal.rig import Rig
 
@@ -130,7 +130,7 @@ def iterated_update(
             across = by_limit * ahead[1] + by_asymmetry * ahead[2] - ahead[0]
             spread = by_limit * _along(limit_slope, across) + by_asymmetry * _along(asymmetry_slope, across)
             spread += own_variance - _along(slope, across)
-            weight, root, robust, shown = weigh(spread, innovation, values[5 * k + 4], counts)
+            weight, root, shown = weigh(spread, innovation, values[5 * k + 4], counts)
             change = (weight * innovation) * across
             point = mean + change
         shares = states.gain_shares(row.drive, row.trusted)
@@ -139,13 +139,7 @@ def iterated_update(
         if row.drive is not None:
             kept[row.drive] = after + _along(slope, change) if states.setup.declares_friction(row.drive) else after
         mean = mean + change
-        if shares:
-            gain = weight * across
-            for at, share in shares.items():
-                gain[at] *= share
-            covariance = lowered(covariance, gain, across - (0.5 * robust) * gain, loops=False)
-        else:
-            covariance = lowered(covariance, root * across, None, loops=False)
+        covariance = reduced(shares, covariance, root * across, loops=False)
         innovations.append(shown)
         spreads.append(spread)
     measured = [k for k, row in enumerate(rows) if row.measured]

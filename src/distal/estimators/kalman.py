@@ -12,24 +12,15 @@ def symmetric(entries: Any) -> Any:
     return ca.tril2symm(ca.tril(entries))
 
 
-def lowered(covariance: Any, gain: Any, other: Any, loops: bool) -> Any:
-    """Return P − g gᵀ, or P − g oᵀ − o gᵀ, symmetric.
-
-    With g = P hᵀ/√S it is the update with the optimal gain K = P hᵀ/S; with any other gain, P − K aᵀ − a Kᵀ + K S Kᵀ is the
-    second with o = a − K S/2.
+def lowered(covariance: Any, gain: Any, loops: bool) -> Any:
+    """Return P − g gᵀ, symmetric: with g = P hᵀ/√S the update with the optimal gain K = P hᵀ/S.
 
     Args:
         covariance: P, (n, n).
         gain: g, (n,).
-        other: o, (n,), or None for the first.
-        loops: as rank-one changes in place, else as products of which the lower triangle is taken.
+        loops: as a rank-one change in place, else as a product of which the lower triangle is taken.
     """
-    if not loops:
-        product = ca.mtimes(gain, gain.T) if other is None else ca.mtimes(gain, other.T) + ca.mtimes(other, gain.T)
-        return symmetric(covariance - product)
-    if other is None:
-        return ca.rank1(covariance, -1, gain, gain)
-    return ca.rank1(ca.rank1(covariance, -1, gain, other), -1, other, gain)
+    return ca.rank1(covariance, -1, gain, gain) if loops else symmetric(covariance - ca.mtimes(gain, gain.T))
 
 
 def predict_covariance(covariance: Any, transition: Any, input_map: Any, input_variances: Any, process: Any) -> Any:
@@ -74,7 +65,8 @@ def update(
         value = residuals[i] - ca.mtimes(row, mean - prior)
         gain = mask[i] * across / spread
         mean = mean + gain * value
-        covariance = lowered(covariance, gain, across - gain * (spread / 2), loops=False)
+        other = across - gain * (spread / 2)
+        covariance = symmetric(covariance - (ca.mtimes(gain, other.T) + ca.mtimes(other, gain.T)))
         innovations.append(value)
         spreads.append(spread)
     return mean, covariance, ca.vertcat(*innovations), ca.vertcat(*spreads)

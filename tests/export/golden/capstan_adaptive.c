@@ -829,7 +829,7 @@ static void compare(const float* restrict a0, const float* restrict a1, const fl
   r5[0] = 1.0f;
 }
 
-static void weights(const float* restrict a0, const float* restrict a1, const float* restrict a2, const float* restrict a3, float* restrict r0, float* restrict r1, float* restrict r2, float* restrict r3) {
+static void weights(const float* restrict a0, const float* restrict a1, const float* restrict a2, const float* restrict a3, float* restrict r0, float* restrict r1, float* restrict r2) {
   const float v2 = larger(a2[0], 0.0f);
   const float v6 = a1[0] * a1[0];
   const float v8 = 9.0f * a0[0];
@@ -840,14 +840,13 @@ static void weights(const float* restrict a0, const float* restrict a1, const fl
   r0[0] = v12;
   const float v14 = sqrtf(v12);
   r1[0] = v14;
-  r2[0] = v11;
-  const float v17 = (float)(a2[0] != 0.0f);
-  const float v19 = (float)(v17 != 0.0f && a3[0] != 0.0f);
-  const float v20 = (v19 != 0.0f ? a1[0] : 0.0f);
-  const float v21 = (float)(v19 == 0.0f);
-  const float v23 = (v21 != 0.0f ? NAN : 0.0f);
-  const float v24 = v20 + v23;
-  r3[0] = v24;
+  const float v16 = (float)(a2[0] != 0.0f);
+  const float v18 = (float)(v16 != 0.0f && a3[0] != 0.0f);
+  const float v19 = (v18 != 0.0f ? a1[0] : 0.0f);
+  const float v20 = (float)(v18 == 0.0f);
+  const float v22 = (v20 != 0.0f ? NAN : 0.0f);
+  const float v23 = v19 + v22;
+  r2[0] = v23;
 }
 
 static void adaptive(float* restrict state, const float* restrict a1, const float* restrict a2, float* restrict r1) {
@@ -856,45 +855,46 @@ static void adaptive(float* restrict state, const float* restrict a1, const floa
   static const float c2[6] = {9.86666788e-07f, 1.43259045e-08f, 1.52895095e-07f, 0.0064f, 0.0064f, 9e-06f};
   static const unsigned short t3[5] = {0, 1, 5, 6, 7};
   static const unsigned short t4[7] = {0, 1, 3, 4, 5, 6, 7};
-  float w[128];
+  static const unsigned short t5[36] = {18, 19, 20, 21, 22, 23, 26, 27, 28, 29, 30, 31, 34, 35, 36, 37, 38, 39, 42, 43, 44, 45, 46, 47, 50, 51, 52, 53, 54, 55, 58, 59, 60, 61, 62, 63};
+  float w[169];
   int i;
   int j;
   int k;
-  track(state, state + 72, a1, a2, w + 82);
-  interval(state, state + 8, state + 72, w + 82, a1, a2, w + 27, w + 102, w + 103, w + 104, w, w + 18, w + 90);
+  track(state, state + 72, a1, a2, w + 136);
+  interval(state, state + 8, state + 72, w + 136, a1, a2, w + 27, w + 94, w + 95, w + 96, w, w + 18, w + 82);
   w[45] = state[0];
   w[46] = w[27];
   w[47] = state[1];
-  w[48] = w[102];
-  w[105] = a1[0] / 4.0f;
-  substep(w + 45, w + 47, w + 103, w + 105, c0, c1, w + 104, w, w + 18, w + 90, w + 63, w + 65, w + 27, w + 36, w + 123);
-  substep(w + 63, w + 65, w + 103, w + 105, w + 27, w + 36, w + 104, w, w + 18, w + 90, w + 67, w + 69, w + 45, w + 54, w + 124);
-  substep(w + 67, w + 69, w + 103, w + 105, w + 45, w + 54, w + 104, w, w + 18, w + 90, w + 98, w + 100, w + 27, w + 36, w + 125);
-  substep(w + 98, w + 100, w + 103, w + 105, w + 27, w + 36, w + 104, w, w + 18, w + 90, w + 45, w + 47, w + 64, w + 73, w + 126);
+  w[48] = w[94];
+  w[97] = a1[0] / 4.0f;
+  substep(w + 45, w + 47, w + 95, w + 97, c0, c1, w + 96, w, w + 18, w + 82, w + 63, w + 65, w + 27, w + 36, w + 110);
+  substep(w + 63, w + 65, w + 95, w + 97, w + 27, w + 36, w + 96, w, w + 18, w + 82, w + 67, w + 69, w + 45, w + 54, w + 111);
+  substep(w + 67, w + 69, w + 95, w + 97, w + 45, w + 54, w + 96, w, w + 18, w + 82, w + 90, w + 92, w + 27, w + 36, w + 112);
+  substep(w + 90, w + 92, w + 95, w + 97, w + 27, w + 36, w + 96, w, w + 18, w + 82, w + 45, w + 47, w + 64, w + 73, w + 113);
   state[0] = w[45];
   state[1] = w[47];
-  rows(state, w + 82, w + 102, a1, a2, w + 113, w + 118, w + 106, 0);
-  for (j = 0; j < 1; ++j) for (i = 0; i < 8; ++i) { float s = 0.0f; for (k = 0; k < 8; ++k) s += state[8 + i + 8 * k] * w[64 + k + 8 * j]; w[90 + i + 8 * j] = s; }
+  rows(state, w + 136, w + 94, a1, a2, w + 105, w + 160, w + 98, 0);
+  for (j = 0; j < 1; ++j) for (i = 0; i < 8; ++i) { float s = 0.0f; for (k = 0; k < 8; ++k) s += state[8 + i + 8 * k] * w[64 + k + 8 * j]; w[82 + i + 8 * j] = s; }
   for (i = 0; i < 64; ++i) w[i] = state[8 + i];
-  for (i = 0; i < 8; ++i) w[0 + 1 * i] = w[90 + i];
-  for (i = 0; i < 8; ++i) w[0 + 8 * i] = w[90 + i];
-  w[0] = w[90];
-  for (j = 0; j < 1; ++j) for (i = 0; i < 8; ++i) { float s = 0.0f; for (k = 0; k < 8; ++k) s += state[8 + i + 8 * k] * w[73 + k + 8 * j]; w[98 + i + 8 * j] = s; }
-  for (i = 0; i < 8; ++i) w[8 + 1 * i] = w[98 + i];
-  for (i = 0; i < 8; ++i) w[1 + 8 * i] = w[98 + i];
-  w[9] = w[99];
-  for (j = 0; j < 1; ++j) for (i = 0; i < 1; ++i) { float s = 0.0f; for (k = 0; k < 8; ++k) s += w[64 + i + 1 * k] * w[90 + k + 8 * j]; w[127 + i + 1 * j] = s; }
-  for (j = 0; j < 1; ++j) for (i = 0; i < 1; ++i) { float s = 0.0f; for (k = 0; k < 8; ++k) s += w[64 + i + 1 * k] * w[98 + k + 8 * j]; w[93 + i + 1 * j] = s; }
-  for (j = 0; j < 1; ++j) for (i = 0; i < 1; ++i) { float s = 0.0f; for (k = 0; k < 8; ++k) s += w[73 + i + 1 * k] * w[98 + k + 8 * j]; w[94 + i + 1 * j] = s; }
-  w[90] = w[127];
-  w[91] = w[93];
-  w[92] = w[94];
-  w[93] = w[72];
-  w[94] = w[81];
-  w[123] = w[123] + w[124];
-  w[123] = w[123] + w[125];
-  w[123] = w[123] + w[126];
-  corner(w + 90, w + 93, w + 123, w + 82, state + 72, a1, a2, w + 64);
+  for (i = 0; i < 8; ++i) w[0 + 1 * i] = w[82 + i];
+  for (i = 0; i < 8; ++i) w[0 + 8 * i] = w[82 + i];
+  w[0] = w[82];
+  for (j = 0; j < 1; ++j) for (i = 0; i < 8; ++i) { float s = 0.0f; for (k = 0; k < 8; ++k) s += state[8 + i + 8 * k] * w[73 + k + 8 * j]; w[90 + i + 8 * j] = s; }
+  for (i = 0; i < 8; ++i) w[8 + 1 * i] = w[90 + i];
+  for (i = 0; i < 8; ++i) w[1 + 8 * i] = w[90 + i];
+  w[9] = w[91];
+  for (j = 0; j < 1; ++j) for (i = 0; i < 1; ++i) { float s = 0.0f; for (k = 0; k < 8; ++k) s += w[64 + i + 1 * k] * w[82 + k + 8 * j]; w[114 + i + 1 * j] = s; }
+  for (j = 0; j < 1; ++j) for (i = 0; i < 1; ++i) { float s = 0.0f; for (k = 0; k < 8; ++k) s += w[64 + i + 1 * k] * w[90 + k + 8 * j]; w[85 + i + 1 * j] = s; }
+  for (j = 0; j < 1; ++j) for (i = 0; i < 1; ++i) { float s = 0.0f; for (k = 0; k < 8; ++k) s += w[73 + i + 1 * k] * w[90 + k + 8 * j]; w[86 + i + 1 * j] = s; }
+  w[82] = w[114];
+  w[83] = w[85];
+  w[84] = w[86];
+  w[85] = w[72];
+  w[86] = w[81];
+  w[110] = w[110] + w[111];
+  w[110] = w[110] + w[112];
+  w[110] = w[110] + w[113];
+  corner(w + 82, w + 85, w + 110, w + 136, state + 72, a1, a2, w + 64);
   w[0] = w[64];
   w[8] = w[65];
   w[1] = w[65];
@@ -903,83 +903,72 @@ static void adaptive(float* restrict state, const float* restrict a1, const floa
   for (i = 0; i < 6; ++i) w[70 + i] = c2[i] * a1[0];
   for (i = 0; i < 6; ++i) w[64 + i] = w[64 + i] + w[70 + i];
   for (i = 0; i < 6; ++i) w[18 + 9 * i] = w[64 + i];
-  for (i = 0; i < 8; ++i) w[64 + i] = w[i] * w[118] + w[i + 8] * w[119] + w[i + 40] * w[120] + w[i + 48] * w[121] + w[i + 56] * w[122];
-  w[80] = 0.0f;
-  for (k = 0; k < 5; ++k) w[80] += w[118 + k] * w[64 + t3[k]];
-  for (i = 0; i < 8; ++i) w[72 + i] = w[i] * w[106] + w[i + 8] * w[107] + w[i + 24] * w[108] + w[i + 32] * w[109] + w[i + 40] * w[110] + w[i + 48] * w[111] + w[i + 56] * w[112];
-  w[81] = 0.0f;
-  for (k = 0; k < 7; ++k) w[81] += w[106 + k] * w[72 + t4[k]];
-  w[90] = 0.0f;
-  w[91] = 0.0f;
-  w[92] = 0.0f;
-  w[93] = w[80];
-  w[94] = w[81];
-  w[95] = state[78];
-  compare(w + 113, w + 90, w + 82, a1, a2, w + 80, w + 81, w + 123, w + 124, w + 96, w + 97);
-  for (i = 0; i < 8; ++i) w[72 + i] = w[124] * w[72 + i];
-  for (i = 0; i < 8; ++i) w[72 + i] = w[72 + i] - w[64 + i];
-  w[64] = 0.0f;
-  for (k = 0; k < 7; ++k) w[64] += w[106 + k] * w[72 + t4[k]];
-  w[124] = w[124] * w[64];
-  w[64] = 0.0f;
-  for (k = 0; k < 5; ++k) w[64] += w[118 + k] * w[72 + t3[k]];
-  w[124] = w[124] - w[64];
-  w[64] = w[124] + w[81];
-  weights(w + 64, w + 80, w + 117, w + 97, w + 98, w + 65, w + 106, w + 107);
-  w[80] = w[98] * w[80];
-  for (i = 0; i < 8; ++i) w[64 + i] = w[80] * w[72 + i];
-  w[80] = 0.0166666667f * w[66];
-  w[66] = w[80];
-  w[80] = 0.0166666667f * w[67];
-  w[67] = w[80];
-  w[80] = 0.0166666667f * w[68];
-  w[68] = w[80];
-  w[80] = 0.0166666667f * w[69];
-  w[69] = w[80];
-  w[80] = 0.0166666667f * w[70];
-  w[70] = w[80];
-  w[80] = 0.0166666667f * w[71];
-  w[71] = w[80];
-  for (i = 0; i < 8; ++i) state[i] = state[i] + w[64 + i];
-  w[80] = larger(0.000496655512f, state[2]);
-  state[2] = w[80];
-  w[80] = larger(5.98454354e-05f, state[3]);
-  state[3] = w[80];
-  w[80] = larger(0.000195509012f, state[4]);
-  state[4] = w[80];
-  w[80] = larger(0.04f, state[5]);
-  state[5] = w[80];
-  w[80] = larger(0.04f, state[6]);
-  state[6] = w[80];
-  w[80] = larger(0.05f, state[7]);
-  state[7] = w[80];
-  for (i = 0; i < 8; ++i) w[90 + i] = w[98] * w[72 + i];
-  w[80] = 0.0166666667f * w[92];
-  w[92] = w[80];
-  w[80] = 0.0166666667f * w[93];
-  w[93] = w[80];
-  w[80] = 0.0166666667f * w[94];
-  w[94] = w[80];
-  w[80] = 0.0166666667f * w[95];
-  w[95] = w[80];
-  w[80] = 0.0166666667f * w[96];
-  w[96] = w[80];
-  w[80] = 0.0166666667f * w[97];
-  w[97] = w[80];
-  w[106] = 0.5f * w[106];
-  for (i = 0; i < 8; ++i) w[98 + i] = w[106] * w[90 + i];
-  for (i = 0; i < 8; ++i) w[72 + i] = w[72 + i] - w[98 + i];
-  for (j = 0; j < 8; ++j) for (i = 0; i < 8; ++i) w[i + 8 * j] -= w[90 + i] * w[72 + j];
-  for (j = 0; j < 8; ++j) for (i = 0; i < 8; ++i) w[i + 8 * j] -= w[72 + i] * w[90 + j];
+  for (i = 0; i < 8; ++i) w[64 + i] = w[i] * w[160] + w[i + 8] * w[161] + w[i + 40] * w[162] + w[i + 48] * w[163] + w[i + 56] * w[164];
+  w[78] = 0.0f;
+  for (k = 0; k < 5; ++k) w[78] += w[160 + k] * w[64 + t3[k]];
+  for (i = 0; i < 8; ++i) w[144 + i] = w[i] * w[98] + w[i + 8] * w[99] + w[i + 24] * w[100] + w[i + 32] * w[101] + w[i + 40] * w[102] + w[i + 48] * w[103] + w[i + 56] * w[104];
+  w[79] = 0.0f;
+  for (k = 0; k < 7; ++k) w[79] += w[98 + k] * w[144 + t4[k]];
   w[72] = 0.0f;
-  for (k = 0; k < 5; ++k) w[72] += w[118 + k] * w[64 + t3[k]];
-  w[123] = w[123] + w[72];
-  r1[0] = w[107];
-  w[124] = w[124] + w[81];
-  r1[1] = w[124];
+  w[73] = 0.0f;
+  w[74] = 0.0f;
+  w[75] = w[78];
+  w[76] = w[79];
+  w[77] = state[78];
+  compare(w + 105, w + 72, w + 136, a1, a2, w + 78, w + 165, w + 166, w + 167, w + 79, w + 80);
+  for (i = 0; i < 8; ++i) w[144 + i] = w[167] * w[144 + i];
+  for (i = 0; i < 8; ++i) w[144 + i] = w[144 + i] - w[64 + i];
+  w[64] = 0.0f;
+  for (k = 0; k < 7; ++k) w[64] += w[98 + k] * w[144 + t4[k]];
+  w[167] = w[167] * w[64];
+  w[64] = 0.0f;
+  for (k = 0; k < 5; ++k) w[64] += w[160 + k] * w[144 + t3[k]];
+  w[167] = w[167] - w[64];
+  w[64] = w[167] + w[165];
+  weights(w + 64, w + 78, w + 109, w + 80, w + 65, w + 66, w + 168);
+  w[65] = w[65] * w[78];
+  for (i = 0; i < 8; ++i) w[152 + i] = w[65] * w[144 + i];
+  w[64] = 0.0166666667f * w[154];
+  w[154] = w[64];
+  w[64] = 0.0166666667f * w[155];
+  w[155] = w[64];
+  w[64] = 0.0166666667f * w[156];
+  w[156] = w[64];
+  w[64] = 0.0166666667f * w[157];
+  w[157] = w[64];
+  w[64] = 0.0166666667f * w[158];
+  w[158] = w[64];
+  w[64] = 0.0166666667f * w[159];
+  w[159] = w[64];
+  for (i = 0; i < 8; ++i) state[i] = state[i] + w[152 + i];
+  w[64] = larger(0.000496655512f, state[2]);
+  state[2] = w[64];
+  w[64] = larger(5.98454354e-05f, state[3]);
+  state[3] = w[64];
+  w[64] = larger(0.000195509012f, state[4]);
+  state[4] = w[64];
+  w[64] = larger(0.04f, state[5]);
+  state[5] = w[64];
+  w[64] = larger(0.04f, state[6]);
+  state[6] = w[64];
+  w[64] = larger(0.05f, state[7]);
+  state[7] = w[64];
+  for (i = 0; i < 8; ++i) w[144 + i] = w[66] * w[144 + i];
+  for (j = 0; j < 8; ++j) for (i = 0; i < 8; ++i) w[i + 8 * j] -= w[144 + i] * w[144 + j];
+  for (i = 0; i < 36; ++i) w[64 + i] = w[t5[i]];
+  for (i = 0; i < 6; ++i) w[146 + i] = 0.983333333f * w[146 + i];
+  for (j = 0; j < 6; ++j) for (i = 0; i < 6; ++i) { float s = 0.0f; for (k = 0; k < 1; ++k) s += w[146 + i + 6 * k] * w[146 + k + 1 * j]; w[100 + i + 6 * j] = s; }
+  for (i = 0; i < 36; ++i) w[64 + i] = w[64 + i] + w[100 + i];
+  for (i = 0; i < 36; ++i) w[t5[i]] = w[64 + i];
+  w[64] = 0.0f;
+  for (k = 0; k < 5; ++k) w[64] += w[160 + k] * w[152 + t3[k]];
+  w[166] = w[166] + w[64];
+  r1[0] = w[168];
+  w[167] = w[167] + w[165];
+  r1[1] = w[167];
   for (i = 0; i < 64; ++i) state[8 + i] = w[i];
-  for (i = 0; i < 6; ++i) state[72 + i] = w[82 + i];
-  state[78] = w[123];
+  for (i = 0; i < 6; ++i) state[72 + i] = w[136 + i];
+  state[78] = w[166];
 }
 
 /* which of the values each innovation is of */

@@ -60,7 +60,7 @@ def updated(
             across = across + share * each if there.nnz() else across
         spread = -_along(slope, across)
         spread += by_limit * _along(limit_slope, across) + by_asymmetry * _along(asymmetry_slope, across)
-        weight, root, robust, shown = weights(states.setup.robustness, row.trusted)(
+        weight, root, shown = weights(states.setup.robustness, row.trusted)(
             spread + own_variance, innovation, values[5 * k + 4], counts
         )
         change = (weight * innovation) * across
@@ -72,7 +72,7 @@ def updated(
             declared = states.setup.declares_friction(row.drive)
             kept[row.drive] = after + _along(slope, change) if declared else after
         mean = mean + change
-        covariance = _lowered(shares, covariance, across, weight, root, robust, loops)
+        covariance = reduced(shares, covariance, root * across, loops)
         innovations.append(shown)
         spreads.append(spread + own_variance)
     measured = [k for k, row in enumerate(rows) if row.measured]
@@ -80,16 +80,23 @@ def updated(
     return mean, covariance, kept, y
 
 
-def _lowered(
-    shares: Mapping[int, float], covariance: Any, across: Any, weight: Any, root: Any, robust: Any, loops: bool
-) -> Any:
-    """Return the covariance after a row: with the optimal gain, or with a share of it for some states (25), (26)."""
-    if not shares:
-        return lowered(covariance, root * across, None, loops)
-    gain = weight * across
-    for at, share in shares.items():
-        gain[at] *= share
-    return lowered(covariance, gain, across - (0.5 * robust) * gain, loops)
+def reduced(shares: Mapping[int, float], covariance: Any, root: Any, loops: bool) -> Any:
+    """Return the covariance after a row (25): states that take a share κ of the gain keep what they do not learn.
+
+    With g = P Aᵀ/√S' and K = κ g/√S', (25) is P_ij − g_i g_j + (1 − κ_i) g_i (1 − κ_j) g_j.
+
+    Args:
+        shares: κ of each state that does not take all of the gain.
+        covariance: before.
+        root: g; zero for a row that does not count.
+        loops: whether this stays a function of matrices.
+    """
+    after = lowered(covariance, root, loops)
+    if shares:
+        at = list(shares)
+        kept = root[at] * ca.DM([1.0 - share for share in shares.values()])
+        after[at, at] += ca.mtimes(kept, kept.T)
+    return after
 
 
 def _along(slope: Any, values: Any) -> Any:
@@ -124,7 +131,7 @@ def comparison_function(states: StateVector, row: Row) -> ca.Function:
 
 
 def weights(robustness: Robustness, trusted: bool) -> ca.Function:
-    """Return (S, ν, mask, counts) → (mask/S', its root, S', ν to show), see `robust_variance`.
+    """Return (S, ν, mask, counts) → (mask/S', its root, ν to show), see `robust_variance`.
 
     A mask of −1 says: compared, but not used. What is not compared (its drive at a stop) has no innovation to show.
 
@@ -136,4 +143,4 @@ def weights(robustness: Robustness, trusted: bool) -> ca.Function:
     robust = spread if trusted else robust_variance(robustness, spread, innovation)
     weight = ca.fmax(mask, 0) / robust
     shown = ca.if_else(ca.logic_and(mask != 0, counts), innovation, np.nan)
-    return ca.Function("weights", [spread, innovation, mask, counts], [weight, ca.sqrt(weight), robust, shown])
+    return ca.Function("weights", [spread, innovation, mask, counts], [weight, ca.sqrt(weight), shown])
