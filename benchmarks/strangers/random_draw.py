@@ -144,7 +144,7 @@ class Draw:
             "drive": drive["description"]["name"],
             "side": self.sides[index],
             "insertion": insertion,
-            "stiffness": {"value": stiffness, "std": stiffness * self.relative[index]},
+            "stiffness": self.stiffness_of(index),
             "damping": stiffness * self.between(1e-5, 1e-3),
         }
         if drive["description"]["kind"] == "capstan":
@@ -152,6 +152,13 @@ class Draw:
         if self.bends is not None:
             made["path"] = {"friction": self.known(self.bends[0], 0.1, 0.3), "wrap": self.bends[1]}
         return made
+
+    def stiffness_of(self, index: int) -> dict[str, Any]:
+        """Return a tendon's stiffness: those of one make err together, others alone."""
+        value, relative = float(self.stiffness[index]), self.relative[index]
+        if self.alike and self.n > 1:
+            return {"value": value, "shared": {"name": "tendons.stiffness", "std": relative}}
+        return {"value": value, "std": value * relative}
 
     def joint(self) -> dict[str, Any]:
         mode = self.between(3.0, 40.0)  # [Hz]

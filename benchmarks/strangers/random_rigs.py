@@ -62,22 +62,24 @@ def random_case(seed: int) -> RandomCase:
 def drawn_plant(rig: Rig, *seeds: int) -> dict[str, Any]:
     """Return the plant's values: each parameter from its own std, at most 2 of them away.
 
-    Tendons whose stiffness has the same relative std are of one make and err together, as release 0.1 documents it.
+    What parameters share errs by one draw, that of the first of them.
     What a sign or a physical bound forbids is drawn no nearer to zero than a twentieth of the value. Each draw depends
     on the parameter's path, so that new keys of a rig file do not change the others.
     """
     values: dict[str, Any] = {}
-    shared: dict[float, float] = {}
+    shared: dict[str, float] = {}
 
     def visit(part: Any, path: str) -> None:
         if isinstance(part, dict) and "value" in part and "std" in part:
-            value, std = float(part["value"]), float(part["std"])
+            value, std, together = float(part["value"]), float(part["std"]), part.get("shared")
+            if together is not None:
+                std = float(together["std"]) * abs(value)  # here nothing has both
             if std <= 0.0 or path.endswith(("initial", "nominal_force")):
                 return
             rng = np.random.default_rng([*seeds, zlib.crc32(path.encode())])
             z = float(np.clip(rng.normal(), -2, 2))
-            if path.endswith("stiffness") and path.startswith("tendons"):
-                z = shared.setdefault(round(std / value, 9), z)
+            if together is not None:
+                z = shared.setdefault(str(together["name"]), z)
             drawn = value + z * std
             values[path] = max(drawn, 0.05 * value) if value > 0.0 and not path.endswith("angle") else drawn
         elif isinstance(part, dict):

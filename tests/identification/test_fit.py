@@ -136,7 +136,7 @@ def test_filters_of_other_priors_are_built_one_at_a_time(monkeypatch: pytest.Mon
 def test_each_log_may_have_its_own(pulley_rig: Rig) -> None:
     from tests.identification.helpers import logs_of as simulated
 
-    described = pulley_rig.with_values({"tendons.0.stiffness.std": 0.0, "tendons.1.stiffness.std": 0.0})
+    described = pulley_rig.with_values({"tendons.0.stiffness.shared.std": 0.0, "tendons.1.stiffness.shared.std": 0.0})
     described = described.with_values({f"tendons.{i}.pretension": {"value": 0.0, "std": 1.0} for i in (0, 1)})
     described = described.with_values({"drives.0.stops": ["-5 mm", "15 mm"], "drives.1.stops": ["-5 mm", "15 mm"]})
     logs = [
@@ -210,8 +210,8 @@ class TestBadLogs:
         sure = rig.with_values(
             {
                 "joints.0.friction.coefficient.std": 0.0,
-                "tendons.0.stiffness.std": 0.0,
-                "tendons.1.stiffness.std": 0.0,
+                "tendons.0.stiffness.shared.std": 0.0,
+                "tendons.1.stiffness.shared.std": 0.0,
                 "drives.0.friction.load.std": 0.0,
                 "drives.1.friction.load.std": 0.0,
             }

@@ -186,7 +186,7 @@ class TestLogs:
 
     def test_a_stiffness_that_is_three_times_too_large(self, rig: Rig, log: Log) -> None:
         """806 N/m ± 10 % that the rig calls 2418 ± 10 %: the filter walks there, six stds from its prior."""
-        stiff = rig.with_values({f"tendons.{i}.stiffness": {"value": 2418.0, "std": 241.8} for i in range(2)})
+        stiff = rig.with_values({f"tendons.{i}.stiffness": 2418.0 for i in range(2)})
         found = diagnose(estimate(log, stiff))
         assert not found.consistent
         assert any((one.kind, one.subject) == ("left its prior", "tendons.stiffness.factor") for one in found.findings)

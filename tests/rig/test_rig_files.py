@@ -54,7 +54,7 @@ def test_stds_of_the_paper_rig(paper_rig: Rig) -> None:
     friction = paper_rig.joints[0].friction
     assert friction is not None
     for part, share in ((friction.coefficient, 0.2), (friction.preload, 0.2), (paper_rig.tendons[0].stiffness, 0.1)):
-        assert part.std == pytest.approx(share * part.value)
+        assert part.spread == pytest.approx(share * part.value)
 
 
 def test_the_example_of_the_readme_shape(tmp_path: Path) -> None:
@@ -111,6 +111,15 @@ REFUSED = [
     ("joints.0.friction.exponent=0.5", r"exponent must be at least 1"),
     ("joints.0.friction.coefficient={ value = 1, std = 0.1, drift = -1 }", r"drift must not be negative, -1 came"),
     ("joints.0.damping={ value = 1, std = 0, drift = 0.1 }", r"drift needs a std"),
+    ("joints.0.damping.shared={ name = 'a' }", r'shared must be \{ name = "spool", std = "10 %" \}'),
+    ("joints.0.damping.shared={ name = 'a', std = '110 %' }", r"between 0 and 1 \(100 %\); 1.1 came"),
+    ("joints.0.damping.shared={ name = '', std = 0.1 }", r"joints.0.damping.shared.name"),
+    ("joints.0.initial={ value = 0.1, shared = { name = 'a', std = 0.1 } }", r"shares nothing"),
+    ("tendons.0.damping={ value = 0, shared = { name = 'a', std = 0.1 } }", r"no share of it"),
+    (
+        "tendons.0.stiffness.shared.std=0.2",
+        r"tendons.1.stiffness.shared: what 'tendons.stiffness' stands for .* 0.1 came here and 0.2 at",
+    ),
     ("joints.0.initial={ value = 1, std = 1, drift = 1 }", r"has no drift"),
     ("joints.0.friction.coefficient={ value = 1, sd = 2 }", r"unknown key 'sd'; did you mean 'std'\?"),
     ("drives.0.damping={ std = 2 }", r"has no 'value'"),

@@ -85,7 +85,7 @@ def conditional(log: Log, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
 def without_parameters(rig: Rig) -> Rig:
     """Return a rig whose parameters are certain."""
     names = [name for name in AdaptiveFilter(rig, compiled=False).states.names if "." in name]
-    factors = {"tendons.stiffness.factor": [f"tendons.{i}.stiffness" for i in range(len(rig.tendons))]}
+    factors = {"tendons.stiffness.factor": [f"tendons.{i}.stiffness.shared" for i in range(len(rig.tendons))]}
     paths = [path for name in names for path in factors.get(name, [name])]
     return rig.with_values({f"{path}.std": 0.0 for path in paths})
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from distal.rig import Rig, number
+from distal.rig import Number, Rig, number
 
 DIGITS = 7
 """Significant digits of a value in a file: far more than any log tells."""
@@ -84,8 +84,16 @@ def assignments(fitted: Sequence[Fitted], start: Rig) -> dict[str, Any]:
                 continue
             share = abs(value / part.value) if part.value else 1.0
             std = max(part.error * share, SMALLEST_STD * abs(value))
-            changed[path] = {"value": rounded, "std": float(f"{std:.3g}")}
+            changed[path] = {"value": rounded, **_spread(part, before, std, value, start)}
     return changed
+
+
+def _spread(part: Fitted, before: Number, std: float, value: float, start: Rig) -> dict[str, Any]:
+    """Return what a file says of how far a value may be off: together with others where all of them were varied as one."""
+    name = before.shared[0] if before.shared is not None else None
+    if name is not None and before.own == 0.0 and set(start.sharing()[name]) <= set(part.paths):
+        return {"shared": {"name": name, "std": min(1.0, float(f"{std / abs(value):.3g}"))}}
+    return {"std": float(f"{std:.3g}")}
 
 
 def only_grows(path: str, rig: Rig) -> bool:

@@ -83,10 +83,16 @@ def _uncertain(rig: Rig, references: Sequence[Sensor], per_log: Sequence[str], s
     free = [part for part in _biases(rig, several) if not own.intersection(part.paths)]
     for state in uncertain_parameters(Setup(mechanism, channels_of(rig, "fit", references), Robustness.fitting())):
         paths = [mechanism.parameters.names[i] for i in state.indices]
-        if not own.intersection(paths):
-            numbers = [number(rig, path) for path in paths]
-            name = paths[0] if len(paths) == 1 else f"{paths[0].split('.')[0]}.*.{paths[0].split('.', 2)[2]}"
-            free.append(_free(name, numbers, False))
+        if own.intersection(paths):
+            continue
+        numbers = [number(rig, path) for path in paths]
+        if state.acts == "factor" and len(paths) > 1:
+            # what also errs alone is varied alone, with the spread of both
+            together = [one for one in numbers if one.own == 0.0]
+            if together:
+                free.append(_free(_common_name([one.path for one in together]), together, False))
+        else:
+            free.append(_free(paths[0], numbers, False))
     taken = {path for part in free for path in part.paths} | own
     alike: dict[tuple[str, float, float], list[str]] = {}
     for path in _held(rig):
@@ -100,6 +106,15 @@ def _uncertain(rig: Rig, references: Sequence[Sensor], per_log: Sequence[str], s
         numbers = [number(rig, path) for path in paths]
         free.append(_free(paths[0] if len(paths) == 1 else name, numbers, False))
     return free
+
+
+def _common_name(paths: Sequence[str]) -> str:
+    """Return what to call numbers that are varied by one factor."""
+    kinds = {(path.split(".")[0], path.split(".", 2)[2]) for path in paths}
+    if len(paths) > 1 and len(kinds) == 1:
+        head, tail = kinds.pop()
+        return f"{head}.*.{tail}"
+    return "+".join(paths)
 
 
 def _biases(rig: Rig, several: bool) -> list[Free]:

@@ -20,7 +20,8 @@ _NOT_DYNAMIC = frozenset({"initial", "nominal_force"})
 class Parameters:
     """The numbers in the equations of motion: names (paths as in ``--set``), values, stds, drifts, symbols.
 
-    A drift that is not given is NaN.
+    A drift that is not given is NaN. A std is that of all that is not known of a value; `own` is what others do not share,
+    and `shared` what they do: name → its std, as a share of the values, and the indices of its parameters.
 
     A parameter that is zero with ``std = 0``, and an exponent of exactly one, are constants of the expressions:
     what a rig does not have costs nothing.
@@ -41,6 +42,8 @@ class Parameters:
         values: list[float] = []
         stds: list[float] = []
         drifts: list[float] = []
+        own: dict[int, float] = {}
+        self.shared: dict[str, tuple[float, list[int]]] = {}
         for name, parameter in _walk(rig):
             if name in self.given:
                 names.append(name)
@@ -52,6 +55,9 @@ class Parameters:
             else:
                 names.append(name)
                 values.append(parameter.value)
+                if parameter.shared is not None and parameter.shared.std > 0.0 and not parameter.hold:
+                    own[len(names) - 1] = parameter.std
+                    self.shared.setdefault(parameter.shared.name, (parameter.shared.std, []))[1].append(len(names) - 1)
                 stds.append(parameter.unsure)
                 drifts.append(np.nan if parameter.drift is None else parameter.drift)
         for name in self.given:
@@ -64,6 +70,7 @@ class Parameters:
         self.all_names = tuple(name for name, _ in _walk(rig))
         self.values: NDArray[np.float64] = np.array(values)
         self.stds: NDArray[np.float64] = np.array(stds)
+        self.own: NDArray[np.float64] = np.array([own.get(i, std) for i, std in enumerate(stds)])
         self.drifts: NDArray[np.float64] = np.array(drifts)
         self.symbols: Any = ca.SX.sym("p", len(names))
         self._index = {name: i for i, name in enumerate(names)}

@@ -23,6 +23,8 @@ class Number:
         quantity: its unit and bound.
         is_parameter: whether it has a std at all.
         hold: whether its std is for fitting only.
+        shared: the name of what it errs by together with others, and how much as a share of the value; None if alone.
+        own: what is not known of it alone.
     """
 
     path: str
@@ -31,6 +33,8 @@ class Number:
     quantity: In
     is_parameter: bool
     hold: bool = False
+    shared: tuple[str, float] | None = None
+    own: float = 0.0
 
 
 def number(rig: Rig, path: str) -> Number:
@@ -69,5 +73,6 @@ def number(rig: Rig, path: str) -> Number:
             f"'{path}' is not a number with a unit; give the path of one, e.g. joints.0.friction.coefficient"
         )
     if isinstance(part, Parameter):
-        return Number(".".join(keys), part.value, part.std, quantity, True, part.hold)
+        shared = (part.shared.name, part.shared.std) if part.shared is not None and part.shared.std > 0.0 else None
+        return Number(".".join(keys), part.value, part.spread, quantity, True, part.hold, shared, part.std)
     return Number(".".join(keys), float(part), 0.0, quantity, False)

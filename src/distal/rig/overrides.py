@@ -74,7 +74,9 @@ def set_value(raw: Any, path: str, value: object, error: type[DistalError]) -> N
 def _merged(old: object, new: object) -> object:
     if isinstance(old, MutableMapping) and set(old) <= set(KEYS) and "value" in old:
         if isinstance(new, MutableMapping) and new:
-            return {**old, **new}
+            # a table that says how far the value may be off says all of it
+            kept = {key: part for key, part in old.items() if key != "shared" or "std" not in new}
+            return {**kept, **new}
         old["value"] = new
         return old
     return new

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import hypot
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler
@@ -15,8 +16,11 @@ from distal.units import to_si
 SMALLEST, LARGEST = 1e-20, 1e12
 """Sizes beyond which a number in a description is a mistake, and squares of it would leave what a computer can hold."""
 
-KEYS = ("value", "std", "drift", "hold")
+KEYS = ("value", "std", "drift", "hold", "shared")
 """Keys of a parameter that is written as a table."""
+
+SHARED_KEYS = ("name", "std")
+"""Keys of what parameters of one make err by together."""
 
 Bound = Literal["any", "nonnegative", "positive"]
 
@@ -25,6 +29,16 @@ class Description(BaseModel):
     """Base of every part of a description: frozen, and an unknown key is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+
+class Shared(Description):
+    """What parameters of one make err by together: all that name it are off by the same share of their values.
+
+    p_i = value_i (1 + std z) + std_i ε_i, with one z for all of a name, and an ε_i for each.
+    """
+
+    name: str = Field(min_length=1, max_length=60, pattern=r"^[A-Za-z_][A-Za-z0-9_.-]*$")
+    std: float
 
 
 class Parameter(Description):
@@ -39,6 +53,7 @@ class Parameter(Description):
     std: float = 0.0
     drift: float | None = None
     hold: bool = False
+    shared: Shared | None = None
 
     @property
     def absent(self) -> bool:
@@ -48,15 +63,21 @@ class Parameter(Description):
     @property
     def unsure(self) -> float:
         """The std that estimators go by: none where the value is held."""
-        return 0.0 if self.hold else self.std
+        return 0.0 if self.hold else self.spread
+
+    @property
+    def spread(self) -> float:
+        """The std of all that is not known of the value, its own and what it shares."""
+        return float(hypot(self.std, self.value * self.shared.std)) if self.shared is not None else self.std
 
 
 @dataclass(frozen=True)
 class In:
     """Annotation of a field: its SI unit and its bound; it reads bare numbers as SI and text with a unit.
 
-    On a `Parameter` it also reads ``{ value = …, std = …, drift = …, hold = … }`` (std and drift may be percentages of the
-    value), on a pair of floats an interval [low, high]. Where `drifts` is False the parameter cannot walk.
+    On a `Parameter` it also reads ``{ value = …, std = …, drift = …, hold = …, shared = { name = …, std = … } }`` (std and
+    drift may be percentages of the value, the shared std is a share of it), on a pair of floats an interval [low, high].
+    Where `drifts` is False the parameter cannot walk and shares nothing.
     """
 
     si: str
@@ -94,12 +115,27 @@ class In:
             drift = self._spread("drift", raw["drift"], value)
             if not self.drifts:
                 raise UnitError("has no drift: it is a start, or read only where nothing else is; remove 'drift'")
-            if std == 0.0 and drift > 0.0:
+            if std == 0.0 and drift > 0.0 and raw.get("shared") is None:
                 raise UnitError(f"drift needs a std: what is certain does not walk, drift = {drift:g} came without one")
         hold = raw.get("hold", False)
         if not isinstance(hold, bool):
             raise UnitError(f"hold must be true or false, {hold!r} came")
-        return {"value": value, "std": std, "drift": drift, "hold": hold}
+        return {"value": value, "std": std, "drift": drift, "hold": hold, "shared": self._shared(raw, value)}
+
+    def _shared(self, raw: Mapping[str, Any], value: float) -> object:
+        shared = raw.get("shared")
+        if shared is None:
+            return None
+        if not isinstance(shared, Mapping) or set(shared) != set(SHARED_KEYS):
+            raise UnitError(f'shared must be {{ name = "spool", std = "10 %" }}, {shared!r} came')
+        if not self.drifts:
+            raise UnitError("shares nothing: it is a start, or read only where nothing else is; remove 'shared'")
+        if value == 0.0:
+            raise UnitError("is zero, so there is no share of it that others err by too; remove 'shared'")
+        std = to_si(shared["std"], "")
+        if not 0.0 <= std <= 1.0:
+            raise UnitError(f"the shared std is a share of the value, between 0 and 1 (100 %); {std:g} came")
+        return {"name": shared["name"], "std": std}
 
     def _spread(self, key: str, raw: object, value: float) -> float:
         if isinstance(raw, str) and raw.strip().endswith("%"):

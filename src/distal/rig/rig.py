@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -13,7 +13,7 @@ from distal.rig.discrepancy import Discrepancy
 from distal.rig.drives import Capstan, Drive, Slider, effort_unit, position_unit
 from distal.rig.joints import Joint
 from distal.rig.overrides import set_value
-from distal.rig.quantities import Description, In
+from distal.rig.quantities import Description, In, Parameter
 from distal.rig.sensors import Sensor, log_factor
 from distal.rig.tendons import Tendon
 from distal.rig.validation import validated
@@ -136,6 +136,7 @@ class Rig(Description):
             if column.startswith("true_"):
                 raise ValueError(f"sensors: the log column '{column}' begins with 'true_', which is kept for the truth")
         _distinct([*columns, self.log.time.column], "sensors: the log column")
+        _share_alike(self)
         for i, joint in enumerate(self.joints):
             friction = joint.friction
             if friction is not None and not _is_one(friction.exponent) and self.reference_load(i) <= 0.0:
@@ -155,6 +156,16 @@ class Rig(Description):
         pulls = {t.drive for t in tendons}
         load += sum(t.pretension.value for t in tendons)
         return load + sum(abs(d.nominal_force.value) for d in self.drives if d.name in pulls and d.kind == "slider")
+
+    def sharing(self) -> dict[str, dict[str, float]]:
+        """Return what errs together: name → path of each parameter that names it → its std, as a share of the value."""
+        found: dict[str, dict[str, float]] = {}
+        for kind in ("joints", "drives", "tendons"):
+            for i, part in enumerate(getattr(self, kind)):
+                for path, parameter in _parameters(part, f"{kind}.{i}"):
+                    if parameter.shared is not None and parameter.shared.std > 0.0:
+                        found.setdefault(parameter.shared.name, {})[path] = parameter.shared.std
+        return found
 
     def bare(self) -> Rig:
         """Return a copy without what logs taught beside its numbers: no `affine`, no `discrepancy`."""
@@ -216,6 +227,28 @@ def _distinct(names: Sequence[str], what: str) -> None:
     for name in names:
         if list(names).count(name) > 1:
             raise ValueError(f"{what} '{name}' stands more than once; names must differ")
+
+
+def _share_alike(rig: Rig) -> None:
+    """Refuse parameters that name the same shared error with different stds."""
+    for name, sharing in rig.sharing().items():
+        (before, std), *others = sharing.items()
+        for path, other in others:
+            if abs(other - std) > 1e-9 * std:
+                raise ValueError(
+                    f"{path}.shared: what '{name}' stands for errs by the same share everywhere; "
+                    f"std {other:g} came here and {std:g} at {before}; make them equal, or use two names"
+                )
+
+
+def _parameters(part: Description, path: str) -> Iterator[tuple[str, Parameter]]:
+    """Return the parameters below a part, with their paths."""
+    for name in type(part).model_fields:
+        value = getattr(part, name)
+        if isinstance(value, Parameter):
+            yield f"{path}.{name}", value
+        elif isinstance(value, Description):
+            yield from _parameters(value, f"{path}.{name}")
 
 
 def _is_one(parameter: Any) -> bool:

@@ -93,7 +93,7 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
         )
         pull = np.zeros(len(log))
         if sensor is None:
-            unknown = 2 * BAND * drive.nominal_force.std / lever
+            unknown = 2 * BAND * drive.nominal_force.spread / lever
             tension = max(abs(drive.nominal_force.value) / lever, tendon.pretension.value)
         else:
             read = log.channels[sensor.name] / lever
@@ -109,7 +109,7 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
         if tendon.path is not None:
             limit += tension * float(np.expm1(_high(tendon.path.friction) * abs(_high(tendon.path.wrap))))
         stiffness = tendon.stiffness
-        relative = BAND * stiffness.std / stiffness.value
+        relative = BAND * stiffness.spread / stiffness.value
         soft = stiffness.value * max(1 - relative, 0.2)
         stretched = (2 * limit + unknown + pull * min(relative, 1.0)) / (soft * len(mates))
         parts.append(stretched / tendon.insertion.radius.value)
@@ -118,5 +118,5 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
 
 def _high(parameter: object) -> float:
     """Return the upper end of a parameter's 95 % band."""
-    value, std = getattr(parameter, "value", 0.0), getattr(parameter, "std", 0.0)
+    value, std = getattr(parameter, "value", 0.0), getattr(parameter, "spread", 0.0)
     return float(value + BAND * std)

@@ -30,8 +30,14 @@ CERTAIN = {
 
 TORQUE = {"joints.0.external_torque": {"std": 0.02, "correlation_time": 0.3}}
 FACTORS = {
-    **{f"tendons.{i}.stiffness": {"value": 806.0, "std": 80.6} for i in (0, 1)},
+    **{f"tendons.{i}.stiffness": {"value": 806.0, "shared": {"name": "spool", "std": 0.1}} for i in (0, 1)},
     **{f"tendons.{i}.damping": {"value": 0.2, "std": 0.3, "drift": 0.05} for i in (0, 1)},
+}
+SHARED = {
+    "tendons.0.stiffness": {"value": 806.0, "std": 40.0, "drift": 2.0, "shared": {"name": "spool", "std": 0.1}},
+    "tendons.1.stiffness": {"value": 806.0, "drift": 3.0, "shared": {"name": "spool", "std": 0.1}},
+    "joints.0.friction.preload": {"value": 1.0, "std": 0.1, "shared": {"name": "axle", "std": 0.2}},
+    "joints.0.friction.coefficient": {"value": 0.3, "shared": {"name": "axle", "std": 0.2}},
 }
 PARAMETERS = {
     "joints.0.friction": {

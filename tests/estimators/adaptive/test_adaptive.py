@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 import pytest
 from benchmarks.cases import (
@@ -142,8 +143,8 @@ def test_only_what_has_a_std_is_a_state() -> None:
         {
             "joints.0.friction.coefficient.std": 0.0,
             "joints.0.friction.preload.std": 0.0,
-            "tendons.0.stiffness.std": 0.0,
-            "tendons.1.stiffness.std": 0.0,
+            "tendons.0.stiffness.shared.std": 0.0,
+            "tendons.1.stiffness.shared.std": 0.0,
             "sensors.x1.linearity": 0.0,
             "sensors.x2.linearity": 0.0,
         }
@@ -152,11 +153,32 @@ def test_only_what_has_a_std_is_a_state() -> None:
     assert "external_torque" in make_estimator("adaptive", hand_rig("given")).state_names
 
 
-def test_tendons_of_one_spool_err_together() -> None:
+def test_what_errs_together_is_one_state_and_what_errs_alone_another() -> None:
     rig = paper_rig("as the rig")
     assert "tendons.stiffness.factor" in make_estimator("adaptive", rig).state_names
-    other = rig.with_values({"tendons.1.stiffness.std": 20.0})
-    assert sum("stiffness" in name for name in make_estimator("adaptive", other).state_names) == 2
+
+    def names(**changes: object) -> list[str]:
+        other = rig.with_values({f"tendons.{key[1:]}.stiffness": value for key, value in changes.items()})
+        return [name for name in make_estimator("adaptive", other).state_names if "stiffness" in name]
+
+    both = ["tendons.stiffness.factor", "tendons.1.stiffness.deviation"]
+    assert names(_1={"std": 20.0, "shared": {"name": "tendons.stiffness", "std": 0.1}}) == both
+    assert names(_1={"std": 20.0}) == ["tendons.1.stiffness.factor", "tendons.stiffness.factor"]
+    alike = {"value": 806.0, "std": "10 %"}  # alike, but nothing says that they err together
+    assert names(_0=alike, _1=alike) == ["tendons.0.stiffness.factor", "tendons.1.stiffness.factor"]
+
+
+def test_the_prior_of_what_is_shared_is_that_of_the_equation() -> None:
+    """p_i = value_i (1 + σ z) + σ_i ε_i: variances and covariance of two tendons as the state vector has them."""
+    shared = {"name": "spool", "std": 0.1}
+    values = {"tendons.0.stiffness": {"value": 800.0, "std": 30.0, "shared": shared}}
+    values["tendons.1.stiffness"] = {"value": 500.0, "shared": shared}
+    states = make_estimator("adaptive", paper_rig("as the rig").with_values(values), compiled=False).states
+    p, state = states.setup.mechanism.parameters, ca.SX.sym("x", len(states))
+    slopes = ca.Function("p", [p.symbols], [ca.jacobian(states.parameters(state), state)])(p.values).full()
+    at = [p.names.index(f"tendons.{i}.stiffness") for i in (0, 1)]
+    found = (slopes * states.stds**2 @ slopes.T)[np.ix_(at, at)]
+    np.testing.assert_allclose(found, [[80.0**2 + 30.0**2, 80.0 * 50.0], [80.0 * 50.0, 50.0**2]])
 
 
 # ---- hard places ------------------------------------------------------------------------------------------------------

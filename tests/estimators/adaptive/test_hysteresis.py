@@ -48,7 +48,7 @@ def rig() -> Rig:
         "joints.0.damping": 2e-2,
         "joints.0.spring": {"stiffness": 0.3},
         "joints.0.external_torque.std": 0.1,
-        **{f"tendons.{i}.{name}.std": 0.0 for i in (0, 1) for name in ("stiffness", "pretension")},
+        **{f"tendons.{i}.{name}.std": 0.0 for i in (0, 1) for name in ("stiffness.shared", "pretension")},
     }
     return load_rig("capstan-joint").with_values(values)
 

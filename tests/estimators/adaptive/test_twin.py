@@ -47,6 +47,7 @@ TEXTBOOK = {
     "parameters": (sliders(rigs.PARAMETERS), ()),
     "insertions": (sliders(rigs.LINKAGE), ()),
     "factors": (sliders(rigs.FACTORS), ()),
+    "what parameters share, and err by alone": (sliders(rigs.SHARED), ()),
     "a factor of one tendon": (sliders({"tendons.0.stiffness": {"value": 806.0, "std": 201.5}}), ()),
     "linearity": (sliders(rigs.LINEARITY), ()),
     "beyond its travel": (sliders(rigs.LINEARITY, {"drives.0.stops": [0.0, 2e-3]}), ("at a stop",)),

@@ -35,7 +35,10 @@ def test_uncertain_damping_of_a_drive_with_hysteresis() -> None:
 
 def test_factors_of_two_spools_have_names_of_their_own() -> None:
     rig = side_by_side(
-        *(sliders({f"tendons.{i}.stiffness.std": share * 806.0 for i in (0, 1)}) for share in (0.1, 0.2))
+        *(
+            sliders({f"tendons.{i}.stiffness": {"value": 806.0, "std": share * 806.0} for i in (0, 1)})
+            for share in (0.1, 0.2)
+        )
     )
     names = AdaptiveFilter(rig, compiled=False).state_names
     assert len(set(names)) == len(names)

@@ -50,6 +50,9 @@ class TwinModel:
                 values[state.of] = self.x[i]
             for k in state.members:
                 values[k] = p.values[k] * self.x[i]
+        for i, state in enumerate(self.states):
+            if state.kind == "deviation":
+                values[state.of] = values[state.of] + self.x[i]
         return ca.vertcat(*values)
 
     def _with_parameters(self, *expressions: Any) -> list[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import erf, exp, inf, isclose, pi, sqrt
+from math import erf, exp, inf, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -134,19 +134,21 @@ def states_of(rig: Rig, mechanism: Mechanism, guards: Robustness, references: tu
 
 def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[State]:
     """Parameters with a std that can be seen, and the factors of tendons that err together, as they come."""
-    p, states, factors = mechanism.parameters, [], []
-    of_factors: set[int] = set()
+    p, states, factors, deviations = mechanism.parameters, [], [], []
+    sharing = rig.sharing()
+    for i, (name, std, drift) in enumerate(zip(p.names, p.own, p.drifts)):
+        if any(name in together for together in sharing.values()) and std > 0:
+            state = State(f"{name}.deviation", "deviation", 0.0, std, i, lowest=-0.95 * p.values[i])
+            state.walk = guards.parameter_walk * std if np.isnan(drift) else drift
+            deviations.append(state)
+    of_factors = {p.names.index(path) for together in sharing.values() for path in together}
     for i, (name, value, std, drift) in enumerate(zip(p.names, p.values, p.stds, p.drifts)):
         if i in of_factors or std <= 0 or not is_seen(rig, name, std):
             continue
         kind, _, what = name.split(".", 2)
         if kind == "tendons" and what in ("stiffness", "damping"):
-            alike = [k for k, other in enumerate(p.names) if other.split(".", 2)[::2] == [kind, what]]
-            members = [k for k in alike if isclose(p.stds[k] / p.values[k], std / value, rel_tol=1e-9)]
-            of_factors |= set(members)
-            title = f"tendons.{what}.factor" if len(members) > 1 else f"{name}.factor"
             mean, spread = cut_at_zero(1.0, std / value)
-            state = State(title, "factor", mean, spread, lowest=0.05, members=tuple(members))
+            state = State(f"{name}.factor", "factor", mean, spread, lowest=0.05, members=(i,))
             state.walk = guards.parameter_walk * spread if np.isnan(drift) else drift / value
             factors.append(state)
             continue
@@ -157,7 +159,14 @@ def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[St
         if np.isnan(drift):
             state.walk = guards.parameter_walk * state.std
         states.append(state)
-    return states + factors
+    for title, together in sharing.items():
+        members = [p.names.index(path) for path in together]
+        mean, spread = cut_at_zero(1.0, next(iter(together.values())))
+        state = State(f"{title}.factor", "factor", mean, spread, lowest=0.05, members=tuple(members))
+        alone = [k for k in members if p.own[k] == 0 and not np.isnan(p.drifts[k])]
+        state.walk = max((p.drifts[k] / p.values[k] for k in alone), default=guards.parameter_walk * spread)
+        factors.append(state)
+    return states + factors + deviations
 
 
 def is_seen(rig: Rig, name: str, std: float) -> bool:

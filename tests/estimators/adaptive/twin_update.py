@@ -68,7 +68,7 @@ def update(twin: Twin, dt: float, z: Floats, mask: Floats, tracked: list[Tracked
         for i, state in enumerate(twin.states):
             if state.considered:
                 gain[i] = 0.0
-            elif state.kind in ("parameter", "factor") and not row.reference:
+            elif state.kind in ("parameter", "factor", "deviation") and not row.reference:
                 guarded = row.drive is not None and not twin.declared[row.drive]
                 tau = twin.guards.learning_time_guarded if guarded else twin.guards.learning_time
                 gain[i] *= min(1.0, twin.interval / tau) if tau > 0 else 1.0

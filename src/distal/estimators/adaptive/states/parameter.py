@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import erf, exp, pi, sqrt
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -27,16 +28,21 @@ UNSEEN = 0.1
 """Friction of a drive whose std is below this share of its force sensor's noise does not show."""
 
 
+Acts = Literal["value", "factor", "deviation"]
+"""How a state enters the parameters: it is one's value, it multiplies the values of all, or it is added to one's value."""
+
+
 @dataclass(frozen=True)
 class UncertainParameter(State):
-    """One parameter (its value), or several alike (a common factor).
+    """One parameter, or what several err by together: p_i = value_i (1 + σ z) + σ_i ε_i.
 
-    Tendons whose stiffness (or damping) has the same relative std are from one spool: they err together.
+    A stiffness or damping of a tendon is a factor even where it is alone; 1 + σ z is a state "….factor", and σ_i ε_i,
+    where there is both, one "….deviation".
 
     Args:
         name: of the state.
         indices: of the parameters in the model's vector.
-        factor: whether the state multiplies the parameters' values.
+        acts: how it enters them.
         mean: prior mean.
         std: prior standard deviation.
         walks: random walk per √s.
@@ -45,7 +51,7 @@ class UncertainParameter(State):
 
     name: str
     indices: tuple[int, ...]
-    factor: bool
+    acts: Acts
     mean: float
     std: float
     walks: float
@@ -85,47 +91,61 @@ class UncertainParameter(State):
         """
         changed = ca.SX(p)
         for i in self.indices:
-            changed[i] = p[i] * own[0] if self.factor else own[0]
+            changed[i] = {"value": own[0], "factor": p[i] * own[0], "deviation": p[i] + own[0]}[self.acts]
         return changed
 
 
 def uncertain_parameters(setup: Setup) -> list[UncertainParameter]:
     """Return the uncertain parameters as blocks, those without effect on a displacement-driven joint left out.
 
-    A parameter that cannot be negative has its prior cut at zero: mean and variance are those of the cut normal.
+    What several share comes after what is one's alone, and what one that shares errs by on top comes last: a deviation
+    is added to what the factor has made. A parameter that cannot be negative has its prior cut at zero: mean and variance
+    are those of the cut normal.
 
     Args:
         setup: the rig.
     """
-    p, found = setup.mechanism.parameters, list[UncertainParameter]()
-    shared: dict[tuple[str, float, float], list[int]] = {}
+    p = setup.mechanism.parameters
+    found, factors, deviations = list[UncertainParameter](), list[UncertainParameter](), list[UncertainParameter]()
+    seen = [i for i, name in enumerate(p.names) if p.stds[i] > 0.0 and not _without_effect(setup, name, p.stds[i])]
+    sharing = {i for _, indices in p.shared.values() for i in indices}
 
-    def walk(std: float, drift: float) -> float:
-        return setup.robustness.parameter_walk * std if np.isnan(drift) else drift
+    def walk(i: int, std: float, scale: float = 1.0) -> float:
+        return setup.robustness.parameter_walk * std if np.isnan(p.drifts[i]) else float(p.drifts[i]) / scale
 
-    for i, name in enumerate(p.names):
-        value, std, drift = float(p.values[i]), float(p.stds[i]), float(p.drifts[i])
-        if std == 0.0 or _without_effect(setup, name, std):
-            continue
+    def factor(name: str, indices: Sequence[int], relative: float, walked: float) -> UncertainParameter:
+        mean, spread = cut_normal(1.0, relative)
+        return UncertainParameter(f"{name}.factor", tuple(indices), "factor", mean, spread, walked, SMALLEST_FACTOR)
+
+    for i in seen:
+        name, value, std = p.names[i], float(p.values[i]), float(p.own[i])
         kind = name.split(".", 2)[2]
+        if i in sharing:
+            if std > 0.0:
+                lowest = -(1.0 - SMALLEST_FACTOR) * value if _bounded(setup, name) else -np.inf
+                walked = walk(i, std)
+                deviations.append(UncertainParameter(f"{name}.deviation", (i,), "deviation", 0.0, std, walked, lowest))
+            continue
         if name.startswith("tendons.") and kind in ("stiffness", "damping") and value > 0.0:
-            key = (kind, round(std / value, 9), round(walk(std, drift) / value, 9))
-            shared.setdefault(key, []).append(i)
+            factors.append(factor(name, (i,), std / value, walk(i, std / value, value)))
             continue
         mean, spread, lowest = value, std, -np.inf
-        if number(setup.mechanism.rig, name).quantity.bound != "any":
+        if _bounded(setup, name):
             mean, spread = cut_normal(value, std)
             lowest = SMALLEST_VALUE * spread
-        found.append(UncertainParameter(name, (i,), False, mean, spread, walk(spread, drift), lowest))
-    for (kind, relative, walked), indices in shared.items():
-        mean, spread = cut_normal(1.0, relative)
-        name = p.names[indices[0]]
-        if len(indices) > 1:
-            several = sum(key[0] == kind and len(own) > 1 for key, own in shared.items()) > 1
-            which = "+".join(p.names[i].split(".")[1] for i in indices)
-            name = f"tendons.{which}.{kind}" if several else f"tendons.{kind}"
-        found.append(UncertainParameter(f"{name}.factor", tuple(indices), True, mean, spread, walked, SMALLEST_FACTOR))
-    return found
+        found.append(UncertainParameter(name, (i,), "value", mean, spread, walk(i, spread), lowest))
+    for name, (std, indices) in p.shared.items():
+        together = [i for i in indices if i in seen]
+        if together:
+            # where one has a std of its own, its drift is that one's
+            walks = [walk(i, std, p.values[i]) for i in together if p.own[i] == 0.0]
+            factors.append(factor(name, together, std, max(walks, default=setup.robustness.parameter_walk * std)))
+    return found + factors + deviations
+
+
+def _bounded(setup: Setup, name: str) -> bool:
+    """Return whether a parameter cannot be negative."""
+    return number(setup.mechanism.rig, name).quantity.bound != "any"
 
 
 def _without_effect(setup: Setup, name: str, std: float) -> bool:
