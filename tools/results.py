@@ -115,6 +115,7 @@ TABLES = {
             "strangers-series",
             "strangers-poses",
             "strangers-kinds",
+            "strangers-homing",
             "strangers-foreign",
             "smoothing",
         )

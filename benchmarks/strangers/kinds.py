@@ -29,7 +29,7 @@ def run(case: str, learned_from: list[Path], judged: list[tuple[str, Path]]) -> 
     """Score `adaptive` and `affine`, learned from the same logs, and the shipped rig beside them."""
     rig = load_rig("da-vinci-grasper").bare()
     logs = [read_log(path, rig) for path in learned_from]
-    adaptive = learn_discrepancy(logs, rig, homing=HOMING, compiled=False).rig
+    adaptive = learn_discrepancy(logs, rig, homing=HOMING).rig
     affine = learn_affine(logs, rig, homing=HOMING).rig
     records = []
     for pose, path in judged:

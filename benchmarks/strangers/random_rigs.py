@@ -8,6 +8,7 @@ one seed, draws are tried until one is.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 from typing import Any
@@ -42,11 +43,17 @@ class RandomCase:
     log: Log
 
 
-def random_case(seed: int) -> RandomCase:
-    """Return the first sane draw of a seed."""
+def random_case(seed: int, change: Callable[[dict[str, Any]], dict[str, Any]] = lambda raw: raw) -> RandomCase:
+    """Return the first sane draw of a seed.
+
+    Args:
+        seed: of the case.
+        change: what is done to the raw rig before its plant is drawn.
+    """
     for attempt in count():
         rng = np.random.default_rng([seed, attempt, TAG])
         raw, scenario, about = Draw(rng).made()
+        raw = change(raw)
         try:
             rig = build_rig(raw, f"random rig {seed}")
             plant = drawn_plant(rig, seed, attempt, TAG)

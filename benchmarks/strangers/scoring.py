@@ -102,7 +102,7 @@ def known_rig(rig: Rig, plant: dict[str, Any]) -> Rig:
 
     def visit(part: Any) -> None:
         if isinstance(part, dict) and "value" in part and "std" in part:
-            part["std"] = 0.0
+            part["std"], part["shared"] = 0.0, None
         elif isinstance(part, (dict, list, tuple)):
             for inner in part.values() if isinstance(part, dict) else part:
                 visit(inner)

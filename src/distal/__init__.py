@@ -7,7 +7,7 @@ from distal.identification import Fit, cross_validate, fit, learn_affine, learn_
 from distal.logs import Log, read_log, write_log
 from distal.results import Estimate, plot_estimates
 from distal.rig import Rig, load_rig, shipped_rigs
-from distal.running import LiveEstimator, Monitor, diagnose, estimate, estimate_batch, smooth
+from distal.running import LiveEstimator, Monitor, at_known_angle, diagnose, estimate, estimate_batch, smooth
 from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate, simulate_batch
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "Monitor",
     "Rig",
     "Scenario",
+    "at_known_angle",
     "cross_validate",
     "diagnose",
     "estimate",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -113,6 +114,35 @@ def test_without_truth_one_estimate_and_no_errors(run, log: Path, tmp_path: Path
     assert ran.code == 0
     assert "error against truth" not in ran.out
     assert "95 % band" in ran.out
+
+
+def test_home_without_a_reference(run, log: Path, tmp_path: Path) -> None:
+    """An angle and how far it may be off, in the ways people write it; the angle there is what was said."""
+    bare = tmp_path / "bare.csv"
+    pl.read_csv(log).select("t", "x1", "x2", "u1", "u2").write_csv(bare)
+    command = (
+        "estimate",
+        bare,
+        "--rig",
+        "paper-2008-printed",
+        *SET,
+        "--no-what-if",
+        "--homing",
+        "0.1s",
+        "--homing-angle",
+    )
+    for text in ("4 deg ± 0.1 deg", "4deg +- 0.1deg", "0.0698131701 +/- 0.001745"):
+        out = tmp_path / "out.csv"
+        done = run(*command, text, "--out", out)
+        assert done.code == 0, done.err
+        assert re.search(r"home: the joint stands at 4(\.0+1?)?° ± 0.\d+° for the first 0.1 s", done.out)
+        assert pl.read_csv(out)["theta"][8] == pytest.approx(np.deg2rad(4), abs=np.deg2rad(0.3))
+    for text, said in (("4 deg ± 1 ± 2", "written as '0 deg'"), ("± 1 deg", "written as"), ("4 mm", "is no angle")):
+        done = run(*command, text)
+        assert done.code == 2
+        assert said in done.err
+    done = run("estimate", bare, "--rig", "paper-2008-printed", *SET, "--homing-angle", "0 deg")
+    assert (done.code, "give --homing too" in done.err) == (2, True)
 
 
 def test_truth_as_column_or_file(run, log: Path, tmp_path: Path) -> None:

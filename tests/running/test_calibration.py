@@ -36,14 +36,15 @@ def test_without_its_correction_a_filter_is_the_plain_one(rig: Rig, log: Log) ->
     np.testing.assert_allclose(runs[0].readings, runs[1].readings, rtol=0, atol=1e-15)
 
 
-def test_the_rigs_numbers_are_where_two_passes_leave_them(rig: Rig, log: Log) -> None:
+def test_the_rigs_numbers_are_where_two_passes_leave_them(rig: Rig, log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     """Sample by sample: the window twice, each pass from the prior with the numbers of the pass before."""
+    monkeypatch.setattr("distal.running.homing_window.Window.within", lambda *arguments: True)
     described, references = with_references(rig.bare(), log)
     runner = AdaptiveFilter(described, compiled=False, references=references)
     samples = np.column_stack([samples_of(log, runner.channels[:2]), log.truth["theta"]])
     samples[log.time >= 0.5, 2] = np.nan
-    start = runner.initial(0.0, first_values(samples))
-    found = numbers_homed(runner, start, log, samples, 0.5)
+    start, truths = runner.initial(0.0, first_values(samples)), log.truth["theta"][:, None]
+    found = numbers_homed(runner, start, log, samples, truths, 0.5)
     lasting = np.flatnonzero(runner.states.lasting)
     belief = start
     for _ in range(2):

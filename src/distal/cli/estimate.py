@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from distal.cli.console import say, table
-from distal.cli.options import PlotOption, RigOption, SetOption, seconds
+from distal.cli.options import PlotOption, RigOption, SetOption, angle, seconds
 from distal.cli.outputs import check_outputs, to_file
 from distal.errors import EstimationError
 
@@ -44,6 +44,12 @@ def estimate_command(
         str | None,
         typer.Option("--homing", help="Use the reference for so long (e.g. 3s), then only check against it."),
     ] = None,
+    homing_angle: Annotated[
+        str | None,
+        typer.Option(
+            "--homing-angle", help="Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg'."
+        ),
+    ] = None,
     what_if: Annotated[
         bool,
         typer.Option(
@@ -57,11 +63,16 @@ def estimate_command(
     from distal.logs import read_log, true_angles, write_columns
     from distal.results import BAND, plot_kind
     from distal.rig import load_rig
-    from distal.running import diagnose, estimate
+    from distal.running import at_known_angle, diagnose, estimate
     from distal.running import smooth as smoothed
 
     if len(logs) > 1:
-        asked = {"--plot": plot is not None, "--smooth": smooth, "--passes": passes > 1}
+        asked = {
+            "--homing-angle": homing_angle is not None,
+            "--plot": plot is not None,
+            "--smooth": smooth,
+            "--passes": passes > 1,
+        }
         asked["a second --estimator"] = len(estimator or ()) > 1
         wrong = [name for name, there in asked.items() if there]
         if wrong:
@@ -79,9 +90,19 @@ def estimate_command(
     description = load_rig(rig, set_ or ())
     data = read_log(log, description, truth)
     _describe(data, description)
+    origin = data.truth_source
     known = true_angles(data, [joint.name for joint in description.joints]) is not None
     names = list(dict.fromkeys(estimator or ([DEFAULT, *ESTIMATORS] if known else [DEFAULT])))
     home = seconds(homing) if homing is not None else None
+    if homing_angle is not None:
+        if home is None:
+            raise EstimationError(
+                "--homing-angle says where the joint stands while homing; give --homing too, e.g. 0.5s"
+            )
+        place = angle(homing_angle)
+        data, description = at_known_angle(data, description, home, *place)
+        about, off = np.rad2deg(place)
+        say(f"home: the joint stands at {about:g}° ± {off:g}° for the first {home:g} s")
     # in a comparison that nobody chose, what cannot run is a row that says what it needs
     missing = estimator is None and description.affine is None and home is None
     names = [name for name in names if not (missing and name == "affine")]
@@ -95,8 +116,9 @@ def estimate_command(
     if plot is not None:
         results[0].plot(plot) if estimator is None else _plot(results, plot)
     if known:
-        used = f"; used for the first {home:g} s, compared with afterwards" if home is not None else ""
-        say(f"truth: {data.truth_source}{used}")
+        read = "not read" if homing_angle is not None else "used"
+        used = f"; {read} for the first {home:g} s, compared with afterwards" if home is not None else ""
+        say(f"truth: {origin}{used}")
         _compare(results, missing)
     final = results[0]
     for joint, angles, stds in zip(final.joint_names, np.rad2deg(final.angles.T), final.angle_stds.T):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,30 @@ SetOption = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the sensors' errors.")]
 PlotOption = Annotated[Path | None, typer.Option("--plot", help="Draw a picture (PNG, SVG or PDF).")]
+
+
+def angle(text: str) -> tuple[float, float]:
+    """Return an angle and its std, given as ``-40 deg``, ``0 deg ± 1 deg`` or ``0 deg +- 1 deg`` [rad].
+
+    Args:
+        text: as typed; a bare number is in radians.
+
+    Raises:
+        UnitError: it is no angle.
+    """
+    from distal.errors import UnitError
+    from distal.units import to_si
+
+    parts = [part.strip() for part in re.split(r"±|\+-|\+/-", text)]
+    if len(parts) > 2 or not all(parts):
+        raise UnitError(f"an angle is written as '0 deg' or '0 deg ± 1 deg', {text!r} came")
+    values = []
+    for part in parts:
+        try:
+            values.append(to_si(float(part), "rad"))
+        except ValueError:
+            values.append(to_si(part, "rad"))
+    return values[0], values[1] if len(values) > 1 else 0.0
 
 
 def seconds(text: str) -> float:

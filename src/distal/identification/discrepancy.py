@@ -195,7 +195,7 @@ def filtered(logs: Sequence[Log], rig: Rig, homing: float | None, compiled: bool
                 early = log.time - log.time[0] < homing
                 check_homing(homing, log, joints)
                 aided = np.column_stack([proximal, np.where(early[:, None], truths[:, : reference.shape[1]], np.nan)])
-                start = numbers_homed(runner, start, log, aided, homing)
+                start = numbers_homed(runner, start, log, aided, truths, homing)
             one = plain_samples(runner, start, log, unaided, truths)
         except DistalError as problem:
             refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")

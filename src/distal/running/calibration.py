@@ -8,11 +8,16 @@ from numpy.typing import NDArray
 from distal.estimators import AdaptiveFilter, Belief
 from distal.estimators.discrepancy import Samples, homed
 from distal.logs import Log, frozen
+from distal.running.homing_map import most_likely
+from distal.running.homing_window import Window, plain_angles
 
 Floats = NDArray[np.float64]
 
 PASSES = 2
 """So often is the window filtered: each pass begins where the last one left the rig's numbers, with their stds anew."""
+
+ASTRAY = 1.5
+"""Mean e²/P of an unaided angle over the window beyond which the numbers that the filter found are not believed."""
 
 
 def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats) -> Samples:
@@ -27,12 +32,8 @@ def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floa
     """
     rows, last = runner.checked_rows(start, log.time, samples)
     carries, _ = runner.kernel.scan(start.carry, rows, runner.numbers)
-    carries, n, nj = carries[last], start.size, truths.shape[1]
-    angles, variances = carries[:, :nj].copy(), carries[:, n : n + n * nj : n + 1].copy()
-    if runner.discrepancy is not None:
-        correction = carries[:, runner.own_memory : runner.own_memory + 2 * nj]
-        angles -= correction[:, :nj]
-        variances -= correction[:, nj:]
+    carries = carries[last]
+    angles, variances = plain_angles(runner, carries, start.size, truths.shape[1])
     readings = [
         carries[:, place] if place is not None else held(samples[:, i]) for i, place in enumerate(runner.places)
     ]
@@ -52,35 +53,71 @@ def held(values: Floats) -> Floats:
     return kept
 
 
-def numbers_homed(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, homing: float) -> Belief:
+def numbers_homed(
+    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float
+) -> Belief:
     """Return a belief before the first sample with the rig's numbers as a homing move tells them.
 
-    The filter reads the reference over the window. Where its numbers then are is where it begins again, `PASSES` times, so
-    that what it linearises is linearised there. Their covariance is that after the last pass.
+    They are the filter's own where it keeps to its band with them, else the `most_likely`.
 
     Args:
         runner: the filter, with the reference among its channels.
         start: what it believes before the first sample.
         log: the log.
         samples: values of its channels, the reference known within the window only, (k, n_channels).
+        truths: true angles [rad], NaN where not known, (k, n_joints).
         homing: length of the window [s].
     """
-    until = int(np.searchsorted(log.time - log.time[0], homing))
+    window = Window.of(runner, start, log, samples, truths, homing)
+    filtered = numbers_filtered(window)
+    return filtered if filtered is not None else most_likely(window)
+
+
+def begun_homed(
+    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float
+) -> Belief:
+    """Return what a filter that reads the reference over the window begins with.
+
+    Where it keeps to its band with what it finds there, that is its prior: it finds it as it runs. Else it begins with the
+    `most_likely` numbers and their covariance.
+
+    Args:
+        runner: the filter, with the reference among its channels.
+        start: what it believes before the first sample.
+        log: the log.
+        samples: values of its channels, the reference known within the window only, (k, n_channels).
+        truths: true angles [rad], NaN where not known, (k, n_joints).
+        homing: length of the window [s].
+    """
+    window = Window.of(runner, start, log, samples, truths, homing)
+    return start if numbers_filtered(window, passes=1) is not None else most_likely(window)
+
+
+def numbers_filtered(window: Window, passes: int = PASSES) -> Belief | None:
+    """Return a belief before the first sample with the rig's numbers as the filter finds them; None where it is led astray.
+
+    The filter reads the reference over the window. Where its numbers then are is where it begins again, so that
+    what it linearises is linearised there. Their covariance is that after the last pass. Without the reference, its
+    angle must keep to its band from there.
+
+    Args:
+        window: see `Window`.
+        passes: so often is the window filtered.
+    """
+    runner, start = window.runner, window.start
     lasting, n = np.flatnonzero(runner.states.lasting), start.size
-    square = np.ix_(lasting, lasting)
-    carry = start.carry.copy()
-    for _ in range(PASSES):
-        begun = Belief(start.time, frozen(carry), n)
-        rows, _ = runner.checked_rows(begun, log.time[:until], samples[:until])
-        carries, _ = runner.kernel.scan(begun.carry, rows, runner.numbers)
-        after = carries[-1]
-        if not np.isfinite(after[: n + n * n]).all():
-            return start
+    carry, after = start.carry.copy(), start.carry
+    for _ in range(passes):
+        done = window.scan(carry, window.samples)
+        if done is None:
+            return None
+        after = done[0][-1]
         carry = start.carry.copy()
         carry[lasting] = after[lasting]
+    square = np.ix_(lasting, lasting)
     covariance = carry[n : n + n * n].reshape(n, n)
     covariance[square] = after[n : n + n * n].reshape(n, n)[square]
-    return Belief(start.time, frozen(carry), n)
+    return Belief(start.time, frozen(carry), n) if window.within(carry, ASTRAY) else None
 
 
 def calibrated(
@@ -99,7 +136,7 @@ def calibrated(
         homing: length of the window [s].
     """
     assert runner.discrepancy is not None
-    begun = numbers_homed(runner, start, log, samples, homing)
+    begun = numbers_homed(runner, start, log, samples, truths, homing)
     unaided = samples.copy()
     unaided[:, len(runner.discrepancy.channels) :] = np.nan
     early = log.time - log.time[0] < homing

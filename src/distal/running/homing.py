@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
+from distal.estimators import LARGEST_ANGLE
 from distal.logs import FROM_SENSOR, Log, true_angles
 from distal.rig import Rig, Sensor, angle_names, build_rig
 
@@ -70,6 +71,39 @@ def added_reference(rig: Rig, rate: float, joint: str | None = None) -> tuple[Ri
     raw["sensors"] = [*raw["sensors"], {**added, "rate": float(np.clip(rate, 1e-3, 1e6))}]
     described = build_rig(raw, rig.name)
     return described, described.sensors[-1]
+
+
+def at_known_angle(log: Log, rig: Rig, homing: float, angle: float, std: float = 0.0) -> tuple[Log, Rig]:
+    """Return a log and a rig with which a filter homes where the joint is known to be: at a mark, or against a hard stop.
+
+    The rig gets a sensor ``home`` of the joint's angle, with an offset of ``std``, and the log's truth is `angle` over the
+    window. Afterwards it is what it was, NaN where there was none.
+
+    Args:
+        log: the log.
+        rig: the description, of one joint.
+        homing: for how long the joint is there [s].
+        angle: where [rad].
+        std: how far it may be from there, all of the time by the same [rad].
+
+    Raises:
+        EstimationError: the rig has several joints, or a number is out of bounds.
+    """
+    joints = [joint.name for joint in rig.joints]
+    if len(joints) > 1:
+        raise EstimationError(f"a homing angle is of one joint; the rig has {', '.join(joints)}")
+    if not abs(angle) <= LARGEST_ANGLE or not 0.0 <= std <= LARGEST_ANGLE:
+        raise EstimationError(f"a homing angle is at most {LARGEST_ANGLE:g} rad, {angle:g} ± {std:g} rad came")
+    raw, taken = rig.model_dump(), {sensor.name for sensor in rig.sensors}
+    name = next(n for n in ("home", "home_angle", "home_angle_2") if n not in taken)
+    rate = float(np.clip(log.rate, 1e-3, 1e6)) if len(log) > 1 else 100.0
+    home = {"name": name, "measures": "angle", "of": joints[0], "noise": TRUTH_NOISE, "rate": rate}
+    raw["sensors"] = [{**home, "bias": {"value": 0.0, "std": std}}, *raw["sensors"]]
+    (column,), early = angle_names(joints), log.time - log.time[0] < homing
+    before = log.truth.get(column, np.full(len(log), np.nan))
+    truth = {**log.truth, column: np.where(early, angle, before)}
+    said = f"{np.rad2deg(angle):g}° ± {np.rad2deg(std):g}° at home, {FROM_SENSOR}"
+    return Log(log.time, log.channels, truth, log.source, said), build_rig(raw, rig.name)
 
 
 def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:

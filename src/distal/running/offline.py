@@ -25,7 +25,7 @@ from distal.estimators import (
 from distal.logs import Log, frozen, read_log, true_angles
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
-from distal.running.calibration import calibrated
+from distal.running.calibration import begun_homed, calibrated
 from distal.running.homing import check_homing, homed, with_references
 
 Floats = NDArray[np.float64]
@@ -211,8 +211,11 @@ def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
             read = with_channel(read, channel, np.where(early, known[:, joint], np.nan))
     samples = samples_of(read, runner.channels, runner.name)
     start = runner.initial(log.time[0], first_values(samples))
-    if homing is not None and isinstance(runner, AdaptiveFilter) and runner.discrepancy is not None:
-        runner, start, samples, _ = calibrated(runner, start, log, samples, known, homing)
+    if homing is not None and isinstance(runner, AdaptiveFilter) and references_of(runner):
+        if runner.discrepancy is not None:
+            runner, start, samples, _ = calibrated(runner, start, log, samples, known, homing)
+        else:
+            start = begun_homed(runner, start, log, samples, known, homing)
     return Run(log, runner, samples, start, homing)
 
 

@@ -1,0 +1,147 @@
+"""The window of a homing move: the first seconds of a log, in which a reference is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators import AdaptiveFilter, Belief
+from distal.logs import Log, frozen
+from distal.sensors import variance
+
+Floats = NDArray[np.float64]
+
+START_STD = float(np.deg2rad(0.2))
+"""How well the joint's first angle is known from the reference [rad]."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """The first seconds of a log, in which a reference is known.
+
+    Args:
+        runner: the filter, with the reference among its channels.
+        start: what it believes before the first sample.
+        time: of the samples [s], (k,).
+        samples: values of the channels, the reference's too, (k, n_channels).
+        known: true angles [rad], NaN where not known, (k, n_joints).
+    """
+
+    runner: AdaptiveFilter
+    start: Belief
+    time: Floats
+    samples: Floats
+    known: Floats
+
+    @staticmethod
+    def of(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, known: Floats, homing: float) -> Window:
+        """Return the window of a log.
+
+        Args:
+            runner: the filter, with the reference among its channels.
+            start: what it believes before the first sample.
+            log: the log.
+            samples: values of its channels, (k, n_channels).
+            known: true angles [rad], NaN where not known, (k, n_joints).
+            homing: length of the window [s].
+        """
+        until = int(np.searchsorted(log.time - log.time[0], homing))
+        return Window(runner, start, log.time[:until], samples[:until], known[:until])
+
+    @property
+    def references(self) -> dict[int, int]:
+        """Channel → joint of each reference, by index."""
+        joints = [joint.name for joint in self.runner.rig.joints]
+        sensors = {sensor.name: joints.index(sensor.of) for sensor in self.runner.rig.sensors_of("angle")}
+        return {i: sensors[name] for i, name in enumerate(self.runner.channels) if name in sensors}
+
+    @property
+    def unaided(self) -> Floats:
+        """The samples without the references, (k, n_channels)."""
+        samples = self.samples.copy()
+        samples[:, list(self.references)] = np.nan
+        return samples
+
+    def scan(self, carry: Floats, samples: Floats) -> tuple[Floats, Floats] | None:
+        """Return carries and outputs after each sample, None where the filter leaves all bounds.
+
+        Args:
+            carry: before the first sample.
+            samples: (k, n_channels).
+        """
+        runner, size = self.runner, self.start.size
+        rows, last = runner.checked_rows(Belief(self.start.time, frozen(carry), size), self.time, samples)
+        carries, ys = runner.kernel.scan(carry, rows, runner.numbers)
+        kept = carries[last]
+        return (kept, ys[last]) if np.isfinite(kept[:, : size + size**2]).all() else None
+
+    def errors(self, carries: Floats) -> tuple[Floats, Floats]:
+        """Return what the angles err by, with their references' offsets taken off, and their variances, (k, n_joints).
+
+        Args:
+            carries: of an unaided run.
+        """
+        n, nj, names = self.start.size, self.known.shape[1], self.runner.state_names
+        angles, variances = plain_angles(self.runner, carries, n, nj)
+        errors = self.known - angles
+        sensors = {sensor.name: sensor for sensor in self.runner.rig.sensors_of("angle")}
+        for channel, joint in self.references.items():
+            name = self.runner.channels[channel]
+            variances[:, joint] += variance(sensors[name])
+            if f"bias_{name}" in names:
+                errors[:, joint] -= carries[:, names.index(f"bias_{name}")]
+        return errors, variances
+
+    def anchored(self, carry: Floats) -> Floats:
+        """Return a carry before the first sample whose first angles are those of the reference.
+
+        Args:
+            carry: before the first sample.
+        """
+        n, states = self.start.size, self.runner.states
+        biases = {joint: f"bias_{self.runner.channels[channel]}" for channel, joint in self.references.items()}
+        offsets = {j: float(states.stds[states.names.index(b)]) for j, b in biases.items() if b in states.names}
+        carry = carry.copy()
+        whole = carry[n : n + n * n].reshape(n, n)
+        for joint, column in enumerate(self.known.T):
+            there = column[np.isfinite(column)]
+            if len(there):
+                carry[joint] = there[0]
+                whole[joint, :] = whole[:, joint] = 0.0
+                whole[joint, joint] = START_STD**2 + offsets.get(joint, 0.0) ** 2
+        return carry
+
+    def within(self, carry: Floats, times: float) -> bool:
+        """Return whether an unaided run keeps its angles within their bands: mean e²/P of each joint at most `times`.
+
+        Args:
+            carry: before the first sample.
+            times: how much is allowed.
+        """
+        done = self.scan(self.anchored(carry), self.unaided)
+        if done is None:
+            return False
+        errors, variances = self.errors(done[0])
+        squares = np.array(
+            [np.mean(column[np.isfinite(column)]) for column in (errors**2 / variances).T if np.isfinite(column).any()]
+        )
+        return bool(np.all(squares <= times))
+
+
+def plain_angles(runner: AdaptiveFilter, carries: Floats, size: int, joints: int) -> tuple[Floats, Floats]:
+    """Return what a filter says of its angles without the correction of a discrepancy, and the variances, (k, n_joints).
+
+    Args:
+        runner: the filter.
+        carries: after each sample.
+        size: of the state.
+        joints: how many there are.
+    """
+    angles, variances = carries[:, :joints].copy(), carries[:, size : size + size * joints : size + 1].copy()
+    if runner.discrepancy is not None:
+        correction = carries[:, runner.own_memory : runner.own_memory + 2 * joints]
+        angles -= correction[:, :joints]
+        variances -= correction[:, joints:]
+    return angles, variances
