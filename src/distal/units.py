@@ -28,6 +28,7 @@ def _registry() -> Any:
     registry: Any = pint.UnitRegistry(cache_folder=None)
     # roboticists write Nm; pint alone knows only N m
     registry.define("newton_metre = newton * metre = Nm")
+    registry.define("@alias turn = rev = revs")
     return registry
 
 

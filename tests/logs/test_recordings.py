@@ -247,3 +247,72 @@ def test_without_the_packages_it_says_what_to_install(
         read_log(tmp_path / "run.mcap", named)
     with pytest.raises(OutputError, match=r"pip install 'distal\[mcap\]'"):
         Recorder(tmp_path / "new.mcap")
+
+
+BY_NAME = {
+    f"{kind}{number}": f"/joint_states[{side}.motor].{field}"
+    for number, side in ((1, "left"), (2, "right"))
+    for kind, field in (("x", "position"), ("u", "effort"))
+}
+
+
+def joints_bag(log: Log, folder: Path, apart: float, lost: tuple[int, str] | None = None) -> Path:
+    """Write a bag with one topic of joint states: both joints in a message, their order now so, now so; or `apart` [s]."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.LATEST)
+    state, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
+    stamp = store.types["builtin_interfaces/msg/Time"]
+    with Writer(folder, version=9) as writer:
+        connection = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
+        for k, time in enumerate(log.time):
+            sides = [("left", 1), ("right", 2)][:: 1 if k % 2 else -1]
+            parts = [sides] if apart == 0.0 else [[sides[0]], [sides[1]]]
+            for late, part in enumerate(parts):
+                if lost == (k, part[0][0]):
+                    continue
+                at = round((1.7e9 + time + late * apart) * 1e9)
+                message = state(
+                    header=header(stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id=""),
+                    name=["gripper", *(f"{side}.motor" for side, _ in part)],
+                    position=np.array([9.0, *(log.channels[f"x{number}"][k] for _, number in part)]),
+                    velocity=np.array([]),
+                    effort=np.array([9.0, *(log.channels[f"u{number}"][k] for _, number in part)]),
+                )
+                writer.write(connection, at, store.serialize_cdr(message, state.__msgtype__))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def by_name(rig: Rig) -> Rig:
+    names = [sensor.name for sensor in rig.sensors]
+    return rig.with_values({f"sensors.{names.index(name)}.column": column for name, column in BY_NAME.items()})
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.003])
+def test_joints_by_their_names(rig: Rig, by_name: Rig, log: Log, tmp_path: Path, apart: float) -> None:
+    """Wherever they stand in a message, and also where each has a message of its own; the original stamps are kept."""
+    read = read_log(joints_bag(log, tmp_path / "run", apart), by_name)
+    assert len(read) == len(log)
+    np.testing.assert_allclose(read.time, log.time, atol=1e-6)
+    for name in BY_NAME:
+        np.testing.assert_allclose(read.channels[name], log.channels[name], rtol=1e-12)
+    assert read.stamps is not None
+    np.testing.assert_allclose((read.stamps - read.stamps[0]) * 1e-9, log.time, atol=1e-6)
+    assert abs(read.stamps[0] - 1_700_000_000_000_000_000) < 1000
+
+
+def test_a_joint_whose_message_is_lost_costs_its_own_value_only(by_name: Rig, log: Log, tmp_path: Path) -> None:
+    read = read_log(joints_bag(log, tmp_path / "run", 0.003, lost=(50, "right")), by_name)
+    assert len(read) == len(log)
+    assert np.flatnonzero(np.isnan(read.channels["x2"])).tolist() == [50]
+    np.testing.assert_allclose(np.delete(read.channels["x2"], 50), np.delete(log.channels["x2"], 50), rtol=1e-12)
+    np.testing.assert_allclose(read.channels["x1"], log.channels["x1"], rtol=1e-12)
+
+
+def test_a_name_that_no_message_has(by_name: Rig, log: Log, tmp_path: Path) -> None:
+    at = [sensor.name for sensor in by_name.sensors].index("u2")
+    wrong = by_name.with_values({f"sensors.{at}.column": "/joint_states[right.moter].effort"})
+    with pytest.raises(LogError, match=r"column '/joint_states\[right\.moter\]\.effort' is missing"):
+        read_log(joints_bag(log, tmp_path / "run", 0.0), wrong)

@@ -148,6 +148,9 @@ def _describe(log: Log, rig: Rig) -> None:
         f"read {log.source}: {len(log)} samples, {log.time[0]:g} to {log.time[-1]:g} s, {log.rate:.4g} Hz; "
         f"rig: {rig.name}"
     )
+    if log.stamps is not None:
+        begins = np.datetime64(int(log.stamps[0]), "ns").astype("datetime64[ms]")
+        say(f"  begins at {begins} UTC; t counts from there, the column 'stamp' is the original [ns]")
     for sensor in rig.sensors:
         if sensor.name in log.channels:
             missing = int(np.isnan(log.channels[sensor.name]).sum())

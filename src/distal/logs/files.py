@@ -15,7 +15,8 @@ from distal.errors import DistalWarning, LogError
 from distal.logs.log import Log, check_stamps
 from distal.logs.output import write_whole
 from distal.logs.recordings import is_recording, open_recording
-from distal.logs.tables import Table, open_table, read_table, table_of
+from distal.logs.stamps import Clock, clock_of
+from distal.logs.tables import Table, check_columns, open_table, table_of
 from distal.rig import Capstan, Rig, Sensor, angle_names, log_factor
 from distal.units import unit_factor
 
@@ -44,24 +45,28 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
     references = {sensor.log_column: sensor for sensor in rig.sensors if sensor.measures == "angle"}
     needed = [sensor for sensor in rig.sensors if sensor.measures != "angle"]
     simulated = [f"true_{name}" for name in angle_names([joint.name for joint in rig.joints])]
+    stamps = None
     if is_recording(path):
         asked = [rig.log.time.column, *(s.log_column for s in needed), *references, *simulated]
         asked += [str(truth)] if truth is not None and not Path(truth).exists() else []
         factor = unit_factor(rig.log.time.unit, "s")
-        frame, source, first_row = open_recording(path, asked, rig.log.time.column, factor), Path(path), 0
+        frame, stamps = open_recording(path, asked, rig.log.time.column, factor)
+        source, first_row = Path(path), 0
     else:
-        frame, source, first_row = open_table(path)
+        frame, source, first_row = open_table(path, rig.log.time.column)
     names = tuple(map(str, frame.columns))
     column = str(truth) if truth is not None and _is_column(names, str(truth)) else None
     optional = [*references, *simulated, *([column] if column else [])]
-    wanted = [rig.log.time.column, *(sensor.log_column for sensor in needed)]
+    wanted = [sensor.log_column for sensor in needed]
+    check_columns(frame, source, [rig.log.time.column])
+    clock = clock_of(frame, rig.log.time.column, source, first_row, unit_factor(rig.log.time.unit, "s"))
     table = table_of(frame, source, first_row, wanted, optional)
-    time = table.columns[rig.log.time.column] * unit_factor(rig.log.time.unit, "s")
+    time, stamps = clock.time, clock.stamps if stamps is None else stamps
     check_stamps(time, table.source, table.first_row)
     if len(time) < 2:
         raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
     channels = {sensor.name: _in_si(sensor, table) for sensor in needed}
-    known, origin = _known_angles(rig, table, references, column, truth)
+    known, origin = _known_angles(rig, table, references, column, truth, Clock(time, stamps))
     if known and not any(np.isfinite(values).any() for values in known.values()):
         if truth is not None:
             raise LogError(f"{table.source}: the truth ({origin}) has no value at all")
@@ -70,18 +75,22 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
         largest = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
         if largest > 1e6:
             raise LogError(f"{table.source}: the truth ({origin}) reaches {largest:.3g} rad, which is no angle")
-    log = Log(time, channels, known, table.source, origin)
+    log = Log(time, channels, known, table.source, origin, stamps)
     _warn_of_units(log, rig)
     return log
 
 
 def _known_angles(
-    rig: Rig, table: Table, references: Mapping[str, Sensor], column: str | None, truth: str | Path | None
+    rig: Rig,
+    table: Table,
+    references: Mapping[str, Sensor],
+    column: str | None,
+    truth: str | Path | None,
+    clock: Clock,
 ) -> tuple[dict[str, Floats], str]:
     """Return name → true angle [rad] as far as a log or a file beside it has them, and where they come from."""
     joints = [joint.name for joint in rig.joints]
     names = dict(zip(joints, angle_names(joints)))
-    time = table.columns[rig.log.time.column] * unit_factor(rig.log.time.unit, "s")
     if column is not None:
         sensor = references.get(column)
         if sensor is None and len(joints) > 1:
@@ -93,7 +102,7 @@ def _known_angles(
         origin = f"column '{column}'" + (f", {FROM_SENSOR}" if sensor is not None else "")
         return {names[joints[0] if sensor is None else sensor.of]: values}, origin
     if truth is not None:
-        return read_truth(truth, time, joints), str(truth)
+        return read_truth(truth, clock.time, joints, clock.start), str(truth)
     simulated = {name: f"true_{name}" for name in names.values()}
     if any(there in table.columns for there in simulated.values()):
         known = {name: table.columns[there] for name, there in simulated.items() if there in table.columns}
@@ -114,20 +123,25 @@ def _is_column(names: tuple[str, ...], name: str) -> bool:
     raise LogError(f"truth '{name}' is neither a file nor a column (the log has {', '.join(names)})")
 
 
-def read_truth(path: str | Path, time: Floats, joints: Sequence[str] = ("joint",)) -> dict[str, Floats]:
+def read_truth(
+    path: str | Path, time: Floats, joints: Sequence[str] = ("joint",), start: int | None = None
+) -> dict[str, Floats]:
     """Return name → true angle [rad] at `time`, by straight lines between the stamps of a file with ``t`` and ``theta``.
 
     Args:
         path: CSV or Parquet, SI; with several joints, a column for each (`distal.rig.angle_names`).
         time: stamps of the log [s], (n,).
         joints: names of the joints.
+        start: when the log begins, since 1970 [ns], where it is dated; a file that is dated too is then laid over it.
 
     Raises:
         LogError: it cannot be read, or does not overlap the log.
     """
     names = angle_names(joints)
-    table = read_table(path, ["t", *names])
-    stamps, known = table.columns["t"], dict[str, Floats]()
+    frame, source, first_row = open_table(path)
+    check_columns(frame, source, ["t"])
+    stamps, known = clock_of(frame, "t", source, first_row, 1.0).since(start), dict[str, Floats]()
+    table = table_of(frame, source, first_row, names)
     check_stamps(stamps, table.source, table.first_row)
     for name in names:
         theta = table.columns[name]
@@ -225,7 +239,7 @@ def write_log(log: Log, rig: Rig, path: str | Path) -> None:
     write_columns(columns, path)
 
 
-def write_columns(columns: Mapping[str, Floats], path: str | Path) -> None:
+def write_columns(columns: Mapping[str, NDArray[Any]], path: str | Path) -> None:
     """Write columns as CSV, or as Parquet by the ending of the path; NaN is an empty cell in CSV.
 
     Raises:

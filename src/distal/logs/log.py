@@ -38,6 +38,7 @@ class Log:
         truth: name → values, (n,) each: joint angles [rad] and, from a simulation, whatever else it knows.
         source: what to call it in messages.
         truth_source: where the truth comes from.
+        stamps: the original stamps, since 1970 [ns], (n,), where time counts from the start of a log that has dates.
 
     Raises:
         LogError: lengths differ, a stamp is not finite, repeats or goes back.
@@ -48,6 +49,7 @@ class Log:
     truth: Mapping[str, Floats] = field(default_factory=dict)
     source: str = "log"
     truth_source: str = ""
+    stamps: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check the stamps."""
@@ -58,6 +60,12 @@ class Log:
         if self.time.ndim != 1:
             raise LogError(f"{self.source}: time must be one column, shape {self.time.shape} came")
         check_stamps(self.time, self.source)
+        if self.stamps is not None:
+            stamps = np.array(self.stamps, dtype=np.int64)
+            stamps.flags.writeable = False
+            object.__setattr__(self, "stamps", stamps)
+            if stamps.shape != self.time.shape:
+                raise LogError(f"{self.source}: stamps have shape {stamps.shape}, time has {self.time.shape}")
         for key, values in {**self.channels, **self.truth}.items():
             if values.shape != self.time.shape:
                 raise LogError(f"{self.source}: '{key}' has shape {values.shape}, time has {self.time.shape}")
@@ -86,7 +94,8 @@ class Log:
         """
         channels = {name: values[rows] for name, values in self.channels.items()}
         truth = {name: values[rows] for name, values in self.truth.items()}
-        return Log(self.time[rows], channels, truth, self.source, self.truth_source)
+        stamps = None if self.stamps is None else self.stamps[rows]
+        return Log(self.time[rows], channels, truth, self.source, self.truth_source, stamps)
 
     def to_polars(self) -> polars.DataFrame:
         """Return time, channels and truth (prefixed ``true_``) as a polars frame, SI."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError, did_you_mean
 from distal.logs.messages import find, number_of
@@ -61,11 +63,14 @@ def is_recording(path: object) -> bool:
         return False
 
 
-def open_recording(path: str | Path, columns: Sequence[str], time: str, unit: float = 1.0) -> polars.DataFrame:
-    """Return the columns that are in a recording, and the time from its first stamp on.
+def open_recording(
+    path: str | Path, columns: Sequence[str], time: str, unit: float = 1.0
+) -> tuple[polars.DataFrame, NDArray[np.int64]]:
+    """Return the columns that are in a recording with the time from its first stamp on, and the stamps [ns].
 
-    A column is ``/topic.field``, e.g. ``/joint_states.position[0]`` or ``/load/left.wrench.force.z``; a bare name is
-    looked for in every JSON message. The stamp is that of a message's header where it has one, else when it was
+    A column is ``/topic.field``, e.g. ``/joint_states.position[0]`` or ``/load/left.wrench.force.z``;
+    ``/joint_states[left_wrist].position`` is the element of that name, in whichever message has it. A bare name is looked
+    for in every JSON message. The stamp is that of a message's header where it has one, else when it was
     recorded; a JSON message may have its own, in the rig's time column.
 
     Args:
@@ -88,7 +93,7 @@ def open_recording(path: str | Path, columns: Sequence[str], time: str, unit: fl
         if message.json:
             stamp = _own_stamp(path, message, time, unit)
         for column, topic, field in wanted:
-            value = message.read(field) if topic in ("", message.topic) and (topic or message.json) else None
+            value = element(message.read, field) if topic in ("", message.topic) and (topic or message.json) else None
             if value is None and message.json:
                 value = message.read(column)
             if value is None:
@@ -107,7 +112,7 @@ def open_recording(path: str | Path, columns: Sequence[str], time: str, unit: fl
             f"{path}: no message has '{one}'{did_you_mean(one.partition('.')[0], topics)}; columns are /topic.field, "
             f"the topics are {', '.join(sorted(topics))[:300] or 'none'}"
         )
-    stamped = _stamped(path, found)
+    stamped = _in_cycles(_stamped(path, found), {column: topic for column, topic, field in wanted if field[:1] == "["})
     rows = _merged([[stamp for stamp, _ in values] for values in stamped.values()])
     columns_of = {time: (rows - rows[0]) * 1e-9 / unit}
     for column, entries in stamped.items():
@@ -115,13 +120,35 @@ def open_recording(path: str | Path, columns: Sequence[str], time: str, unit: fl
         at = np.searchsorted(rows, [stamp for stamp, _ in entries], side="right") - 1
         filled[at] = [value for _, value in entries]
         columns_of[column] = filled
-    return polars.DataFrame(columns_of)
+    return polars.DataFrame(columns_of), rows
 
 
 def _named(column: str) -> tuple[str, str]:
-    """Return topic and field of a column; a bare name has no topic."""
+    """Return topic and field of a column; a bare name has no topic.
+
+    Of ``/joint_states[left.wrist].position`` the field is ``[left.wrist].position``: see `element`.
+    """
+    found = re.fullmatch(r"([^\[\].]*/[^\[\].]*)(\[[^\[\]]+\])\.(.+)", column)
+    if found is not None:
+        return found[1], f"{found[2]}.{found[3]}"
     topic, dot, field = column.partition(".")
     return (topic, field) if dot and "/" in topic else ("", column)
+
+
+def element(read: Read, field: str) -> Any:
+    """Return a field of a message; of ``[left_wrist].position`` the element whose place in the message's ``name`` that is.
+
+    Args:
+        read: gives a field, None where it is not there.
+        field: its name.
+    """
+    found = re.fullmatch(r"\[([^\[\]]+)\]\.(.+)", field)
+    if found is None:
+        return read(field)
+    names = read("name")
+    if names is None or isinstance(names, str) or found[1] not in list(names):
+        return None  # a driver may publish each joint in a message of its own
+    return read(f"{found[2]}[{list(names).index(found[1])}]")
 
 
 def _own_stamp(path: Path, message: Message, time: str, unit: float) -> int | None:
@@ -179,6 +206,39 @@ def _stamped(
         stacklevel=4,
     )
     return {column: each[longest] for column, each in parts.items()}
+
+
+def _in_cycles(
+    stamped: dict[str, list[tuple[int, float]]], topic_of: dict[str, str]
+) -> dict[str, list[tuple[int, float]]]:
+    """Return the same with one stamp for all joints of a cycle, where a driver publishes each in a message of its own.
+
+    A cycle of a topic begins with a joint that the last one has already, or half an interval after it began.
+
+    Args:
+        stamped: stamps and values of each column.
+        topic_of: column → topic of columns that name an element.
+    """
+    moved = dict(stamped)
+    for topic in sorted(set(topic_of.values())):
+        columns = [column for column in stamped if topic_of.get(column) == topic]
+        if len(columns) < 2:
+            continue
+        intervals = [
+            np.median(np.diff([stamp for stamp, _ in stamped[column]]))
+            for column in columns
+            if len(stamped[column]) > 1
+        ]
+        longest = 0.5 * float(min(intervals, default=0.0))
+        entries = sorted((stamp, column, value) for column in columns for stamp, value in stamped[column])
+        moved.update({column: [] for column in columns})
+        begun, there = entries[0][0], set[str]()
+        for stamp, column, value in entries:
+            if column in there or stamp - begun > longest:
+                begun, there = stamp, set()
+            there.add(column)
+            moved[column].append((begun, value))
+    return moved
 
 
 def _parts_between(values: list[tuple[int, float]]) -> list[list[tuple[int, float]]]:

@@ -52,11 +52,12 @@ def read_table(path: str | Path, wanted: Sequence[str] | None = None) -> Table:
     return table_of(frame, source, first_row, wanted)
 
 
-def open_table(path: Any) -> tuple[polars.DataFrame, Path, int]:
+def open_table(path: Any, index_name: str | None = None) -> tuple[polars.DataFrame, Path, int]:
     """Return the cells of a CSV or Parquet file, or of a polars or pandas frame, what to call it, and its first row.
 
     Args:
         path: a path or a frame.
+        index_name: a pandas frame that lacks this column has it from an index of dates.
 
     Raises:
         LogError: it cannot be read, or is neither.
@@ -77,7 +78,24 @@ def open_table(path: Any) -> tuple[polars.DataFrame, Path, int]:
         return path, Path("the frame"), 0
     if not hasattr(path, "columns"):
         raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
-    return polars.DataFrame({str(name): path[name].to_numpy() for name in path.columns}), Path("the frame"), 0
+    columns = {str(name): _plain(path[name]) for name in path.columns}
+    index = getattr(path, "index", None)
+    if index_name is not None and index_name not in columns and _is_dated(index):
+        columns[index_name] = _plain(index)
+    return polars.DataFrame(columns), Path("the frame"), 0
+
+
+def _is_dated(column: Any) -> bool:
+    """Return whether a column or an index of pandas holds dates."""
+    return str(getattr(column, "dtype", "")).startswith("datetime64")
+
+
+def _plain(column: Any) -> Any:
+    """Return a column or an index of pandas as NumPy has it, dates with a zone in UTC."""
+    if _is_dated(column) and getattr(column.dtype, "tz", None) is not None:
+        dates = getattr(column, "dt", column)
+        column = dates.tz_convert(None)
+    return column.to_numpy()
 
 
 def table_of(
@@ -96,12 +114,28 @@ def table_of(
         LogError: a column is missing or does not hold numbers, or there is no row.
     """
     names = list(frame.columns) if wanted is None else [*wanted, *(c for c in optional if c in frame.columns)]
+    check_columns(frame, path, names)
+    return Table(
+        str(path), {name: numbers_of(frame, name, path, first_row) for name in dict.fromkeys(names)}, first_row
+    )
+
+
+def check_columns(frame: polars.DataFrame, path: Path, names: Iterable[str]) -> None:
+    """Refuse an open table that lacks a column, or has no row.
+
+    Args:
+        frame: the cells.
+        path: what to call it.
+        names: columns that must be there.
+
+    Raises:
+        LogError: see above.
+    """
     for name in names:
         if name not in frame.columns:
             raise LogError(f"{path}: column '{name}' is missing{did_you_mean(name, frame.columns)}")
     if frame.height == 0:
         raise LogError(f"{path}: has a header but no rows")
-    return Table(str(path), {name: _numbers(frame, name, path, first_row) for name in dict.fromkeys(names)}, first_row)
 
 
 def _parquet(path: Path) -> polars.DataFrame:
@@ -177,7 +211,18 @@ def _check_widths(path: Path, data: bytes, separator: str) -> None:
         )
 
 
-def _numbers(frame: polars.DataFrame, name: str, path: Path, first_row: int) -> Floats:
+def numbers_of(frame: polars.DataFrame, name: str, path: Path, first_row: int) -> Floats:
+    """Return a column as numbers, NaN where a cell is missing.
+
+    Args:
+        frame: the cells.
+        name: of the column.
+        path: what to call the table.
+        first_row: row number of its first value.
+
+    Raises:
+        LogError: a cell is no finite number.
+    """
     import polars
 
     column = frame[name]

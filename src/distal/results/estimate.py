@@ -43,6 +43,7 @@ class Estimate:
         prior_means: of the states that are numbers of the rig or its sensors, NaN for those that are meant to move,
             (n,); None where the estimator has no such states.
         prior_stds: their standard deviations, (n,).
+        stamps: of the log, since 1970 [ns], (k,), where it has dates: by them results join with other recordings.
     """
 
     estimator: str
@@ -60,6 +61,7 @@ class Estimate:
     notes: tuple[str, ...] = ()
     prior_means: Floats | None = None
     prior_stds: Floats | None = None
+    stamps: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -171,9 +173,11 @@ class Estimate:
         there, stds = np.isfinite(errors), self.angle_stds.reshape(errors.shape)
         return float(np.mean(np.abs(errors[there]) <= BAND * stds[there]))
 
-    def columns(self) -> dict[str, Floats]:
-        """Return ``t``, then each state and its ``_std``, SI."""
-        columns = {"t": self.time}
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return ``t``, where the log has dates ``stamp`` [ns], then each state and its ``_std``, SI."""
+        columns: dict[str, NDArray[Any]] = {"t": self.time}
+        if self.stamps is not None:
+            columns["stamp"] = self.stamps
         stds = self.stds
         for i, name in enumerate(self.state_names):
             columns[name], columns[std_name(name)] = self.means[:, i], stds[:, i]

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from collections.abc import Callable, Mapping
+from math import pi
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from distal.errors import UnitError
 from distal.rig.quantities import Description, In, Name, Parameter
-from distal.units import unit_factor
+from distal.units import to_si, unit_factor
 
 Measurand = Literal["position", "force", "tension", "angle"]
+
+COUNTS = frozenset({"count", "counts"})
+"""Units of an encoder that counts."""
+
+ERRORS = ("noise", "linearity", "resolution", "bias")
+"""Keys of a sensor's errors: what may be written in the unit of the log."""
+
+Gear = Annotated[float, In("", "positive")]
 
 
 class SensorBase(Description):
@@ -25,6 +36,26 @@ class SensorBase(Description):
     sign: Literal[1, -1] = Field(1, description="-1 where the log counts the other way")
     rate: Annotated[float, In("Hz", "positive")] = Field(100.0, description="samples per second")
     delay: Annotated[float, In("s", "nonnegative")] = Field(0.0, description="age of a value when it is stamped")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _errors_as_logged(cls, raw: object) -> object:
+        """Turn errors that are written as the log counts, in counts or amperes, into SI."""
+        return _in_si(raw, cls._counting) if isinstance(raw, Mapping) else raw
+
+    @classmethod
+    def _counting(cls, raw: Mapping[str, Any]) -> tuple[str, float] | None:
+        """Return the unit in which a log may count instead of SI, and what one of it is, None where there is none."""
+        return None
+
+    @model_validator(mode="after")
+    def _unit(self) -> Self:
+        if self.unit in COUNTS and getattr(self, "counts_per_turn", None) is None:
+            raise ValueError(
+                "unit: 'count' needs 'counts_per_turn' of an encoder that measures an angle; for others give the unit of "
+                "the number in the log"
+            )
+        return self
 
     @model_validator(mode="after")
     def _rate(self) -> Self:
@@ -57,6 +88,10 @@ class AngleSensor(SensorBase):
     """A sensor of an angle [rad]."""
 
     si: Literal["rad"]
+    counts_per_turn: Annotated[float, In("", "positive")] | None = Field(
+        None, description='counts of the encoder in one turn of its own shaft, after quadrature; with unit = "count"'
+    )
+    gear: Gear = Field(1.0, description="turns of the encoder for one turn of what it measures (motor for capstan)")
     noise: Annotated[float, In("rad", "nonnegative")] = Field(0.0, description="standard deviation, random error")
     linearity: Annotated[float, In("rad", "nonnegative")] = Field(
         0.0, description="largest systematic deviation over the travel, a smooth curve"
@@ -66,6 +101,18 @@ class AngleSensor(SensorBase):
     )
     resolution: Annotated[float, In("rad", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
     bias: Annotated[Parameter, In("rad")] = Field(Parameter(value=0.0), description="constant offset")
+
+    @classmethod
+    def _counting(cls, raw: Mapping[str, Any]) -> tuple[str, float] | None:
+        if raw.get("counts_per_turn") is None:
+            return None
+        return "count", 2 * pi / (to_si(raw["counts_per_turn"], "") * to_si(raw.get("gear", 1.0), ""))
+
+    @model_validator(mode="after")
+    def _counted(self) -> Self:
+        if self.counts_per_turn is not None and self.unit not in COUNTS:
+            raise ValueError('counts_per_turn: is for a log in counts; give unit = "count" too, or remove it')
+        return self
 
 
 class ForceSensor(SensorBase):
@@ -87,12 +134,42 @@ class TorqueSensor(SensorBase):
     torque_constant: Annotated[float, In("N m/A", "positive")] | None = Field(
         None, description="K_t at the capstan, where the log holds a current; its unit is then one of current"
     )
+    torque_constant_motor: Annotated[float, In("N m/A", "positive")] | None = Field(
+        None, description="K_t of the motor itself; the capstan's is `gear` times it"
+    )
+    gear: Gear = Field(
+        1.0, description="motor turns for one turn of the capstan; it applies to torque_constant_motor only"
+    )
     noise: Annotated[float, In("N m", "nonnegative")] = Field(0.0, description="standard deviation, random error")
     linearity: Annotated[float, In("N m", "nonnegative")] = Field(
         0.0, description="largest systematic deviation over the range, a smooth curve"
     )
     resolution: Annotated[float, In("N m", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
     bias: Annotated[Parameter, In("N m")] = Field(Parameter(value=0.0), description="constant offset")
+
+    @classmethod
+    def _counting(cls, raw: Mapping[str, Any]) -> tuple[str, float] | None:
+        if raw.get("torque_constant") is not None:
+            return "A", to_si(raw["torque_constant"], "N m/A")
+        if raw.get("torque_constant_motor") is not None:
+            return "A", to_si(raw["torque_constant_motor"], "N m/A") * to_si(raw.get("gear", 1.0), "")
+        return None
+
+    @model_validator(mode="after")
+    def _one_constant(self) -> Self:
+        if self.torque_constant is not None and self.torque_constant_motor is not None:
+            raise ValueError("torque_constant: is at the capstan, torque_constant_motor at the motor; give one of them")
+        if self.gear != 1.0 and self.torque_constant_motor is None:
+            raise ValueError(
+                "gear: applies to torque_constant_motor only; a torque in N m and torque_constant are at the capstan"
+            )
+        return self
+
+    @property
+    def newton_metres_per_ampere(self) -> float | None:
+        """K_t at the capstan, None where the log holds a torque."""
+        motor = self.torque_constant_motor
+        return self.torque_constant if motor is None else motor * self.gear
 
 
 Sensor = Annotated[LengthSensor | AngleSensor | ForceSensor | TorqueSensor, Field(discriminator="si")]
@@ -107,7 +184,39 @@ def log_factor(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) 
     Raises:
         UnitError: the unit is unknown or has the wrong dimension.
     """
-    constant = getattr(sensor, "torque_constant", None)
-    if constant is not None:
-        return float(constant * unit_factor(sensor.unit or "A", "A"))
-    return unit_factor(sensor.unit or sensor.si, sensor.si)
+    if isinstance(sensor, TorqueSensor) and sensor.newton_metres_per_ampere is not None:
+        return sensor.newton_metres_per_ampere * unit_factor(sensor.unit or "A", "A")
+    gear = sensor.gear if isinstance(sensor, AngleSensor) else 1.0
+    if isinstance(sensor, AngleSensor) and sensor.counts_per_turn is not None:
+        return 2 * pi / (sensor.counts_per_turn * gear)
+    return unit_factor(sensor.unit or sensor.si, sensor.si) / gear
+
+
+def _in_si(raw: Mapping[str, Any], counting: Callable[[Mapping[str, Any]], tuple[str, float] | None]) -> object:
+    """Return a raw sensor with its errors in SI, as far as they are written in what its log counts."""
+    try:
+        known = counting(raw)
+    except (UnitError, ZeroDivisionError):
+        return raw  # what is wrong is said of its own field
+    if known is None:
+        return raw
+    if known[0] == "count" and raw.get("unit") in COUNTS and "resolution" not in raw:
+        raw = {**raw, "resolution": known[1]}  # it cannot tell less than one count
+
+    def converted(value: object) -> object:
+        if isinstance(value, Mapping):
+            return {key: converted(part) if key in ("value", "std", "drift") else part for key, part in value.items()}
+        return _of_text(value, *known) if isinstance(value, str) else value
+
+    return {**raw, **{key: converted(raw[key]) for key in ERRORS if key in raw}}
+
+
+def _of_text(text: str, unit: str, size: float) -> object:
+    """Return what a text such as ``2 count`` or ``20 mA`` stands for; a text in another unit as it is."""
+    number, _, rest = text.strip().rpartition(" ")
+    try:
+        if unit == "count":
+            return to_si(number.strip(), "") * size if rest in COUNTS else text
+        return to_si(text, unit) * size
+    except UnitError:
+        return text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,7 +104,7 @@ def at_known_angle(log: Log, rig: Rig, homing: float, angle: float, std: float =
     before = log.truth.get(column, np.full(len(log), np.nan))
     truth = {**log.truth, column: np.where(early, angle, before)}
     said = f"{np.rad2deg(angle):g}° ± {np.rad2deg(std):g}° at home, {FROM_SENSOR}"
-    return Log(log.time, log.channels, truth, log.source, said), build_rig(raw, rig.name)
+    return replace(log, truth=truth, truth_source=said), build_rig(raw, rig.name)
 
 
 def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -283,6 +283,7 @@ def finished(
         runner.notes_of(means, run.samples) if isinstance(runner, KernelEstimator) else (),
         prior_means,
         prior_stds,
+        log.stamps,
     )
 
 
@@ -309,7 +310,7 @@ def with_channel(log: Log, name: str, values: Floats) -> Log:
         name: of the channel.
         values: SI, (k,).
     """
-    return Log(log.time, {**log.channels, name: values}, log.truth, log.source, log.truth_source)
+    return replace(log, channels={**log.channels, name: values})
 
 
 def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[np.intp]:

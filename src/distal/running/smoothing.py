@@ -81,6 +81,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         joints,
         (),
         *priors_of(runner),
+        log.stamps,
     )
 
 

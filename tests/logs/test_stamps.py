@@ -1,0 +1,141 @@
+"""Stamps as labs write them: dates in any unit, ISO text, datetimes; time counts from the start, the original is kept."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import numpy as np
+import pandas
+import polars as pl
+import pytest
+
+from distal import Log, Rig, estimate, load_rig, read_log
+from distal.errors import LogError
+
+NANOSECONDS = 1_795_208_567_123_456_789 + 10_000_000 * np.arange(40)
+"""20 November 2026, 21:02:47 UTC, and on at 100 Hz."""
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return load_rig("capstan-joint")
+
+
+@pytest.fixture
+def frame() -> pl.DataFrame:
+    time = np.arange(40) * 0.01
+    return pl.DataFrame({"motor_angle": 0.2 * np.sin(5 * time), "motor_torque": 0.01 * np.cos(5 * time)})
+
+
+def read(frame: pl.DataFrame, stamps: object, rig: Rig, path: Path, unit: str | None = None) -> Log:
+    frame.with_columns(pl.Series("t", stamps)).write_csv(path)
+    return read_log(path, rig if unit is None else rig.with_values({"log.time.unit": unit}))
+
+
+@pytest.mark.parametrize("said", [None, "ns", "us", "ms", "s"])
+@pytest.mark.parametrize(("unit", "size"), [("ns", 1), ("us", 1000), ("ms", 1_000_000)])
+def test_whole_numbers_of_any_unit(
+    frame: pl.DataFrame, rig: Rig, tmp_path: Path, unit: str, size: int, said: str | None
+) -> None:
+    """Exact to the last digit, whether the rig says the unit or it is known by its size."""
+    if said is not None and said != unit and {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}[said] < size:
+        pytest.skip("too small for a date in that unit, it counts from a start of its own")
+    log = read(frame, NANOSECONDS // size, rig, tmp_path / "log.csv", said)
+    assert log.stamps is not None
+    np.testing.assert_array_equal(log.stamps, NANOSECONDS // size * size)
+    np.testing.assert_allclose(log.time, np.arange(40) * 0.01, atol=1e-15)
+
+
+def test_seconds_with_a_fraction(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> None:
+    """A float of 1.8e9 s tells 0.24 µs."""
+    log = read(frame, NANOSECONDS / 1e9, rig, tmp_path / "log.csv")
+    assert log.stamps is not None
+    assert np.abs(log.stamps - NANOSECONDS).max() < 500
+    np.testing.assert_allclose(log.time, np.arange(40) * 0.01, atol=1e-6)
+
+
+ZONE = timezone(timedelta(hours=2))
+DATES = [datetime(2026, 11, 20, 23, 2, 47, tzinfo=ZONE) + timedelta(milliseconds=10 * k) for k in range(40)]
+TEXTS = {
+    "UTC": [f"2026-11-20T21:02:47.{10 * k:03d}Z" for k in range(40)],
+    "no zone": [f"2026-11-20 21:02:47.{10 * k:03d}" for k in range(40)],
+    "another zone, whole seconds without a fraction": [date.isoformat() for date in DATES],
+    "a decimal comma": [f"2026-11-20T21:02:47,{10 * k:03d}" for k in range(40)],
+    "nanoseconds": [f"2026-11-20T21:02:47.{10_000_000 * k:09d}Z" for k in range(40)],
+}
+
+
+@pytest.mark.parametrize("kind", TEXTS)
+def test_iso_text(frame: pl.DataFrame, rig: Rig, tmp_path: Path, kind: str) -> None:
+    log = read(frame, TEXTS[kind], rig, tmp_path / "log.csv")
+    assert log.stamps is not None
+    np.testing.assert_array_equal(log.stamps, 1_795_208_567_000_000_000 + 10_000_000 * np.arange(40))
+
+
+def test_datetimes_of_frames(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> None:
+    """polars, Parquet and pandas, in a column or as the index, with a zone or without."""
+    dated = frame.with_columns(t=pl.Series(NANOSECONDS).cast(pl.Datetime("ns")))
+    dated.write_parquet(tmp_path / "log.parquet")
+    pandas_frame = frame.to_pandas()
+    pandas_frame["t"] = pandas.to_datetime(NANOSECONDS)
+    zoned = pandas_frame.assign(t=pandas_frame["t"].dt.tz_localize("UTC").dt.tz_convert("Europe/Berlin"))
+    for log in (
+        dated,
+        tmp_path / "log.parquet",
+        pandas_frame,
+        zoned,
+        zoned.set_index("t"),
+        pandas_frame.set_index("t"),
+    ):
+        stamps = read_log(log, rig).stamps
+        assert stamps is not None
+        np.testing.assert_array_equal(stamps, NANOSECONDS)
+
+
+def test_what_counts_from_a_start_of_its_own_has_no_dates(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> None:
+    log = read(frame, 5.0 + np.arange(40) * 0.01, rig, tmp_path / "log.csv")
+    assert log.stamps is None
+    assert log.time[0] == 5.0
+    assert "stamp" not in estimate(log, rig, compiled=False).columns()
+
+
+def test_results_have_them(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> None:
+    """By `stamp` results join with other topics; parts of a log keep theirs."""
+    log = read(frame, NANOSECONDS, rig, tmp_path / "log.csv")
+    result = estimate(log, rig, compiled=False)
+    made = result.to_polars()
+    assert made.columns[:2] == ["t", "stamp"]
+    assert made["stamp"].dtype == pl.Int64
+    np.testing.assert_array_equal(made["stamp"].to_numpy(), NANOSECONDS)
+    part = log.select(slice(3, 9)).stamps
+    assert part is not None
+    np.testing.assert_array_equal(part, NANOSECONDS[3:9])
+
+
+def test_a_truth_that_is_dated_too_is_laid_over_the_log(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> None:
+    angle = np.arange(60) * 0.01
+    begun = NANOSECONDS[0] - 100_000_000  # a tenth of a second earlier
+    pl.DataFrame({"t": begun + 10_000_000 * np.arange(60), "theta": angle}).write_csv(tmp_path / "truth.csv")
+    frame.with_columns(pl.Series("t", NANOSECONDS)).write_csv(tmp_path / "log.csv")
+    log = read_log(tmp_path / "log.csv", rig, tmp_path / "truth.csv")
+    np.testing.assert_allclose(log.truth["theta"], angle[10:50], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"),
+    [
+        ("2026-13-20T21:02:47", "row 6, column 't': '2026-13-20T21:02:47' is no date"),
+        ("", "is no date"),
+        ("now", "is no date"),
+    ],
+)
+def test_a_date_that_is_none(frame: pl.DataFrame, rig: Rig, tmp_path: Path, cell: str, said: str) -> None:
+    with pytest.raises(LogError, match=said):
+        read(frame, [*TEXTS["UTC"][:4], cell, *TEXTS["UTC"][5:]], rig, tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize("stamp", [10**19 * 5, 3e30])
+def test_a_stamp_of_no_time(frame: pl.DataFrame, rig: Rig, tmp_path: Path, stamp: float) -> None:
+    with pytest.raises(LogError, match="which is no time; what unit has it"):
+        read(frame, [str(stamp + k) for k in range(40)], rig, tmp_path / "log.csv")
