@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from benchmarks.cases import paper_log, paper_rig
@@ -190,6 +192,16 @@ class TestLogs:
         found = diagnose(estimate(log, stiff))
         assert not found.consistent
         assert any((one.kind, one.subject) == ("left its prior", "tendons.stiffness.factor") for one in found.findings)
+
+    def test_an_angle_that_no_joint_has(self, rig: Rig, log: Log) -> None:
+        """A gear that was forgotten turns the joint round and round."""
+        result = estimate(log, rig)
+        means = result.means.copy()
+        for factor, said in ((250.0, False), (290.0, True)):
+            means[:, 0] = np.deg2rad(factor) * np.linspace(-0.5, 0.5, len(means))
+            found = diagnose(replace(result, means=means))
+            assert any(one.kind == "cannot be there" for one in found.findings) == said
+            assert ("covers 290°, which no joint does" in found.text) == said
 
     def test_priors_are_those_of_the_rig(self, rig: Rig, log: Log) -> None:
         result = estimate(log, rig)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from distal.results.diagnosis.channels import channels_of
 from distal.results.diagnosis.finding import Finding
-from distal.results.diagnosis.states import left_their_priors, undeclared_friction
+from distal.results.diagnosis.states import left_their_priors, turning_too_far, undeclared_friction
 from distal.results.estimate import Estimate
 
 LONGEST = 200
@@ -52,7 +52,8 @@ def diagnose(estimate: Estimate, further: Sequence[Finding] = ()) -> Diagnosis:
         further: what was found by other means, see `distal.diagnose`.
     """
     channels = channels_of(estimate)
-    found = [*channels.findings(), *left_their_priors(estimate), *undeclared_friction(estimate), *further]
+    states = [*left_their_priors(estimate), *turning_too_far(estimate), *undeclared_friction(estimate)]
+    found = [*channels.findings(), *states, *further]
     contradicting = [one for one in found if one.contradicts]
     silent = [one for one in found if not one.contradicts]
     text = _text(contradicting, silent, channels.names, channels.tested, channels.shares)

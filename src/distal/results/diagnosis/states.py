@@ -16,6 +16,9 @@ WALKS = 8.0
 On right rigs the 95th percentile is 3 to 6 (friction is not normal, and a start is not linear); on wrong ones 10 to 30.
 """
 
+FARTHEST = float(np.deg2rad(270.0))
+"""An angle that covers more than this is of no joint that tendons pull [rad]; fingers and wrists turn by 180° at most."""
+
 BEGUN = 1.0
 """Share of its prior std that a state's change must exceed to count as walking."""
 
@@ -51,6 +54,23 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
         if subject not in worst or size > worst[subject][0]:
             worst[subject] = (size, found)
     return [found for _, found in sorted(worst.values(), key=lambda each: -each[0])]
+
+
+def turning_too_far(estimate: Estimate) -> list[Finding]:
+    """Return the joints whose angle covers more than any joint that tendons pull turns by.
+
+    Args:
+        estimate: over a log.
+    """
+    found = []
+    for joint, angles in zip(estimate.joint_names, estimate.angles.T):
+        if float(np.ptp(angles)) > FARTHEST:
+            covered = np.rad2deg(float(np.ptp(angles)))
+            text = (
+                f"the angle of {joint} covers {covered:.0f}°, which no joint does: is a gear, a unit or a radius wrong?"
+            )
+            found.append(Finding("cannot be there", joint, text))
+    return found
 
 
 def undeclared_friction(estimate: Estimate) -> list[Finding]:
