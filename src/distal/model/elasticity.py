@@ -1,4 +1,4 @@
-"""Tendons that stiffen as they are pulled."""
+"""Tendons that stiffen as they are pulled, and springs whose torque is no straight line."""
 
 from __future__ import annotations
 
@@ -26,3 +26,37 @@ def stretched(elongation: Any, stiffening: Any) -> Any:
     safe = ca.if_else(small, 1, stiffening)
     curve = ca.if_else(x < STEEPEST, ca.expm1(ca.fmin(x, STEEPEST)), exp(STEEPEST) * (x - STEEPEST + 1) - 1)
     return ca.if_else(small, elongation * (1 + x / 2), curve / safe)
+
+
+def polynomial_torque(away: Any, stiffness: Any, quadratic: Any, cubic: Any) -> Any:
+    """Return −(k x + k₂ x² + k₃ x³), the torque of a spring about its rest angle [N m].
+
+    Args:
+        away: x = θ − rest angle [rad].
+        stiffness: k [N m/rad].
+        quadratic: k₂ [N m/rad²].
+        cubic: k₃ [N m/rad³].
+    """
+    return -away * (stiffness + away * (quadratic + away * cubic))
+
+
+SHORTEST = 1e-6
+"""An extension spring is never shorter than this [m]: its direction is then still defined."""
+
+
+def extension_torque(away: Any, stiffness: Any, free_length: Any, radius: Any, distance: Any, preload: Any) -> Any:
+    """Return −F dL/dθ of a spring between two points [N m]: L² = r² + R² − 2 r R cos x, dL/dθ = r R sin x/L.
+
+    F = max(preload + k (L − free length), 0), as an extension spring with initial tension pulls.
+
+    Args:
+        away: x = θ − line angle [rad].
+        stiffness: k [N/m].
+        free_length: length at which its coils open [m].
+        radius: r, from the axis to the link's point [m].
+        distance: R, from the axis to the base's point [m].
+        preload: force at which its coils open [N].
+    """
+    length = ca.sqrt(ca.fmax(radius**2 + distance**2 - 2 * radius * distance * ca.cos(away), SHORTEST**2))
+    force = ca.fmax(preload + stiffness * (length - free_length), 0)
+    return -force * radius * distance * ca.sin(away) / length

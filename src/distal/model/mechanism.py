@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from distal.model.elasticity import stretched
+from distal.model.elasticity import extension_torque, polynomial_torque, stretched
 from distal.model.friction import Limit, capstan_limit, load_dependent_limit, stribeck
 from distal.model.geometry import Insertion, angle_at, elongation
 from distal.model.parameters import Parameters
@@ -133,6 +133,8 @@ class Mechanism:
         p, elongated, forces = self.parameters, self.elongations(q), []
         for i in range(self.n_tendons):
             path, stretch = f"tendons.{i}", elongated[i]
+            if p.has(f"{path}.slack"):
+                stretch = stretch - p[f"{path}.slack"]
             if p.has(f"{path}.stiffening"):
                 stretch = stretched(stretch, p[f"{path}.stiffening"])
             forces.append(p[f"{path}.stiffness"] * stretch + p[f"{path}.pretension"])
@@ -161,7 +163,13 @@ class Mechanism:
     def _passive_torque(self, index: int, joint: Joint, q: Any) -> Any:
         p, path, torque = self.parameters, f"joints.{index}", ca.SX(0)
         if joint.spring is not None:
-            torque -= p[f"{path}.spring.stiffness"] * (q[index] - p[f"{path}.spring.rest_angle"])
+            away = q[index] - p[f"{path}.spring.rest_angle"]
+            parts = [p[f"{path}.spring.{name}"] for name in ("stiffness", "quadratic", "cubic")]
+            torque += polynomial_torque(away, *parts)
+        if joint.extension_spring is not None:
+            spring = f"{path}.extension_spring"
+            parts = [p[f"{spring}.{name}"] for name in ("stiffness", "free_length", "radius", "distance", "preload")]
+            torque += extension_torque(q[index] - p[f"{spring}.line_angle"], *parts)
         if joint.gravity is not None:
             moment = p[f"{path}.gravity.mass"] * GRAVITY * p[f"{path}.gravity.distance"]
             torque -= moment * ca.sin(q[index] - p[f"{path}.gravity.hanging_angle"])

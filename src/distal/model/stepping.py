@@ -163,6 +163,9 @@ def stiffest_frequency(mechanism: Mechanism) -> float:
     for i, joint in enumerate(mechanism.rig.joints):
         if joint.spring is not None:
             spring[i, i] += p[f"joints.{i}.spring.stiffness"]
+        if joint.extension_spring is not None:
+            own = f"joints.{i}.extension_spring"
+            spring[i, i] += p[f"{own}.stiffness"] * p[f"{own}.radius"] ** 2  # it lengthens by r per radian at most
     system = ca.Function("system", [q, p.symbols], [spring, mechanism.inertias()])
     matrix, inertias = (np.array(part.full()) for part in system(np.zeros(mechanism.n_bodies), p.values))
     scale = 1.0 / np.sqrt(inertias.ravel())

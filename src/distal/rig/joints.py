@@ -47,11 +47,35 @@ class JointFriction(Description):
 
 
 class Spring(Description):
-    """Return spring at the joint: torque = −stiffness · (θ − rest_angle)."""
+    """Return spring at the joint: torque = −(stiffness x + quadratic x² + cubic x³), x = θ − rest_angle."""
 
     stiffness: Annotated[Parameter, In("N m/rad", "nonnegative")] = Field(description="torsional stiffness")
     rest_angle: Annotated[Parameter, In("rad")] = Field(
         Parameter(value=0.0), description="angle at which the spring is relaxed"
+    )
+    quadratic: Annotated[Parameter, In("N m/rad^2")] = Field(
+        Parameter(value=0.0), description="growth of stiffness to one side"
+    )
+    cubic: Annotated[Parameter, In("N m/rad^3")] = Field(
+        Parameter(value=0.0), description="growth of stiffness to both sides; negative where it gets softer"
+    )
+
+
+class ExtensionSpring(Description):
+    """Extension spring between a point of the link and one of the base: torque = −F r R sin(θ − line_angle)/L.
+
+    L² = r² + R² − 2 r R cos(θ − line_angle); F = max(preload + stiffness (L − free_length), 0).
+    """
+
+    stiffness: Annotated[Parameter, In("N/m", "positive")] = Field(description="of the spring, k")
+    free_length: Annotated[Parameter, In("m", "positive")] = Field(description="its length where it begins to open")
+    radius: Annotated[Parameter, In("m", "positive")] = Field(description="from the axis to the point of the link, r")
+    distance: Annotated[Parameter, In("m", "positive")] = Field(description="from the axis to the point of the base, R")
+    line_angle: Annotated[Parameter, In("rad")] = Field(
+        Parameter(value=0.0), description="joint angle at which both points are in line with the axis, on the same side"
+    )
+    preload: Annotated[Parameter, In("N", "nonnegative")] = Field(
+        Parameter(value=0.0), description="force at which its coils open"
     )
 
 
@@ -87,6 +111,7 @@ class Joint(Description):
     )
     friction: JointFriction | None = Field(None, description="Coulomb friction at the axle")
     spring: Spring | None = Field(None, description="return spring")
+    extension_spring: ExtensionSpring | None = Field(None, description="return spring between two points")
     gravity: Gravity | None = Field(None, description="weight of an off-axis mass")
     stops: Annotated[tuple[float, float], In("rad")] | None = Field(None, description="range of the joint [low, high]")
     stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(

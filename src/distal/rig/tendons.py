@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from distal.rig.quantities import Description, In, Name, Parameter
 
@@ -59,7 +59,8 @@ class Path(Description):
 class Tendon(Description):
     """A tendon from a drive to a joint; T = max(k δ + c δ̇, 0) for a stretch δ > 0, else 0.
 
-    With `stiffening` a, T = T_pre + k (e^{aδ} − 1)/a: its stiffness is k + a (T − T_pre).
+    With `stiffening` a, T = T_pre + k (e^{aδ} − 1)/a: its stiffness is k + a (T − T_pre). With `slack`, δ is what is
+    left of the elongation beyond it.
     """
 
     name: Name
@@ -72,7 +73,17 @@ class Tendon(Description):
     pretension: Annotated[Parameter, In("N", "nonnegative")] = Field(
         Parameter(value=0.0), description="tension at zero angle and zero drive displacement"
     )
+    slack: Annotated[Parameter, In("m", "nonnegative")] = Field(
+        Parameter(value=0.0),
+        description="how far it must be pulled at zero angle and zero drive displacement to be taut",
+    )
     stiffening: Annotated[Parameter, In("1/m", "nonnegative")] = Field(
         Parameter(value=0.0), description="growth of stiffness with tension, a"
     )
     path: Path | None = Field(None, description="friction along its way")
+
+    @model_validator(mode="after")
+    def _slack_or_pulled(self) -> Self:
+        if not self.slack.absent and not self.pretension.absent:
+            raise ValueError("slack: a tendon is slack at home, or pulled there by its 'pretension'; give one of them")
+        return self
