@@ -116,6 +116,7 @@ TABLES = {
             "strangers-poses",
             "strangers-kinds",
             "strangers-homing",
+            "parts",
             "strangers-foreign",
             "smoothing",
         )

@@ -15,13 +15,14 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
-from distal import Log, Rig, estimate, load_rig, load_scenario, make_estimator, scenario_rig, simulate
+from distal import Log, Rig, estimate, load_rig, load_scenario, make_estimator, read_log, scenario_rig, simulate
 from distal.cli.app import app
-from distal.errors import EstimationError, ExportError, OutputError
+from distal.errors import EstimationError, ExportError, OutputError, RigError
 from distal.export import Exported, c_filter, export_c, project_files
 from distal.export.source import c_name
 from distal.kernels import find_compiler
 from distal.logs import write_log
+from distal.rig import build_rig, set_value
 from distal.running import first_values, samples_of
 from distal.simulation import build_scenario
 from tests.export.helpers import spoiled
@@ -111,6 +112,43 @@ def test_other_rigs(name: str, single: bool, tmp_path: Path) -> None:
     tolerance = np.deg2rad(0.02) if single else 1e-9
     np.testing.assert_allclose(rows[:, 1], known.theta, atol=tolerance)
     np.testing.assert_allclose(rows[:, 2], known.theta_std, atol=tolerance)
+
+
+@needs_compiler
+def test_springs_slack_and_counts(tmp_path: Path) -> None:
+    """Springs that are not linear, a slack tendon, an encoder in counts and a motor's current: the same in C."""
+    changed = {
+        "joints.0.spring": {"stiffness": 0.3, "cubic": {"value": 0.2, "std": 0.05}},
+        "joints.0.extension_spring": {
+            "stiffness": {"value": 300.0, "std": 20.0},
+            "free_length": 0.014,
+            "radius": 0.009,
+            "distance": 0.026,
+            "line_angle": -0.9,
+        },
+        "tendons.0.pretension": {"value": 0.0, "std": 0.0},
+        "tendons.0.slack": {"value": 2e-4, "std": 1e-4},
+        "sensors.motor_angle.unit": "count",
+        "sensors.motor_angle.counts_per_turn": 65536,
+        "sensors.motor_torque.torque_constant_motor": 0.02,
+        "sensors.motor_torque.gear": 30,
+        "sensors.motor_torque.unit": "mA",
+    }
+    raw = load_rig("capstan-joint").model_dump()
+    for path, value in changed.items():
+        set_value(raw, path, value, RigError)
+    described = build_rig(raw, "sprung")
+    servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
+    scenario = build_scenario({"rig": "capstan-joint", "duration": 3.0, "drives": {"motor": {"servo": servo}}}, "servo")
+    made = simulate(described, scenario, 2)
+    write_log(made, described, tmp_path / "log.csv")
+    again = read_log(tmp_path / "log.csv", described)
+    np.testing.assert_allclose(again.channels["motor_torque"], made.channels["motor_torque"], rtol=1e-12)
+    rows = replayed(build(c_filter(described, "adaptive", False), tmp_path, "-O2"), tmp_path / "log.csv")
+    known = estimate(made, described)
+    assert {"tendons.0.slack", "joints.0.spring.cubic", "joints.0.extension_spring.stiffness"} <= set(known.state_names)
+    np.testing.assert_allclose(rows[:, 1], known.theta, atol=1e-9)
+    np.testing.assert_allclose(rows[:, 2], known.theta_std, atol=1e-9)
 
 
 class Library:
