@@ -159,7 +159,7 @@ def test_a_capstan_with_hysteresis() -> None:
         "joints.0.damping": 2e-2,
         "joints.0.spring": {"stiffness": 0.3},
         "joints.0.external_torque.std": 0.1,
-        **{f"tendons.{i}.{name}.std": 0.0 for i in (0, 1) for name in ("stiffness", "pretension")},
+        **{f"tendons.{i}.{name}.std": 0.0 for i in (0, 1) for name in ("stiffness.shared", "pretension")},
     }
     rig = load_rig("capstan-joint").with_values(values)
     servo = {"angle": {"amplitude": 0.7, "frequency": 0.2}, "stiffness": 40.0, "damping": 0.5}
