@@ -7,7 +7,7 @@ import pytest
 
 from distal import Log, Rig, estimate, load_rig
 from distal.estimators import AdaptiveFilter, Belief
-from distal.running import first_values, numbers_homed, plain_samples, samples_of, with_references
+from distal.running import Window, first_values, numbers_homed, plain_samples, samples_of, with_references
 from tests.estimators.test_discrepancy import made
 
 
@@ -44,7 +44,7 @@ def test_the_rigs_numbers_are_where_two_passes_leave_them(rig: Rig, log: Log, mo
     samples = np.column_stack([samples_of(log, runner.channels[:2]), log.truth["theta"]])
     samples[log.time >= 0.5, 2] = np.nan
     start, truths = runner.initial(0.0, first_values(samples)), log.truth["theta"][:, None]
-    found = numbers_homed(runner, start, log, samples, truths, 0.5)
+    found = numbers_homed(Window.of(runner, start, log, samples, truths, 0.5))
     lasting = np.flatnonzero(runner.states.lasting)
     belief = start
     for _ in range(2):

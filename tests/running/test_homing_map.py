@@ -14,6 +14,7 @@ from distal.running.calibration import begun_homed, numbers_filtered
 from distal.running.homing_map import EVALUATIONS, KEPT, most_likely
 from distal.running.homing_window import Window
 from distal.simulation import build_scenario
+from tests.estimators.adaptive.rigs import CERTAIN
 
 Floats = NDArray[np.float64]
 HOMING = 2.0
@@ -75,7 +76,7 @@ def test_wide_priors_do_not_lead_it_astray(log: Log, monkeypatch: pytest.MonkeyP
     rms, inside = errors_after(log, rig)
     assert rms < 0.5
     assert inside > 0.9
-    monkeypatch.setattr("distal.running.offline.begun_homed", lambda runner, start, *others: start)
+    monkeypatch.setattr("distal.running.offline.begun_homed", lambda window: window.start)
     assert errors_after(log, rig)[0] > 5.0  # the filter alone, with the same stds
 
 
@@ -156,10 +157,7 @@ def test_where_the_filter_keeps_to_its_band_it_goes_on_from_its_prior(log: Log) 
     )
     window = window_of(servo, rig, 0.6)
     assert numbers_filtered(window, passes=1) is not None
-    samples = np.full((len(servo), len(window.runner.channels)), np.nan)
-    samples[: len(window.samples)] = window.samples
-    begun = begun_homed(window.runner, window.start, servo, samples, servo.truth["theta"][:, None], 0.6)
-    assert begun is window.start
+    assert begun_homed(window) is window.start
 
 
 def test_the_covariance_goes_on_with_the_run(found: tuple[Window, Belief]) -> None:
@@ -187,3 +185,24 @@ def test_a_window_in_which_the_filter_leaves_all_bounds(log: Log, monkeypatch: p
     monkeypatch.setattr(Window, "scan", sometimes)
     assert np.isfinite(most_likely(window).carry).all()
     assert calls[0] < 3 * EVALUATIONS * 20
+
+
+def test_a_prior_with_which_the_filter_leaves_all_bounds_is_left_as_it_was(
+    log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    window = window_of(log, wide(load_rig("pulley-antagonist")), 0.3)
+    monkeypatch.setattr(Window, "scan", lambda *arguments: None)
+    assert most_likely(window) is window.start
+
+
+def test_a_rig_in_which_nothing_is_uncertain() -> None:
+    """There is nothing to find, and the run goes on: a frictionless joint whose every number is known."""
+    rig = load_rig("pulley-antagonist").with_values(CERTAIN)
+    drives = {"left": {"weight": "4 N"}, "right": {"weight": "2 N"}}
+    certain = simulate(
+        rig, build_scenario({"rig": "pulley-antagonist", "duration": 1.0, "drives": drives}, "certain"), 0
+    )
+    window = window_of(certain, rig, 0.3)
+    assert not window.runner.states.lasting.any()
+    assert most_likely(window) is window.start
+    assert np.isfinite(estimate(certain, rig, homing=0.3, compiled=False).theta).all()

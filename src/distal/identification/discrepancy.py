@@ -28,7 +28,7 @@ from distal.identification.discrepancy_learning import (
 from distal.identification.discrepancy_terms import NO_CORRECTION, Choice, choices
 from distal.logs import Log, read_log, shown, true_angles
 from distal.rig import Discrepancy, Rig, load_rig
-from distal.running import check_homing, first_values, numbers_homed, plain_samples, samples_of, with_references
+from distal.running import Window, check_homing, first_values, numbers_homed, plain_samples, samples_of, with_references
 
 Floats = NDArray[np.float64]
 
@@ -195,7 +195,7 @@ def filtered(logs: Sequence[Log], rig: Rig, homing: float | None, compiled: bool
                 early = log.time - log.time[0] < homing
                 check_homing(homing, log, joints)
                 aided = np.column_stack([proximal, np.where(early[:, None], truths[:, : reference.shape[1]], np.nan)])
-                start = numbers_homed(runner, start, log, aided, truths, homing)
+                start = numbers_homed(Window.of(runner, start, log, aided, truths, homing))
             one = plain_samples(runner, start, log, unaided, truths)
         except DistalError as problem:
             refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")

@@ -4,6 +4,7 @@ from distal.running.batch import estimate_batch
 from distal.running.calibration import numbers_homed, plain_samples
 from distal.running.diagnosing import diagnose
 from distal.running.homing import TRUTH_NOISE, added_reference, at_known_angle, check_homing, with_references
+from distal.running.homing_window import Window
 from distal.running.live import LiveEstimator
 from distal.running.monitor import HEALTH, Monitor, Reading
 from distal.running.offline import HOMED, estimate, first_values, samples_of, with_channel
@@ -17,6 +18,7 @@ __all__ = [
     "LiveEstimator",
     "Monitor",
     "Reading",
+    "Window",
     "added_reference",
     "at_known_angle",
     "cannot_test",

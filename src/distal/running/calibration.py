@@ -53,44 +53,28 @@ def held(values: Floats) -> Floats:
     return kept
 
 
-def numbers_homed(
-    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float
-) -> Belief:
+def numbers_homed(window: Window) -> Belief:
     """Return a belief before the first sample with the rig's numbers as a homing move tells them.
 
     They are the filter's own where it keeps to its band with them, else the `most_likely`.
 
     Args:
-        runner: the filter, with the reference among its channels.
-        start: what it believes before the first sample.
-        log: the log.
-        samples: values of its channels, the reference known within the window only, (k, n_channels).
-        truths: true angles [rad], NaN where not known, (k, n_joints).
-        homing: length of the window [s].
+        window: see `Window`.
     """
-    window = Window.of(runner, start, log, samples, truths, homing)
     filtered = numbers_filtered(window)
     return filtered if filtered is not None else most_likely(window)
 
 
-def begun_homed(
-    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float
-) -> Belief:
+def begun_homed(window: Window) -> Belief:
     """Return what a filter that reads the reference over the window begins with.
 
     Where it keeps to its band with what it finds there, that is its prior: it finds it as it runs. Else it begins with the
     `most_likely` numbers and their covariance.
 
     Args:
-        runner: the filter, with the reference among its channels.
-        start: what it believes before the first sample.
-        log: the log.
-        samples: values of its channels, the reference known within the window only, (k, n_channels).
-        truths: true angles [rad], NaN where not known, (k, n_joints).
-        homing: length of the window [s].
+        window: see `Window`.
     """
-    window = Window.of(runner, start, log, samples, truths, homing)
-    return start if numbers_filtered(window, passes=1) is not None else most_likely(window)
+    return window.start if numbers_filtered(window, passes=1) is not None else most_likely(window)
 
 
 def numbers_filtered(window: Window, passes: int = PASSES) -> Belief | None:
@@ -136,7 +120,7 @@ def calibrated(
         homing: length of the window [s].
     """
     assert runner.discrepancy is not None
-    begun = numbers_homed(runner, start, log, samples, truths, homing)
+    begun = numbers_homed(Window.of(runner, start, log, samples, truths, homing))
     unaided = samples.copy()
     unaided[:, len(runner.discrepancy.channels) :] = np.nan
     early = log.time - log.time[0] < homing

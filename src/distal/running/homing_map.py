@@ -49,7 +49,8 @@ KEPT = 0.3
 def most_likely(window: Window) -> Belief:
     """Return a belief before the first sample: the numbers at their maximum a posteriori, with its covariance.
 
-    The first angle is the reference's own.
+    The first angle is the reference's own. Where nothing is uncertain, or the filter leaves all bounds with the prior's
+    mean, it is the belief as it was.
 
     Args:
         window: see `Window`.
@@ -58,6 +59,8 @@ def most_likely(window: Window) -> Belief:
 
     search = _Search(window)
     z, weights = np.zeros(len(search.at)), search.first_weights
+    if not len(z) or not search.begins():
+        return window.start
     for _ in range(ROUNDS):
         found = least_squares(
             search.residuals,
@@ -96,7 +99,7 @@ class _Search:
         interval = float(np.median(np.diff(window.time))) if len(window.time) > 1 else INDEPENDENT
         self._least = max(1.0, INDEPENDENT / interval)
         self.first_weights = (UNEXPLAINED * self._least, self._least)
-        self._bases: tuple[Floats, Floats] | None = None
+        self._bases: tuple[Floats, ...] = ()
         self._last: tuple[bytes, tuple[Floats, Floats]] | None = None
 
     def _begun(self) -> Floats:
@@ -117,15 +120,11 @@ class _Search:
         """Return errors of the angles and innovations, each over its standard deviation at the prior's mean."""
         if self._last is not None and self._last[0] == z.tobytes():
             return self._last[1]
-        done, m = self._window.scan(self.carry(z), self._unaided), len(self._window.runner.measured)
+        done = self._window.scan(self.carry(z), self._unaided)
         if done is None:
-            assert self._bases is not None
             ratios = tuple(np.full_like(base, LARGEST) for base in self._bases)
         else:
-            errors, variances = self._window.errors(done[0])
-            innovations, spreads = (done[1][:, i * m : (i + 1) * m][:, self._others] for i in range(2))
-            if self._bases is None:
-                self._bases = (np.broadcast_to(np.mean(variances, axis=0), errors.shape), spreads)
+            errors, innovations = self._window.errors(done[0])[0], self._innovations(done[1])[0]
             ratios = tuple(
                 np.clip(
                     np.nan_to_num(part / np.sqrt(base), nan=0.0, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST
@@ -134,6 +133,20 @@ class _Search:
             )
         self._last = (z.tobytes(), (ratios[0], ratios[1]))
         return self._last[1]
+
+    def begins(self) -> bool:
+        """Return whether the filter has an answer at the prior's mean, and take its standard deviations from there."""
+        done = self._window.scan(self.carry(np.zeros(len(self.at))), self._unaided)
+        if done is None:
+            return False
+        errors, variances = self._window.errors(done[0])
+        self._bases = np.broadcast_to(np.mean(variances, axis=0), errors.shape), self._innovations(done[1])[1]
+        return True
+
+    def _innovations(self, outputs: Floats) -> tuple[Floats, Floats]:
+        """Return innovations and their variances of all but the references, (k, m) each."""
+        m = len(self._window.runner.measured)
+        return outputs[:, :m][:, self._others], outputs[:, m : 2 * m][:, self._others]
 
     def residuals(self, z: Floats, weights: tuple[float, float]) -> Floats:
         """Return what is squared and summed, (n_residuals,)."""

@@ -27,6 +27,7 @@ from distal.results import Estimate
 from distal.rig import Rig, load_rig
 from distal.running.calibration import begun_homed, calibrated
 from distal.running.homing import check_homing, homed, with_references
+from distal.running.homing_window import Window
 
 Floats = NDArray[np.float64]
 
@@ -215,7 +216,7 @@ def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
         if runner.discrepancy is not None:
             runner, start, samples, _ = calibrated(runner, start, log, samples, known, homing)
         else:
-            start = begun_homed(runner, start, log, samples, known, homing)
+            start = begun_homed(Window.of(runner, start, log, samples, known, homing))
     return Run(log, runner, samples, start, homing)
 
 
