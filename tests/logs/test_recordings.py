@@ -303,12 +303,16 @@ def test_joints_by_their_names(rig: Rig, by_name: Rig, log: Log, tmp_path: Path,
     assert abs(read.stamps[0] - 1_700_000_000_000_000_000) < 1000
 
 
-def test_a_joint_whose_message_is_lost_costs_its_own_value_only(by_name: Rig, log: Log, tmp_path: Path) -> None:
-    read = read_log(joints_bag(log, tmp_path / "run", 0.003, lost=(50, "right")), by_name)
+@pytest.mark.parametrize(("side", "own", "other"), [("right", "x2", "x1"), ("left", "x1", "x2")])
+def test_a_joint_whose_message_is_lost_costs_its_own_value_only(
+    by_name: Rig, log: Log, tmp_path: Path, side: str, own: str, other: str
+) -> None:
+    """The next message of the lost joint, an interval later, is not taken for the one that is missing."""
+    read = read_log(joints_bag(log, tmp_path / "run", 0.003, lost=(50, side)), by_name)
     assert len(read) == len(log)
-    assert np.flatnonzero(np.isnan(read.channels["x2"])).tolist() == [50]
-    np.testing.assert_allclose(np.delete(read.channels["x2"], 50), np.delete(log.channels["x2"], 50), rtol=1e-12)
-    np.testing.assert_allclose(read.channels["x1"], log.channels["x1"], rtol=1e-12)
+    assert np.flatnonzero(np.isnan(read.channels[own])).tolist() == [50]
+    np.testing.assert_allclose(np.delete(read.channels[own], 50), np.delete(log.channels[own], 50), rtol=1e-12)
+    np.testing.assert_allclose(read.channels[other], log.channels[other], rtol=1e-12)
 
 
 def test_a_name_that_no_message_has(by_name: Rig, log: Log, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from distal import Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter, Belief
+from distal.estimators.affine import correlated_samples
 from distal.logs import frozen
 from distal.running import first_values, samples_of, with_references
 from distal.running.calibration import begun_homed, numbers_filtered
@@ -120,9 +121,8 @@ def test_it_is_a_minimum_of_its_criterion(log: Log, found: tuple[Window, Belief]
     base = np.mean(run(means)[1]) + np.deg2rad(0.1) ** 2
     true = window.known[:, 0]
     ratios = (true - run(belief.mean[lasting])[0]) / np.sqrt(base)
-    weight = (
-        max(1.0, float(np.mean(ratios**2))) * 10.0
-    )  # 0.1 s at 100 Hz: errors here are no longer correlated than that
+    # one sample in 0.1 s is independent, or fewer where the errors are correlated for longer
+    weight = max(1.0, float(np.mean(ratios**2))) * max(10.0, correlated_samples(ratios))
 
     def criterion(numbers: Floats) -> float:
         angles, _ = run(numbers)
@@ -136,6 +136,20 @@ def test_it_is_a_minimum_of_its_criterion(log: Log, found: tuple[Window, Belief]
             other[k] += step * stds[k]
             if other[k] > runner.states.lowest[lasting[k]]:
                 assert criterion(other) > least - 1e-3
+    # three tenths of the covariance are the inverse of its curvature, here along each number that the move tells most of
+    precision = np.linalg.inv(belief.covariance[np.ix_(lasting, lasting)])
+    scaled = np.diagonal(precision) * stds**2
+    told = [k for k in range(len(lasting)) if scaled[k] > 30.0]
+    assert told
+    for k in told:
+        step = 0.3 / np.sqrt(scaled[k])
+        around = []
+        for sign in (1.0, -1.0):
+            other = belief.mean[lasting].copy()
+            other[k] += sign * step * stds[k]
+            around.append(criterion(other))
+        curvature = (sum(around) - 2 * least) / step**2
+        assert 0.3 * scaled[k] == pytest.approx(curvature, rel=0.2)
 
 
 def test_where_the_filter_keeps_to_its_band_it_goes_on_from_its_prior(log: Log) -> None:
