@@ -1,8 +1,8 @@
 """Each part of the physics alone: simulated by a plant of its own, fitted from three logs, judged on a fourth.
 
-`python -m benchmarks.parts [SEEDS]` (default 20). The plant shares no code with `distal.model`: a joint of one link between
-two position-controlled tendons, integrated by RK4 at 0.1 ms in NumPy, with sensors' noise. Shown are how often a fitted
-number is within two standard errors of the plant's, and the angle's error beside that of the filter that is given it.
+`python -m benchmarks.parts [SEEDS] [PART …]` (default 20, all). The plant (`benchmarks/one_link.py`) shares no code with
+`distal.model`. Shown are how often a fitted number is within two standard errors of the plant's, and the angle's error
+beside that of the filter that is given it.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.one_link import DAMPING, INERTIA, RADIUS, RATE, STIFFNESS, link_log
 from benchmarks.report import table
 from distal import Log, Rig, estimate, fit
 from distal.rig import build_rig
 
 Floats = NDArray[np.float64]
 
-RADIUS, STIFFNESS, INERTIA, DAMPING = 0.01, 2000.0, 2e-4, 6e-3
-RATE, DURATION, STEP = 100.0, 8.0, 1e-4
+DURATION = 8.0
 NOISE = {"x1": 5e-6, "x2": 5e-6, "u1": 0.05, "u2": 0.05}
 """Of the sensors [m, N]; the encoder's is 0.05°."""
 
@@ -52,8 +52,11 @@ SPRING = {"stiffness": 0.05, "rest_angle": 0.0}
 BETWEEN = {
     "stiffness": 250.0, "free_length": 0.018, "radius": 0.009, "distance": 0.026, "line_angle": -0.9, "preload": 0.4,
 }  # fmt: skip
+CREEP = {"share": 0.3, "time": 2.0, "settled": {"value": 0.0, "std": 0.3}}
+SHEATH = {"friction": 0.2, "wrap": 1.8, "nodes": 2}
+SPRUNG = {"joints.0.spring": SPRING}
 PARTS = (
-    Part("slack at home", "tendons.0.slack", 0.5e-3, 0.2e-3, {"joints.0.spring": SPRING}),
+    Part("slack at home", "tendons.0.slack", 0.5e-3, 0.2e-3, SPRUNG),
     Part("cubic spring", "joints.0.spring.cubic", 0.2, 0.1, {"joints.0.spring": {**SPRING, "cubic": 0.2}}),
     Part(
         "quadratic spring", "joints.0.spring.quadratic", 0.02, 0.008, {"joints.0.spring": {**SPRING, "quadratic": 0.02}}
@@ -62,6 +65,28 @@ PARTS = (
         "extension spring", "joints.0.extension_spring.stiffness", 250.0, 60.0, {"joints.0.extension_spring": BETWEEN}
     ),
     Part("its line", "joints.0.extension_spring.line_angle", -0.9, 0.15, {"joints.0.extension_spring": BETWEEN}),
+    Part("creep", "tendons.0.creep.share", 0.3, 0.1, {**SPRUNG, "tendons.0.creep": CREEP}),
+    Part("its time constant", "tendons.0.creep.time", 2.0, 0.6, {**SPRUNG, "tendons.0.creep": CREEP}),
+    Part(
+        "backlash of a drive", "drives.0.backlash.width", 0.4e-3, 0.15e-3, {**SPRUNG, "drives.0.backlash.width": 0.4e-3}
+    ),
+    Part(
+        "the same, moved by its tendon",
+        "drives.0.backlash.width",
+        0.4e-3,
+        0.15e-3,
+        {**SPRUNG, "drives.0.backlash": {"width": 0.4e-3, "held": False, "friction": 2.0}},
+    ),
+    Part("backlash of the joint", "joints.0.backlash.width", 0.03, 0.01, {**SPRUNG, "joints.0.backlash.width": 0.03}),
+    Part("sheath", "tendons.0.path.friction", 0.2, 0.05, {**SPRUNG, "tendons.0.path": SHEATH}),
+    Part(
+        "let out otherwise",
+        "tendons.0.path.let_out",
+        0.7,
+        0.2,
+        {**SPRUNG, "tendons.0.path": {**SHEATH, "let_out": 0.7}},
+    ),
+    Part("viscous drive", "drives.0.damping", 20.0, 8.0, {**SPRUNG, "drives.0.damping": 20.0}),
 )
 
 
@@ -99,67 +124,10 @@ def rig_of(part: Part, value: float | None = None) -> Rig:
     return rig.with_values({part.path: known})
 
 
-def torque(part: Part, number: float, angle: float) -> float:
-    """Return the springs' torque on the joint [N m]."""
-    name, total = part.path.rpartition(".")[2], 0.0
-    if "joints.0.spring" in part.fixed:
-        spring = {"quadratic": 0.0, "cubic": 0.0, **part.fixed["joints.0.spring"]}
-        if name in spring:
-            spring[name] = number
-        total -= spring["stiffness"] * angle + spring["quadratic"] * angle**2 + spring["cubic"] * angle**3
-    if "joints.0.extension_spring" in part.fixed:
-        own = {**part.fixed["joints.0.extension_spring"]}
-        if part.path.startswith("joints.0.extension_spring"):
-            own[name] = number
-        ends = own["radius"] * np.exp(1j * (angle - own["line_angle"])), own["distance"]
-        length = abs(ends[0] - ends[1])
-        force = max(own["preload"] + own["stiffness"] * (length - own["free_length"]), 0.0)
-        total -= force * own["radius"] * own["distance"] * np.sin(angle - own["line_angle"]) / length
-    return float(total)
-
-
 def log_of(part: Part, number: float, rng: np.random.Generator) -> Log:
     """Return a log of the plant with sensors' noise and its true angle."""
-    slack = number if part.path.endswith("slack") else 0.0
-    phase, fast = rng.uniform(0, 2 * np.pi, 2), rng.uniform(0.2, 0.5, 2)
-    middle = 1e-3 + slack / 2
-
-    def places(t: float) -> tuple[float, float]:
-        turn = RADIUS * (
-            0.45 * np.sin(2 * np.pi * fast[0] * t + phase[0]) + 0.2 * np.sin(2 * np.pi * fast[1] * t + phase[1])
-        )
-        both = middle * (1 + 0.5 * np.sin(2 * np.pi * 0.3 * t + phase[1]))
-        return both + turn + slack / 2, both - turn
-
-    def pulls(t: float, angle: float) -> tuple[float, float]:
-        left, right = places(t)
-        return (
-            STIFFNESS * max(left - RADIUS * angle - slack, 0.0),
-            STIFFNESS * max(right + RADIUS * angle, 0.0),
-        )
-
-    def rates(t: float, y: Floats) -> Floats:
-        left, right = pulls(t, y[0])
-        return np.array([y[1], (RADIUS * (left - right) + torque(part, number, y[0]) - DAMPING * y[1]) / INERTIA])
-
-    every = round(1 / RATE / STEP)
-    y, rows = np.zeros(2), []
-    # it settles before the log begins
-    for k in range(-round(1.0 / STEP), round(DURATION / STEP)):
-        t = max(k, 0) * STEP
-        if k >= 0 and k % every == 0:
-            rows.append([t, *places(t), *pulls(t, y[0]), y[0]])
-        later = t + (STEP if k >= 0 else 0.0)
-        mid = (t + later) / 2
-        a = rates(t, y)
-        b = rates(mid, y + STEP / 2 * a)
-        c = rates(mid, y + STEP / 2 * b)
-        d = rates(later, y + STEP * c)
-        y = y + STEP / 6 * (a + 2 * b + 2 * c + d)
-    time, x1, x2, u1, u2, angle = np.array(rows).T
-    clean = {"x1": x1, "x2": x2, "u1": u1, "u2": u2}
-    channels = {name: values + NOISE[name] * rng.normal(size=len(time)) for name, values in clean.items()}
-    return Log(time, channels, {"theta": angle}, f"{part.name}, {number:g}", "the plant")
+    values = {**part.fixed, part.path: number}
+    return link_log(values, NOISE, rng, DURATION, f"{part.name}, {number:g}")
 
 
 def run(job: tuple[int, int]) -> tuple[int, float, float, float, float]:
@@ -183,11 +151,12 @@ def run(job: tuple[int, int]) -> tuple[int, float, float, float, float]:
 def main() -> None:
     """Fit, judge, print."""
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    jobs = [(at, seed) for at in range(len(PARTS)) for seed in range(seeds)]
+    wanted = [at for at, part in enumerate(PARTS) if not sys.argv[2:] or part.name in sys.argv[2:]]
+    jobs = [(at, seed) for at in wanted for seed in range(seeds)]
     with ProcessPoolExecutor() as pool:
         found = list(pool.map(run, jobs))
     rows = []
-    for at, part in enumerate(PARTS):
+    for at, part in ((at, PARTS[at]) for at in wanted):
         away, after, known, inside = (np.array(each) for each in list(zip(*(one for one in found if one[0] == at)))[1:])
         ratio = np.sqrt(np.mean(after**2) / np.mean(known**2))
         rows.append(
@@ -211,7 +180,7 @@ def main() -> None:
         "ratio",
         "inside",
     ]
-    table("parts", title, columns, rows)
+    table("parts" if len(wanted) == len(PARTS) else "parts-some", title, columns, rows)
 
 
 if __name__ == "__main__":

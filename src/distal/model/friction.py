@@ -78,7 +78,7 @@ def slipped(forward: Any, back: Any, z: Any, limit: Any) -> Any:
     return (forward + back) * z - forward * up + back * down
 
 
-def capstan_limit(tension: Any, coefficient: Any, wrap: Any) -> Limit:
+def capstan_limit(tension: Any, coefficient: Any, wrap: Any, let_out: Any = 1) -> Limit:
     """Return friction of a tendon along its path, by the capstan equation T_drive = T e^{±μβ} (Euler, Eytelwein).
 
     Drawn in, the drive pulls T e^{μβ}: friction takes T (e^{μβ} − 1); let out, T e^{−μβ}: it takes T (1 − e^{−μβ}).
@@ -87,8 +87,9 @@ def capstan_limit(tension: Any, coefficient: Any, wrap: Any) -> Limit:
         tension: at the joint's end, T [N].
         coefficient: of friction between tendon and guide, μ.
         wrap: sum of the angles through which the path bends, β [rad].
+        let_out: coefficient while it is let out, as a share of μ.
     """
-    return Limit(tension * ca.expm1(coefficient * wrap), -tension * ca.expm1(-coefficient * wrap))
+    return Limit(tension * ca.expm1(coefficient * wrap), -tension * ca.expm1(-coefficient * let_out * wrap))
 
 
 def stribeck(speed: Any, excess: Any, characteristic: Any) -> Any:

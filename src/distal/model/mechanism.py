@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from distal.model.elasticity import extension_torque, polynomial_torque, stretch
 from distal.model.friction import Limit, capstan_limit, load_dependent_limit, stribeck
 from distal.model.geometry import Insertion, angle_at, elongation
 from distal.model.parameters import Parameters
+from distal.model.plays import Bounds, Sheath, balanced, gap
 from distal.rig import Joint, Rig
 
 GRAVITY = 9.80665
@@ -28,6 +29,34 @@ class Body:
     has_stops: bool
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where what moves inside a rig is, and what the tendons are tied to.
+
+    Args:
+        q: coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad, m].
+        inside: places of the far sides of drives' backlashes, then of the points in sheaths, (n_inside,) [rad, m].
+    """
+
+    q: Any
+    inside: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Pulls:
+    """What tendons do.
+
+    Args:
+        joint: their tensions at the joint, (n_tendons,) [N].
+        drive: their tensions at the drive, the same but for a sheath between, (n_tendons,) [N].
+        forces: on the bodies, −(∂ℓ/∂q)ᵀ T, (n_bodies,).
+    """
+
+    joint: Any
+    drive: Any
+    forces: Any
+
+
 class Mechanism:
     """The general form of a tendon-driven rig: coordinates q = (joint angles, drive displacements) and their rates v.
 
@@ -41,11 +70,14 @@ class Mechanism:
     Args:
         rig: the description.
         given: numbers of the description that stay inputs whatever their values; see `Parameters`.
+        remembers: whether what moves inside the rig (backlash, points in a sheath, creep) stays where it was, as numbers
+            `inside` among the parameters; else it is taken to be in the middle of where it can be.
     """
 
-    def __init__(self, rig: Rig, given: Sequence[str] = ()) -> None:
-        self.rig = rig
-        self.parameters = Parameters(rig, given)
+    def __init__(self, rig: Rig, given: Sequence[str] = (), remembers: bool = False) -> None:
+        self.rig, self.remembers = rig, remembers
+        self.plays, self.strains = plays_of(rig), strains_of(rig)
+        self.parameters = Parameters(rig, given, (*self.plays, *self.strains) if remembers else ())
         self.bodies = tuple(
             Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
             for kind in ("joints", "drives")
@@ -72,7 +104,7 @@ class Mechanism:
         return q[drive]
 
     def elongations(self, q: Any) -> Any:
-        """Return ℓ_i(q) − l_i of all tendons, (n_tendons,) [m]."""
+        """Return ℓ_i(q) − l_i of all tendons, (n_tendons,) [m], without what moves inside."""
         lengths = []
         for i in range(self.n_tendons):
             lengths.append(elongation(self._insertion(i), q[self.joint_of[i]], self.displacement(i, q)))
@@ -103,26 +135,167 @@ class Mechanism:
         )
         return jacobian(q, self.parameters.symbols)
 
-    def tensions(self, q: Any, v: Any) -> Any:
-        """Return T_i = max(k δ + T_pre + c δ̇, 0) of all tendons, zero where slack, (n_tendons,) [N].
+    def place(self, q: Any, settled: bool = False) -> Place:
+        """Return where what moves inside comes to rest as the bodies have come to q.
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+            settled: it has come to rest already: what is remembered is where it is.
+        """
+        tied, inside = [q[i] for i in range(self.n_bodies)], list[Any]()
+        remembered = [self.parameters[name] for name in self.plays] if self.remembers else None
+        for i in range(self.n_drives):
+            if self.rig.drives[i].backlash is not None:
+                held = None if remembered is None else remembered[len(inside)]
+                inside.append(self._far_side(i, ca.vertcat(*tied), held, settled))
+                tied[self.n_joints + i] = inside[-1]
+        for j, joint in enumerate(self.rig.joints):
+            if joint.backlash is not None:
+                tied[j] = self._pulley(j, ca.vertcat(*tied))
+        at = ca.vertcat(*tied)
+        elongated = self.elongations(at)
+        for i in range(self.n_tendons):
+            sheath = self.sheath(i, q)
+            if sheath is None:
+                continue
+            ends = self._ends(i, at, elongated)
+            points = None if remembered is None else remembered[len(inside) : len(inside) + sheath.count]
+            if points is None:
+                inside += sheath.middle(*ends)
+            else:
+                inside += points if settled else sheath.settled(points, *ends)
+        return Place(at, tuple(inside))
+
+    def bounds(self, which: int, q: Any) -> Bounds:
+        """Return between which places one of `plays` stays, the others being where they are remembered to be.
+
+        Args:
+            which: its index.
+            q: coordinates, (n_bodies,) [rad, m].
+        """
+        kind, index, *rest = self.plays[which].split(".")
+        if kind == "drives":
+            near = gap(q[self.n_joints + int(index)], self.parameters[f"drives.{index}.backlash.width"])
+            if self.rig.drives[int(index)].backlash.held:  # type: ignore[union-attr]
+                return near
+            rests = self._far_side(int(index), q, self.parameters[self.plays[which]], False)
+            return Bounds(rests, rests)
+        place, sheath, point = self.place(q, settled=True), self.sheath(int(index), q), int(rest[-1])
+        assert sheath is not None
+        drive, joint = self._ends(int(index), place.q, self.elongations(place.q))
+        first = which - point
+        before = drive if point == 0 else place.inside[first + point - 1]
+        after = joint if point == sheath.count - 1 else place.inside[first + point + 1]
+        return sheath.bounds(point, before, after)
+
+    def _far_side(self, drive: int, q: Any, before: Any, settled: bool) -> Any:
+        """Return where the far side of a drive's backlash is."""
+        part, body, p = self.rig.drives[drive].backlash, self.n_joints + drive, self.parameters
+        assert part is not None  # it is asked for drives with backlash
+        if settled:
+            return before
+        path = f"drives.{drive}.backlash"
+        near = gap(q[body], p[f"{path}.width"])
+        start = near.middle if before is None else before
+        if part.held:
+            return near.hold(start)
+        return balanced(start, near, self._pull_along(body, q), p[f"{path}.friction"])
+
+    def _pulley(self, joint: int, q: Any) -> Any:
+        """Return where the pulley of a joint with backlash is: the tendons turn it until it meets the link."""
+        near = gap(q[joint], self.parameters[f"joints.{joint}.backlash.width"])
+        return balanced(q[joint], near, self._pull_along(joint, q))
+
+    def _pull_along(self, body: int, q: Any) -> Callable[[Any], tuple[Any, Any]]:
+        """Return place → (Σ T ∂ℓ/∂q, its slope) of the tendons along one coordinate, the others being at q."""
+        at = ca.SX.sym("q", self.n_bodies)
+        pull = ca.dot(self.length_jacobian(at)[:, body], self._taut(self.elastic_forces(at)))
+        function = ca.Function("pull", [at, self.parameters.symbols], [pull, ca.jacobian(pull, at)[body]])
+
+        def along(place: Any) -> tuple[Any, Any]:
+            entries = [place if i == body else q[i] for i in range(self.n_bodies)]
+            force, slope = function(ca.vertcat(*entries), self.parameters.symbols)
+            return force, slope
+
+        return along
+
+    def sheath(self, tendon: int, q: Any) -> Sheath | None:
+        """Return the cable of a tendon as springs and points of friction, None where all friction is at its drive.
+
+        Args:
+            tendon: its index.
+            q: coordinates, (n_bodies,) [rad, m]: its bends may change with the joint.
+        """
+        path = self.rig.tendons[tendon].path
+        if path is None or path.nodes == 0:
+            return None
+        p, name = self.parameters, f"tendons.{tendon}"
+        exponent = p[f"{name}.path.friction"] * self._wrap(tendon, q) / path.nodes
+        out = ca.exp(exponent * p[f"{name}.path.let_out"])
+        return Sheath(p[f"{name}.stiffness"], ca.exp(exponent), out, path.nodes)
+
+    def _wrap(self, tendon: int, q: Any) -> Any:
+        p, name = self.parameters, f"tendons.{tendon}.path"
+        return ca.fmax(p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[self.joint_of[tendon]], 0)
+
+    def _ends(self, tendon: int, q: Any, elongated: Any) -> tuple[Any, Any]:
+        """Return the displacements of a cable's ends [m] whose difference is its stretch."""
+        drive = self.displacement(tendon, q)
+        stretch = self._beyond(tendon, elongated[tendon])
+        p, name = self.parameters, f"tendons.{tendon}"
+        return drive, drive - stretch - p[f"{name}.pretension"] / p[f"{name}.stiffness"]
+
+    def pulls(self, q: Any, v: Any, settled: bool = False) -> Pulls:
+        """Return tensions at both ends, T_i = max(k δ + T_pre + c δ̇, 0), zero where slack, and what they do to the bodies.
 
         Equations (8) and (9) with the mend max(·, 0), in the general form with damping and pre-tension.
 
         Args:
             q: coordinates, (n_bodies,) [rad, m].
             v: velocities, (n_bodies,).
+            settled: see `place`.
         """
-        p, elastic = self.parameters, self.elastic_forces(q)
-        rates = ca.mtimes(self.length_jacobian(q), v)
-        tensions = []
+        p, place = self.parameters, self.place(q, settled)
+        elastic, jacobian = self.elastic_forces(place.q), self.length_jacobian(place.q)
+        rates, elongated = ca.mtimes(jacobian, v), self.elongations(place.q)
+        joint, drive = list[Any](), list[Any]()
+        at = sum(drive.backlash is not None for drive in self.rig.drives)
         for i in range(self.n_tendons):
-            path = f"tendons.{i}"
+            path, sheath = f"tendons.{i}", self.sheath(i, q)
+            if sheath is not None:
+                points = list(place.inside[at : at + sheath.count])
+                at += sheath.count
+                near, far = sheath.tensions(points, *self._ends(i, place.q, elongated))
+                joint.append(far)
+                drive.append(near)
+                continue
             if p.has(f"{path}.damping"):
                 damped = elastic[i] + p[f"{path}.damping"] * rates[i]
-                tensions.append(ca.if_else(ca.logic_and(elastic[i] > 0, damped > 0), damped, 0))
+                joint.append(ca.if_else(ca.logic_and(elastic[i] > 0, damped > 0), damped, 0))
             else:
-                tensions.append(ca.if_else(elastic[i] > 0, elastic[i], 0))
-        return ca.vertcat(*tensions)
+                joint.append(self._taut(elastic[i]))
+            drive.append(joint[-1])
+        tensions, nj = (ca.vertcat(*joint), ca.vertcat(*drive)), self.n_joints
+        if tensions[0] is tensions[1] or not any(self.sheath(i, q) for i in range(self.n_tendons)):
+            forces = -ca.mtimes(jacobian.T, tensions[0])
+        else:
+            forces = -ca.vertcat(
+                ca.mtimes(jacobian[:, :nj].T, tensions[0]), ca.mtimes(jacobian[:, nj:].T, tensions[1])
+            )
+        return Pulls(*tensions, forces)
+
+    def tensions(self, q: Any, v: Any) -> Any:
+        """Return the tensions of all tendons at their drives, (n_tendons,) [N]; see `pulls`.
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+            v: velocities, (n_bodies,).
+        """
+        return self.pulls(q, v).drive
+
+    @staticmethod
+    def _taut(elastic: Any) -> Any:
+        return ca.if_else(elastic > 0, elastic, 0)
 
     def elastic_forces(self, q: Any) -> Any:
         """Return T_pre + k δ of all tendons, (n_tendons,) [N], negative where slack; with stiffening, see `stretched`.
@@ -132,13 +305,50 @@ class Mechanism:
         """
         p, elongated, forces = self.parameters, self.elongations(q), []
         for i in range(self.n_tendons):
-            path, stretch = f"tendons.{i}", elongated[i]
-            if p.has(f"{path}.slack"):
-                stretch = stretch - p[f"{path}.slack"]
+            path, stretch = f"tendons.{i}", self._beyond(i, elongated[i])
             if p.has(f"{path}.stiffening"):
                 stretch = stretched(stretch, p[f"{path}.stiffening"])
             forces.append(p[f"{path}.stiffness"] * stretch + p[f"{path}.pretension"])
         return ca.vertcat(*forces)
+
+    def _beyond(self, tendon: int, elongated: Any) -> Any:
+        """Return what is left of an elongation beyond slack and creep [m]."""
+        p, path = self.parameters, f"tendons.{tendon}"
+        if p.has(f"{path}.slack"):
+            elongated = elongated - p[f"{path}.slack"]
+        for name in self.creeps(tendon):
+            # what nobody remembers is taken as settled as it is at the start
+            if self.remembers:
+                elongated = elongated - p[f"{name}.strain"]
+            else:
+                part = getattr(self.rig.tendons[tendon], name.rpartition(".")[2])
+                elongated = elongated / (1 + p[f"{name}.share"] * part.settled.value)
+        return elongated
+
+    def creeps(self, tendon: int) -> list[str]:
+        """Return the paths of a tendon's creeps.
+
+        Args:
+            tendon: its index.
+        """
+        part = self.rig.tendons[tendon]
+        return [f"tendons.{tendon}.{name}" for name in ("creep", "slow_creep") if getattr(part, name) is not None]
+
+    def crept(self, q: Any, dt: Any) -> list[Any]:
+        """Return all `strains` after an interval under the tensions at q: c⁺ = e^{−dt/τ} c + (1 − e^{−dt/τ}) γ T/k, [m].
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+            dt: length of the interval [s].
+        """
+        p, pulls = self.parameters, self.pulls(q, ca.SX.zeros(self.n_bodies), settled=True)
+        after = []
+        for i in range(self.n_tendons):
+            stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
+            for name in self.creeps(i):
+                left = ca.exp(-dt / p[f"{name}.time"])
+                after.append(left * p[f"{name}.strain"] + (1 - left) * p[f"{name}.share"] * stretch)
+        return after
 
     def tendon_damping(self, q: Any, tensions: Any) -> Any:
         """Return Σ c (∂ℓ/∂q_j)² over the taut tendons, (n_bodies,): each body's own part of the tendons' damping.
@@ -147,7 +357,7 @@ class Mechanism:
             q: coordinates, (n_bodies,) [rad, m].
             tensions: of all tendons [N], (n_tendons,).
         """
-        jacobian = self.length_jacobian(q)
+        jacobian = self.length_jacobian(self.place(q).q)
         total = ca.SX(self.n_bodies, 1)
         for i in range(self.n_tendons):
             if self.parameters.has(f"tendons.{i}.damping"):
@@ -156,9 +366,16 @@ class Mechanism:
         return total
 
     def passive_forces(self, q: Any) -> Any:
-        """Return what springs and gravity add at the joints, (n_bodies,) [N m]; zero at the drives."""
+        """Return what springs and gravity add at the joints, and cogging at the drives, (n_bodies,) [N m]."""
         forces = [self._passive_torque(i, joint, q) for i, joint in enumerate(self.rig.joints)]
-        return ca.vertcat(*forces, ca.SX(self.n_drives, 1))
+        return ca.vertcat(*forces, *(self._cogging(i, q) for i in range(self.n_drives)))
+
+    def _cogging(self, drive: int, q: Any) -> Any:
+        part, p, path = self.rig.drives[drive], self.parameters, f"drives.{drive}.cogging"
+        if part.kind != "capstan" or part.cogging is None:
+            return ca.SX(0)
+        phase = part.cogging.periods * q[self.n_joints + drive]
+        return p[f"{path}.cosine"] * ca.cos(phase) + p[f"{path}.sine"] * ca.sin(phase)
 
     def _passive_torque(self, index: int, joint: Joint, q: Any) -> Any:
         p, path, torque = self.parameters, f"joints.{index}", ca.SX(0)
@@ -175,7 +392,7 @@ class Mechanism:
             torque -= moment * ca.sin(q[index] - p[f"{path}.gravity.hanging_angle"])
         return torque
 
-    def friction_limits(self, q: Any, v: Any, tensions: Any) -> list[Limit]:
+    def friction_limits(self, q: Any, v: Any, tensions: Any, at_drives: Any = None) -> list[Limit]:
         """Return the Coulomb limits of all bodies: equations (12) and (13), reconstructed, in their general form.
 
         At the joint μ r_a (T0 + Σ T); at a drive constant + load · R Σ T, and the friction along its tendons' paths
@@ -185,10 +402,14 @@ class Mechanism:
             q: coordinates, (n_bodies,) [rad, m].
             v: velocities, (n_bodies,).
             tensions: of all tendons, (n_tendons,) [N].
+            at_drives: those at the drives, where they differ.
         """
         limits = []
         for i, body in enumerate(self.bodies):
-            limit = self._joint_friction(i, tensions) if body.is_joint else self._drive_friction(i, q, tensions)
+            if body.is_joint:
+                limit = self._joint_friction(i, tensions)
+            else:
+                limit = self._drive_friction(i, q, tensions if at_drives is None else at_drives)
             name = f"{body.path}.friction.stribeck"
             if f"{name}.excess" in self.parameters:
                 p = self.parameters
@@ -220,10 +441,11 @@ class Mechanism:
         up, down = limit, limit
         for i in own:
             name = f"tendons.{i}.path"
-            if not p.has(f"{name}.friction"):
+            part = self.rig.tendons[i].path
+            if not p.has(f"{name}.friction") or (part is not None and part.nodes > 0):
                 continue
-            wrap = p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[self.joint_of[i]]
-            path_friction = capstan_limit(tensions[i], p[f"{name}.friction"], ca.fmax(wrap, 0)).times(lever)
+            out = p[f"{name}.let_out"]
+            path_friction = capstan_limit(tensions[i], p[f"{name}.friction"], self._wrap(i, q), out).times(lever)
             # a capstan's positive angle lets out the tendons of side −1
             drawn = self.rig.tendons[i].side if self.rig.drives[body - self.n_joints].kind == "capstan" else 1
             drawn_in, let_out = path_friction.up, path_friction.down
@@ -277,3 +499,26 @@ class Mechanism:
     def dampings(self) -> Any:
         """Return the viscous damping of all bodies, (n_bodies,)."""
         return ca.vertcat(*(self.parameters[f"{b.path}.damping"] for b in self.bodies))
+
+
+def plays_of(rig: Rig) -> tuple[str, ...]:
+    """Return the names of what moves inside a rig as a play: far sides of drives' backlashes, then points in sheaths.
+
+    Args:
+        rig: the description.
+    """
+    backlashes = [f"drives.{i}.backlash.place" for i, drive in enumerate(rig.drives) if drive.backlash is not None]
+    counts = [0 if tendon.path is None else tendon.path.nodes for tendon in rig.tendons]
+    return (*backlashes, *(f"tendons.{i}.path.point.{k}" for i, count in enumerate(counts) for k in range(count)))
+
+
+def strains_of(rig: Rig) -> tuple[str, ...]:
+    """Return the names of the slow stretches of a rig's tendons.
+
+    Args:
+        rig: the description.
+    """
+    kinds = ("creep", "slow_creep")
+    return tuple(
+        f"tendons.{i}.{kind}.strain" for i, t in enumerate(rig.tendons) for kind in kinds if getattr(t, kind) is not None
+    )

@@ -16,6 +16,9 @@ from distal.rig import Parameter, Rig
 # not part of the equations of motion: the start, and what stands in for a missing force sensor
 _NOT_DYNAMIC = frozenset({"initial", "nominal_force"})
 
+NEUTRAL = (".exponent", ".let_out")
+"""Parameters that change nothing where they are exactly one."""
+
 
 class Parameters:
     """The numbers in the equations of motion: names (paths as in ``--set``), values, stds, drifts, symbols.
@@ -30,13 +33,14 @@ class Parameters:
         rig: the description.
         given: paths that stay symbols whatever their values, because they will be changed: parameters, and other numbers
             of the description (a sensor's noise), which are put behind the parameters. They have std 0.
+        inside: names of what moves inside the rig, which come last; see `Mechanism`.
 
     Raises:
         RigError: a path is not a number of the rig.
     """
 
-    def __init__(self, rig: Rig, given: Sequence[str] = ()) -> None:
-        self.given = tuple(given)
+    def __init__(self, rig: Rig, given: Sequence[str] = (), inside: Sequence[str] = ()) -> None:
+        self.given, self.inside = tuple(given), tuple(inside)
         self._constants: dict[str, float] = {}
         names: list[str] = []
         values: list[float] = []
@@ -50,7 +54,7 @@ class Parameters:
                 values.append(parameter.value)
                 stds.append(0.0)
                 drifts.append(np.nan)
-            elif parameter.absent or (name.endswith(".exponent") and (parameter.value, parameter.unsure) == (1.0, 0.0)):
+            elif parameter.absent or (name.endswith(NEUTRAL) and (parameter.value, parameter.unsure) == (1.0, 0.0)):
                 self._constants[name] = parameter.value
             else:
                 names.append(name)
@@ -60,12 +64,12 @@ class Parameters:
                     self.shared.setdefault(parameter.shared.name, (parameter.shared.std, []))[1].append(len(names) - 1)
                 stds.append(parameter.unsure)
                 drifts.append(np.nan if parameter.drift is None else parameter.drift)
-        for name in self.given:
-            if name not in names:
-                names.append(name)
-                values.append(number_at(rig, name))
-                stds.append(0.0)
-                drifts.append(np.nan)
+        more = {name: number_at(rig, name) for name in self.given if name not in names} | dict.fromkeys(inside, 0.0)
+        for name, value in more.items():
+            names.append(name)
+            values.append(value)
+            stds.append(0.0)
+            drifts.append(np.nan)
         self.names = tuple(names)
         self.all_names = tuple(name for name, _ in _walk(rig))
         self.values: NDArray[np.float64] = np.array(values)

@@ -83,15 +83,14 @@ def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Any, Any, Any]:
         mechanism: the rig's equations.
         kick: its symbols.
     """
-    tensions = mechanism.tensions(kick.q, kick.v)
-    own = mechanism.tendon_damping(kick.q, tensions)
-    tendon = -ca.mtimes(mechanism.length_jacobian(kick.q).T, tensions)
-    force = tendon + mechanism.passive_forces(kick.q) + kick.effort + own * kick.v
+    pulls = mechanism.pulls(kick.q, kick.v)
+    own = mechanism.tendon_damping(kick.q, pulls.joint)
+    force = pulls.forces + mechanism.passive_forces(kick.q) + kick.effort + own * kick.v
     damping = own
     if kick.implicit is not None:
         force, damping = force + kick.implicit[:, 0], damping + kick.implicit[:, 1]
     a, b = kick.response[:, 0], kick.response[:, 1]
-    limits = mechanism.friction_limits(kick.q, kick.v, tensions)
+    limits = mechanism.friction_limits(kick.q, kick.v, pulls.joint, pulls.drive)
     return a * kick.v + b * force, [limit.times(b[i]) for i, limit in enumerate(limits)], damping
 
 

@@ -30,7 +30,7 @@ from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import LogFormat, Rig, Stepping
 from distal.rig.sensors import Sensor, SensorBase, log_factor
-from distal.rig.tendons import Linkage, Path, Pinned, Pulley, Tendon
+from distal.rig.tendons import Creep, Linkage, Path, Pinned, Pulley, Tendon
 from distal.rig.validation import validated
 
 __all__ = [
@@ -39,6 +39,7 @@ __all__ = [
     "AffineJoint",
     "Capstan",
     "CapstanFriction",
+    "Creep",
     "Description",
     "Discrepancy",
     "ExternalTorque",

@@ -84,6 +84,38 @@ class Hysteresis(Description):
     error_time: Annotated[float, In("s", "positive")] = Field(1.0, description="for how long that lasts")
 
 
+class SliderBacklash(Description):
+    """Free play between a slider's sensor and what pulls its tendons; see `Backlash`."""
+
+    width: Annotated[Parameter, In("m", "nonnegative")] = Field(description="from one side to the other")
+    held: bool = Field(True, description="whether nothing but the near side moves the far one within the gap")
+    friction: Annotated[Parameter, In("N", "nonnegative")] = Field(
+        Parameter(value=0.0), description="friction that holds the far side against its tendons, where `held` is false"
+    )
+
+
+class Backlash(Description):
+    """Free play between a motor's encoder and its capstan: what winds the tendons stays within ± width/2 of the encoder.
+
+    The capstan's place p follows the encoder's φ as a play operator, p⁺ = clip(p, φ − width/2, φ + width/2): gears that
+    stay where they are until they are pushed. With `held = false` its tendons turn it within the gap, against `friction`.
+    """
+
+    width: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="from one side to the other")
+    held: bool = Field(True, description="whether nothing but the near side moves the far one within the gap")
+    friction: Annotated[Parameter, In("N m", "nonnegative")] = Field(
+        Parameter(value=0.0), description="friction that holds the far side against its tendons, where `held` is false"
+    )
+
+
+class Cogging(Description):
+    """Torque of a motor that repeats as it turns: cosine · cos(N φ) + sine · sin(N φ), it adds to the motor's own."""
+
+    periods: Annotated[float, In("", "positive")] = Field(description="periods in one turn of the capstan, N")
+    cosine: Annotated[Parameter, In("N m")] = Field(Parameter(value=0.0), description="part that is largest at φ = 0")
+    sine: Annotated[Parameter, In("N m")] = Field(Parameter(value=0.0), description="part that is zero there")
+
+
 class Slider(Description):
     """A slider: displacement x [m], away from the joint positive, pulled by a force U [N]."""
 
@@ -95,6 +127,7 @@ class Slider(Description):
     )
     friction: SliderFriction = Field(SliderFriction(), description="Coulomb friction")
     hysteresis: SliderHysteresis | None = Field(None, description="dry friction inside the transmission")
+    backlash: SliderBacklash | None = Field(None, description="free play between its sensor and its tendons")
     stops: Annotated[tuple[float, float], In("m")] | None = Field(None, description="range of the slider [x_L, x_H]")
     stop_stiffness: Annotated[Parameter, In("N/m", "positive")] = Field(
         Parameter(value=1e5), description="stiffness of the stops k_s"
@@ -124,6 +157,8 @@ class Capstan(Description):
     )
     friction: CapstanFriction = Field(CapstanFriction(), description="Coulomb friction")
     hysteresis: Hysteresis | None = Field(None, description="dry friction inside the transmission")
+    backlash: Backlash | None = Field(None, description="free play between its encoder and its capstan")
+    cogging: Cogging | None = Field(None, description="torque that repeats as the motor turns")
     stops: Annotated[tuple[float, float], In("rad")] | None = Field(None, description="range of the capstan's angle")
     stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(
         Parameter(value=100.0), description="stiffness of the stops"

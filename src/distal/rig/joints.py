@@ -79,6 +79,12 @@ class ExtensionSpring(Description):
     )
 
 
+class JointBacklash(Description):
+    """Free play between the pulley that the tendons turn and the link: within it no torque reaches the link."""
+
+    width: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="from one side to the other")
+
+
 class Gravity(Description):
     """Weight of an off-axis mass: torque = −mass · g · distance · sin(θ − hanging_angle)."""
 
@@ -113,6 +119,7 @@ class Joint(Description):
     spring: Spring | None = Field(None, description="return spring")
     extension_spring: ExtensionSpring | None = Field(None, description="return spring between two points")
     gravity: Gravity | None = Field(None, description="weight of an off-axis mass")
+    backlash: JointBacklash | None = Field(None, description="free play between its pulley and its link")
     stops: Annotated[tuple[float, float], In("rad")] | None = Field(None, description="range of the joint [low, high]")
     stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(
         Parameter(value=100.0), description="stiffness of the joint's stops"

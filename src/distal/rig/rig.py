@@ -137,6 +137,7 @@ class Rig(Description):
                 raise ValueError(f"sensors: the log column '{column}' begins with 'true_', which is kept for the truth")
         _distinct([*columns, self.log.time.column], "sensors: the log column")
         _share_alike(self)
+        _plays_apart(self)
         for i, joint in enumerate(self.joints):
             friction = joint.friction
             if friction is not None and not _is_one(friction.exponent) and self.reference_load(i) <= 0.0:
@@ -239,6 +240,23 @@ def _share_alike(rig: Rig) -> None:
                     f"{path}.shared: what '{name}' stands for errs by the same share everywhere; "
                     f"std {other:g} came here and {std:g} at {before}; make them equal, or use two names"
                 )
+
+
+def _plays_apart(rig: Rig) -> None:
+    """Refuse plays that cannot be put one behind the other."""
+    sheathed = [tendon for tendon in rig.tendons if tendon.path is not None and tendon.path.nodes > 0]
+    for i, joint in enumerate(rig.joints):
+        if joint.backlash is not None and any(tendon.joint == joint.name for tendon in sheathed):
+            raise ValueError(
+                f"joints.{i}.backlash: is not supported where a tendon of the joint has path.nodes; set nodes to 0, or "
+                "describe the backlash at the drive"
+            )
+    for i, drive in enumerate(rig.drives):
+        loose = drive.backlash is not None and not drive.backlash.held
+        if loose and any(tendon.drive == drive.name for tendon in sheathed):
+            raise ValueError(
+                f"drives.{i}.backlash.held: false is not supported where a tendon of the drive has path.nodes; leave it out"
+            )
 
 
 def _parameters(part: Description, path: str) -> Iterator[tuple[str, Parameter]]:

@@ -44,8 +44,16 @@ class Linkage(Description):
 Insertion = Annotated[Pinned | Pulley | Linkage, Field(discriminator="kind")]
 
 
+MOST_NODES = 4
+"""More points in a sheath than this change nothing that a sensor sees (docs/sheaths.md)."""
+
+
 class Path(Description):
-    """Friction along the tendon's way, by the capstan equation T_drive = T e^{±μβ}; it acts on the drive's side."""
+    """Friction along the tendon's way, by the capstan equation T_drive = T e^{±μβ}.
+
+    Without `nodes` all of it acts at the drive: a few pulleys there. With them it is spread over the tendon's length, at
+    points between its stretches: a cable in its sheath, which stretches differently as it is drawn in and let out.
+    """
 
     friction: Annotated[Parameter, In("", "nonnegative")] = Field(
         description="friction coefficient against its guides, μ"
@@ -53,6 +61,28 @@ class Path(Description):
     wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="sum of the bends of its path, β")
     wrap_slope: Annotated[Parameter, In("")] = Field(
         Parameter(value=0.0), description="change of β per radian of the joint"
+    )
+    let_out: Annotated[Parameter, In("", "nonnegative")] = Field(
+        Parameter(value=1.0), description="friction coefficient while the tendon is let out, as a share of μ"
+    )
+    nodes: int = Field(
+        0, ge=0, le=MOST_NODES, description="points over which the friction is spread; 0 = all at the drive"
+    )
+
+
+class Creep(Description):
+    """A tendon that goes on stretching under load: T/k is joined by c with time · dc/dt = share · T/k − c.
+
+    A Kelvin–Voigt element in series with the tendon's spring; together they are the standard linear solid.
+    """
+
+    share: Annotated[Parameter, In("", "nonnegative")] = Field(
+        description="what is added in the end, as a share of the stretch that comes at once"
+    )
+    time: Annotated[Parameter, In("s", "positive")] = Field(description="time constant")
+    settled: Annotated[Parameter, In("", "nonnegative", drifts=False)] = Field(
+        Parameter(value=0.5, std=0.3),
+        description="how much of it has come at the log's first sample: 0 = loaded just then, 1 = long ago",
     )
 
 
@@ -80,10 +110,26 @@ class Tendon(Description):
     stiffening: Annotated[Parameter, In("1/m", "nonnegative")] = Field(
         Parameter(value=0.0), description="growth of stiffness with tension, a"
     )
+    creep: Creep | None = Field(None, description="slow stretch under load")
+    slow_creep: Creep | None = Field(None, description="a second one, with another time constant")
     path: Path | None = Field(None, description="friction along its way")
 
     @model_validator(mode="after")
     def _slack_or_pulled(self) -> Self:
         if not self.slack.absent and not self.pretension.absent:
             raise ValueError("slack: a tendon is slack at home, or pulled there by its 'pretension'; give one of them")
+        return self
+
+    @model_validator(mode="after")
+    def _slow_creep_is_second(self) -> Self:
+        if self.slow_creep is not None and self.creep is None:
+            raise ValueError("slow_creep: is a second one; call the only one 'creep'")
+        return self
+
+    @model_validator(mode="after")
+    def _sheathed(self) -> Self:
+        if self.path is not None and self.path.nodes > 0:
+            for name in ("damping", "stiffening"):
+                if not getattr(self, name).absent:
+                    raise ValueError(f"{name}: a tendon with path.nodes is a linear spring without it; leave out one")
         return self

@@ -21,31 +21,66 @@ Floats = NDArray[np.float64]
 def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of the plant over one interval of `count` sub-steps.
 
-    carry = (q, v, friction inside each drive's transmission); x = (effort, added inertia, servo, dt); y = (q, v, tensions,
-    pull on each drive), the pull being what a load cell or torque sensor between the source and the drive reads:
+    carry = (q, v, friction inside each drive's transmission, what moves inside); x = (effort, added inertia, servo, dt); y =
+    (q, v, tensions, pull on each drive), the pull being what a load cell or torque sensor between the source and the drive reads:
     U = W − (W/g) ẍ for a hung weight.
 
     Args:
         mechanism: the plant's equations.
         count: sub-steps per interval.
     """
-    n, inside = mechanism.n_bodies, hysteretic(mechanism)
+    n, rubbing, nx = mechanism.n_bodies, hysteretic(mechanism), len(mechanism.parameters.inside)
     step = interval_step(mechanism, count, with_servo=True)
     q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
     tensions = ca.Function("tensions", [q, v, mechanism.parameters.symbols], [mechanism.tensions(q, v)])
-    carry = ca.MX.sym("carry", 2 * n + len(inside))
-    x, p = ca.MX.sym("x", 5 * n + 1), ca.MX.sym("p", len(mechanism.parameters))
+    carry = ca.MX.sym("carry", 2 * n + len(rubbing) + nx)
+    x, numbers = ca.MX.sym("x", 5 * n + 1), ca.MX.sym("p", len(mechanism.parameters))
+    kept, inside = carry[2 * n : 2 * n + len(rubbing)], carry[2 * n + len(rubbing) :]
+    p = ca.vertcat(numbers[: numbers.numel() - nx], inside) if nx else numbers
     before, dt = carry[n : 2 * n], x[5 * n]
     effort, added, servo = x[:n], x[n : 2 * n], ca.reshape(x[2 * n : 5 * n], n, 3)
-    friction = internal_friction(mechanism, inside)
-    acting = effort + friction.force(carry[:n], carry[2 * n :], p) if inside else effort
+    friction = internal_friction(mechanism, rubbing)
+    acting = effort + friction.force(carry[:n], kept, p) if rubbing else effort
     q_next, v_next = step(carry[:n], before, acting, added, servo, dt, p)
     acceleration = (v_next - before) / dt
     pull = effort - added * acceleration + servo[:, 0] * (servo[:, 1] - q_next) - servo[:, 2] * v_next
+    if nx:
+        inside = settled_function(mechanism)(q_next, dt, p)
+        p = ca.vertcat(numbers[: numbers.numel() - nx], inside)
     y = ca.vertcat(q_next, v_next, tensions(q_next, v_next, p), pull[mechanism.n_joints :])
-    kept = friction.follow(carry[:n], q_next, v_next, carry[2 * n :], p) if inside else ca.MX(0, 1)
-    following = ca.vertcat(q_next, v_next, kept)
-    return ca.Function("plant", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+    kept = friction.follow(carry[:n], q_next, v_next, kept, p) if rubbing else kept
+    following = ca.vertcat(q_next, v_next, kept, inside)
+    return ca.Function("plant", [carry, x, numbers], [following, y], ["carry", "x", "p"], ["next", "y"])
+
+
+def settled_function(mechanism: Mechanism) -> ca.Function:
+    """Return (q, dt, p) → what moves inside after an interval at whose end the bodies are at q.
+
+    Args:
+        mechanism: the plant's equations.
+    """
+    q, dt, p = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("dt"), mechanism.parameters.symbols
+    inside = [*mechanism.place(q).inside, *mechanism.crept(q, dt)]
+    return ca.Function("inside", [q, dt, p], [ca.densify(ca.cse(ca.vertcat(*inside)))])
+
+
+def first_inside(mechanism: Mechanism, q: Floats) -> Floats:
+    """Return what moves inside when the plant has long stood at q: in the middle, and crept as far as the rig says.
+
+    Args:
+        mechanism: the plant's equations.
+        q: coordinates, (n_bodies,).
+    """
+    still, at = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
+    pulls, p = still.pulls(at, ca.SX.zeros(mechanism.n_bodies)), still.parameters
+    strains = []
+    for i in range(mechanism.n_tendons):
+        stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
+        for name in mechanism.creeps(i):
+            part = getattr(mechanism.rig.tendons[i], name.rpartition(".")[2])
+            strains.append(part.settled.value * p[f"{name}.share"] * stretch)
+    inside = ca.Function("inside", [at, p.symbols], [ca.vertcat(*still.place(at).inside, *strains)])
+    return np.array(inside(q, p.values)).ravel()
 
 
 def hysteretic(mechanism: Mechanism) -> list[int]:
@@ -162,7 +197,8 @@ def run_plants(
     for inputs, start in runs:
         servo = inputs.servo.transpose(0, 2, 1).reshape(len(inputs.effort), 3 * n)
         rows.append(np.hstack([inputs.effort, inputs.added_inertia, servo, np.full((len(inputs.effort), 1), dt)]))
-        starts.append(np.concatenate([start, np.zeros(n + len(hysteretic(mechanism)))]))
+        inside = first_inside(mechanism, start)
+        starts.append(np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), inside]))
         # the first row is the start itself: a tiny interval gives tensions and pulls there
         first = rows[-1][:1].copy()
         first[0, -1] = 1e-12
@@ -205,10 +241,10 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
     """
     from scipy.optimize import brentq
 
-    p = mechanism.parameters
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    elastic = mechanism.elastic_forces(q)
-    force = ca.Function("force", [q, p.symbols], [-ca.mtimes(mechanism.length_jacobian(q).T, elastic)])
+    still, q = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
+    p, tied = still.parameters, still.place(q).q
+    elastic = still.elastic_forces(tied)
+    force = ca.Function("force", [q, p.symbols], [-ca.mtimes(still.length_jacobian(tied).T, elastic)])
     place = np.concatenate([angles, np.zeros(mechanism.n_drives)])
     servo = inputs.servo[0]
 

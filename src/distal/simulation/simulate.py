@@ -90,7 +90,7 @@ def prepare(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ScenarioError(f"seed: must be a whole number from 0, {seed!r} came")
-    plant = Mechanism(scenario.plant_rig(rig))
+    plant = Mechanism(scenario.plant_rig(rig), remembers=True)
     fastest = max((sensor.rate for sensor in plant.rig.sensors), default=100.0)
     dt = 1.0 / fastest / ceil(1.0 / fastest / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
     if scenario.duration * fastest < 1.0 - 1e-9:

@@ -16,7 +16,7 @@ from distal.estimators.adaptive.drive_tracking import MEMORY, UNKNOWN
 from distal.estimators.adaptive.filter import adaptive_function
 from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.adaptive.setup import Setup
-from distal.estimators.adaptive.states import KINDS, Kind, StateVector
+from distal.estimators.adaptive.states import KINDS, Begin, Kind, StateVector
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.discrepancy import corrected_function, first_memory, memory_size, numbers_of
@@ -64,7 +64,7 @@ class AdaptiveFilter(KernelEstimator):
         trace: bool = False,
         kinds: Sequence[Kind] = KINDS,
     ) -> None:
-        mechanism, channels = Mechanism(rig, given), channels_of(rig, name, references)
+        mechanism, channels = Mechanism(rig, given, remembers=True), channels_of(rig, name, references)
         self._states = StateVector(Setup(mechanism, channels, robustness), kinds)
         longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
         self._count = min(max(1, int(np.ceil(channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
@@ -126,9 +126,17 @@ class AdaptiveFilter(KernelEstimator):
             if transmitted is not None and effort is not None:
                 at = transmitted[0]
                 mean[at] = read(effort, float(states.means[at]))
+        variances = ca.SX(ca.DM(states.stds**2))
+        sensors = [(setup.position_sensor(i), setup.force_sensor(i)) for i in range(setup.n_drives)]
+        begin = Begin(*([0.0 if one is None else read(one, 0.0) for one in each] for each in zip(*sensors)))
+        for block in states.blocks:
+            first = block.first(begin)
+            if first is not None:
+                (at,) = states.indices(block)
+                mean[at], variances[at] = first[0], first[1] ** 2
         if self._discrepancy is not None:
             memory = ca.vertcat(memory, first_memory(self._discrepancy, values, mask))
-        return ca.Function("prior", [values, mask], [mean, ca.SX(ca.DM(states.stds**2)), memory])
+        return ca.Function("prior", [values, mask], [mean, variances, memory])
 
     @property
     def bridged(self) -> int:
@@ -208,7 +216,7 @@ class AdaptiveFilter(KernelEstimator):
         other = copy(self)
         other.rig, other._begin = rig, None
         other.__dict__.pop("priors", None)
-        mechanism = Mechanism(rig, setup.mechanism.parameters.given)
+        mechanism = Mechanism(rig, setup.mechanism.parameters.given, remembers=True)
         changed = replace(setup, mechanism=mechanism, channels=channels)
         states = StateVector(changed, self._states.kinds)
         if states.names != self._states.names:

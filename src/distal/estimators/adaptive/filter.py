@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.drive_tracking import MEMORY, tracking
+from distal.estimators.adaptive.following import follow
 from distal.estimators.adaptive.motion import Moved, moved
 from distal.estimators.adaptive.play import play
 from distal.estimators.adaptive.prediction import predicted, revert
@@ -77,6 +78,7 @@ def corrected(states: StateVector, given: list[Any], loops: bool) -> _Step:
     for i in range(states.setup.n_drives):
         if states.transmitted(i) is not None:
             kept[i] = play(states, i, state, spread, transition, tracks, motion.rates, kept[i], x, p)  # (14), (15)
+    follow(states, state, spread, transition, tracks, x, p)
     before, uncertain = ca.MX(state), ca.MX(spread)
     after, spread, kept, y = updated(states, state, spread, tracks, motion.rates, kept, x, p, loops)  # (16) to (26)
     for at, lowest in enumerate(states.lowest):

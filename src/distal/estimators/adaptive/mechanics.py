@@ -15,9 +15,12 @@ def mechanics_function(setup: Setup) -> ca.Function:
     """
     mechanism = setup.mechanism
     q, v, p = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("v", mechanism.n_bodies), mechanism.parameters.symbols
-    tensions = mechanism.tensions(q, v)
-    pulls = ca.mtimes(mechanism.length_jacobian(q).T, tensions) + mechanism.dampings() * v
-    friction = mechanism.friction_limits(q, v, tensions)
+    tendons = mechanism.pulls(q, v, settled=True)
+    nj, tensions = mechanism.n_joints, tendons.drive
+    # cogging is among the passive forces; those of the joints are compared with nothing
+    cogging = ca.vertcat(ca.SX.zeros(nj), mechanism.passive_forces(q)[nj:])
+    pulls = mechanism.dampings() * v - tendons.forces - cogging
+    friction = mechanism.friction_limits(q, v, tendons.joint, tendons.drive)
     limits = ca.vertcat(*(limit.mean for limit in friction))
     asymmetries = ca.vertcat(*(limit.asymmetry for limit in friction))
     slopes = [ca.jacobian(tensions, q), ca.jacobian(pulls, q)]

@@ -142,7 +142,7 @@ class Setup:
         constant, growing = part.friction.constant, part.friction.load
         known = (constant.value + constant.std) / lever + (growing.value + growing.std) * load
         for tendon in tendons:
-            if tendon.path is not None:
+            if tendon.path is not None and tendon.path.nodes == 0:
                 rubs = tendon.path.friction
                 known += load * float(np.expm1((rubs.value + rubs.std) * tendon.path.wrap.value))
         return bool(known >= self.robustness.declared_friction)

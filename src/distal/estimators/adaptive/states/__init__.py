@@ -2,12 +2,13 @@
 
 from distal.estimators.adaptive.states.linearity import travel
 from distal.estimators.adaptive.states.parameter import UncertainParameter, uncertain_parameters
-from distal.estimators.adaptive.states.state import Fading, State
+from distal.estimators.adaptive.states.state import Begin, Fading, State
 from distal.estimators.adaptive.states.transmission import Transmitted
 from distal.estimators.adaptive.states.vector import KINDS, Kind, StateVector
 
 __all__ = [
     "KINDS",
+    "Begin",
     "Fading",
     "Kind",
     "State",

@@ -158,7 +158,7 @@ def _without_effect(setup: Setup, name: str, std: float) -> bool:
         noise = np.sqrt(variance(sensor)) if sensor is not None else drive.nominal_force.std
         force = std * max(abs(drive.nominal_force.value), 1.0) if name.endswith("load") else std
         return bool(force < UNSEEN * noise)
-    return not name.endswith((".damping", ".radius"))
+    return not (name.endswith((".damping", ".radius")) or ".backlash." in name or ".cogging." in name)
 
 
 def cut_normal(mean: float, std: float) -> tuple[float, float]:

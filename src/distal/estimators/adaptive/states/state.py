@@ -8,6 +8,7 @@ kind says only what is its own. `StateVector` puts blocks side by side and adds 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +31,19 @@ class Fading:
 
     factor: Any
     std: Any
+
+
+@dataclass(frozen=True)
+class Begin:
+    """What is read at a log's first sample.
+
+    Args:
+        places: of the drives, 0 where nothing is read, (n_drives,) [m, rad].
+        efforts: forces or torques of the drives, 0 where nothing is read, (n_drives,).
+    """
+
+    places: Sequence[Any]
+    efforts: Sequence[Any]
 
 
 class State(ABC):
@@ -69,6 +83,14 @@ class State(ABC):
     def smoothed(self) -> bool:
         """Whether a smoother may change it by what came later; a guard's state stays as the filter had it."""
         return True
+
+    def first(self, begin: Begin) -> tuple[Any, Any] | None:
+        """Return mean and standard deviation at the first sample, where its readings tell them; None where they do not.
+
+        Args:
+            begin: the first readings.
+        """
+        return None
 
     def fading(self, dt: Any) -> Fading | None:
         """Return how its numbers fade over an interval, None where they stay.

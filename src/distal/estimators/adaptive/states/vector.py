@@ -12,6 +12,7 @@ from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states.bias import SensorBias, sensor_biases
 from distal.estimators.adaptive.states.external_torque import external_torques
 from distal.estimators.adaptive.states.friction import unknown_frictions
+from distal.estimators.adaptive.states.inside import inside
 from distal.estimators.adaptive.states.joint import JointMotion
 from distal.estimators.adaptive.states.linearity import Linearity, linearities
 from distal.estimators.adaptive.states.parameter import UncertainParameter, uncertain_parameters
@@ -30,6 +31,7 @@ KINDS: tuple[Kind, ...] = (
     unmeasured_places,
     unknown_frictions,
     transmissions,
+    inside,
     sensor_biases,
 )
 """Their order is that of the state vector, after the joints."""

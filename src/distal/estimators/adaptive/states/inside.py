@@ -1,0 +1,155 @@
+"""What moves inside a rig, unseen: the far side of a backlash, points of a cable in its sheath, the creep of a tendon."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.states.state import Begin, State
+from distal.model import Mechanism
+from distal.rig import Creep
+
+Floats = NDArray[np.float64]
+
+LEAST_TENSION = 1.0
+"""A tendon whose tension at the start nobody tells is taken to carry this [N]: it only says how unsure the start is."""
+
+
+@dataclass(frozen=True)
+class Inside(State):
+    """One number of the model's `inside`: it is a parameter that moves, `following` says how.
+
+    Args:
+        setup: the rig.
+        name: among the mechanism's parameters.
+    """
+
+    setup: Setup
+    name: str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The path, with the names of its parts: ``backlash_DRIVE``, ``sheath_TENDON_k``, ``creep_TENDON``."""
+        kind, index, *rest = self.name.split(".")
+        part = getattr(self.setup.mechanism.rig, kind)[int(index)].name
+        word = {"backlash": "backlash", "path": "sheath"}.get(rest[0], rest[0])
+        return (f"{word}_{part}" + (f"_{rest[-1]}" if rest[0] == "path" else ""),)
+
+    @property
+    def means(self) -> Floats:
+        """Zero; the first reading takes its place."""
+        return np.zeros(1)
+
+    @property
+    def stds(self) -> Floats:
+        """One at the least tension; see `first`."""
+        begin = self.first(Begin([0.0] * self.setup.n_drives, [0.0] * self.setup.n_drives))
+        assert begin is not None  # it always says
+        return np.array([float(ca.DM(begin[1]))])
+
+    def parameters(self, own: Any, p: Any) -> Any:
+        """Return the parameters with this number.
+
+        Args:
+            own: it.
+            p: the parameters so far, (n_p,).
+        """
+        changed = ca.SX(p)
+        changed[self.setup.mechanism.parameters.names.index(self.name)] = own[0]
+        return changed
+
+    def _value(self, path: str) -> float:
+        p = self.setup.mechanism.parameters
+        return float(p.values[p.names.index(path)]) if path in p.names else float(ca.DM(p[path]))
+
+    def _std(self, path: str) -> float:
+        p = self.setup.mechanism.parameters
+        return float(p.stds[p.names.index(path)]) if path in p.names else 0.0
+
+
+@dataclass(frozen=True)
+class Played(Inside):
+    """A far side of a backlash, or a point in a sheath [m, rad]."""
+
+    @property
+    def which(self) -> int:
+        """Its index among the mechanism's plays."""
+        return self.setup.mechanism.plays.index(self.name)
+
+    def first(self, begin: Begin) -> tuple[Any, Any]:
+        """Return where it is and how unsure that is: in the middle of where it can be.
+
+        Args:
+            begin: the first readings.
+        """
+        kind, at, *rest = self.name.split(".")
+        index, mechanism = int(at), self.setup.mechanism
+        if kind == "drives":
+            path = f"drives.{index}.backlash.width"
+            width = self._value(path) + 2 * self._std(path)
+            return begin.places[index], width / sqrt(12.0)
+        still = Mechanism(mechanism.rig)
+        p, q, tension = still.parameters, ca.SX.sym("q", still.n_bodies), ca.SX.sym("T")
+        sheath, point = still.sheath(index, q), int(rest[-1])
+        assert sheath is not None  # it has points
+        found = still.place(q).inside[self.which]
+        turned = ca.jacobian(found, q)[0, still.joint_of[index]]
+        joint = mechanism.rig.joints[still.joint_of[index]].initial
+        friction = (sheath.drawn**sheath.count - 1) * tension / sheath.stiffness
+        share = (2 * point + 1) / (2 * sheath.count)
+        spread = ca.sqrt((turned * joint.std) ** 2 + (share * friction) ** 2)
+        start = ca.vertcat(joint.value, *begin.places)
+        both = ca.Function("first", [q, tension, p.symbols], [found, spread])
+        place, unsure = both(start, _tension(mechanism, index, begin), ca.DM(p.values))
+        return place, unsure
+
+
+@dataclass(frozen=True)
+class Strained(Inside):
+    """The slow part of a tendon's stretch [m]."""
+
+    @property
+    def which(self) -> int:
+        """Its index among the mechanism's strains."""
+        return self.setup.mechanism.strains.index(self.name)
+
+    def first(self, begin: Begin) -> tuple[Any, Any]:
+        """Return what of it has come, ``settled`` of γ T/k, and how unsure that is.
+
+        Args:
+            begin: the first readings.
+        """
+        _, at, kind, _ = self.name.split(".")
+        index, path = int(at), self.name.rpartition(".")[0]
+        creep: Creep = getattr(self.setup.mechanism.rig.tendons[index], kind)
+        share, sure = self._value(f"{path}.share"), self._std(f"{path}.share")
+        stretch = _tension(self.setup.mechanism, index, begin) / self._value(f"tendons.{index}.stiffness")
+        spread = float(np.hypot(share * creep.settled.std, sure * creep.settled.value))
+        return creep.settled.value * share * stretch, spread * stretch
+
+
+def _tension(mechanism: Mechanism, tendon: int, begin: Begin) -> Any:
+    """Return a tendon's tension at the first sample as far as its drive tells it [N]."""
+    part, drive = mechanism.rig.tendons[tendon], mechanism.drive_of[tendon] - mechanism.n_joints
+    capstan = mechanism.rig.drives[drive]
+    lever = capstan.radius.value if capstan.kind == "capstan" else 1.0
+    shared = sum(each.drive == part.drive for each in mechanism.rig.tendons)
+    told = begin.efforts[drive] / lever / shared * (part.side if capstan.kind == "capstan" else 1)
+    return ca.fmax(told + part.pretension.value, LEAST_TENSION)
+
+
+def inside(setup: Setup) -> Sequence[State]:
+    """Return a block for everything that moves inside the rig.
+
+    Args:
+        setup: the rig.
+    """
+    mechanism = setup.mechanism
+    return [Played(setup, name) for name in mechanism.plays] + [Strained(setup, name) for name in mechanism.strains]

@@ -1,0 +1,160 @@
+"""What moves inside a rig, unseen: the far side of a backlash, points of a cable in its sheath. Each is a play.
+
+All of them are massless and held by friction: p⁺ = clip(p, a, b) with bounds a and b that the rest of the rig moves
+(the play operator; Visintin, Differential Models of Hysteresis, 1994). Their forces are then in balance at every time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+NEWTON_STEPS = 3
+"""Steps to the place at which tendons balance: their pull is made of straight lines, with a bend where one goes slack."""
+
+SOFTEST = 1e-9
+"""Stiffness that slack tendons are taken to have, so that nothing is divided by zero [N/m, N m/rad]."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Between which places something inside stays as it is.
+
+    Args:
+        low: it is pushed up to this.
+        high: it is pushed down to this.
+    """
+
+    low: Any
+    high: Any
+
+    @property
+    def middle(self) -> Any:
+        """Return the place halfway: where it is taken to be if nobody remembers."""
+        return (self.low + self.high) / 2
+
+    def hold(self, place: Any) -> Any:
+        """Return clip(p, a, b).
+
+        Args:
+            place: p before.
+        """
+        return ca.fmin(ca.fmax(place, self.low), self.high)
+
+
+def gap(place: Any, width: Any) -> Bounds:
+    """Return the bounds of a backlash: half its width to both sides of what drives it.
+
+    Args:
+        place: of the near side [m, rad].
+        width: from one end of the gap to the other.
+    """
+    return Bounds(place - width / 2, place + width / 2)
+
+
+def balanced(place: Any, bounds: Bounds, pull: Callable[[Any], tuple[Any, Any]], friction: Any = 0) -> Any:
+    """Return where the far side of a backlash comes to rest within its gap: where its tendons' pull is at most its friction.
+
+    Newton's steps p ← clip(p − soft(g(p), F)/g'(p)) of a pull g that grows with p.
+
+    Args:
+        place: before.
+        bounds: of the gap.
+        pull: place → (g, g'): what the tendons pull it back with, and its slope.
+        friction: F that holds it.
+    """
+    now = bounds.hold(place)
+    for _ in range(NEWTON_STEPS):
+        force, slope = pull(now)
+        left = ca.fmax(force - friction, 0) + ca.fmin(force + friction, 0)
+        now = bounds.hold(now - left / (slope + SOFTEST))
+    return now
+
+
+@dataclass(frozen=True)
+class Sheath:
+    """A cable in its sheath, as springs in series with points of friction between them.
+
+    With N points the springs at the ends have stiffness 2 N k and those between N k, so that all together have k; at each
+    point the tensions of its sides are within e^{±μβ/N} of each other (the capstan equation).
+
+    Args:
+        stiffness: of the whole cable, k [N/m].
+        drawn: e^{μβ/N} as it is drawn in.
+        let_out: the same as it is let out.
+        count: points, N.
+    """
+
+    stiffness: Any
+    drawn: Any
+    let_out: Any
+    count: int
+
+    def springs(self) -> list[Any]:
+        """Return the stiffness of each stretch of the cable, from the drive to the joint, (N + 1,) [N/m]."""
+        ends, between = 2 * self.count * self.stiffness, self.count * self.stiffness
+        return [ends, *([between] * (self.count - 1)), ends]
+
+    def bounds(self, point: int, before: Any, after: Any) -> Bounds:
+        """Return the bounds of a point between its neighbours.
+
+        It is drawn in where k₁ (l − m) > e k₂ (m − r), and let out where k₂ (m − r) > e k₁ (l − m).
+
+        Args:
+            point: its index, from the drive.
+            before: displacement of the neighbour towards the drive, l [m].
+            after: of the one towards the joint, r [m].
+        """
+        springs = self.springs()
+        near, far = springs[point], springs[point + 1]
+        drawn = (near * before + self.drawn * far * after) / (near + self.drawn * far)
+        let_out = (self.let_out * near * before + far * after) / (self.let_out * near + far)
+        # a cable that is slack lies anywhere between its ends
+        return Bounds(ca.fmin(drawn, let_out), ca.fmax(drawn, let_out))
+
+    def settled(self, points: list[Any], drive: Any, joint: Any) -> list[Any]:
+        """Return where the points come to rest, by sweeps from end to end and back.
+
+        Args:
+            points: their displacements before, (N,) [m].
+            drive: displacement of the drive's end [m].
+            joint: of the joint's end [m].
+        """
+        now = list(points)
+        for point in self.order():
+            before = drive if point == 0 else now[point - 1]
+            after = joint if point == self.count - 1 else now[point + 1]
+            now[point] = self.bounds(point, before, after).hold(now[point])
+        return now
+
+    def order(self) -> list[int]:
+        """Return the points in the order in which they are settled, from the drive to the joint and back, N times."""
+        there = list(range(self.count))
+        sweeps = there + there[-2::-1]
+        for _ in range(self.count - 1):
+            sweeps += there[1:] + there[-2::-1]
+        return sweeps
+
+    def middle(self, drive: Any, joint: Any) -> list[Any]:
+        """Return displacements of the points at which the tension is the same all along, (N,) [m].
+
+        Args:
+            drive: displacement of the drive's end [m].
+            joint: of the joint's end [m].
+        """
+        return [drive + (joint - drive) * (2 * i + 1) / (2 * self.count) for i in range(self.count)]
+
+    def tensions(self, points: list[Any], drive: Any, joint: Any) -> tuple[Any, Any]:
+        """Return the tensions at the drive and at the joint [N].
+
+        Args:
+            points: displacements, (N,) [m].
+            drive: displacement of the drive's end [m].
+            joint: of the joint's end [m].
+        """
+        springs = self.springs()
+        near, far = springs[0] * (drive - points[0]), springs[-1] * (points[-1] - joint)
+        return ca.fmax(near, 0), ca.fmax(far, 0)
