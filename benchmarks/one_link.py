@@ -1,27 +1,25 @@
 """A plant of one link between two position-controlled tendons, with one of the parts that real rigs have.
 
-It shares no code with `distal.model`: RK4 at 0.1 ms (0.5 ms with a cable) in NumPy; creep as a differential equation; a sheath as a cable of
-`POINTS` massless points, solved by an active set at every stage; backlash by cases.
+It shares no code with `distal.model`: RK4 at 0.1 ms (0.5 ms with a cable) in NumPy; creep as a differential equation; a sheath as a
+cable of many points (`benchmarks/cable.py`); backlash by cases.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import cos, exp, pi, sin, sqrt
+from math import cos, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
 
+from benchmarks.cable import Cable
 from distal import Log
 
 Floats = NDArray[np.float64]
 
 RADIUS, STIFFNESS, INERTIA, DAMPING = 0.01, 2000.0, 2e-4, 6e-3
 RATE, STEP, STEP_WITH_CABLE = 100.0, 1e-4, 5e-4
-POINTS = 16
-"""Points of a cable."""
 
 
 def part_of(values: Mapping[str, Any], path: str) -> dict[str, float]:
@@ -33,54 +31,6 @@ def part_of(values: Mapping[str, Any], path: str) -> dict[str, float]:
         elif key.startswith(path + "."):
             found[key.removeprefix(path + ".")] = value
     return found
-
-
-class Cable:
-    """A cable of many points in a sheath; tension is in every stretch, at most e^{±μβ/N} from the next."""
-
-    def __init__(self, friction: float, wrap: float, let_out: float = 1.0, nodes: int = 0) -> None:
-        self.drawn, self.out = exp(friction * wrap / POINTS), exp(friction * wrap * let_out / POINTS)
-        self.springs = np.array([2 * POINTS, *[POINTS] * (POINTS - 1), 2 * POINTS]) * STIFFNESS
-        self.points: Any = None
-
-    def settle(self, drive: float, joint: float) -> None:
-        """Let the points slide, and keep where they come to rest."""
-        self.points, self.sliding = self.settled(drive, joint)
-
-    def settled(self, drive: float, joint: float) -> tuple[Floats, Any]:
-        """Return where the points come to rest: no two stretches differ by more than friction holds; an active set."""
-        n, springs = POINTS, self.springs
-        if self.points is None:
-            self.points, self.sliding = drive + (joint - drive) * (np.arange(n) + 0.5) / n, np.zeros(n, dtype=int)
-        sliding = self.sliding
-        for _ in range(60):
-            # a point is held where it was, drawn in (near = e far), or let out (far = e near)
-            slack = drive <= joint
-            near = np.where(sliding == 0, 0.0, np.where((sliding > 0) | slack, 1.0, self.out)) * springs[:-1]
-            far = np.where(sliding == 0, 0.0, np.where((sliding < 0) | slack, 1.0, self.drawn)) * springs[1:]
-            own = np.where(sliding == 0, 1.0, near + far)
-            right = np.where(sliding == 0, self.points, 0.0)
-            right[0] += near[0] * drive
-            right[-1] += far[-1] * joint
-            bands = np.zeros((3, n))
-            bands[0, 1:], bands[1], bands[2, :-1] = -far[:-1], own, -near[1:]
-            moved = solve_banded((1, 1), bands, right, check_finite=False)
-            line = np.concatenate([[drive], moved, [joint]])
-            pulls = springs * (line[:-1] - line[1:])
-            wanted = np.where(pulls[:-1] > self.drawn * pulls[1:] + 1e-9, 1, 0)
-            wanted = np.where(pulls[1:] > self.out * pulls[:-1] + 1e-9, -1, wanted)
-            wanted = np.where(sliding == 0, wanted, sliding)
-            # what would slide back is held
-            wanted = np.where((sliding * (moved - self.points) < -1e-12) & (sliding != 0), 0, wanted)
-            if np.array_equal(wanted, sliding):
-                break
-            sliding = wanted
-        return moved, sliding
-
-    def tensions(self, drive: float, joint: float) -> tuple[float, float]:
-        """Return the tensions at the drive and at the joint."""
-        points, _ = self.settled(drive, joint)
-        return max(float(self.springs[0] * (drive - points[0])), 0.0), max(float(self.springs[-1] * (points[-1] - joint)), 0.0)
 
 
 def springs_torque(values: Mapping[str, Any], angle: float) -> float:
@@ -107,7 +57,8 @@ class Link:
         self.gap = part_of(values, "drives.0.backlash")
         self.joint_gap = part_of(values, "joints.0.backlash").get("width", 0.0)
         sheath = part_of(values, "tendons.0.path")
-        self.cable = Cable(**sheath) if sheath else None
+        sheath.pop("nodes", None)
+        self.cable = Cable(STIFFNESS, **sheath) if sheath else None
         self.far_side: float | None = None
 
     def tensions(self, left: float, right: float, angle: float, crept: float) -> tuple[float, float, float]:

@@ -14,7 +14,7 @@ from distal.estimators.contract import KernelEstimator
 from distal.estimators.kalman import predict_covariance, update
 from distal.kernels import Kernel
 from distal.model import Mechanism, substeps, tangent_step
-from distal.rig import Rig, angle_names, effort_unit, position_unit, speed_names, tendon_angle_name
+from distal.rig import Rig, angle_names, effort_unit, gain_of, position_unit, speed_names, tendon_angle_name
 from distal.sensors import systematic_variance, variance
 
 Floats = NDArray[np.float64]
@@ -110,7 +110,8 @@ def expected_measurements(mechanism: Mechanism, measured: list[Any], q: Any, v: 
             body = mechanism.n_joints + drives.index(sensor.of)
             expected.append(q[body] + sensor.bias.value)
         else:
-            expected.append(mechanism.tensions(q, v)[tendons.index(sensor.of)] + sensor.bias.value)
+            tension = mechanism.tensions(q, v)[tendons.index(sensor.of)]
+            expected.append(sensor.gain.value * tension + sensor.bias.value)
     return ca.vertcat(*expected)
 
 
@@ -160,7 +161,7 @@ class FullStateFilter(KernelEstimator):
                 sensor = sensor_for(sensors, drive.name)
                 if sensor is not None:
                     k = channels.names.index(sensor.name)
-                    target[at] = ca.if_else(mask[k] > 0, values[k] - sensor.bias.value, target[at])
+                    target[at] = ca.if_else(mask[k] > 0, (values[k] - sensor.bias.value) / gain_of(sensor).value, target[at])
         return ca.Function("prior", [values, mask], [mean, ca.SX(ca.DM(self._noise.initial)), pulls])
 
 

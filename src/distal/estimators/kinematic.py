@@ -10,7 +10,7 @@ from distal.estimators.channels import Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
 from distal.kernels import Kernel
 from distal.model import Mechanism
-from distal.rig import Rig, angle_names, tendon_angle_name
+from distal.rig import Rig, angle_names, gain_of, tendon_angle_name
 from distal.sensors import systematic_variance, variance
 
 Floats = NDArray[np.float64]
@@ -54,7 +54,7 @@ def kinematic_function(
         positions[i] = ca.if_else(mask[j], values[j] - sensor.bias.value, drives[i])
     for sensor in channels.forces:
         i, j = places.index(sensor.of), channels.names.index(sensor.name)
-        read = values[j] - sensor.bias.value
+        read = (values[j] - sensor.bias.value) / gain_of(sensor).value
         filtered[i] = ca.if_else(mask[j], read + forget * (pulls[i] - read), pulls[i])
     q = ca.vertcat(mean[:nj], *positions)
     angles = []

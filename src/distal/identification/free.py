@@ -7,6 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 
+STEPPING = 1e-3
+"""Share of a value that the model's time step and the lines between samples leave uncertain, however long the logs."""
+
+POINTS = 0.04
+"""Share of a sheath's friction that one point in place of the whole cable leaves uncertain; N points leave an Nth of it
+(`python -m benchmarks.parts`)."""
+
+
 @dataclass(frozen=True)
 class Free:
     """A number that is varied, or several that are varied by a common factor.
@@ -26,6 +34,7 @@ class Free:
         per_log: whether each log has its own.
         noise: whether it is a noise, no parameter.
         kept_by_file: whether a fitted file keeps the start where less was found.
+        coarse: share of its value that the model itself leaves uncertain, however long the logs.
     """
 
     name: str
@@ -40,6 +49,7 @@ class Free:
     per_log: bool = False
     noise: bool = False
     kept_by_file: bool = False
+    coarse: float = STEPPING
 
     @property
     def start(self) -> float:
@@ -123,4 +133,6 @@ def prior_changes(path: str) -> bool:
     Args:
         path: of the number.
     """
-    return path.startswith("sensors.") or path.endswith((".initial", "external_torque.std", "hysteresis.error"))
+    return path.startswith("sensors.") or path.endswith(
+        (".initial", "external_torque.std", "hysteresis.error", "creep.share", "creep.settled")
+    )

@@ -11,7 +11,7 @@ import numpy as np
 from distal.errors import FitError, RigError
 from distal.estimators import Robustness, channels_of
 from distal.estimators.adaptive import Setup, uncertain_parameters
-from distal.identification.free import Free
+from distal.identification.free import POINTS, Free
 from distal.model import Mechanism
 from distal.rig import Number, Rig, Sensor, number
 
@@ -74,7 +74,18 @@ def choose(
             f"{rig.name}: no parameter that shows in these sensors has a std, so there is nothing to fit; give the "
             "unknown ones one (--set joints.0.friction.coefficient.std=0.1) or name them with --free"
         )
-    return tuple(free)
+    return tuple(_coarse(rig, part) for part in free)
+
+
+def _coarse(rig: Rig, part: Free) -> Free:
+    """Return what is varied with what the points of a sheath leave uncertain of its friction."""
+    for path in part.paths:
+        kind, index, *rest = path.split(".")
+        if kind == "tendons" and rest[0] == "path":
+            along = rig.tendons[int(index)].path
+            if along is not None and along.nodes > 0:
+                return replace(part, coarse=POINTS / along.nodes)
+    return part
 
 
 def _uncertain(rig: Rig, references: Sequence[Sensor], per_log: Sequence[str], several: bool) -> list[Free]:
@@ -118,10 +129,11 @@ def _common_name(paths: Sequence[str]) -> str:
 
 
 def _biases(rig: Rig, several: bool) -> list[Free]:
-    """Return the offsets of the sensors that estimators read, where they have a std."""
-    read = [f"sensors.{i}.bias" for i, sensor in enumerate(rig.sensors) if sensor.measures != "angle"]
-    numbers = [number(rig, path) for path in read]
-    return [_free(one.path, [one], several) for one in numbers if one.std > 0.0 and not one.hold]
+    """Return the offsets and gains of the sensors that estimators read, where they have a std; gains are no log's own."""
+    read = [(i, sensor) for i, sensor in enumerate(rig.sensors) if sensor.measures != "angle"]
+    numbers = [(number(rig, f"sensors.{i}.bias"), several) for i, _ in read]
+    numbers += [(number(rig, f"sensors.{i}.gain"), False) for i, sensor in read if sensor.measures != "position"]
+    return [_free(one.path, [one], own) for one, own in numbers if one.std > 0.0 and not one.hold]
 
 
 def _held(rig: Rig) -> list[str]:

@@ -16,9 +16,6 @@ Floats = NDArray[np.float64]
 IDENTIFIED = 0.9
 """A parameter whose standard error is above this share of its prior's std is not identified by the logs."""
 
-STEPPING = 1e-3
-"""Share of a value that the model's time step and the lines between samples leave uncertain, however long the logs."""
-
 VAGUE = 0.5
 """The same for one without a prior: standard error as a share of its value."""
 
@@ -35,7 +32,7 @@ class Uncertainty:
 
     Args:
         covariance: of the coordinates' errors, (n, n): H⁻¹ (J + P) H⁻¹ with H = I + P, I Fisher's information, P the
-            prior's and J the long-run covariance of the scores, but no less than H⁻¹; `STEPPING` added.
+            prior's and J the long-run covariance of the scores, but no less than H⁻¹; what is `Free.coarse` added.
         identified: whether the logs say more of each coordinate than its prior, (n,).
         combinations: plain lines on combinations that the logs do not tell.
     """
@@ -75,7 +72,7 @@ def uncertainty_at(derivatives: Derivatives, z: Floats, parts: Sequence[tuple[Fr
     covariance = np.where(np.eye(n) > 0, np.maximum(np.diag(sandwich), np.diag(inverse)), 0.0)
     scale = np.sqrt(np.diag(covariance) / np.maximum(np.diag(inverse), 1e-300))
     covariance = inverse * np.outer(scale, scale)
-    numeric = [STEPPING * abs(part.value(c)) / max(part.slope(c), 1e-300) for (part, _), c in zip(parts, z)]
+    numeric = [part.coarse * abs(part.value(c)) / max(part.slope(c), 1e-300) for (part, _), c in zip(parts, z)]
     covariance += np.diag(np.square(numeric))
     # what is known after a log is no less than what was known before it
     limit = np.array([part.spread if part.has_prior else np.inf for part, _ in parts])

@@ -14,7 +14,7 @@ from distal.errors import RigError
 from distal.rig import Parameter, Rig
 
 # not part of the equations of motion: the start, and what stands in for a missing force sensor
-_NOT_DYNAMIC = frozenset({"initial", "nominal_force"})
+_NOT_DYNAMIC = frozenset({"initial", "nominal_force", "settled"})
 
 NEUTRAL = (".exponent", ".let_out")
 """Parameters that change nothing where they are exactly one."""

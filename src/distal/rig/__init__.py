@@ -29,7 +29,7 @@ from distal.rig.numbers import Number, number
 from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import LogFormat, Rig, Stepping
-from distal.rig.sensors import Sensor, SensorBase, log_factor
+from distal.rig.sensors import Sensor, SensorBase, gain_of, log_factor
 from distal.rig.tendons import Creep, Linkage, Path, Pinned, Pulley, Tendon
 from distal.rig.validation import validated
 
@@ -71,6 +71,7 @@ __all__ = [
     "edited_text",
     "effort_unit",
     "factors",
+    "gain_of",
     "load_rig",
     "log_factor",
     "number",

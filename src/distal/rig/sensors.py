@@ -125,6 +125,9 @@ class ForceSensor(SensorBase):
     )
     resolution: Annotated[float, In("N", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
     bias: Annotated[Parameter, In("N")] = Field(Parameter(value=0.0), description="constant offset")
+    gain: Annotated[Parameter, In("", "positive", drifts=False)] = Field(
+        Parameter(value=1.0), description="what it reads for one newton, beside its offset"
+    )
 
 
 class TorqueSensor(SensorBase):
@@ -146,6 +149,9 @@ class TorqueSensor(SensorBase):
     )
     resolution: Annotated[float, In("N m", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
     bias: Annotated[Parameter, In("N m")] = Field(Parameter(value=0.0), description="constant offset")
+    gain: Annotated[Parameter, In("", "positive", drifts=False)] = Field(
+        Parameter(value=1.0), description="what it reads for one newton metre, beside its offset"
+    )
 
     @classmethod
     def _counting(cls, raw: Mapping[str, Any]) -> tuple[str, float] | None:
@@ -173,6 +179,15 @@ class TorqueSensor(SensorBase):
 
 
 Sensor = Annotated[LengthSensor | AngleSensor | ForceSensor | TorqueSensor, Field(discriminator="si")]
+
+
+def gain_of(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) -> Parameter:
+    """Return what a sensor reads for one unit of what it measures; exactly 1 for displacements and angles.
+
+    Args:
+        sensor: which.
+    """
+    return sensor.gain if isinstance(sensor, (ForceSensor, TorqueSensor)) else Parameter(value=1.0)
 
 
 def log_factor(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) -> float:

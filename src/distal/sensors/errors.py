@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.rig import Sensor
+from distal.rig import Sensor, gain_of
 
 Floats = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ def linearity_curve(x: Floats, low: float, high: float, largest: float, rng: np.
 
 
 def measure(sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.random.Generator) -> Floats:
-    """Return what a sensor reads: true value, plus linearity, bias and noise, rounded to its resolution.
+    """Return what a sensor reads: gain times true value, plus linearity, bias and noise, rounded to its resolution.
 
     Args:
         sensor: its description.
@@ -50,7 +50,7 @@ def measure(sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.r
         rng: draws the curve and the noise; the same draws are made whatever is switched off.
     """
     curve_rng, noise_rng = rng.spawn(2)
-    read = true + sensor.bias.value
+    read = gain_of(sensor).value * true + sensor.bias.value
     low, high = travel
     if sensor.linearity > 0.0 and high > low:
         read = read + linearity_curve(true, low, high, sensor.linearity, curve_rng)

@@ -134,7 +134,7 @@ def tracking(states: StateVector) -> ca.Function:
         reading, there, witness = setup.value(x, sensor), setup.mask(x, sensor), None
         if force is not None and setup.robustness.guards_displacements:
             friction = limits[nj + i] + states.friction(i, mean)
-            pull = pulls[nj + i] + states.force(i, mean) + states.sensor_error(force, mean)
+            pull = pulls[nj + i] + states.force(i, mean) + states.sensor_error(force, setup.value(x, force), mean)
             spread = setup.noise(force) + friction**2 + (UNSURE_PULL * pull) ** 2
             transmitted = states.transmitted(i)
             if transmitted is not None:  # the play takes up as much as its limit

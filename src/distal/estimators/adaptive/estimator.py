@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,7 +24,7 @@ from distal.estimators.discrepancy import corrected_function, first_memory, memo
 from distal.kernels import Kernel
 from distal.logs import frozen
 from distal.model import RESOLUTION, Mechanism, joint_frequency
-from distal.rig import Discrepancy, Rig, Sensor
+from distal.rig import Discrepancy, Rig, Sensor, gain_of
 
 Floats = NDArray[np.float64]
 
@@ -115,7 +116,7 @@ class AdaptiveFilter(KernelEstimator):
 
         def read(sensor: Sensor, otherwise: float) -> ca.SX:
             k = names.index(sensor.name)
-            return ca.if_else(mask[k] > 0, values[k] - sensor.bias.value, otherwise)
+            return ca.if_else(mask[k] > 0, (values[k] - sensor.bias.value) / gain_of(sensor).value, otherwise)
 
         mean, memory = ca.SX(ca.DM(states.means)), ca.SX.zeros((MEMORY + 1) * setup.n_drives)
         for i, drive in enumerate(self.rig.drives):
@@ -127,8 +128,7 @@ class AdaptiveFilter(KernelEstimator):
                 at = transmitted[0]
                 mean[at] = read(effort, float(states.means[at]))
         variances = ca.SX(ca.DM(states.stds**2))
-        sensors = [(setup.position_sensor(i), setup.force_sensor(i)) for i in range(setup.n_drives)]
-        begin = Begin(*([0.0 if one is None else read(one, 0.0) for one in each] for each in zip(*sensors)))
+        begin = _begin(setup, read)
         for block in states.blocks:
             first = block.first(begin)
             if first is not None:
@@ -226,3 +226,15 @@ class AdaptiveFilter(KernelEstimator):
             states = StateVector(changed, (lambda _: kept,))
         other._states = states
         return other
+
+
+def _begin(setup: Setup, read: Callable[[Sensor, float], Any]) -> Begin:
+    """Return what is read at the first sample; `read` gives a sensor's value, or what it is given where that is missing."""
+    drives, cells = range(setup.n_drives), {sensor.of: sensor for sensor in setup.channels.tensions}
+    positions, forces = [setup.position_sensor(i) for i in drives], [setup.force_sensor(i) for i in drives]
+    tensions = [cells.get(tendon.name) for tendon in setup.mechanism.rig.tendons]
+    return Begin(
+        [0.0 if sensor is None else read(sensor, 0.0) for sensor in positions],
+        [None if sensor is None else read(sensor, 0.0) for sensor in forces],
+        [None if sensor is None else read(sensor, 0.0) for sensor in tensions],
+    )

@@ -81,18 +81,21 @@ def rows_of(states: StateVector, state: Any, tracks: Tracks, rates: Any, x: Any)
             damped = dampings[body] * rates[i]
             rows.append(Row(sensor.name, state[transmitted[0]] - (expected - damped), TIE**2 * own + spread, mask))
             continue
-        residual = setup.value(x, sensor) - expected - states.sensor_error(sensor, state)
+        read = setup.value(x, sensor)
+        residual = read - expected - states.sensor_error(sensor, read, state)
         rows.append(Row(sensor.name, residual, own + spread, mask, *friction))
     tendons = [tendon.name for tendon in mechanism.rig.tendons]
     for sensor in setup.channels.tensions:
         t = tendons.index(sensor.of)
         body = mechanism.drive_of[t]
         own = setup.noise(sensor) + tension_slopes[t, body] ** 2 * tracks[body - nj].variance
-        residual = setup.value(x, sensor) - tensions[t] - states.sensor_error(sensor, state)
+        read = setup.value(x, sensor)
+        residual = read - tensions[t] - states.sensor_error(sensor, read, state)
         rows.append(Row(sensor.name, residual, own, setup.mask(x, sensor)))
     joints = [joint.name for joint in mechanism.rig.joints]
     for sensor in setup.channels.angles:
-        residual = setup.value(x, sensor) - state[joints.index(sensor.of)] - states.sensor_error(sensor, state)
+        read = setup.value(x, sensor)
+        residual = read - state[joints.index(sensor.of)] - states.sensor_error(sensor, read, state)
         rows.append(Row(sensor.name, residual, setup.noise(sensor), setup.mask(x, sensor), trusted=True))
     # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
     names = [sensor.name for sensor in setup.channels.compared]

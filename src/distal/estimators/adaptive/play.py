@@ -116,7 +116,7 @@ def play_function(states: StateVector, drive: int) -> ca.Function:
     slope = ca.densify(ca.jacobian(held, state))
     kept = smoothed_effort(setup, block, remembered, x)
     # what the effort has beyond the transmission's own: the sensor's error, and the drive's damping
-    error = states.sensor_error(block.sensor, state) + dampings[nj + drive] * rates[drive]
+    error = states.sensor_error(block.sensor, kept, state) + dampings[nj + drive] * rates[drive]
     effort = kept - error
     share = reading_weight(block)
     left = share / (2 - share) * setup.noise(block.sensor)

@@ -10,7 +10,7 @@ import numpy as np
 from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.channels import Channels, sensor_for
 from distal.model import Mechanism
-from distal.rig import Sensor
+from distal.rig import Sensor, gain_of
 
 
 @dataclass(frozen=True)
@@ -59,13 +59,15 @@ class Setup:
         return sensor_for(self.channels.forces, self.mechanism.rig.drives[drive].name)
 
     def value(self, x: Any, sensor: Sensor) -> Any:
-        """Return what a sensor reads in a sample, its known offset taken away; 0 less that where it is missing.
+        """Return what a sensor reads in a sample, without its known offset and gain; what 0 stands for where it is missing.
 
         Args:
             x: the sample.
             sensor: one of the channels.
         """
-        return x[1 + self.channels.names.index(sensor.name)] - self.offset(sensor)
+        reading = x[1 + self.channels.names.index(sensor.name)] - self.offset(sensor)
+        gain = self.number(f"{self.path(sensor)}.gain", gain_of(sensor).value)
+        return reading if isinstance(gain, float) and gain == 1.0 else reading / gain
 
     def mask(self, x: Any, sensor: Sensor) -> Any:
         """Return 1 where a sensor has a value in a sample, 0 where it is missing, else see `distal.estimators.gaps`.
@@ -110,6 +112,16 @@ class Setup:
             sensor: one of the rig's.
         """
         return 0.0 if f"{self.path(sensor)}.bias" in self.mechanism.parameters.given else float(sensor.bias.std)
+
+    def gain_std(self, sensor: Sensor) -> float:
+        """Return how unsure a sensor's gain is, as a share of it: nothing where it is an input of the filter (a fit).
+
+        Args:
+            sensor: one of the rig's.
+        """
+        gain = gain_of(sensor)
+        given = f"{self.path(sensor)}.gain" in self.mechanism.parameters.given
+        return 0.0 if given else float(gain.unsure / gain.value)
 
     def path(self, sensor: Sensor) -> str:
         """Return the path of a sensor in the description.

@@ -1,4 +1,4 @@
-"""The systematic error of a sensor of force, tension or angle."""
+"""The systematic errors of a sensor of force, tension or angle: its offset and its gain."""
 
 from __future__ import annotations
 
@@ -70,21 +70,62 @@ class SensorBias(State):
         drift = self.setup.number(f"{path}.drift", self.sensor.bias.drift or 0.0)
         return Fading(ca.exp(-dt * drift**2 / (2 * std**2)), std)
 
-    def sensor_error(self, sensor: Sensor, own: Any) -> Any:
+    def sensor_error(self, sensor: Sensor, reading: Any, own: Any) -> Any:
         """Return b where it is this sensor's.
 
         Args:
             sensor: which.
+            reading: what it reads.
             own: b.
         """
         return own[0] if sensor.name == self.sensor.name else 0
 
 
+@dataclass(frozen=True)
+class SensorGain(State):
+    """γ, by which share a sensor of force or tension reads too much; it stays.
+
+    Args:
+        setup: the rig.
+        sensor: whose gain it is.
+    """
+
+    setup: Setup
+    sensor: Sensor
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """``gain_SENSOR``."""
+        return (f"gain_{self.sensor.name}",)
+
+    @property
+    def means(self) -> Floats:
+        """None is expected beyond the known gain [1]."""
+        return np.zeros(1)
+
+    @property
+    def stds(self) -> Floats:
+        """The std of its `gain`, as a share of it [1]."""
+        return np.array([self.setup.gain_std(self.sensor)])
+
+    def sensor_error(self, sensor: Sensor, reading: Any, own: Any) -> Any:
+        """Return γ times the reading where it is this sensor's.
+
+        Args:
+            sensor: which.
+            reading: what it reads.
+            own: γ.
+        """
+        return own[0] * reading if sensor.name == self.sensor.name else 0
+
+
 def sensor_biases(setup: Setup) -> list[State]:
-    """Return a block for each compared sensor that errs systematically.
+    """Return a block for the offset and one for the gain of each compared sensor that errs systematically in them.
 
     Args:
         setup: the rig.
     """
-    blocks = [SensorBias(setup, sensor) for sensor in setup.channels.compared]
+    sensors = setup.channels.compared
+    blocks: list[State] = [SensorBias(setup, sensor) for sensor in sensors]
+    blocks += [SensorGain(setup, sensor) for sensor in sensors]
     return [block for block in blocks if block.stds[0] > 0.0]

@@ -19,7 +19,10 @@ from distal.rig import Creep
 Floats = NDArray[np.float64]
 
 LEAST_TENSION = 1.0
-"""A tendon whose tension at the start nobody tells is taken to carry this [N]: it only says how unsure the start is."""
+"""A tendon is taken to carry this at the start where it reads less [N]: it only says how unsure the start is."""
+
+UNKNOWN_TENSION = 10.0
+"""The same for one whose tension nobody tells, neither sensor nor pretension."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +52,9 @@ class Inside(State):
 
     @property
     def stds(self) -> Floats:
-        """One at the least tension; see `first`."""
-        begin = self.first(Begin([0.0] * self.setup.n_drives, [0.0] * self.setup.n_drives))
+        """As where nothing is read; see `first`."""
+        n, nt = self.setup.n_drives, self.setup.mechanism.n_tendons
+        begin = self.first(Begin([0.0] * n, [None] * n, [None] * nt))
         assert begin is not None  # it always says
         return np.array([float(ca.DM(begin[1]))])
 
@@ -138,11 +142,15 @@ class Strained(Inside):
 def _tension(mechanism: Mechanism, tendon: int, begin: Begin) -> Any:
     """Return a tendon's tension at the first sample as far as its drive tells it [N]."""
     part, drive = mechanism.rig.tendons[tendon], mechanism.drive_of[tendon] - mechanism.n_joints
-    capstan = mechanism.rig.drives[drive]
-    lever = capstan.radius.value if capstan.kind == "capstan" else 1.0
-    shared = sum(each.drive == part.drive for each in mechanism.rig.tendons)
-    told = begin.efforts[drive] / lever / shared * (part.side if capstan.kind == "capstan" else 1)
-    return ca.fmax(told + part.pretension.value, LEAST_TENSION)
+    read, effort, capstan = begin.tensions[tendon], begin.efforts[drive], mechanism.rig.drives[drive]
+    if read is None and effort is not None:
+        lever = capstan.radius.value if capstan.kind == "capstan" else 1.0
+        shared = sum(each.drive == part.drive for each in mechanism.rig.tendons)
+        told = effort / lever / shared * (part.side if capstan.kind == "capstan" else 1)
+        read = told + part.pretension.value * (1 - 1 / shared)
+    if read is None:
+        return part.pretension.value or abs(capstan.nominal_force.value) or UNKNOWN_TENSION
+    return ca.fmax(read, LEAST_TENSION)
 
 
 def inside(setup: Setup) -> Sequence[State]:

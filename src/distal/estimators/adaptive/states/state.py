@@ -39,11 +39,13 @@ class Begin:
 
     Args:
         places: of the drives, 0 where nothing is read, (n_drives,) [m, rad].
-        efforts: forces or torques of the drives, 0 where nothing is read, (n_drives,).
+        efforts: forces or torques of the drives, (n_drives,); None where no sensor is.
+        tensions: of the tendons, (n_tendons,) [N]; None where no sensor is.
     """
 
     places: Sequence[Any]
-    efforts: Sequence[Any]
+    efforts: Sequence[Any | None]
+    tensions: Sequence[Any | None]
 
 
 class State(ABC):
@@ -155,11 +157,12 @@ class State(ABC):
         """
         return 0
 
-    def sensor_error(self, sensor: Sensor, own: Any) -> Any:
+    def sensor_error(self, sensor: Sensor, reading: Any, own: Any) -> Any:
         """Return what it adds to the reading of a sensor of force, tension or angle.
 
         Args:
             sensor: which.
+            reading: what it reads.
             own: its numbers, symbolic, (k,).
         """
         return 0

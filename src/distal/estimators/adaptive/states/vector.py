@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.setup import Setup
-from distal.estimators.adaptive.states.bias import SensorBias, sensor_biases
+from distal.estimators.adaptive.states.bias import SensorBias, SensorGain, sensor_biases
 from distal.estimators.adaptive.states.external_torque import external_torques
 from distal.estimators.adaptive.states.friction import unknown_frictions
-from distal.estimators.adaptive.states.inside import inside
+from distal.estimators.adaptive.states.inside import Strained, inside
 from distal.estimators.adaptive.states.joint import JointMotion
 from distal.estimators.adaptive.states.linearity import Linearity, linearities
 from distal.estimators.adaptive.states.parameter import UncertainParameter, uncertain_parameters
@@ -37,11 +37,11 @@ KINDS: tuple[Kind, ...] = (
 """Their order is that of the state vector, after the joints."""
 
 
-LASTING = (UncertainParameter, Linearity, SensorBias)
+LASTING = (UncertainParameter, Linearity, SensorBias, SensorGain)
 """Blocks that are numbers of the rig or its sensors; the others are meant to move."""
 
 
-SLOW = (UncertainParameter,)
+SLOW = (UncertainParameter, Strained)
 """Blocks that forces and tensions change slowly: see `Robustness.learning_time`."""
 
 
@@ -179,14 +179,15 @@ class StateVector:
         """
         return sum((block.force(drive, self.own(block, state)) for block in self.blocks), ca.SX(0))
 
-    def sensor_error(self, sensor: Sensor, state: Any) -> Any:
+    def sensor_error(self, sensor: Sensor, reading: Any, state: Any) -> Any:
         """Return what is added to the reading of a sensor of force, tension or angle.
 
         Args:
             sensor: which.
+            reading: what it reads.
             state: (n,).
         """
-        return sum((block.sensor_error(sensor, self.own(block, state)) for block in self.blocks), ca.SX(0))
+        return sum((block.sensor_error(sensor, reading, self.own(block, state)) for block in self.blocks), ca.SX(0))
 
     def transmitted(self, drive: int) -> tuple[int, Transmitted] | None:
         """Return index and block of what a drive's play passes on, None where it has no play.
