@@ -60,4 +60,6 @@ class Cable:
     def tensions(self, drive: float, joint: float) -> tuple[float, float]:
         """Return the tensions at the drive and at the joint."""
         points, _ = self.settled(drive, joint)
-        return max(float(self.springs[0] * (drive - points[0])), 0.0), max(float(self.springs[-1] * (points[-1] - joint)), 0.0)
+        return max(float(self.springs[0] * (drive - points[0])), 0.0), max(
+            float(self.springs[-1] * (points[-1] - joint)), 0.0
+        )

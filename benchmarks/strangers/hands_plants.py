@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from benchmarks.cable import Cable
 from benchmarks.strangers.library import Log, Rig, build_rig
+from distal.logs import FROM_SENSOR
 
 Floats = NDArray[np.float64]
 
@@ -113,7 +114,9 @@ def bowden_log(seed: int, kind: str, duration: float = DURATION) -> Log:
     counted = step * np.round(turn / step)
     channels = {"motor": counted, "current": TORQUE_CONSTANT * GEAR * current}
     theta = angles + encoder + np.deg2rad(0.03) * rng.normal(size=len(turn))
-    return Log(time, channels, {"theta": theta}, f"finger {kind} {seed}")
+    return Log(
+        time, channels, {"theta": theta}, f"finger {kind} {seed}", FROM_SENSOR if kind == "calibration" else "the plant"
+    )
 
 
 def bowden_rig() -> Rig:
@@ -225,7 +228,9 @@ def ropes_log(seed: int, kind: str, duration: float = DURATION) -> Log:
         measured[f"{name}_cell"] = gain * cells[name] + 0.03 * rng.normal(size=len(mean))
     time = np.arange(len(mean)) / RATE
     theta = angles + np.deg2rad(0.03) * rng.normal(size=len(mean))
-    return Log(time, measured, {"theta": theta}, f"ropes {kind} {seed}")
+    return Log(
+        time, measured, {"theta": theta}, f"ropes {kind} {seed}", FROM_SENSOR if kind == "calibration" else "the plant"
+    )
 
 
 def ropes_rig() -> Rig:
@@ -249,8 +254,14 @@ def ropes_rig() -> Rig:
         )
         sensors += [
             {"name": f"{name}_angle", "measures": "position", "of": name, "rate": RATE, "noise": "1e-4 rad"},
-            {"name": f"{name}_cell", "measures": "tension", "of": f"{name}_rope", "rate": RATE, "noise": "0.03 N",
-             "gain": {"value": 1.0, "std": "1 %"}},
+            {
+                "name": f"{name}_cell",
+                "measures": "tension",
+                "of": f"{name}_rope",
+                "rate": RATE,
+                "noise": "0.03 N",
+                "gain": {"value": 1.0, "std": "1 %"},
+            },
         ]
     encoder = {"name": "encoder", "measures": "angle", "of": "knuckle", "rate": RATE, "noise": "0.03 deg"}
     raw: dict[str, Any] = {

@@ -161,7 +161,9 @@ class FullStateFilter(KernelEstimator):
                 sensor = sensor_for(sensors, drive.name)
                 if sensor is not None:
                     k = channels.names.index(sensor.name)
-                    target[at] = ca.if_else(mask[k] > 0, (values[k] - sensor.bias.value) / gain_of(sensor).value, target[at])
+                    target[at] = ca.if_else(
+                        mask[k] > 0, (values[k] - sensor.bias.value) / gain_of(sensor).value, target[at]
+                    )
         return ca.Function("prior", [values, mask], [mean, ca.SX(ca.DM(self._noise.initial)), pulls])
 
 

@@ -26,9 +26,10 @@ from distal.identification.discrepancy_learning import (
     sized,
 )
 from distal.identification.discrepancy_terms import NO_CORRECTION, Choice, choices
-from distal.logs import Log, read_log, shown, true_angles
+from distal.logs import FROM_SENSOR, Log, read_log, shown, true_angles
 from distal.rig import Discrepancy, Rig, load_rig
 from distal.running import Window, check_homing, first_values, numbers_homed, plain_samples, samples_of, with_references
+from distal.sensors import variance
 
 Floats = NDArray[np.float64]
 
@@ -203,8 +204,20 @@ def filtered(logs: Sequence[Log], rig: Rig, homing: float | None, compiled: bool
         if not np.isfinite(one.angles).all():
             refused.append(f"discrepancy: {shown(log.source)} is left out: adaptive left all bounds on it")
             continue
-        data.append(one)
+        data.append(replace(one, reference_std=0.0 if homing is not None else reference_std(rig, log)))
     return data, refused
+
+
+def reference_std(rig: Rig, log: Log) -> float:
+    """Return what the angle sensor that a log's truth comes from errs by, all in all [rad]; 0 where it comes from elsewhere.
+
+    Args:
+        rig: the description.
+        log: with truth.
+    """
+    if not log.truth_source.endswith(FROM_SENSOR):
+        return 0.0
+    return max((float(np.hypot(s.bias.unsure, np.sqrt(variance(s)))) for s in rig.sensors_of("angle")), default=0.0)
 
 
 def _folds(names: Sequence[str]) -> list[int]:
@@ -231,6 +244,8 @@ def _chosen(data: Sequence[Samples], rig: Rig, folds: Sequence[int], homing: flo
         parts = left_out_errors(data, rig, folds, homing, choice)
         # of each log alone, so that one that is unlike the others does not decide
         rms = float(np.mean([np.sqrt(np.mean(error**2)) for logs in parts for error, _, _ in logs if len(error)]))
+        if choice is NO_CORRECTION and rms < max(one.reference_std for one in data):
+            return choice  # what is less than the reference's own error is not worth a correction
         if rms < BETTER * least:
             best, least = choice, rms
     return best

@@ -194,7 +194,8 @@ def sized(data: Sequence[Samples], rig: Rig, folds: Sequence[int], homing: float
         return scaled(made, [1.0] * len(made.joints), wider)
     errors = left_out_errors(data, rig, folds, homing, choice)
     best, narrowest = made, float("inf")
-    for own in OWNS:
+    # few logs do not tell that the filter's own doubt is too large
+    for own in OWNS if count >= ENOUGH else OWNS[:1]:
         parts = [[(e, u, own**2 * v) for e, u, v in (log[j] for log in errors)] for j in range(len(made.joints))]
         factors = [factor_of(logs) for logs in parts]
         width = float(np.mean([np.sqrt(c**2 * u + v).mean() for c, logs in zip(factors, parts) for _, u, v in logs]))

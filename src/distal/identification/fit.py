@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError, RigError
+from distal.estimators.discrepancy import Samples
 from distal.identification.affine import AffineFit, learn_affine
 from distal.identification.agreement import FEW_ITERATIONS, disagreement, staged
 from distal.identification.checks import check_logs, doubts_of, warn_of
@@ -21,6 +22,7 @@ from distal.identification.free import Free
 from distal.identification.groups import groups_of
 from distal.identification.leaving_out import Compared, leave_out
 from distal.identification.likelihood import Likelihood
+from distal.identification.reference_error import with_reference_error
 from distal.identification.result import Fit
 from distal.identification.search import Found, search
 from distal.identification.selection import choose
@@ -36,6 +38,10 @@ STARTS = 6
 
 UNKNOWN_SPREAD = 2.0
 """Spread of those points where there is no prior, in units of the coordinate (a tenth of the value)."""
+
+LEFT, SURER = (0.3, 0.1, 0.0), 0.85
+"""Where a fit is in doubt its numbers keep the priors' stds, or these shares of them if the angle's error is then below
+`SURER` times that of wider ones (as for sets of terms); 0 holds them."""
 
 UNAIDED = 3.0
 """Mean ν²/S of the angle without its reference from which on a fit with it hides what the angle errs by."""
@@ -178,10 +184,17 @@ def fit(
 
     if added:
         result = written(values)
-    affine, discrepancy, compared = None, None, tuple[Compared, ...]()
+    affine, discrepancy, compared, left = None, None, tuple[Compared, ...](), 1.0
     if with_truth:
         affine = learn_affine(with_truth, result, homing)
         data, refused = filtered(with_truth, result, homing, compiled)
+        if unsure and data and not found.interrupted:
+            # numbers that stay as wide as they were are learned anew on every log: is that better than as fitted?
+            for share in LEFT:
+                surer = written({**assignments(fitted, described, share), **learned})
+                as_fitted, _ = filtered(with_truth, surer, homing, compiled)
+                if len(as_fitted) == len(data) and _mean_rms(as_fitted) < SURER * _mean_rms(data):
+                    result, data, left = surer, as_fitted, share
         doubts += refused
         if data:
             names = [log.source for log in with_truth]
@@ -193,13 +206,15 @@ def fit(
                     at = _coordinates(final, own, found.z, read, rest)
                     again = search(own, at, staged(progress, "leaving one out"), FEW_ITERATIONS)
                     unsure_again = uncertainty_at(own.derivatives(again.z), again.z, own.parts())
-                    return written(assignments(_fitted(own, again.z, unsure_again, unsure), described))
+                    return written(assignments(_fitted(own, again.z, unsure_again, unsure), described, left))
 
                 compared, errors = leave_out(with_truth, read, rig, refitted, affine, homing, groups)
             else:
                 errors = []
             together = groups if len(groups) == len(data) else None
             discrepancy = widened(learned_from(data, result, homing, together, scored=False), errors)
+        if homing is None:
+            affine, discrepancy = with_reference_error(affine, discrepancy, rig, with_truth)
     return Fit(
         rig=_with_learned(result, affine, discrepancy),
         start=rig,
@@ -223,8 +238,14 @@ def fit(
         discrepancy=discrepancy,
         compared=compared,
         doubts=tuple(doubts),
+        left=left,
         evaluations=likelihood.evaluations + (final.evaluations if final is not likelihood else 0),
     )
+
+
+def _mean_rms(data: Sequence[Samples]) -> float:
+    """Return the mean over logs of the RMS of what the filter's angle errs by."""
+    return float(np.mean([np.sqrt(np.nanmean((one.angles - one.truths) ** 2)) for one in data]))
 
 
 def _with_learned(rig: Rig, affine: AffineFit | None, discrepancy: DiscrepancyFit | None) -> Rig:
@@ -341,10 +362,22 @@ def _kept(part: Free) -> Fitted:
 
 
 def _surprise(likelihood: Likelihood, z: Floats) -> float:
-    """Return the mean of ν²/S of the references, the largest of all; infinite where the filter left all bounds."""
-    names = {sensor.name for sensor in likelihood.references}
-    found = [nis for name, nis in zip(likelihood.measured, _nis(likelihood, z)) if name in names and not np.isnan(nis)]
-    return max(found) if found else 0.0
+    """Return the mean of ν²/S of the references beyond their offsets, the largest of all; infinite where the filter left
+    all bounds.
+
+    An offset that is hardly known hides what the angle errs by beside it: each log's mean is taken off ν, its variance off S.
+    """
+    worst, measured = 0.0, likelihood.measured
+    innovations = likelihood.each(z, likelihood.run)
+    for sensor in likelihood.references:
+        k, ratios = measured.index(sensor.name), list[float]()
+        for values, variances in innovations:
+            away = values[:, k] - np.nanmean(values[:, k]) if np.isfinite(values[:, k]).any() else values[:, k]
+            own = np.maximum(variances[:, k] - sensor.bias.unsure**2, 0.1 * variances[:, k])
+            ratios += list((away**2 / own)[np.isfinite(away)])
+        if ratios:
+            worst = max(worst, float(np.mean(ratios)))
+    return worst
 
 
 def _nis(likelihood: Likelihood, z: Floats) -> tuple[float, ...]:

@@ -62,12 +62,14 @@ class Fitted:
         return "mean over the logs" if self.per_log else "fitted"
 
 
-def assignments(fitted: Sequence[Fitted], start: Rig) -> dict[str, Any]:
+def assignments(fitted: Sequence[Fitted], start: Rig, left: float = 1.0) -> dict[str, Any]:
     """Return path → value, with its std where it had one, of what the logs identify.
 
     Args:
         fitted: every free number.
         start: the description as it came.
+        left: share of each prior's std that a std keeps at least where the fit is in doubt; 0: estimators are to take the
+            values as they are (`hold`).
     """
     changed: dict[str, Any] = {}
     for part in fitted:
@@ -83,8 +85,11 @@ def assignments(fitted: Sequence[Fitted], start: Rig) -> dict[str, Any]:
                 changed[path] = rounded
                 continue
             share = abs(value / part.value) if part.value else 1.0
-            std = max(part.error * share, SMALLEST_STD * abs(value))
+            error = part.error if left == 1.0 else min(part.error, left * part.prior_std)
+            std = max(error * share, SMALLEST_STD * abs(value))
             changed[path] = {"value": rounded, **_spread(part, before, std, value, start)}
+            if left == 0.0:
+                changed[path]["hold"] = True
     return changed
 
 

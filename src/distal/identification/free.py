@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-
 STEPPING = 1e-3
 """Share of a value that the model's time step and the lines between samples leave uncertain, however long the logs."""
 

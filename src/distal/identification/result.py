@@ -49,6 +49,8 @@ class Fit:
         discrepancy: what the model leaves of the angle, from the same logs; the rig holds it.
         compared: each log left out once, with how the fitted rig, the rig as it came and `affine` do on it.
         doubts: plain sentences on what speaks against the fit.
+        left: share of the priors' stds that the rig's numbers keep where there are doubts: the widest with which the angle
+            is not clearly worse on these logs; 0 is `hold`.
     """
 
     rig: Rig
@@ -74,6 +76,7 @@ class Fit:
     discrepancy: DiscrepancyFit | None = None
     compared: tuple[Compared, ...] = ()
     doubts: tuple[str, ...] = ()
+    left: float = 1.0
 
     @property
     def verdict(self) -> str:
@@ -108,7 +111,7 @@ class Fit:
         learned = {"affine": affine_table(self.affine.affine)} if self.affine is not None else {}
         if self.discrepancy is not None:
             learned["discrepancy"] = plain(self.discrepancy.discrepancy.model_dump())
-        return {**assignments(self.fitted, self.start), **self.curves, **learned}
+        return {**assignments(self.fitted, self.start, self.left), **self.curves, **learned}
 
     def _account(self) -> str:
         """Return the comment at the head of a fitted file: what it was fitted to, and where each value came from."""

@@ -279,9 +279,7 @@ class Mechanism:
         if tensions[0] is tensions[1] or not any(self.sheath(i, q) for i in range(self.n_tendons)):
             forces = -ca.mtimes(jacobian.T, tensions[0])
         else:
-            forces = -ca.vertcat(
-                ca.mtimes(jacobian[:, :nj].T, tensions[0]), ca.mtimes(jacobian[:, nj:].T, tensions[1])
-            )
+            forces = -ca.vertcat(ca.mtimes(jacobian[:, :nj].T, tensions[0]), ca.mtimes(jacobian[:, nj:].T, tensions[1]))
         return Pulls(*tensions, forces)
 
     def tensions(self, q: Any, v: Any) -> Any:
@@ -520,5 +518,8 @@ def strains_of(rig: Rig) -> tuple[str, ...]:
     """
     kinds = ("creep", "slow_creep")
     return tuple(
-        f"tendons.{i}.{kind}.strain" for i, t in enumerate(rig.tendons) for kind in kinds if getattr(t, kind) is not None
+        f"tendons.{i}.{kind}.strain"
+        for i, t in enumerate(rig.tendons)
+        for kind in kinds
+        if getattr(t, kind) is not None
     )

@@ -34,6 +34,7 @@ class Robustness:
         declared_friction: a drive with more friction than this at its nominal load declares it [N].
         learning_time: for so long what a force tells of a parameter counts as one sample [s] (24).
         learning_time_guarded: the same of a force whose drive declares no friction [s].
+        creep_learning_time: the same for the creep of a tendon, of all forces [s].
         parameter_walk: random walk of a parameter without a `drift`, in its standard deviations per √s.
         unmodelled: share of the rig's `unmodelled` torque that is added [1].
         moving_only: count only forces of drives that clearly move where friction is declared, as a fit does.
@@ -73,6 +74,8 @@ class Robustness:
     """docs/guards.md, "How fast parameters are learned"; of forces with declared friction, and of tensions"""
     learning_time_guarded: float = 0.03
     """as above; of forces with friction that is not declared, where `sticking_time` and `turning_time` do the most"""
+    creep_learning_time: float = 10.0
+    """docs/model.md, "Creep": two tendons that creep against each other look like a joint that turns; `benchmarks.strangers hands`"""
     unmodelled: float = 1.0
     """the rig file says how much (docs/rig-files.md); without it the band is too narrow: docs/guards.md"""
     moving_only: bool = False
@@ -100,6 +103,7 @@ class Robustness:
             parameter_walk=0.0,
             learning_time=0.0,
             learning_time_guarded=0.0,
+            creep_learning_time=0.0,
             unmodelled=0.0,
         )
 

@@ -111,7 +111,7 @@ class Setup:
         Args:
             sensor: one of the rig's.
         """
-        return 0.0 if f"{self.path(sensor)}.bias" in self.mechanism.parameters.given else float(sensor.bias.std)
+        return 0.0 if f"{self.path(sensor)}.bias" in self.mechanism.parameters.given else float(sensor.bias.unsure)
 
     def gain_std(self, sensor: Sensor) -> float:
         """Return how unsure a sensor's gain is, as a share of it: nothing where it is an input of the filter (a fit).

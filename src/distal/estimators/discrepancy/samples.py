@@ -25,6 +25,7 @@ class Samples:
         variances: of these, (k, n_joints).
         truths: true angles [rad], NaN where not known, (k, n_joints).
         interval: between samples [s].
+        reference_std: what the reference of the true angle itself errs by [rad]; 0 where that is not known.
     """
 
     source: str
@@ -34,6 +35,7 @@ class Samples:
     variances: Floats
     truths: Floats
     interval: float
+    reference_std: float = 0.0
 
     def part(self, rows: NDArray[np.bool_]) -> Samples:
         """Return some of the samples.

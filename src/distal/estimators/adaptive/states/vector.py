@@ -41,7 +41,7 @@ LASTING = (UncertainParameter, Linearity, SensorBias, SensorGain)
 """Blocks that are numbers of the rig or its sensors; the others are meant to move."""
 
 
-SLOW = (UncertainParameter, Strained)
+SLOW = (UncertainParameter,)
 """Blocks that forces and tensions change slowly: see `Robustness.learning_time`."""
 
 
@@ -71,6 +71,7 @@ class StateVector:
         self.lasting = np.isin(np.arange(len(self.names)), lasting)
         self._considered = {i: 0.0 for block in blocks if block.considered for i in self.indices(block)}
         self._parameters = [i for b in blocks if isinstance(b, SLOW) for i in self.indices(b)]
+        self._strains = [i for b in blocks if isinstance(b, Strained) for i in self.indices(b)]
 
     def __len__(self) -> int:
         return len(self.names)
@@ -87,6 +88,9 @@ class StateVector:
         time = guards.learning_time if declared else guards.learning_time_guarded
         share = min(1.0, self.setup.channels.interval / time) if time > 0.0 and not reference else 1.0
         slow = {} if share == 1.0 else dict.fromkeys(self._parameters, share)
+        if guards.creep_learning_time > 0.0 and not reference:
+            share = min(1.0, self.setup.channels.interval / guards.creep_learning_time)
+            slow |= dict.fromkeys(self._strains, share)
         return {**slow, **self._considered}
 
     @property
@@ -94,7 +98,8 @@ class StateVector:
         """Indices of the states that take a share of the gain of some forces."""
         guards = self.setup.robustness
         longest = max(guards.learning_time, guards.learning_time_guarded)
-        return tuple(self._parameters) if longest > self.setup.channels.interval else ()
+        parameters = self._parameters if longest > self.setup.channels.interval else []
+        return (*parameters, *(self._strains if guards.creep_learning_time > self.setup.channels.interval else []))
 
     def indices(self, block: State) -> range:
         """Return where a block's numbers stand.
