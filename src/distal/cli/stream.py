@@ -53,7 +53,8 @@ def stream_command(
     """Read samples as CSV or JSON lines from stdin, write an estimate for each, with a word on its health.
 
     Columns and units are those that the rig's sensors name. CSV begins with a header. Each line is answered at once:
-    t, theta, theta_std [rad], health, detail.
+    t, theta, theta_std [rad], where the rig's joint may be touched external_torque and external_torque_std [N m], health,
+    detail.
     """
     from distal.logs import MessageReader, Recorder
     from distal.rig import load_rig
@@ -72,7 +73,8 @@ def stream_command(
     with ExitStack() as stack:
         source = stack.enter_context(_bound(udp)) if udp is not None else None
         target = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) if to_udp is not None else None
-        recorder = Recorder(record, [joint.name for joint in described.joints]) if record is not None else None
+        joints = [joint.name for joint in described.joints]
+        recorder = Recorder(record, joints, live.torque_names) if record is not None else None
         session = _Session(monitor, reader, recorder, target, to_udp or 0, as_json or udp is not None)
         session.csv = False if udp is not None else None
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -106,7 +108,8 @@ class _Session:
 
         self._joints = [joint.name for joint in monitor.rig.joints]
         names = angle_names(self._joints)
-        self._names = [column for name in names for column in (name, std_name(name))]
+        self._torques = monitor.torque_names
+        self._names = [column for name in (*names, *self._torques) for column in (name, std_name(name))]
         self.csv: bool | None = None  # not known before the first line
         self.lost = False
         self._counts: Counter[str] = Counter()
@@ -147,16 +150,17 @@ class _Session:
                 raise LogError("the line is too long")
             time, sample = self._reader.csv(text) if self.csv else self._reader.json(text)
         except LogError as problem:
-            nothing = (nan,) * len(self._joints)
-            self._answer(Reading(nan, nothing, nothing, "bad", str(problem)), None)
+            nothing, untouched = (nan,) * len(self._joints), (nan,) * len(self._torques)
+            self._answer(Reading(nan, nothing, nothing, "bad", str(problem), untouched, untouched), None)
             return
         self._answer(self._monitor.take(time, sample), sample)
 
     def _answer(self, reading: Reading, sample: Any) -> None:
         self._counts[reading.health] += 1
+        values = chain(*zip(reading.angles, reading.angle_stds), *zip(reading.torques, reading.torque_stds))
         message = {
             "t": _finite(reading.time),
-            **dict(zip(self._names, map(_finite, chain(*zip(reading.angles, reading.angle_stds))))),
+            **dict(zip(self._names, map(_finite, values))),
             "health": reading.health,
             "detail": reading.detail,
         }

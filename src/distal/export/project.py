@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from distal.errors import OutputError
-from distal.export.source import Exported, c_filter, c_name, checked_name, comment, filled
+from distal.export.fields import comment
+from distal.export.source import Exported, c_filter, c_name, checked_name, filled
 from distal.logs import check_outputs, outputs_in, write_whole
 from distal.rig import Rig
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 
 from distal.estimators import KernelEstimator
-from distal.rig import Rig, angle_names, log_factor, std_name
+from distal.export.fields import angle_fields, torque_fields
+from distal.rig import angle_names, log_factor, std_name
 from distal.units import unit_factor
 
 
 def replay_program(runner: KernelEstimator, name: str) -> str:
-    """Return a C program that reads a log and writes t, then angle and standard deviation of each joint.
+    """Return a C program that reads a log and writes t, then angles and torques from outside with their stds.
 
     Args:
         runner: the estimator.
@@ -20,12 +21,11 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
     read = [sensors[channel] for channel in runner.channels]
     columns = [runner.rig.log.time.column, *(sensor.log_column for sensor in read)]
     factors = [unit_factor(runner.rig.log.time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in read)]
-    names = [
-        column
-        for angle in angle_names([joint.name for joint in runner.rig.joints])
-        for column in (angle, std_name(angle))
-    ]
-    fields = [f"(double)out.{field}" for pair in angle_fields(runner.rig) for field in pair]
+    angles = angle_names([joint.name for joint in runner.rig.joints])
+    torques = torque_fields(runner)
+    names = [column for each in (*angles, *(torque for torque, _ in torques)) for column in (each, std_name(each))]
+    pairs = [*angle_fields(runner.rig), *((field, std_name(field)) for _, field in torques)]
+    fields = [f"(double)out.{field}" for pair in pairs for field in pair]
     values = {
         "header": ",".join(["t", *names]),
         "format": ",".join(["%.17g"] * (1 + len(names))),
@@ -36,24 +36,6 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
         "factors": ", ".join(f"{factor:.17g}" for factor in factors),
     }
     return re.sub(r"\$(\w+)\$", lambda m: values[m[1]], _PROGRAM)
-
-
-def angle_fields(rig: Rig) -> list[tuple[str, str]]:
-    """Return the names of angle and standard deviation of each joint in an exported filter's output.
-
-    ``angle`` and ``angle_std`` for one joint, else those of `angle_names`, with _ for what C does not allow in a name.
-
-    Args:
-        rig: the description.
-    """
-    joints = [joint.name for joint in rig.joints]
-    if len(joints) == 1:
-        return [("angle", "angle_std")]
-    names: list[str] = []
-    for angle in angle_names(joints):
-        plain = re.sub(r"[^A-Za-z0-9]", "_", angle)
-        names.append(next(n for n in (plain, *(f"{plain}_{i}" for i in range(2, 10_000))) if n not in names))
-    return [(name, std_name(name)) for name in names]
 
 
 def c_string(text: str) -> str:

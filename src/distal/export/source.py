@@ -9,7 +9,8 @@ from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import LARGEST_ANGLE, KernelEstimator, make_estimator, state_units
 from distal.estimators.gaps import MOST_BRIDGES, SPLIT
-from distal.export.replay import angle_fields, replay_program
+from distal.export.fields import comment, members, outputs
+from distal.export.replay import replay_program
 from distal.rig import Rig
 
 TAKEN = frozenset(
@@ -168,18 +169,6 @@ def checked_name(name: str) -> str:
     return name
 
 
-def comment(text: str) -> str:
-    """Return a text that may stand in a comment of C.
-
-    Args:
-        text: anything.
-    """
-    plain = "".join(c if c.isprintable() else " " for c in text)[:200]
-    for ends, harmless in (("\\", "/"), ("??", "? ?"), ("*/", "* /"), ("/*", "/ *"), ("*/", "* /")):
-        plain = plain.replace(ends, harmless)
-    return " ".join(plain.split())
-
-
 def filled(template: str, values: dict[str, str]) -> str:
     """Return a template with ``$name$`` replaced; what is put in is not looked at again.
 
@@ -222,8 +211,8 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "n_numbers": str(len(numbers)),
         "n_bridged": str(runner.bridged),
         "n_joints": str(len(runner.rig.joints)),
-        "outputs": _outputs(runner.rig, dialect.type, name),
-        "angles": _angles(runner.rig, n),
+        "outputs": members(runner, name),
+        "angles": outputs(runner, n),
         "numbers": ",\n  ".join(rows),
         "prelude": dialect.prelude(),
         "functions": emitter.text,
@@ -239,24 +228,6 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "slack": dialect.constant(1e-9 if not dialect.single else 1e-5),
         "sqrt": "sqrtf" if dialect.single else "sqrt",
     }
-
-
-def _outputs(rig: Rig, kind: str, name: str) -> str:
-    """Return the members of the output that are angles and their standard deviations."""
-    lines = []
-    for (angle, std), joint in zip(angle_fields(rig), rig.joints):
-        which = "the joint" if len(rig.joints) == 1 else comment(joint.name)
-        lines += [f"  {name}_real {angle}; /* of {which} [rad] */"]
-        lines += [f"  {name}_real {std}; /* standard deviation of its error [rad] */"]
-    return "\n".join(lines)
-
-
-def _angles(rig: Rig, n: int) -> str:
-    """Return the lines that fill them."""
-    lines = []
-    for j, (angle, std) in enumerate(angle_fields(rig)):
-        lines += [f"    out->{angle} = state->carry[{j}];", f"    out->{std} = root(state->carry[{n + j * (n + 1)}]);"]
-    return "\n".join(lines)
 
 
 _HEADER = """\

@@ -12,7 +12,7 @@ from distal.errors import DistalWarning, FitError
 from distal.identification.fitted import Fitted
 from distal.identification.likelihood import Likelihood
 from distal.logs import Log, true_angles
-from distal.rig import Capstan, Rig, Sensor
+from distal.rig import REFERENCES, Capstan, Rig, Sensor
 from distal.running import estimate
 from distal.sensors import variance
 
@@ -189,7 +189,7 @@ def _check_motion(log: Log, rig: Rig) -> None:
 
 def _check_sensors(log: Log, rig: Rig) -> None:
     for sensor in rig.sensors:
-        if sensor.measures == "angle" or sensor.name not in log.channels:
+        if sensor.measures in REFERENCES or sensor.name not in log.channels:
             continue
         values = log.channels[sensor.name]
         there = values[np.isfinite(values)]

@@ -13,7 +13,7 @@ from distal.estimators import Robustness, channels_of
 from distal.estimators.adaptive import Setup, uncertain_parameters
 from distal.identification.free import POINTS, Free
 from distal.model import Mechanism
-from distal.rig import Number, Rig, Sensor, number
+from distal.rig import REFERENCES, Number, Rig, Sensor, number
 
 NOISE_RANGE = 25.0
 """A noise stays within this factor of where it starts: a model that is trusted wholly has standard errors of nothing."""
@@ -130,7 +130,7 @@ def _common_name(paths: Sequence[str]) -> str:
 
 def _biases(rig: Rig, several: bool) -> list[Free]:
     """Return the offsets and gains of the sensors that estimators read, where they have a std; gains are no log's own."""
-    read = [(i, sensor) for i, sensor in enumerate(rig.sensors) if sensor.measures != "angle"]
+    read = [(i, sensor) for i, sensor in enumerate(rig.sensors) if sensor.measures not in REFERENCES]
     numbers = [(number(rig, f"sensors.{i}.bias"), several) for i, _ in read]
     numbers += [(number(rig, f"sensors.{i}.gain"), False) for i, sensor in read if sensor.measures != "position"]
     return [_free(one.path, [one], own) for one, own in numbers if one.std > 0.0 and not one.hold]
@@ -220,7 +220,7 @@ def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
     groups: dict[tuple[str, str, float], list[int]] = {}
     for i, sensor in enumerate(rig.sensors):
         smooth = sensor.measures == "force" and sensor.of in playing
-        if sensor.name not in angles and sensor.measures != "angle" and sensor.noise > 0.0 and not smooth:
+        if sensor.name not in angles and sensor.measures not in REFERENCES and sensor.noise > 0.0 and not smooth:
             groups.setdefault((sensor.measures, sensor.si, sensor.noise), []).append(i)
     if homing:
         return []  # what is predicted after homing tells nothing of a sensor's own noise

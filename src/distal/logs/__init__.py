@@ -10,7 +10,7 @@ from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_SCHEMA, SAMPLE_TOPIC, Re
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.tables import Table, read_table
 from distal.logs.targets import Output, check_outputs, outputs_in, shown
-from distal.logs.truth import true_angles
+from distal.logs.truth import true_angles, true_torques
 
 __all__ = [
     "ESTIMATE_TOPIC",
@@ -37,6 +37,7 @@ __all__ = [
     "read_truth",
     "shown",
     "true_angles",
+    "true_torques",
     "write_columns",
     "write_log",
     "write_whole",

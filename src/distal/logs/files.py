@@ -17,7 +17,7 @@ from distal.logs.output import write_whole
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.stamps import Clock, clock_of
 from distal.logs.tables import Table, check_columns, open_table, table_of
-from distal.rig import Capstan, Rig, Sensor, angle_names, log_factor
+from distal.rig import REFERENCES, Capstan, Rig, Sensor, angle_names, log_factor, torque_names
 from distal.units import unit_factor
 
 Floats = NDArray[np.float64]
@@ -43,11 +43,13 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
         LogError: see `read_table`; stamps that repeat or go back; a truth that does not overlap the log.
     """
     references = {sensor.log_column: sensor for sensor in rig.sensors if sensor.measures == "angle"}
-    needed = [sensor for sensor in rig.sensors if sensor.measures != "angle"]
-    simulated = [f"true_{name}" for name in angle_names([joint.name for joint in rig.joints])]
+    torques = {sensor.log_column: sensor for sensor in rig.sensors if sensor.measures == "torque"}
+    needed = [sensor for sensor in rig.sensors if sensor.measures not in REFERENCES]
+    joints = [joint.name for joint in rig.joints]
+    simulated = [f"true_{name}" for name in (*angle_names(joints), *torque_names(joints))]
     stamps = None
     if is_recording(path):
-        asked = [rig.log.time.column, *(s.log_column for s in needed), *references, *simulated]
+        asked = [rig.log.time.column, *(s.log_column for s in needed), *references, *torques, *simulated]
         asked += [str(truth)] if truth is not None and not Path(truth).exists() else []
         factor = unit_factor(rig.log.time.unit, "s")
         frame, stamps = open_recording(path, asked, rig.log.time.column, factor)
@@ -56,7 +58,7 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
         frame, source, first_row = open_table(path, rig.log.time.column)
     names = tuple(map(str, frame.columns))
     column = str(truth) if truth is not None and _is_column(names, str(truth)) else None
-    optional = [*references, *simulated, *([column] if column else [])]
+    optional = [*references, *torques, *simulated, *([column] if column else [])]
     wanted = [sensor.log_column for sensor in needed]
     check_columns(frame, source, [rig.log.time.column])
     clock = clock_of(frame, rig.log.time.column, source, first_row, unit_factor(rig.log.time.unit, "s"))
@@ -75,9 +77,19 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
         largest = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
         if largest > 1e6:
             raise LogError(f"{table.source}: the truth ({origin}) reaches {largest:.3g} rad, which is no angle")
+    known |= _known_torques(rig, table, torques)
     log = Log(time, channels, known, table.source, origin, stamps)
     _warn_of_units(log, rig)
     return log
+
+
+def _known_torques(rig: Rig, table: Table, sensors: Mapping[str, Sensor]) -> dict[str, Floats]:
+    """Return name → torque from outside [N m] as far as a log has it: a simulated log's own, else a torque sensor's."""
+    joints = [joint.name for joint in rig.joints]
+    names = dict(zip(joints, torque_names(joints)))
+    read = {names[s.of]: _in_si(s, table) for s in sensors.values() if s.log_column in table.columns}
+    simulated = {n: table.columns[f"true_{n}"] for n in names.values() if f"true_{n}" in table.columns}
+    return {name: values for name, values in {**read, **simulated}.items() if np.isfinite(values).any()}
 
 
 def _known_angles(

@@ -31,11 +31,12 @@ SAMPLE_SCHEMA = {
 }
 
 
-def estimate_schema(joints: Sequence[str]) -> dict[str, Any]:
-    """Return the schema of an estimate: stamp, angle and std of each joint, health, detail.
+def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the schema of an estimate: stamp, angle and std of each joint, torques from outside, health, detail.
 
     Args:
         joints: names of the joints.
+        torques: names of the torques from outside that are estimated.
     """
     number: dict[str, object] = {"type": ["number", "null"]}
     properties: dict[str, object] = {"t": {"type": "number", "description": "stamp of the sample [s]"}}
@@ -43,6 +44,9 @@ def estimate_schema(joints: Sequence[str]) -> dict[str, Any]:
         which = "joint angle" if len(joints) == 1 else f"angle of the joint {joint}"
         properties[name] = number | {"description": f"{which} [rad]; null where the sample was skipped"}
         properties[std_name(name)] = number | {"description": "standard deviation of its error [rad]"}
+    for name in torques:
+        properties[name] = number | {"description": "torque on the joint from outside [N m]; null where it was skipped"}
+        properties[std_name(name)] = number | {"description": "standard deviation of its error [N m]"}
     properties["health"] = {"type": "string", "description": "one word: see distal.running.HEALTH"}
     properties["detail"] = {"type": "string", "description": "which sensor, how long"}
     return {
@@ -60,12 +64,13 @@ class Recorder:
     Args:
         path: where.
         joints: names of the joints.
+        torques: names of the torques from outside that are estimated.
 
     Raises:
         OutputError: it cannot be written, or the package mcap is missing.
     """
 
-    def __init__(self, path: Path, joints: Sequence[str] = ("joint",)) -> None:
+    def __init__(self, path: Path, joints: Sequence[str] = ("joint",), torques: Sequence[str] = ()) -> None:
         try:
             from mcap.writer import Writer
         except ImportError:
@@ -87,7 +92,7 @@ class Recorder:
         self._writer: Any = Writer(self._file)
         self._writer.start(profile="", library="distal")
         self._channels = {}
-        for topic, schema in ((SAMPLE_TOPIC, SAMPLE_SCHEMA), (ESTIMATE_TOPIC, estimate_schema(joints))):
+        for topic, schema in ((SAMPLE_TOPIC, SAMPLE_SCHEMA), (ESTIMATE_TOPIC, estimate_schema(joints, torques))):
             number = self._writer.register_schema(str(schema["title"]), "jsonschema", json.dumps(schema).encode())
             self._channels[topic] = self._writer.register_channel(topic, "json", number)
         self._count, self._samples = 0, 0

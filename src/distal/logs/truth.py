@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.logs.log import Log, frozen
-from distal.rig import angle_names
+from distal.rig import angle_names, torque_names
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,20 @@ def true_angles(log: Log, joints: Sequence[str]) -> Floats | None:
         log: the log.
         joints: names of the joints, in their order.
     """
-    names = angle_names(joints)
+    return _columns(log, angle_names(joints))
+
+
+def true_torques(log: Log, joints: Sequence[str]) -> Floats | None:
+    """Return the true torques on the joints from outside [N m], as `true_angles` does.
+
+    Args:
+        log: the log.
+        joints: names of the joints, in their order.
+    """
+    return _columns(log, torque_names(joints))
+
+
+def _columns(log: Log, names: Sequence[str]) -> Floats | None:
     if not any(name in log.truth for name in names):
         return None
     if len(names) == 1:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from distal.errors import EstimationError, did_you_mean
 from distal.logs import pandas_frame
 from distal.results.plots import BAND, plot_estimates
-from distal.rig import std_name
+from distal.rig import std_name, torque_names
 
 if TYPE_CHECKING:
     import pandas
@@ -43,6 +43,7 @@ class Estimate:
         prior_means: of the states that are numbers of the rig or its sensors, NaN for those that are meant to move,
             (n,); None where the estimator has no such states.
         prior_stds: their standard deviations, (n,).
+        torque_truths: true torques on the joints from outside [N m], (k, n_joints); None where none is known.
         stamps: of the log, since 1970 [ns], (k,), where it has dates: by them results join with other recordings.
     """
 
@@ -62,6 +63,7 @@ class Estimate:
     prior_means: Floats | None = None
     prior_stds: Floats | None = None
     stamps: NDArray[np.int64] | None = None
+    torque_truths: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -143,6 +145,64 @@ class Estimate:
         there = np.isfinite(self.innovations)
         variances = self.innovation_variances[there]
         return float(-0.5 * np.sum(self.innovations[there] ** 2 / variances + np.log(2 * np.pi * variances)))
+
+    @property
+    def external_torques(self) -> Floats:
+        """Torques on the joints from outside [N m], (k, n_joints).
+
+        Raises:
+            EstimationError: the rig says of a joint that none can occur (``external_torque.std = 0``).
+        """
+        return np.column_stack([self.state(name) for name in self._torque_names()])
+
+    @property
+    def external_torque_stds(self) -> Floats:
+        """Standard deviations of their errors [N m], (k, n_joints).
+
+        Raises:
+            EstimationError: as `external_torques`.
+        """
+        columns = [self.state_names.index(name) for name in self._torque_names()]
+        return np.sqrt(self.variances[:, columns])
+
+    @property
+    def external_torque(self) -> Floats:
+        """Torque on the one joint from outside [N m], (k,): a hand's, a contact's.
+
+        Raises:
+            EstimationError: there are several joints, or none can occur.
+        """
+        return self._only(self.external_torques, "external_torque", "external_torques")
+
+    @property
+    def external_torque_std(self) -> Floats:
+        """Standard deviation of its error [N m], (k,).
+
+        Raises:
+            EstimationError: as `external_torque`.
+        """
+        return self._only(self.external_torque_stds, "external_torque_std", "external_torque_stds")
+
+    def _torque_names(self) -> tuple[str, ...]:
+        names = torque_names(self.joint_names)
+        for name, joint in zip(names, self.joint_names):
+            if name not in self.state_names:
+                raise EstimationError(
+                    f"the rig says that nothing touches '{joint}', so {self.estimator} has no torque of it; say how large "
+                    f"it may be: --set 'joints.{joint}.external_torque.std=\"0.05 N m\"'"
+                )
+        return names
+
+    def torque_errors(self) -> Floats:
+        """Return estimate minus true torque from outside [N m], (k,), or (k, n_joints); NaN where it is not known.
+
+        Raises:
+            EstimationError: no true torque is known, or there is no estimate of it.
+        """
+        if self.torque_truths is None:
+            raise EstimationError("the log has no true torque; add a sensor that measures the torque of the joint")
+        errors = self.external_torques - self.torque_truths
+        return errors[:, 0] if len(self.joint_names) == 1 else errors
 
     def errors(self, truth: Floats | None = None) -> Floats:
         """Return estimate minus truth [rad], (k,), or (k, n_joints) for several joints; NaN where the truth is missing.

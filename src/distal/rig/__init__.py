@@ -1,7 +1,7 @@
 """The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
 
 from distal.rig.affine import Affine, AffineJoint
-from distal.rig.columns import angle_names, speed_names, std_name, tendon_angle_name
+from distal.rig.columns import angle_names, speed_names, std_name, tendon_angle_name, torque_names
 from distal.rig.discrepancy import CONSTANT, Discrepancy, factors
 from distal.rig.drives import (
     Capstan,
@@ -29,12 +29,13 @@ from distal.rig.numbers import Number, number
 from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import LogFormat, Rig, Stepping
-from distal.rig.sensors import Sensor, SensorBase, gain_of, log_factor
+from distal.rig.sensors import REFERENCES, Sensor, SensorBase, gain_of, log_factor
 from distal.rig.tendons import Creep, Linkage, Path, Pinned, Pulley, Tendon
 from distal.rig.validation import validated
 
 __all__ = [
     "CONSTANT",
+    "REFERENCES",
     "Affine",
     "AffineJoint",
     "Capstan",
@@ -86,5 +87,6 @@ __all__ = [
     "std_name",
     "template_text",
     "tendon_angle_name",
+    "torque_names",
     "validated",
 ]

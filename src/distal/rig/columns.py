@@ -25,6 +25,15 @@ def speed_names(joints: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{name}_dot" for name in angle_names(joints))
 
 
+def torque_names(joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the torques on the joints from outside: ``external_torque``, or ``external_torque_JOINT``.
+
+    Args:
+        joints: names of the joints, in their order.
+    """
+    return ("external_torque",) if len(joints) == 1 else tuple(f"external_torque_{joint}" for joint in joints)
+
+
 def std_name(name: str) -> str:
     """Return the name of the standard deviation of what is called `name`.
 

@@ -173,7 +173,7 @@ class Rig(Description):
         return self.model_copy(update={"affine": None, "discrepancy": None})
 
     def sensors_of(self, measures: str) -> tuple[Any, ...]:
-        """Return the sensors that measure `measures` (position, force, tension or angle), in their order."""
+        """Return the sensors that measure `measures` (position, force, tension, angle or torque), in their order."""
         return tuple(sensor for sensor in self.sensors if sensor.measures == measures)
 
     def with_values(self, values: Mapping[str, object]) -> Rig:
@@ -197,7 +197,7 @@ class Rig(Description):
 _MEASURED: dict[str, tuple[str, ...]] = {
     "drives": ("position", "force"),
     "tendons": ("tension",),
-    "joints": ("angle",),
+    "joints": ("angle", "torque"),
 }
 
 
@@ -221,7 +221,7 @@ def _with_unit(raw: object, index: int, parts: Mapping[str, Any]) -> object:
 def _measured_unit(measures: object, part: Any) -> str:
     if isinstance(part, (Slider, Capstan)):
         return position_unit(part) if measures == "position" else effort_unit(part)
-    return {"tension": "N", "angle": "rad"}[str(measures)]
+    return {"tension": "N", "angle": "rad", "torque": "N m"}[str(measures)]
 
 
 def _distinct(names: Sequence[str], what: str) -> None:

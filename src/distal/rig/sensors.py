@@ -12,7 +12,10 @@ from distal.errors import UnitError
 from distal.rig.quantities import Description, In, Name, Parameter
 from distal.units import to_si, unit_factor
 
-Measurand = Literal["position", "force", "tension", "angle"]
+Measurand = Literal["position", "force", "tension", "angle", "torque"]
+
+REFERENCES = frozenset({"angle", "torque"})
+"""What is measured at a joint: references, which estimators compare with or home by, and do not need."""
 
 COUNTS = frozenset({"count", "counts"})
 """Units of an encoder that counts."""
@@ -27,7 +30,9 @@ class SensorBase(Description):
     """What every sensor has; the unit of its errors follows from what it measures (`si`, filled in by `Rig`)."""
 
     name: Name
-    measures: Measurand = Field(description="position or force of a drive, tension of a tendon, angle of a joint")
+    measures: Measurand = Field(
+        description="position or force of a drive, tension of a tendon, angle of a joint or torque on it"
+    )
     of: str = Field(description="name of the drive, tendon or joint")
     column: str | None = Field(
         None, min_length=1, description="column of the log, or /topic.field of a recording; default: the sensor's name"

@@ -8,6 +8,7 @@ import numpy as np
 
 from distal.results import Finding
 from distal.results import diagnose as of_estimate
+from distal.rig import REFERENCES
 from distal.running.rerun import Change, Outcome, Rerun
 from distal.running.what_if import as_estimate
 
@@ -48,7 +49,7 @@ def explanations(rerun: Rerun) -> list[Finding]:
 def _candidates(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
     rig, channels = rerun.runner.rig, rerun.runner.channels
     for sensor in rig.sensors:
-        if sensor.name in channels and sensor.measures != "angle":
+        if sensor.name in channels and sensor.measures not in REFERENCES:
             for factor, words in FACTORS.items():
                 text = f"{sensor.name} looks {words.get(sensor.si, words[''])}"
                 yield Finding("looks like", sensor.name, text), Change(channels={sensor.name: factor})

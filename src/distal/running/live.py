@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from distal.errors import EstimationError
 from distal.estimators import DEFAULT, LARGEST_ANGLE, Belief, KernelEstimator, check_time, make_estimator
 from distal.estimators.gaps import MOST_BRIDGES, fill, predictions
-from distal.rig import Rig, load_rig
+from distal.rig import Rig, load_rig, torque_names
 from distal.running.offline import priors_of
 
 Floats = NDArray[np.float64]
@@ -59,6 +59,9 @@ class LiveEstimator:
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
         self._covariance = _view(self._carry[self._n : self._n * (self._n + 1)].reshape(self._n, self._n))
+        joints = [joint.name for joint in rig.joints]
+        self._torque_names = tuple(name for name in torque_names(joints) if name in runner.state_names)
+        self._torques = [runner.state_names.index(name) for name in self._torque_names]
         means, stds = priors_of(runner)
         self._priors = None if means is None or stds is None else (means, stds)
 
@@ -198,6 +201,23 @@ class LiveEstimator:
     def angle_stds(self) -> Floats:
         """Standard deviations of their errors [rad], (n_joints,)."""
         stds: Floats = np.sqrt(np.maximum(self._diagonal[self._angles], 0.0))
+        return stds
+
+    @property
+    def torque_names(self) -> tuple[str, ...]:
+        """Names of the torques from outside that are estimated: of each joint on which one can act."""
+        return self._torque_names
+
+    @property
+    def external_torques(self) -> Floats:
+        """Torques on these joints from outside [N m]."""
+        torques: Floats = self._carry[self._torques]
+        return torques
+
+    @property
+    def external_torque_stds(self) -> Floats:
+        """Standard deviations of their errors [N m]."""
+        stds: Floats = np.sqrt(np.maximum(self._diagonal[self._torques], 0.0))
         return stds
 
     def _only(self, values: Floats, name: str) -> float:

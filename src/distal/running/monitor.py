@@ -76,6 +76,8 @@ class Reading:
         angle_stds: standard deviations of their errors [rad], (n_joints,).
         health: one word.
         detail: which sensor, how long; may be empty.
+        torques: on the joints from outside [N m], of each joint on which one can act; NaN where the sample was skipped.
+        torque_stds: standard deviations of their errors [N m].
     """
 
     time: float
@@ -83,6 +85,8 @@ class Reading:
     angle_stds: tuple[float, ...]
     health: Health
     detail: str = ""
+    torques: tuple[float, ...] = ()
+    torque_stds: tuple[float, ...] = ()
 
     @property
     def angle(self) -> float:
@@ -137,6 +141,11 @@ class Monitor:
     def rig(self) -> Rig:
         """The description."""
         return self._live.rig
+
+    @property
+    def torque_names(self) -> tuple[str, ...]:
+        """Names of the torques from outside that are estimated."""
+        return self._live.torque_names
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -207,12 +216,15 @@ class Monitor:
         if stds.max() > UNKNOWN and live.samples > 1:
             said.append(("disagrees", "the angle is not known"))
         health, detail = max(said, key=lambda one: list(HEALTH).index(one[0]), default=("ok", ""))
-        return Reading(time, tuple(live.angles.tolist()), tuple(stds.tolist()), health, detail)
+        torques, torque_stds = live.external_torques.tolist(), live.external_torque_stds.tolist()
+        return Reading(
+            time, tuple(live.angles.tolist()), tuple(stds.tolist()), health, detail, tuple(torques), tuple(torque_stds)
+        )
 
     def _skipped(self, time: float, health: Health, detail: str = "") -> Reading:
         """Return a reading without an estimate."""
-        nothing = (nan,) * len(self._live.rig.joints)
-        return Reading(time, nothing, nothing, health, detail)
+        nothing, untouched = (nan,) * len(self._live.rig.joints), (nan,) * len(self._live.torque_names)
+        return Reading(time, nothing, nothing, health, detail, untouched, untouched)
 
     def _late_or_twice(self, time: float) -> Reading | None:
         """Return a reading without an estimate where a stamp does not rise; None where it may go on."""

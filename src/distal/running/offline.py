@@ -22,7 +22,7 @@ from distal.estimators import (
     KernelEstimator,
     make_estimator,
 )
-from distal.logs import Log, frozen, read_log, true_angles
+from distal.logs import Log, frozen, read_log, true_angles, true_torques
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
 from distal.running.calibration import begun_homed, calibrated
@@ -255,7 +255,7 @@ def finished(
     """
     log, runner = run.log, run.runner
     joints = tuple(joint.name for joint in runner.rig.joints)
-    known = true_angles(log, joints)
+    known, touched, early = true_angles(log, joints), true_torques(log, joints), None
     if run.homing is not None and known is not None:
         early = log.time - log.time[0] < run.homing
         if not (run.reads_reference or isinstance(runner, AffineEstimator)):
@@ -285,6 +285,7 @@ def finished(
         prior_means,
         prior_stds,
         log.stamps,
+        frozen(np.where(early[:, None], np.nan, touched)) if touched is not None and early is not None else touched,
     )
 
 

@@ -10,7 +10,7 @@ from distal.estimators import AdaptiveFilter
 from distal.logs import Log
 from distal.results import BAND, Estimate, Finding, Kind
 from distal.results import diagnose as of_estimate
-from distal.rig import Rig
+from distal.rig import REFERENCES, Rig
 from distal.running.offline import runner_for
 from distal.running.rerun import Change, Outcome, Rerun
 
@@ -133,7 +133,7 @@ def _suspects(rerun: Rerun) -> Iterator[tuple[str, list[Change]]]:
     springs = [f"tendons.{i}.stiffness" for i in range(len(rig.tendons))]
     yield "tendons.stiffness", _numbers(rerun, springs, 1 / STIFF, STIFF)
     for sensor in rig.sensors:
-        if sensor.name in runner.channels and sensor.measures != "angle":
+        if sensor.name in runner.channels and sensor.measures not in REFERENCES:
             yield f"sign of {sensor.name}", [Change(channels={sensor.name: -1.0})]
             yield f"scale of {sensor.name}", [Change(channels={sensor.name: f}) for f in (TURNS, 1 / TURNS)]
 

@@ -22,8 +22,8 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of the plant over one interval of `count` sub-steps.
 
     carry = (q, v, friction inside each drive's transmission, what moves inside); x = (effort, added inertia, servo, dt); y =
-    (q, v, tensions, pull on each drive), the pull being what a load cell or torque sensor between the source and the drive reads:
-    U = W − (W/g) ẍ for a hung weight.
+    (q, v, tensions, pull on each body), the pull being what a load cell or torque sensor between the source and the body
+    reads: U = W − (W/g) ẍ for a hung weight.
 
     Args:
         mechanism: the plant's equations.
@@ -47,7 +47,7 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     if nx:
         inside = settled_function(mechanism)(q_next, dt, p)
         p = ca.vertcat(numbers[: numbers.numel() - nx], inside)
-    y = ca.vertcat(q_next, v_next, tensions(q_next, v_next, p), pull[mechanism.n_joints :])
+    y = ca.vertcat(q_next, v_next, tensions(q_next, v_next, p), pull)
     kept = friction.follow(carry[:n], q_next, v_next, kept, p) if rubbing else kept
     following = ca.vertcat(q_next, v_next, kept, inside)
     return ca.Function("plant", [carry, x, numbers], [following, y], ["carry", "x", "p"], ["next", "y"])
@@ -211,9 +211,7 @@ def run_plants(
     motions = []
     for (inputs, start), y_start, ys in zip(runs, firsts, moved):
         y_start[:, :n], y_start[:, n : 2 * n] = start, 0.0
-        y_start[:, 2 * n + m :] = (inputs.effort + inputs.servo[:, :, 0] * (inputs.servo[:, :, 1] - start))[
-            :1, mechanism.n_joints :
-        ]
+        y_start[:, 2 * n + m :] = (inputs.effort + inputs.servo[:, :, 0] * (inputs.servo[:, :, 1] - start))[:1]
         y = np.vstack([y_start, ys])
         if not np.all(np.isfinite(y)) or np.abs(y[:, :n]).max() > 1e3:
             raise ScenarioError(
@@ -221,7 +219,13 @@ def run_plants(
                 "or a step that is too long (see stepping.largest_step)"
             )
         motions.append(
-            {"q": y[:, :n], "v": y[:, n : 2 * n], "tensions": y[:, 2 * n : 2 * n + m], "pulls": y[:, 2 * n + m :]}
+            {
+                "q": y[:, :n],
+                "v": y[:, n : 2 * n],
+                "tensions": y[:, 2 * n : 2 * n + m],
+                "torques": y[:, 2 * n + m : 2 * n + m + mechanism.n_joints],
+                "pulls": y[:, 2 * n + m + mechanism.n_joints :],
+            }
         )
     return motions
 

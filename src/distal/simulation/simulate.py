@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from distal.errors import ScenarioError
 from distal.logs import Log
 from distal.model import Mechanism, substeps
-from distal.rig import Rig, Sensor, angle_names, load_rig
+from distal.rig import Rig, Sensor, angle_names, load_rig, torque_names
 from distal.sensors import measure
 from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
 from distal.simulation.plant import equilibrium, longest_interval, run_plant
@@ -38,7 +38,7 @@ def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int =
         seed: of the sensors' errors; the same seed gives the same log.
 
     Returns:
-        log: channels by sensor name; truth holds ``theta`` [rad] and, by drive or tendon name, ``position_…``,
+        log: channels by sensor name; truth holds ``theta`` [rad], ``external_torque`` [N m] and, by drive or tendon name, ``position_…``,
             ``force_…`` and ``tension_…``.
 
     Raises:
@@ -129,6 +129,8 @@ def sampled(prepared: Prepared, motion: dict[str, Floats], seed: int) -> Log:
         channels[sensor.name] = values
     angles = enumerate(angle_names([joint.name for joint in plant.rig.joints]))
     truth = {name: np.interp(stamps, grid, motion["q"][:, j]) for j, name in angles}
+    for j, name in enumerate(torque_names([joint.name for joint in plant.rig.joints])):
+        truth[name] = np.interp(stamps, grid, motion["torques"][:, j])
     for i, drive in enumerate(plant.rig.drives):
         truth[f"position_{drive.name}"] = np.interp(stamps, grid, motion["q"][:, plant.n_joints + i])
         truth[f"force_{drive.name}"] = np.interp(stamps, grid, motion["pulls"][:, i])
@@ -149,6 +151,8 @@ def _true_values(plant: Mechanism, sensor: Sensor, motion: dict[str, Floats]) ->
     if sensor.measures == "angle":
         index = [joint.name for joint in rig.joints].index(sensor.of)
         values, stops = motion["q"][:, index], rig.joints[index].stops
+    elif sensor.measures == "torque":
+        values, stops = motion["torques"][:, [joint.name for joint in rig.joints].index(sensor.of)], None
     elif sensor.measures == "tension":
         values, stops = motion["tensions"][:, [tendon.name for tendon in rig.tendons].index(sensor.of)], None
     else:

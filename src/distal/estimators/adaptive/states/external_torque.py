@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states.state import Fading, State
+from distal.rig import torque_names
 
 Floats = NDArray[np.float64]
 
@@ -30,8 +31,7 @@ class ExternalTorque(State):
     @property
     def names(self) -> tuple[str, ...]:
         """``external_torque``, with the joint's name where there are several."""
-        joints = self.setup.mechanism.rig.joints
-        return ("external_torque" if len(joints) == 1 else f"external_torque_{joints[self.joint].name}",)
+        return (torque_names([joint.name for joint in self.setup.mechanism.rig.joints])[self.joint],)
 
     @property
     def means(self) -> Floats:

@@ -1,0 +1,85 @@
+"""What an exported filter puts out: angles of the joints and torques on them from outside, by the names that C allows."""
+
+from __future__ import annotations
+
+import re
+
+from distal.estimators import KernelEstimator
+from distal.rig import Rig, angle_names, std_name, torque_names
+
+
+def comment(text: str) -> str:
+    """Return a text that may stand in a comment of C.
+
+    Args:
+        text: anything.
+    """
+    plain = "".join(c if c.isprintable() else " " for c in text)[:200]
+    for ends, harmless in (("\\", "/"), ("??", "? ?"), ("*/", "* /"), ("/*", "/ *"), ("*/", "* /")):
+        plain = plain.replace(ends, harmless)
+    return " ".join(plain.split())
+
+
+def angle_fields(rig: Rig) -> list[tuple[str, str]]:
+    """Return the names of angle and standard deviation of each joint in an exported filter's output.
+
+    ``angle`` and ``angle_std`` for one joint, else those of `angle_names`, with _ for what C does not allow in a name.
+
+    Args:
+        rig: the description.
+    """
+    joints = [joint.name for joint in rig.joints]
+    if len(joints) == 1:
+        return [("angle", "angle_std")]
+    names: list[str] = []
+    for angle in angle_names(joints):
+        plain = re.sub(r"[^A-Za-z0-9]", "_", angle)
+        names.append(next(n for n in (plain, *(f"{plain}_{i}" for i in range(2, 10_000))) if n not in names))
+    return [(name, std_name(name)) for name in names]
+
+
+def torque_fields(runner: KernelEstimator) -> list[tuple[str, str]]:
+    """Return the states that are torques from outside, and their names in an exported filter's output.
+
+    Args:
+        runner: the estimator.
+    """
+    joints = [joint.name for joint in runner.rig.joints]
+    known = [name for name in torque_names(joints) if name in runner.state_names]
+    return [(name, re.sub(r"[^A-Za-z0-9]", "_", name)) for name in known]
+
+
+def members(runner: KernelEstimator, name: str) -> str:
+    """Return the members of the output that are angles and torques from outside, with their standard deviations.
+
+    Args:
+        runner: the estimator.
+        name: prefix of the filter's names.
+    """
+    lines, rig = [], runner.rig
+    for (angle, std), joint in zip(angle_fields(rig), rig.joints):
+        which = "the joint" if len(rig.joints) == 1 else comment(joint.name)
+        lines += [f"  {name}_real {angle}; /* of {which} [rad] */"]
+        lines += [f"  {name}_real {std}; /* standard deviation of its error [rad] */"]
+    for _, field in torque_fields(runner):
+        lines += [f"  {name}_real {field}; /* on the joint [N m] */"]
+        lines += [f"  {name}_real {std_name(field)}; /* standard deviation of its error [N m] */"]
+    return "\n".join(lines)
+
+
+def outputs(runner: KernelEstimator, n: int) -> str:
+    """Return the lines that fill them.
+
+    Args:
+        runner: the estimator.
+        n: number of its states.
+    """
+    fields = [(j, *pair) for j, pair in enumerate(angle_fields(runner.rig))]
+    fields += [(runner.state_names.index(state), f, std_name(f)) for state, f in torque_fields(runner)]
+    lines = []
+    for at, value, std in fields:
+        lines += [
+            f"    out->{value} = state->carry[{at}];",
+            f"    out->{std} = root(state->carry[{n + at * (n + 1)}]);",
+        ]
+    return "\n".join(lines)
