@@ -3,7 +3,15 @@
 from distal.errors import DistalError, DistalWarning
 from distal.estimators import ESTIMATORS, Belief, Estimator, Innovation, make_estimator
 from distal.export import export_c
-from distal.identification import Fit, cross_validate, fit, learn_affine, learn_discrepancy, observability
+from distal.identification import (
+    Fit,
+    cross_validate,
+    fit,
+    learn_affine,
+    learn_contact,
+    learn_discrepancy,
+    observability,
+)
 from distal.logs import Log, read_log, write_log
 from distal.results import Estimate, plot_estimates
 from distal.rig import Rig, load_rig, shipped_rigs
@@ -32,6 +40,7 @@ __all__ = [
     "export_c",
     "fit",
     "learn_affine",
+    "learn_contact",
     "learn_discrepancy",
     "load_rig",
     "load_scenario",

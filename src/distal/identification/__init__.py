@@ -2,6 +2,7 @@
 
 from distal.identification.affine import AffineFit, LeftOut, affine_table, learn_affine
 from distal.identification.crossvalidation import CrossValidation, HeldOut, cross_validate
+from distal.identification.contact import ContactFit, learn_contact
 from distal.identification.discrepancy import DiscrepancyFit, learn_discrepancy
 from distal.identification.fit import fit
 from distal.identification.fitted import Fitted
@@ -15,6 +16,7 @@ __all__ = [
     "AffineFit",
     "Compared",
     "CrossValidation",
+    "ContactFit",
     "DiscrepancyFit",
     "Fit",
     "Fitted",
@@ -28,6 +30,7 @@ __all__ = [
     "fit",
     "groups_of",
     "learn_affine",
+    "learn_contact",
     "learn_discrepancy",
     "observability",
 ]

@@ -2,6 +2,7 @@
 
 from distal.rig.affine import Affine, AffineJoint
 from distal.rig.columns import angle_names, speed_names, std_name, tendon_angle_name, torque_names
+from distal.rig.contact import Contact
 from distal.rig.discrepancy import CONSTANT, Discrepancy, factors
 from distal.rig.drives import (
     Capstan,
@@ -40,6 +41,7 @@ __all__ = [
     "AffineJoint",
     "Capstan",
     "CapstanFriction",
+    "Contact",
     "Creep",
     "Description",
     "Discrepancy",

@@ -9,6 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from distal.errors import RigError, did_you_mean
 from distal.rig.affine import Affine
+from distal.rig.contact import Contact
 from distal.rig.discrepancy import Discrepancy
 from distal.rig.drives import Capstan, Drive, Slider, effort_unit, position_unit
 from distal.rig.joints import Joint
@@ -19,7 +20,7 @@ from distal.rig.tendons import Tendon
 from distal.rig.validation import validated
 from distal.units import unit_factor
 
-Learned = Affine | Discrepancy | None
+Learned = Affine | Discrepancy | Contact | None
 
 
 class TimeColumn(Description):
@@ -60,6 +61,9 @@ class Rig(Description):
     affine: Affine | None = Field(None, description="the obvious estimator, as learned: `distal fit` writes it")
     discrepancy: Discrepancy | None = Field(
         None, description="what the model leaves of the angle, as learned: `distal fit` writes it"
+    )
+    contact: Contact | None = Field(
+        None, description="the torque on the joint from outside, as learned: `distal fit` writes it"
     )
 
     @field_validator("joints", mode="after")
@@ -103,7 +107,7 @@ class Rig(Description):
                 raise ValueError(f"{i}.unit: {error}") from None
         return sensors
 
-    @field_validator("affine", "discrepancy", mode="after")
+    @field_validator("affine", "discrepancy", "contact", mode="after")
     @classmethod
     def _learned_fits(cls, learned: Learned, info: ValidationInfo) -> Learned:
         if learned is None or "sensors" not in info.data or "joints" not in info.data:
@@ -169,8 +173,8 @@ class Rig(Description):
         return found
 
     def bare(self) -> Rig:
-        """Return a copy without what logs taught beside its numbers: no `affine`, no `discrepancy`."""
-        return self.model_copy(update={"affine": None, "discrepancy": None})
+        """Return a copy without what logs taught beside its numbers: no `affine`, `discrepancy`, `contact`."""
+        return self.model_copy(update={"affine": None, "discrepancy": None, "contact": None})
 
     def sensors_of(self, measures: str) -> tuple[Any, ...]:
         """Return the sensors that measure `measures` (position, force, tension, angle or torque), in their order."""

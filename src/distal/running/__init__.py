@@ -1,7 +1,7 @@
 """An estimator over a log, over many, over a stream; homing, smoothing, and a stream's health."""
 
 from distal.running.batch import estimate_batch
-from distal.running.calibration import numbers_homed, plain_samples
+from distal.running.calibration import held, numbers_homed, plain_samples
 from distal.running.diagnosing import diagnose
 from distal.running.homing import TRUTH_NOISE, added_reference, at_known_angle, check_homing, with_references
 from distal.running.homing_window import Window
@@ -27,6 +27,7 @@ __all__ = [
     "estimate",
     "estimate_batch",
     "first_values",
+    "held",
     "numbers_homed",
     "plain_samples",
     "samples_of",

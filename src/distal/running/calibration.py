@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import AdaptiveFilter, Belief
+from distal.estimators import contact as contacts
 from distal.estimators.discrepancy import Samples, homed
-from distal.logs import Log, frozen
+from distal.logs import Log, frozen, true_torques
 from distal.running.homing_map import most_likely
 from distal.running.homing_window import Window, plain_angles
 
@@ -128,3 +129,26 @@ def calibrated(
     discrepancy, surprise = homed(runner.discrepancy, plain, early)
     taught = runner.with_discrepancy(discrepancy)
     return taught, begun, unaided, surprise
+
+
+def touched(runner: AdaptiveFilter, log: Log, samples: Floats, homing: float) -> AdaptiveFilter:
+    """Return a filter whose contact is this run's: the torque is read over the window, where the log has it.
+
+    Args:
+        runner: a filter with a contact.
+        log: the log.
+        samples: values of its channels, (k, n_channels).
+        homing: length of the window [s].
+    """
+    assert runner.contact is not None
+    torques = true_torques(log, [joint.name for joint in runner.rig.joints])
+    if torques is None:
+        return runner
+    sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
+    readings = []
+    for i, name in enumerate(runner.contact.channels):
+        offset = sensors[name].bias.value if sensors[name].measures == "position" else 0.0
+        readings.append(held(samples[:, i]) - offset)
+    interval = float(np.median(np.diff(log.time)))
+    early = log.time - log.time[0] < homing
+    return runner.with_contact(contacts.homed(runner.contact, np.column_stack(readings), torques, early, interval))

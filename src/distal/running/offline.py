@@ -25,7 +25,7 @@ from distal.estimators import (
 from distal.logs import Log, frozen, read_log, true_angles, true_torques
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
-from distal.running.calibration import begun_homed, calibrated
+from distal.running.calibration import begun_homed, calibrated, touched
 from distal.running.homing import check_homing, homed, with_references
 from distal.running.homing_window import Window
 
@@ -217,6 +217,8 @@ def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
             runner, start, samples, _ = calibrated(runner, start, log, samples, known, homing)
         else:
             start = begun_homed(Window.of(runner, start, log, samples, known, homing))
+        if runner.contact is not None:
+            runner = touched(runner, log, samples, homing)
     return Run(log, runner, samples, start, homing)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
+from distal.estimators import contact
 from distal.estimators.adaptive.drive_tracking import MEMORY, UNKNOWN
 from distal.estimators.adaptive.filter import adaptive_function
 from distal.estimators.adaptive.robustness import Robustness
@@ -20,11 +21,11 @@ from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states import KINDS, Begin, Kind, StateVector
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of
 from distal.estimators.contract import KernelEstimator
-from distal.estimators.discrepancy import corrected_function, first_memory, memory_size, numbers_of
+from distal.estimators.discrepancy import corrected_function, first_memory, numbers_of
 from distal.kernels import Kernel
 from distal.logs import frozen
 from distal.model import RESOLUTION, Mechanism, joint_frequency
-from distal.rig import Discrepancy, Rig, Sensor, gain_of
+from distal.rig import Contact, Discrepancy, Rig, Sensor, gain_of, torque_names
 
 Floats = NDArray[np.float64]
 
@@ -73,8 +74,9 @@ class AdaptiveFilter(KernelEstimator):
         self._discrepancy = None if trace else rig.discrepancy
         self._check_sensors(channels)
         values = mechanism.parameters.values
-        if self._discrepancy is not None:
-            values = np.concatenate([values, numbers_of(self._discrepancy)])
+        self._contact = None if trace or rig.contact is None else rig.contact
+        self._check_contact(channels)
+        values = np.concatenate([values, *self._learned_numbers()])
         super().__init__(
             name,
             rig,
@@ -94,12 +96,41 @@ class AdaptiveFilter(KernelEstimator):
                 f"{', '.join(read)}; learn it again (distal fit), or remove [discrepancy]"
             )
 
+    def _check_contact(self, channels: Channels) -> None:
+        if self._contact is None:
+            return
+        read = channels.names[: len(channels.names) - len(channels.angles)]
+        if self._contact.channels != read:
+            raise EstimationError(
+                f"adaptive: [contact] was learned from the sensors {', '.join(self._contact.channels)}, the rig now has "
+                f"{', '.join(read)}; learn it again (distal fit), or remove [contact]"
+            )
+        if len(self._torques) < len(self._contact.joints):
+            raise EstimationError(
+                "adaptive: [contact] is a torque from outside, and the rig says that none can occur; give the joint's "
+                "external_torque a std, or remove [contact]"
+            )
+
+    @property
+    def _torques(self) -> list[int]:
+        """Which states are torques from outside, in the order of the joints."""
+        names = torque_names([joint.name for joint in self._states.setup.mechanism.rig.joints])
+        return [self._states.names.index(name) for name in names if name in self._states.names]
+
+    def _learned_numbers(self) -> list[Floats]:
+        """Return the numbers of what was learned, which come behind the model's parameters."""
+        learned = [] if self._discrepancy is None else [numbers_of(self._discrepancy)]
+        return [*learned, *([] if self._contact is None else [contact.numbers_of(self._contact)])]
+
     def _corrected(self, function: ca.Function) -> ca.Function:
-        """Return the filter with the rig's discrepancy, if it has one."""
-        if self._discrepancy is None:
-            return function
+        """Return the filter with the rig's discrepancy and its contact, if it has them."""
         setup, n = self._states.setup, len(self._states)
-        return corrected_function(function, n, len(setup.channels.names), self.places, self._discrepancy)
+        width = len(setup.channels.names)
+        if self._discrepancy is not None:
+            function = corrected_function(function, n, width, self.places, self._discrepancy)
+        if self._contact is not None:
+            function = contact.touched_function(function, n, width, self.places, self._torques, self._contact)
+        return function
 
     def export_function(self) -> ca.Function:
         """Return (carry, x, p) → (carry⁺, y) in the form for small memories: matrices as loops, the same numbers."""
@@ -136,6 +167,8 @@ class AdaptiveFilter(KernelEstimator):
                 mean[at], variances[at] = first[0], first[1] ** 2
         if self._discrepancy is not None:
             memory = ca.vertcat(memory, first_memory(self._discrepancy, values, mask))
+        if self._contact is not None:
+            memory = ca.vertcat(memory, contact.first_memory(self._contact, values, mask))
         return ca.Function("prior", [values, mask], [mean, variances, memory])
 
     @property
@@ -159,8 +192,8 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def own_memory(self) -> int:
         """Where in the carry the correction stands: after all that is the filter's own."""
-        size: int = self.kernel.n_carry
-        return size - (0 if self._discrepancy is None else memory_size(self._discrepancy))
+        n = len(self._states)
+        return n + n * n + (MEMORY + 1) * self._states.setup.n_drives
 
     def with_discrepancy(self, discrepancy: Discrepancy) -> AdaptiveFilter:
         """Return the same filter, kernel included, with other coefficients of the same terms.
@@ -171,9 +204,28 @@ class AdaptiveFilter(KernelEstimator):
         assert self._discrepancy is not None
         assert self._discrepancy.terms == discrepancy.terms
         other = copy(self)
-        count = len(self.numbers) - len(numbers_of(discrepancy))
         other._discrepancy, other._begin = discrepancy, None
-        other._p = frozen(np.concatenate([self.numbers[:count], numbers_of(discrepancy)]))
+        count = len(self.numbers) - sum(len(each) for each in self._learned_numbers())
+        other._p = frozen(np.concatenate([self.numbers[:count], *other._learned_numbers()]))
+        return other
+
+    @property
+    def contact(self) -> Contact | None:
+        """The torque from outside, as learned; None where it is the filter's own."""
+        return self._contact
+
+    def with_contact(self, learned: Contact) -> AdaptiveFilter:
+        """Return the same filter, kernel included, with other coefficients of the same terms of its contact.
+
+        Args:
+            learned: with the terms of its own.
+        """
+        assert self._contact is not None
+        assert self._contact.terms == learned.terms
+        other = copy(self)
+        other._contact, other._begin = learned, None
+        count = len(self.numbers) - sum(len(each) for each in self._learned_numbers())
+        other._p = frozen(np.concatenate([self.numbers[:count], *other._learned_numbers()]))
         return other
 
     @property
