@@ -14,6 +14,11 @@ POINTS = 0.04
 (`python -m benchmarks.parts`)."""
 
 
+NOISY = 0.01
+"""The same of what shows through the noise of displacements, a drive's damping and backlash: the noise is in the speed that
+damping goes by, and pushes the ends of the gap (`python -m benchmarks.parts`)."""
+
+
 @dataclass(frozen=True)
 class Free:
     """A number that is varied, or several that are varied by a common factor.

@@ -11,7 +11,7 @@ import numpy as np
 from distal.errors import FitError, RigError
 from distal.estimators import Robustness, channels_of
 from distal.estimators.adaptive import Setup, uncertain_parameters
-from distal.identification.free import POINTS, Free
+from distal.identification.free import NOISY, POINTS, Free
 from distal.model import Mechanism
 from distal.rig import REFERENCES, Number, Rig, Sensor, number
 
@@ -78,9 +78,11 @@ def choose(
 
 
 def _coarse(rig: Rig, part: Free) -> Free:
-    """Return what is varied with what the points of a sheath leave uncertain of its friction."""
+    """Return what is varied with the share of it that the model leaves uncertain, where that is more than elsewhere."""
     for path in part.paths:
         kind, index, *rest = path.split(".")
+        if kind == "drives" and rest in (["damping"], ["backlash", "width"]):
+            return replace(part, coarse=NOISY)
         if kind == "tendons" and rest[0] == "path":
             along = rig.tendons[int(index)].path
             if along is not None and along.nodes > 0:
