@@ -1,7 +1,7 @@
 """A plant of one link between two position-controlled tendons, with one of the parts that real rigs have.
 
-It shares no code with `distal.model`: RK4 at 0.1 ms (0.5 ms with a cable) in NumPy; creep as a differential equation; a sheath as a
-cable of many points (`benchmarks/cable.py`); backlash by cases.
+It shares no code with `distal.model`: RK4 at 0.1 ms (0.5 ms with a cable) in NumPy; creep as a differential equation; a
+sheath as a cable of many points (`benchmarks/cable.py`); backlash by cases.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def link_log(
         if k == 0:
             y[2] = 0.0  # a load that has just come
         if k >= 0 and k % every == 0:
-            own, at_drive, other = plant.tensions(end, right, y[0], y[2])
+            _, at_drive, other = plant.tensions(end, right, y[0], y[2])
             speed = (places(t + step)[0] - left) / step
             rows.append([t, left, right, at_drive + viscous * speed, other, y[0]])
         later = t + (step if k >= 0 else 0.0)

@@ -22,12 +22,13 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 from rich.progress import track  # noqa: E402
 
-from benchmarks.strangers import foreign, glitches, hands, homing, kinds, mistakes, poses, rigs, series, steps  # noqa: E402
+from benchmarks.strangers import contact, foreign, glitches, hands, homing, kinds, mistakes, poses, rigs, series, steps  # noqa: E402
 from benchmarks.strangers.scoring import Job, Record  # noqa: E402
 from benchmarks.strangers.storage import common, load, moved, save, show, show_beside  # noqa: E402
 
 BENCHES: dict[str, ModuleType] = {
-    bench.NAME: bench for bench in (steps, glitches, rigs, series, poses, homing, kinds, foreign, hands, mistakes)
+    bench.NAME: bench
+    for bench in (steps, glitches, rigs, series, poses, homing, kinds, foreign, hands, contact, mistakes)
 }
 
 

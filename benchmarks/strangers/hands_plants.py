@@ -1,8 +1,8 @@
 """Two rigs as labs have them, with several of the commonest physics at once; the plants share no code with `distal.model`.
 
-`bowden_log`: a finger pulled by one cable in a Bowden sheath against an extension spring, slack at home, a motor with a gear
-of 50:1 whose current cogs, its encoder in counts. `ropes_log`: two motors with load cells pull a joint by ropes that creep,
-with backlash between encoders and spools. The joints are quasi-static with dry friction of their own; cables are of
+`bowden_log`: a finger pulled by one cable in a Bowden sheath against an extension spring, slack at home, a motor with a
+gear of 50:1 whose current cogs, its encoder in counts. `ropes_log`: two motors with load cells pull a joint by ropes that
+creep, with backlash between encoders and spools. The joints are quasi-static with dry friction of their own; cables are of
 `benchmarks/cable.py`.
 """
 

@@ -112,6 +112,35 @@ def test_other_rigs(name: str, single: bool, tmp_path: Path) -> None:
     tolerance = np.deg2rad(0.02) if single else 1e-9
     np.testing.assert_allclose(rows[:, 1], known.theta, atol=tolerance)
     np.testing.assert_allclose(rows[:, 2], known.theta_std, atol=tolerance)
+    assert rows.shape[1] == (5 if described.joints[0].external_torque.std > 0.0 else 3)
+    if rows.shape[1] == 5:
+        np.testing.assert_allclose(rows[:, 3], known.external_torque, atol=1e-5 if single else 1e-9)
+        np.testing.assert_allclose(rows[:, 4], known.external_torque_std, atol=1e-5 if single else 1e-9)
+
+
+@needs_compiler
+def test_what_moves_inside(tmp_path: Path) -> None:
+    """Backlash, creep, a sheath, cogging, a torque sensor's gain: the same in C."""
+    rig = load_rig("capstan-joint").with_values(
+        {
+            "drives.0.backlash.width": {"value": 4e-3, "std": 1e-3},
+            "drives.0.cogging": {"periods": 21, "cosine": {"value": 0.0, "std": 2e-3}},
+            "tendons.0.creep": {"share": {"value": 0.2, "std": 0.1}, "time": {"value": 3.0, "std": 1.0}},
+            "tendons.1.damping": 0.0,
+            "tendons.1.path": {"friction": {"value": 0.1, "std": 0.03}, "wrap": 1.5, "nodes": 2, "let_out": 0.8},
+            "sensors.motor_torque.gain": {"value": 1.0, "std": 0.02},
+        }
+    )
+    servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
+    scenario = build_scenario({"rig": "capstan-joint", "duration": 3.0, "drives": {"motor": {"servo": servo}}}, "servo")
+    made = simulate(rig, scenario, 2)
+    write_log(made, rig, tmp_path / "log.csv")
+    rows = replayed(build(c_filter(rig, "adaptive", False), tmp_path, "-O2"), tmp_path / "log.csv")
+    known = estimate(made, rig)
+    inside = {"backlash_motor", "creep_flexor", "sheath_extensor_0", "sheath_extensor_1", "gain_motor_torque"}
+    assert inside <= set(known.state_names)
+    np.testing.assert_allclose(rows[:, 1], known.theta, atol=1e-9)
+    np.testing.assert_allclose(rows[:, 2], known.theta_std, atol=1e-9)
 
 
 @needs_compiler

@@ -181,6 +181,8 @@ def _say(result: Fit) -> None:
     if result.discrepancy is not None:
         for line in result.discrepancy.notes:
             say(line)
+    if result.contact is not None:
+        say(result.contact.text)
     if result.compared:
         _say_left_out(result)
     for line in result.doubts:

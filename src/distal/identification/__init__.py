@@ -1,8 +1,8 @@
 """A rig's parameters and noise from its own logs, and what the logs can tell."""
 
 from distal.identification.affine import AffineFit, LeftOut, affine_table, learn_affine
-from distal.identification.crossvalidation import CrossValidation, HeldOut, cross_validate
 from distal.identification.contact import ContactFit, learn_contact
+from distal.identification.crossvalidation import CrossValidation, HeldOut, cross_validate
 from distal.identification.discrepancy import DiscrepancyFit, learn_discrepancy
 from distal.identification.fit import fit
 from distal.identification.fitted import Fitted
@@ -15,8 +15,8 @@ from distal.identification.result import Fit
 __all__ = [
     "AffineFit",
     "Compared",
-    "CrossValidation",
     "ContactFit",
+    "CrossValidation",
     "DiscrepancyFit",
     "Fit",
     "Fitted",

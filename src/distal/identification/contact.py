@@ -15,6 +15,7 @@ from distal.estimators.affine import NORMAL, conformal_factor, random_effects, s
 from distal.estimators.contact import design, homed
 from distal.estimators.contact.terms import outside
 from distal.identification.affine import LeftOut
+from distal.identification.groups import groups_of
 from distal.logs import Log, read_log, shown, true_torques
 from distal.rig import AffineJoint, Contact, Rig, load_rig
 from distal.running import held
@@ -122,7 +123,7 @@ def learn_contact(
     data = [one for one in (torques_of(log, rig) for log in read) if one is not None]
     if not data:
         raise FitError(
-            "contact: no log has the torque on the joint; add a sensor with measures = 'torque' of the joint, and its column"
+            "contact: no log has the torque on the joint; add a sensor with measures = 'torque' of it, and its column"
         )
     names = list(groups) if groups is not None else [str(i) for i in range(len(data))]
     if len(names) != len(data):
@@ -137,6 +138,22 @@ def learn_contact(
             scores += [_score(taught, one, homing) for one, own in zip(data, folds) if own == fold]
     described = rig.with_values({"contact": made.model_dump()})
     return ContactFit(described, tuple(one.source for one in data), homing, tuple(scores))
+
+
+def contact_of(logs: Sequence[Log], rig: Rig, homing: float | None, units: str | None) -> ContactFit | None:
+    """Return what logs that have the torque on the joint teach of it; None where none has, or none can occur.
+
+    Args:
+        logs: of a fit.
+        rig: the description, as fitted.
+        homing: length of the homing move [s], or None.
+        units: see `distal.fit`.
+    """
+    touched = [log for log in logs if true_torques(log, [joint.name for joint in rig.joints]) is not None]
+    if not touched or any(joint.external_torque.std == 0.0 for joint in rig.joints):
+        return None
+    groups = groups_of([log.source for log in touched], units) if units is not None else None
+    return learn_contact(touched, rig, homing, groups)
 
 
 def torques_of(log: Log, rig: Rig) -> Torques | None:
@@ -272,8 +289,8 @@ def _sized(data: Sequence[Torques], rig: Rig, folds: Sequence[int], homing: floa
         rms = float(np.mean([np.sqrt(np.mean(error**2)) for logs in parts for error, _, _ in logs if len(error)]))
         if rms < BETTER * least or (len(terms) == len(best[0]) and rms < least):
             best, least, errors = (terms, slip), rms, parts
-    # what scatters between few logs is known as Student's distribution says; a factor of its own, so that the spread between
-    # logs stays what a homing move is weighed against
+    # what scatters between few logs is known as Student's distribution says; a factor of its own, so that the spread
+    # between logs stays what a homing move is weighed against
     wider = 1.0 if len(data) >= ENOUGH else student(len(data) - 1)
     band = max(conformal_factor(list(each), LEAST, LARGEST) for each in zip(*errors)) * wider
     return _taught(data, rig, *best).model_copy(update={"band": band})

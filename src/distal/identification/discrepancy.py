@@ -216,7 +216,7 @@ def filtered(logs: Sequence[Log], rig: Rig, homing: float | None, compiled: bool
 
 
 def reference_std(rig: Rig, log: Log) -> float:
-    """Return what the angle sensor that a log's truth comes from errs by, all in all [rad]; 0 where it comes from elsewhere.
+    """Return what the angle sensor errs by that a log's truth comes from [rad]; 0 where it comes from elsewhere.
 
     Args:
         rig: the description.

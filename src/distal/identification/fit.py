@@ -15,6 +15,7 @@ from distal.estimators.discrepancy import Samples
 from distal.identification.affine import AffineFit, learn_affine
 from distal.identification.agreement import FEW_ITERATIONS, disagreement, staged
 from distal.identification.checks import check_logs, doubts_of, warn_of
+from distal.identification.contact import ContactFit, contact_of
 from distal.identification.curves import curves as curves_of
 from distal.identification.discrepancy import DiscrepancyFit, filtered, learned_from, widened
 from distal.identification.fitted import Fitted, assignments
@@ -106,8 +107,7 @@ def fit(
         RigError: the rig is unknown or wrong.
     """
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
-    if rig.discrepancy is not None or rig.affine is not None:  # both are learned anew
-        rig = rig.bare()
+    rig = rig.bare()  # what logs taught beside its numbers is learned anew
     logs = [logs] if isinstance(logs, (Log, str, Path)) else list(logs)
     free, per_log = _listed(free), _listed(per_log)
     if not isinstance(seed, (int, np.integer)) or seed < 0:
@@ -215,8 +215,9 @@ def fit(
             discrepancy = widened(learned_from(data, result, homing, together, scored=False), errors)
         if homing is None:
             affine, discrepancy = with_reference_error(affine, discrepancy, rig, with_truth)
+    contact = contact_of(read, result, homing, units)
     return Fit(
-        rig=_with_learned(result, affine, discrepancy),
+        rig=_with_learned(result, affine, discrepancy, contact),
         start=rig,
         fitted=tuple(part for part in fitted if not (added and part.name.startswith(added))),
         logs=tuple(log.source for log in read),
@@ -239,6 +240,7 @@ def fit(
         compared=compared,
         doubts=tuple(doubts),
         left=left,
+        contact=contact,
         evaluations=likelihood.evaluations + (final.evaluations if final is not likelihood else 0),
     )
 
@@ -248,8 +250,12 @@ def _mean_rms(data: Sequence[Samples]) -> float:
     return float(np.mean([np.sqrt(np.nanmean((one.angles - one.truths) ** 2)) for one in data]))
 
 
-def _with_learned(rig: Rig, affine: AffineFit | None, discrepancy: DiscrepancyFit | None) -> Rig:
+def _with_learned(
+    rig: Rig, affine: AffineFit | None, discrepancy: DiscrepancyFit | None, contact: ContactFit | None
+) -> Rig:
     learned: dict[str, object] = {}
+    if contact is not None:
+        learned["contact"] = contact.contact.model_dump()
     if affine is not None:
         learned["affine"] = affine.affine.model_dump()
     if discrepancy is not None:
@@ -365,7 +371,8 @@ def _surprise(likelihood: Likelihood, z: Floats) -> float:
     """Return the mean of ν²/S of the references beyond their offsets, the largest of all; infinite where the filter left
     all bounds.
 
-    An offset that is hardly known hides what the angle errs by beside it: each log's mean is taken off ν, its variance off S.
+    An offset that is hardly known hides what the angle errs by beside it: each log's mean is taken off ν, and its variance
+    off S.
     """
     worst, measured = 0.0, likelihood.measured
     innovations = likelihood.each(z, likelihood.run)

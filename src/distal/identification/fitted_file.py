@@ -29,7 +29,7 @@ def fitted_text(rig: Rig, start: Rig, values: Mapping[str, object], head: str, t
 
     source = text if text is not None else tomlkit.dumps(plain(start.model_dump(exclude_defaults=True)))
     document = tomlkit.parse(_without_old_head(source))
-    for learned in ("affine", "discrepancy"):
+    for learned in ("affine", "discrepancy", "contact"):
         if getattr(rig, learned) is None and learned in document:
             del document[learned]  # it was learned with other numbers
     for path, value in values.items():

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.identification.affine import AffineFit, affine_table
+from distal.identification.contact import ContactFit
 from distal.identification.discrepancy import DiscrepancyFit
 from distal.identification.fitted import Fitted, assignments
 from distal.identification.fitted_file import MARK, fitted_text, plain
@@ -51,6 +52,7 @@ class Fit:
         doubts: plain sentences on what speaks against the fit.
         left: share of the priors' stds that the rig's numbers keep where there are doubts: the widest with which the angle
             is not clearly worse on these logs; 0 is `hold`.
+        contact: the torque from outside as learned from logs that have it; the rig holds it.
     """
 
     rig: Rig
@@ -77,6 +79,7 @@ class Fit:
     compared: tuple[Compared, ...] = ()
     doubts: tuple[str, ...] = ()
     left: float = 1.0
+    contact: ContactFit | None = None
 
     @property
     def verdict(self) -> str:
@@ -111,6 +114,8 @@ class Fit:
         learned = {"affine": affine_table(self.affine.affine)} if self.affine is not None else {}
         if self.discrepancy is not None:
             learned["discrepancy"] = plain(self.discrepancy.discrepancy.model_dump())
+        if self.contact is not None:
+            learned["contact"] = plain(self.contact.contact.model_dump())
         return {**assignments(self.fitted, self.start, self.left), **self.curves, **learned}
 
     def _account(self) -> str:
@@ -141,5 +146,7 @@ class Fit:
             lines += [f"# {line}" for line in (self.affine.text, *self.affine.notes)]
         if self.discrepancy is not None:
             lines += [f"# {line}" for line in self.discrepancy.notes]
+        if self.contact is not None:
+            lines.append(f"# {self.contact.text}")
         lines += [f"# {line}" for line in (*self.doubts, self.verdict) if line]
         return "\n".join(lines) + "\n\n"

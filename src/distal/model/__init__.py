@@ -15,7 +15,7 @@ from distal.model.friction import (
 )
 from distal.model.geometry import Insertion, angle_at, elongation, excursion
 from distal.model.intervals import interval_step
-from distal.model.mechanism import GRAVITY, Body, Mechanism
+from distal.model.mechanism import GRAVITY, Mechanism
 from distal.model.parameters import Parameters, number_at
 from distal.model.stepping import (
     RESOLUTION,
@@ -30,6 +30,7 @@ from distal.model.stepping import (
 )
 from distal.model.stops import restitution
 from distal.model.tangents import tangent_step
+from distal.model.tendons import Body
 
 __all__ = [
     "GRAVITY",

@@ -56,7 +56,7 @@ def gap(place: Any, width: Any) -> Bounds:
 
 
 def balanced(place: Any, bounds: Bounds, pull: Callable[[Any], tuple[Any, Any]], friction: Any = 0) -> Any:
-    """Return where the far side of a backlash comes to rest within its gap: where its tendons' pull is at most its friction.
+    """Return where the far side of a backlash comes to rest: where its tendons pull no more than friction holds.
 
     Newton's steps p ← clip(p − soft(g(p), F)/g'(p)) of a pull g that grows with p.
 

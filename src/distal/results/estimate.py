@@ -193,6 +193,27 @@ class Estimate:
                 )
         return names
 
+    def contacts(self, sigmas: float = 5.0, joint: int = 0) -> list[float]:
+        """Return when something begins to touch a joint [s]: its torque from outside is beyond so many of its stds.
+
+        Between two such onsets the torque has come back to half of that.
+
+        Args:
+            sigmas: how many standard deviations are no chance; at 5 there was no false one in ten minutes
+                (`python -m benchmarks.strangers contact`).
+            joint: its index.
+
+        Raises:
+            EstimationError: as `external_torques`.
+        """
+        ratio = np.abs(self.external_torques[:, joint]) / np.maximum(self.external_torque_stds[:, joint], 1e-300)
+        onsets, touched = list[float](), False
+        for time, one in zip(self.time.tolist(), ratio.tolist()):
+            if not touched and one > sigmas:
+                onsets.append(time)
+            touched = one > (sigmas / 2 if touched else sigmas)
+        return onsets
+
     def torque_errors(self) -> Floats:
         """Return estimate minus true torque from outside [N m], (k,), or (k, n_joints); NaN where it is not known.
 

@@ -21,8 +21,8 @@ Floats = NDArray[np.float64]
 def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of the plant over one interval of `count` sub-steps.
 
-    carry = (q, v, friction inside each drive's transmission, what moves inside); x = (effort, added inertia, servo, dt); y =
-    (q, v, tensions, pull on each body), the pull being what a load cell or torque sensor between the source and the body
+    carry = (q, v, friction inside each drive's transmission, what moves inside); x = (effort, added inertia, servo, dt);
+    y = (q, v, tensions, pull on each body), the pull being what a load cell or torque sensor between source and body
     reads: U = W − (W/g) ẍ for a hung weight.
 
     Args:

@@ -38,8 +38,8 @@ def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int =
         seed: of the sensors' errors; the same seed gives the same log.
 
     Returns:
-        log: channels by sensor name; truth holds ``theta`` [rad], ``external_torque`` [N m] and, by drive or tendon name, ``position_…``,
-            ``force_…`` and ``tension_…``.
+        log: channels by sensor name; truth holds ``theta`` [rad], ``external_torque`` [N m] and, by drive or tendon name,
+            ``position_…``, ``force_…`` and ``tension_…``.
 
     Raises:
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.

@@ -168,6 +168,7 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
         parameter_walk=0.02,
         learning_time=0.3,  # (24)
         learning_time_guarded=0.03,
+        creep_learning_time=10.0,
         unmodelled=1.0,
         moving_only=False,
     )
@@ -178,6 +179,7 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
         "parameter_walk": 0.0,
         "learning_time": 0.0,
         "learning_time_guarded": 0.0,
+        "creep_learning_time": 0.0,
         "unmodelled": 0.0,
     }
     assert replace(paper, wild_displacement=np.inf, wild_force=np.inf, **nothing) == NONE

@@ -75,7 +75,7 @@ class Robustness:
     learning_time_guarded: float = 0.03
     """as above; of forces with friction that is not declared, where `sticking_time` and `turning_time` do the most"""
     creep_learning_time: float = 10.0
-    """docs/model.md, "Creep": two tendons that creep against each other look like a joint that turns; `benchmarks.strangers hands`"""
+    """docs/model.md, "Creep": two tendons that creep against each other look like a joint that turns"""
     unmodelled: float = 1.0
     """the rig file says how much (docs/rig-files.md); without it the band is too narrow: docs/guards.md"""
     moving_only: bool = False

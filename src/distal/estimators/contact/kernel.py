@@ -54,8 +54,8 @@ def touched_function(
 ) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of a filter that says φᵀ b of the torque from outside instead of its own.
 
-    The variance is c² (φᵀ C φ + s²) + f² (s² + spread²), with c = `band`, f being how far readings are outside the learned range. The filter's
-    own torque and variance are put back before its next step.
+    The variance is c² (φᵀ C φ + s²) + f² (s² + spread²), with c = `band`, f being how far readings are outside the learned
+    range. The filter's own torque and variance are put back before its next step.
 
     Args:
         inner: the filter.

@@ -1,0 +1,202 @@
+"""The torque on a jaw from outside: a real instrument, other motions or poses; and a push on a simulated finger, seen."""
+
+from __future__ import annotations
+
+import os
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.strangers.library import Log, Rig, build_rig, build_scenario, estimate, load_rig, read_log, simulate
+from benchmarks.strangers.poses import POSES
+from benchmarks.strangers.scoring import BAND, Job, Record, Table
+from distal import learn_contact
+
+NAME = "contact"
+HOMING = 3.0
+PUSH = 0.07
+"""Torque of the push [N m]."""
+
+CLASSES = ("run_0", "run_2", "run_4")
+"""Classes of motion with the wrist straight; each is left out once."""
+
+
+def torques(case: str, name: str, log: Log, rig: Rig) -> list[Record]:
+    """Score the torque after homing [mN m], beside zero, which is the mean over the window."""
+    result = estimate(log, rig, homing=HOMING)
+    errors, stds, true = result.torque_errors(), result.external_torque_std, log.truth["external_torque"]
+    late = np.isfinite(errors)
+    away = true[late] - np.mean(true[log.time - log.time[0] < HOMING])
+    inside = float(np.mean(np.abs(errors[late]) <= BAND * stds[late]))
+    rms = 1e3 * float(np.sqrt(np.mean(errors[late] ** 2)))
+    none = 1e3 * float(np.sqrt(np.mean(away**2)))
+    return [
+        Record(
+            NAME, case, name, "adaptive", round(rms, 4), round(inside, 4), 1e3 * BAND * float(stds[late].mean()), None
+        ),
+        Record(NAME, case, name, "zero", round(none, 4), 0.0, 0.0, None),
+    ]
+
+
+def jaw(case: str, learned_from: list[tuple[str, Path]], judged: list[Path]) -> list[Record]:
+    """Learn from some runs, each with its unit, judge on others."""
+    rig = load_rig("da-vinci-grasper").bare()
+    logs = [read_log(path, rig) for _, path in learned_from]
+    taught = learn_contact(logs, rig, homing=HOMING, groups=[unit for unit, _ in learned_from], scored=False).rig
+    return [one for path in judged for one in torques(case, path.stem, read_log(path, rig), taught)]
+
+
+def finger_rig() -> Rig:
+    """Return a finger between two tendons with load cells, as its user knows it."""
+    drives, tendons, sensors = [], [], []
+    for name, side in (("flexor", 1), ("extensor", -1)):
+        drives.append(
+            {"name": name, "kind": "slider", "mass": "50 g", "damping": "2 kg/s",
+             "nominal_force": {"value": 6.0, "std": 3.0}, "friction": {"load": {"value": 0.02, "std": 0.01}}}
+        )  # fmt: skip
+        tendons.append(
+            {"name": name, "joint": "finger", "drive": name, "side": side, "damping": "0.5 N s/m",
+             "insertion": {"kind": "pulley", "radius": "9 mm"}, "stiffness": {"value": "5e3 N/m", "std": "10 %"}}
+        )  # fmt: skip
+        sensors += [
+            {
+                "name": f"x_{name}",
+                "measures": "position",
+                "of": name,
+                "noise": "5 um",
+                "linearity": "0.03 mm",
+                "rate": 200.0,
+            },
+            {"name": f"u_{name}", "measures": "force", "of": name, "noise": "0.1 N", "rate": 200.0},
+        ]
+    raw: dict[str, Any] = {
+        "name": "finger with load cells",
+        "joints": [
+            {
+                "name": "finger",
+                "inertia": "3e-5 kg m^2",
+                "damping": "1e-3 N m s",
+                "initial": {"value": 0.0, "std": "5 deg"},
+                "friction": {"coefficient": {"value": 0.15, "std": 0.05}, "radius": "1.5 mm", "preload": "2 N"},
+                "external_torque": {"std": "0.03 N m", "correlation_time": "1 s"},
+            }
+        ],
+        "drives": drives,
+        "tendons": tendons,
+        "sensors": sensors,
+    }
+    return build_rig(raw, "finger")
+
+
+def finger(seed: int, duration: float, pushed: float | None) -> tuple[Log, Rig]:
+    """Return a log of a finger that is turned to and fro, pushed for 3 s from `pushed` on; and its rig."""
+    rng = np.random.default_rng([seed, 71])
+    time, place, arm, rig = 0.0, 0.0, 9e-3, finger_rig()
+    squeeze = 1.2e-3
+    turns: dict[str, list[list[str]]] = {name: [["0 s", f"{squeeze} m"]] for name in ("flexor", "extensor")}
+    while time < duration:
+        aim = float(rng.uniform(-0.6, 0.6))
+        for wait in (abs(aim - place) / rng.uniform(0.3, 1.0) + 0.05, float(rng.uniform(0.3, 1.5))):
+            time += wait
+            for name, side in (("flexor", 1), ("extensor", -1)):
+                turns[name].append([f"{time:.3f} s", f"{squeeze + side * arm * aim:.6f} m"])
+        place = aim
+    raw: dict[str, Any] = {"rig": "finger", "duration": f"{duration} s", "plant": {}}
+    raw["drives"] = {name: {"servo": {"position": turn, "stiffness": "5e4 N/m"}} for name, turn in turns.items()}
+    drawn = {"joints.0.friction.coefficient": (0.15, 0.05)} | {f"tendons.{i}.stiffness": (5e3, 500.0) for i in (0, 1)}
+    for path, (value, std) in drawn.items():
+        raw["plant"][path] = value + std * float(np.clip(rng.normal(), -2, 2))
+    if pushed is not None:
+        sign = float(rng.choice([-1.0, 1.0]))
+        steps = [["0 s", "0 N m"], [f"{pushed} s", f"{sign * PUSH} N m"], [f"{pushed + 3.0} s", "0 N m"]]
+        raw["joints"] = {rig.joints[0].name: {"torque": steps}}
+    return simulate(rig, build_scenario(raw), seed), rig
+
+
+def onset(seed: int) -> list[Record]:
+    """Return how long after a push its onset is seen [ms], or how many are seen where there is none."""
+    pushed = 3.0 + 0.37 * (seed % 7)
+    log, rig = finger(seed, pushed + 3.5, pushed)
+    result = estimate(log, rig)
+    seen = [time for time in result.contacts() if time >= pushed]
+    late = 1e3 * (seen[0] - pushed) if seen else float("inf")
+    early = sum(0.5 < time < pushed for time in result.contacts())
+    return [
+        Record(NAME, "push of 0.07 N m", str(seed), "adaptive", min(late, 9999.0), float(late <= 100.0), early, None)
+    ]
+
+
+def quiet(seed: int) -> list[Record]:
+    """Return how many onsets are seen in a minute without any."""
+    log, rig = finger(seed, 60.0, None)
+    seen = [time for time in estimate(log, rig).contacts() if time > 0.5]
+    return [
+        Record(NAME, "a minute without a push", str(seed), "adaptive", float(len(seen)), float(not seen), 0.0, None)
+    ]
+
+
+def jobs(quick: bool, first: int) -> list[Job]:
+    """Return the jobs: classes and poses left out, 40 pushes, ten minutes without one."""
+    made: list[Job] = [partial(onset, first + seed) for seed in range(8 if quick else 40)]
+    made += [partial(quiet, first + 1000 + seed) for seed in range(2 if quick else 10)]
+    folder = os.environ.get("DISTAL_DATA")
+    if not folder:
+        print("DISTAL_DATA is not set: the jaw is left out", file=sys.stderr)
+        return made
+    paths = {pose: sorted(Path(folder).glob(pattern)) for pose, pattern in POSES.items()}
+    straight = paths["wrist straight"]
+    for each in CLASSES:
+        rest = [(path.stem[:5], path) for path in straight if not path.stem.startswith(each)]
+        out = [path for path in straight if path.stem.startswith(each)]
+        made.append(partial(jaw, "jaw, motion class left out", rest, out))
+    for pose in [pose for pose in POSES if pose != "wrist straight"]:
+        rest = [(other, path) for other in POSES if other != pose for path in paths[other]]
+        made.append(partial(jaw, "jaw, pose left out", rest, paths[pose]))
+    return made
+
+
+def tables(records: list[Record]) -> list[Table]:
+    """Return the table of torques, and that of onsets."""
+    rows: dict[tuple[str, ...], tuple[float, ...]] = {}
+    for case in dict.fromkeys(one.case for one in records if one.case.startswith("jaw")):
+        for name in ("adaptive", "zero"):
+            own = [one for one in records if one.case == case and one.estimator == name]
+            zero = {one.log: one.rms for one in records if one.case == case and one.estimator == "zero"}
+            better = 100.0 * float(np.mean([one.rms < zero[one.log] for one in own]))
+            rms, inside = [one.rms for one in own], 100.0 * float(np.mean([one.inside for one in own]))
+            nan = float("nan")
+            known = (inside, better) if name == "adaptive" else (nan, nan)
+            rows[(case, name)] = (float(len(own)), float(np.mean(rms)), max(rms), *known)
+    columns = (
+        ("logs", 0),
+        ("mean RMS [mN m]", 2),
+        ("worst log [mN m]", 2),
+        ("inside 95 % band [%]", 0),
+        ("better than zero [%]", 0),
+    )
+    title = "torque on the jaw from outside, its homing move of 3 s read; errors after it"
+    found = [Table(NAME, title, ("case", "estimate"), columns, rows)]
+    onsets: dict[tuple[str, ...], tuple[float, ...]] = {}
+    pushes = [one for one in records if one.case.startswith("push")]
+    calm = [one for one in records if one.case.startswith("a minute")]
+    if pushes and calm:
+        lates = [one.rms for one in pushes]
+        onsets[("finger",)] = (
+            float(len(pushes)),
+            100.0 * float(np.mean([one.inside for one in pushes])),
+            float(np.median(lates)),
+            float(len(calm)),
+            sum(one.rms for one in calm) + sum(one.half for one in pushes),
+        )
+        heads = (
+            ("pushes", 0),
+            ("seen within 0.1 s [%]", 0),
+            ("median delay [ms]", 0),
+            ("minutes without", 0),
+            ("false onsets", 0),
+        )
+        found.append(Table(f"{NAME}-onset", "a push of 0.07 N m on a simulated finger", ("rig",), heads, onsets))
+    return found

@@ -1,0 +1,381 @@
+"""The tendons of a rig: one length function for each, what moves inside on their way, tensions and forces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from distal.model.elasticity import stretched
+from distal.model.geometry import Insertion, angle_at, elongation
+from distal.model.parameters import Parameters
+from distal.model.plays import Bounds, Sheath, balanced, gap
+from distal.rig import Rig
+
+
+@dataclass(frozen=True)
+class Body:
+    """A joint or a drive as the time step sees it: a coordinate with inertia, damping, friction and stops."""
+
+    path: str
+    name: str
+    is_joint: bool
+    has_stops: bool
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where what moves inside a rig is, and what the tendons are tied to.
+
+    Args:
+        q: coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad, m].
+        inside: places of the far sides of drives' backlashes, then of the points in sheaths, (n_inside,) [rad, m].
+    """
+
+    q: Any
+    inside: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Pulls:
+    """What tendons do.
+
+    Args:
+        joint: their tensions at the joint, (n_tendons,) [N].
+        drive: their tensions at the drive, the same but for a sheath between, (n_tendons,) [N].
+        forces: on the bodies, −(∂ℓ/∂q)ᵀ T, (n_bodies,).
+    """
+
+    joint: Any
+    drive: Any
+    forces: Any
+
+
+class Tendons:
+    """What the tendons of a rig do: their lengths, what moves inside on their way, their tensions and forces.
+
+    See `Mechanism`, which adds the rest.
+
+    Args:
+        rig: the description.
+        given: numbers of the description that stay inputs whatever their values; see `Parameters`.
+        remembers: whether what moves inside the rig (backlash, points in a sheath, creep) stays where it was, as numbers
+            `inside` among the parameters; else it is taken to be in the middle of where it can be.
+    """
+
+    def __init__(self, rig: Rig, given: Sequence[str] = (), remembers: bool = False) -> None:
+        self.rig, self.remembers = rig, remembers
+        self.plays, self.strains = plays_of(rig), strains_of(rig)
+        self.parameters = Parameters(rig, given, (*self.plays, *self.strains) if remembers else ())
+        self.bodies = tuple(
+            Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
+            for kind in ("joints", "drives")
+            for i, part in enumerate(getattr(rig, kind))
+        )
+        self.n_joints, self.n_drives, self.n_tendons = len(rig.joints), len(rig.drives), len(rig.tendons)
+        self.n_bodies = len(self.bodies)
+        joints = {joint.name: i for i, joint in enumerate(rig.joints)}
+        drives = {drive.name: self.n_joints + i for i, drive in enumerate(rig.drives)}
+        self.joint_of = tuple(joints[tendon.joint] for tendon in rig.tendons)
+        self.drive_of = tuple(drives[tendon.drive] for tendon in rig.tendons)
+
+    def displacement(self, tendon: int, q: Any) -> Any:
+        """Return the displacement [m] of a tendon's proximal end: the slider's, or side · R φ of a capstan.
+
+        Args:
+            tendon: its index.
+            q: coordinates, (n_bodies,) [rad, m].
+        """
+        drive = self.drive_of[tendon]
+        radius = f"{self.bodies[drive].path}.radius"
+        if radius in self.parameters:
+            return self.rig.tendons[tendon].side * self.parameters[radius] * q[drive]
+        return q[drive]
+
+    def elongations(self, q: Any) -> Any:
+        """Return ℓ_i(q) − l_i of all tendons, (n_tendons,) [m], without what moves inside."""
+        lengths = []
+        for i in range(self.n_tendons):
+            lengths.append(elongation(self._insertion(i), q[self.joint_of[i]], self.displacement(i, q)))
+        return ca.vertcat(*lengths)
+
+    def angle_at(self, tendon: int, elongated: Any, q: Any) -> Any:
+        """Return the joint angle [rad] at which tendon `tendon` has ℓ − l = `elongated`, at the drives' place in q.
+
+        Args:
+            tendon: its index.
+            elongated: ℓ − l [m].
+            q: coordinates, (n_bodies,); the joint's own is not used.
+        """
+        return angle_at(self._insertion(tendon), elongated, self.displacement(tendon, q))
+
+    def _insertion(self, tendon: int) -> Insertion:
+        part, p = self.rig.tendons[tendon], self.parameters
+        path, kind = f"tendons.{tendon}.insertion", part.insertion.kind
+        length = p[f"{path}.free_length"] if kind == "pinned" else None
+        shape = tuple(p[f"{path}.{name}"] for name in ("centre", "slope", "curvature")) if kind == "linkage" else ()
+        return Insertion(kind, part.side, p[f"{path}.radius"], length, shape)
+
+    def length_jacobian(self, q: Any) -> Any:
+        """Return ∂ℓ/∂q, (n_tendons, n_bodies): the moment arms, with minus the sign of the torque."""
+        symbols = ca.SX.sym("q", self.n_bodies)
+        jacobian = ca.Function(
+            "jacobian", [symbols, self.parameters.symbols], [ca.jacobian(self.elongations(symbols), symbols)]
+        )
+        return jacobian(q, self.parameters.symbols)
+
+    def place(self, q: Any, settled: bool = False) -> Place:
+        """Return where what moves inside comes to rest as the bodies have come to q.
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+            settled: it has come to rest already: what is remembered is where it is.
+        """
+        tied, inside = [q[i] for i in range(self.n_bodies)], list[Any]()
+        remembered = [self.parameters[name] for name in self.plays] if self.remembers else None
+        for i in range(self.n_drives):
+            if self.rig.drives[i].backlash is not None:
+                held = None if remembered is None else remembered[len(inside)]
+                inside.append(self._far_side(i, ca.vertcat(*tied), held, settled))
+                tied[self.n_joints + i] = inside[-1]
+        for j, joint in enumerate(self.rig.joints):
+            if joint.backlash is not None:
+                tied[j] = self._pulley(j, ca.vertcat(*tied))
+        at = ca.vertcat(*tied)
+        elongated = self.elongations(at)
+        for i in range(self.n_tendons):
+            sheath = self.sheath(i, q)
+            if sheath is None:
+                continue
+            ends = self._ends(i, at, elongated)
+            points = None if remembered is None else remembered[len(inside) : len(inside) + sheath.count]
+            if points is None:
+                inside += sheath.middle(*ends)
+            else:
+                inside += points if settled else sheath.settled(points, *ends)
+        return Place(at, tuple(inside))
+
+    def bounds(self, which: int, q: Any) -> Bounds:
+        """Return between which places one of `plays` stays, the others being where they are remembered to be.
+
+        Args:
+            which: its index.
+            q: coordinates, (n_bodies,) [rad, m].
+        """
+        kind, index, *rest = self.plays[which].split(".")
+        if kind == "drives":
+            near = gap(q[self.n_joints + int(index)], self.parameters[f"drives.{index}.backlash.width"])
+            if self.rig.drives[int(index)].backlash.held:  # type: ignore[union-attr]
+                return near
+            rests = self._far_side(int(index), q, self.parameters[self.plays[which]], False)
+            return Bounds(rests, rests)
+        place, sheath, point = self.place(q, settled=True), self.sheath(int(index), q), int(rest[-1])
+        assert sheath is not None
+        drive, joint = self._ends(int(index), place.q, self.elongations(place.q))
+        first = which - point
+        before = drive if point == 0 else place.inside[first + point - 1]
+        after = joint if point == sheath.count - 1 else place.inside[first + point + 1]
+        return sheath.bounds(point, before, after)
+
+    def _far_side(self, drive: int, q: Any, before: Any, settled: bool) -> Any:
+        """Return where the far side of a drive's backlash is."""
+        part, body, p = self.rig.drives[drive].backlash, self.n_joints + drive, self.parameters
+        assert part is not None  # it is asked for drives with backlash
+        if settled:
+            return before
+        path = f"drives.{drive}.backlash"
+        near = gap(q[body], p[f"{path}.width"])
+        start = near.middle if before is None else before
+        if part.held:
+            return near.hold(start)
+        return balanced(start, near, self._pull_along(body, q), p[f"{path}.friction"])
+
+    def _pulley(self, joint: int, q: Any) -> Any:
+        """Return where the pulley of a joint with backlash is: the tendons turn it until it meets the link."""
+        near = gap(q[joint], self.parameters[f"joints.{joint}.backlash.width"])
+        return balanced(q[joint], near, self._pull_along(joint, q))
+
+    def _pull_along(self, body: int, q: Any) -> Callable[[Any], tuple[Any, Any]]:
+        """Return place → (Σ T ∂ℓ/∂q, its slope) of the tendons along one coordinate, the others being at q."""
+        at = ca.SX.sym("q", self.n_bodies)
+        pull = ca.dot(self.length_jacobian(at)[:, body], self._taut(self.elastic_forces(at)))
+        function = ca.Function("pull", [at, self.parameters.symbols], [pull, ca.jacobian(pull, at)[body]])
+
+        def along(place: Any) -> tuple[Any, Any]:
+            entries = [place if i == body else q[i] for i in range(self.n_bodies)]
+            force, slope = function(ca.vertcat(*entries), self.parameters.symbols)
+            return force, slope
+
+        return along
+
+    def sheath(self, tendon: int, q: Any) -> Sheath | None:
+        """Return the cable of a tendon as springs and points of friction, None where all friction is at its drive.
+
+        Args:
+            tendon: its index.
+            q: coordinates, (n_bodies,) [rad, m]: its bends may change with the joint.
+        """
+        path = self.rig.tendons[tendon].path
+        if path is None or path.nodes == 0:
+            return None
+        p, name = self.parameters, f"tendons.{tendon}"
+        exponent = p[f"{name}.path.friction"] * self._wrap(tendon, q) / path.nodes
+        out = ca.exp(exponent * p[f"{name}.path.let_out"])
+        return Sheath(p[f"{name}.stiffness"], ca.exp(exponent), out, path.nodes)
+
+    def _wrap(self, tendon: int, q: Any) -> Any:
+        p, name = self.parameters, f"tendons.{tendon}.path"
+        return ca.fmax(p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[self.joint_of[tendon]], 0)
+
+    def _ends(self, tendon: int, q: Any, elongated: Any) -> tuple[Any, Any]:
+        """Return the displacements of a cable's ends [m] whose difference is its stretch."""
+        drive = self.displacement(tendon, q)
+        stretch = self._beyond(tendon, elongated[tendon])
+        p, name = self.parameters, f"tendons.{tendon}"
+        return drive, drive - stretch - p[f"{name}.pretension"] / p[f"{name}.stiffness"]
+
+    def pulls(self, q: Any, v: Any, settled: bool = False) -> Pulls:
+        """Return tensions at both ends, T_i = max(k δ + T_pre + c δ̇, 0), zero where slack, and what they do to the bodies.
+
+        Equations (8) and (9) with the mend max(·, 0), in the general form with damping and pre-tension.
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+            v: velocities, (n_bodies,).
+            settled: see `place`.
+        """
+        p, place = self.parameters, self.place(q, settled)
+        elastic, jacobian = self.elastic_forces(place.q), self.length_jacobian(place.q)
+        rates, elongated = ca.mtimes(jacobian, v), self.elongations(place.q)
+        joint, drive = list[Any](), list[Any]()
+        at = sum(drive.backlash is not None for drive in self.rig.drives)
+        for i in range(self.n_tendons):
+            path, sheath = f"tendons.{i}", self.sheath(i, q)
+            if sheath is not None:
+                points = list(place.inside[at : at + sheath.count])
+                at += sheath.count
+                near, far = sheath.tensions(points, *self._ends(i, place.q, elongated))
+                joint.append(far)
+                drive.append(near)
+                continue
+            if p.has(f"{path}.damping"):
+                damped = elastic[i] + p[f"{path}.damping"] * rates[i]
+                joint.append(ca.if_else(ca.logic_and(elastic[i] > 0, damped > 0), damped, 0))
+            else:
+                joint.append(self._taut(elastic[i]))
+            drive.append(joint[-1])
+        tensions, nj = (ca.vertcat(*joint), ca.vertcat(*drive)), self.n_joints
+        if tensions[0] is tensions[1] or not any(self.sheath(i, q) for i in range(self.n_tendons)):
+            forces = -ca.mtimes(jacobian.T, tensions[0])
+        else:
+            forces = -ca.vertcat(ca.mtimes(jacobian[:, :nj].T, tensions[0]), ca.mtimes(jacobian[:, nj:].T, tensions[1]))
+        return Pulls(*tensions, forces)
+
+    def tensions(self, q: Any, v: Any) -> Any:
+        """Return the tensions of all tendons at their drives, (n_tendons,) [N]; see `pulls`.
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+            v: velocities, (n_bodies,).
+        """
+        return self.pulls(q, v).drive
+
+    @staticmethod
+    def _taut(elastic: Any) -> Any:
+        return ca.if_else(elastic > 0, elastic, 0)
+
+    def elastic_forces(self, q: Any) -> Any:
+        """Return T_pre + k δ of all tendons, (n_tendons,) [N], negative where slack; with stiffening, see `stretched`.
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+        """
+        p, elongated, forces = self.parameters, self.elongations(q), []
+        for i in range(self.n_tendons):
+            path, stretch = f"tendons.{i}", self._beyond(i, elongated[i])
+            if p.has(f"{path}.stiffening"):
+                stretch = stretched(stretch, p[f"{path}.stiffening"])
+            forces.append(p[f"{path}.stiffness"] * stretch + p[f"{path}.pretension"])
+        return ca.vertcat(*forces)
+
+    def _beyond(self, tendon: int, elongated: Any) -> Any:
+        """Return what is left of an elongation beyond slack and creep [m]."""
+        p, path = self.parameters, f"tendons.{tendon}"
+        if p.has(f"{path}.slack"):
+            elongated = elongated - p[f"{path}.slack"]
+        for name in self.creeps(tendon):
+            # what nobody remembers is taken as settled as it is at the start
+            if self.remembers:
+                elongated = elongated - p[f"{name}.strain"]
+            else:
+                part = getattr(self.rig.tendons[tendon], name.rpartition(".")[2])
+                elongated = elongated / (1 + p[f"{name}.share"] * part.settled.value)
+        return elongated
+
+    def creeps(self, tendon: int) -> list[str]:
+        """Return the paths of a tendon's creeps.
+
+        Args:
+            tendon: its index.
+        """
+        part = self.rig.tendons[tendon]
+        return [f"tendons.{tendon}.{name}" for name in ("creep", "slow_creep") if getattr(part, name) is not None]
+
+    def crept(self, q: Any, dt: Any) -> list[Any]:
+        """Return all `strains` after an interval under the tensions at q: c⁺ = e^{−dt/τ} c + (1 − e^{−dt/τ}) γ T/k, [m].
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+            dt: length of the interval [s].
+        """
+        p, pulls = self.parameters, self.pulls(q, ca.SX.zeros(self.n_bodies), settled=True)
+        after = []
+        for i in range(self.n_tendons):
+            stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
+            for name in self.creeps(i):
+                left = ca.exp(-dt / p[f"{name}.time"])
+                after.append(left * p[f"{name}.strain"] + (1 - left) * p[f"{name}.share"] * stretch)
+        return after
+
+    def tendon_damping(self, q: Any, tensions: Any) -> Any:
+        """Return Σ c (∂ℓ/∂q_j)² over the taut tendons, (n_bodies,): each body's own part of the tendons' damping.
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+            tensions: of all tendons [N], (n_tendons,).
+        """
+        jacobian = self.length_jacobian(self.place(q).q)
+        total = ca.SX(self.n_bodies, 1)
+        for i in range(self.n_tendons):
+            if self.parameters.has(f"tendons.{i}.damping"):
+                taut = ca.if_else(tensions[i] > 0, self.parameters[f"tendons.{i}.damping"], 0)
+                total += taut * (jacobian[i, :] ** 2).T
+        return total
+
+
+def plays_of(rig: Rig) -> tuple[str, ...]:
+    """Return the names of what moves inside a rig as a play: far sides of drives' backlashes, then points in sheaths.
+
+    Args:
+        rig: the description.
+    """
+    backlashes = [f"drives.{i}.backlash.place" for i, drive in enumerate(rig.drives) if drive.backlash is not None]
+    counts = [0 if tendon.path is None else tendon.path.nodes for tendon in rig.tendons]
+    return (*backlashes, *(f"tendons.{i}.path.point.{k}" for i, count in enumerate(counts) for k in range(count)))
+
+
+def strains_of(rig: Rig) -> tuple[str, ...]:
+    """Return the names of the slow stretches of a rig's tendons.
+
+    Args:
+        rig: the description.
+    """
+    kinds = ("creep", "slow_creep")
+    return tuple(
+        f"tendons.{i}.{kind}.strain"
+        for i, t in enumerate(rig.tendons)
+        for kind in kinds
+        if getattr(t, kind) is not None
+    )

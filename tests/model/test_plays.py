@@ -1,0 +1,262 @@
+"""What moves inside a rig: backlash, cables in sheaths, creep; against closed forms and naive twins."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.cable import Cable
+from distal import Rig, load_rig, simulate
+from distal.errors import RigError
+from distal.model import Mechanism
+from distal.model.plays import Bounds, Sheath, balanced, gap
+from distal.simulation import build_scenario
+
+K, MU, WRAP = 2000.0, 0.2, 1.8
+
+
+def sheath(count: int, let_out: float = 1.0) -> Sheath:
+    return Sheath(K, float(np.exp(MU * WRAP / count)), float(np.exp(MU * WRAP * let_out / count)), count)
+
+
+def moved(cable: Sheath, points: list[float], drive: float, joint: float, times: int = 1) -> list[float]:
+    for _ in range(times):
+        points = [float(point) for point in cable.settled(points, drive, joint)]
+    return points
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+@pytest.mark.parametrize("let_out", [1.0, 0.6])
+def test_a_cable_drawn_in_and_let_out(count: int, let_out: float) -> None:
+    """T_drive = T e^{μβ} when all of it has slid towards the drive, T e^{−μβ λ} when it has slid back."""
+    cable = sheath(count, let_out)
+    points = cable.middle(0.0, 0.0)
+    for drive in np.linspace(0.0, 4e-3, 60):
+        points = moved(cable, points, drive, 0.0, 30)
+    near, far = (float(t) for t in cable.tensions(points, 4e-3, 0.0))
+    assert near / far == pytest.approx(np.exp(MU * WRAP), rel=1e-6)
+    for drive in np.linspace(4e-3, 1e-3, 60):
+        points = moved(cable, points, drive, 0.0, 30)
+    near, far = (float(t) for t in cable.tensions(points, 1e-3, 0.0))
+    assert near / far == pytest.approx(np.exp(-MU * WRAP * let_out), rel=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_without_friction_it_is_one_spring(count: int) -> None:
+    cable = Sheath(K, 1.0, 1.0, count)
+    points = moved(cable, [0.0] * count, 3e-3, 1e-3, 200)
+    for tension in cable.tensions(points, 3e-3, 1e-3):
+        assert float(tension) == pytest.approx(K * 2e-3, rel=1e-6)
+
+
+def test_a_slack_cable_pulls_nothing() -> None:
+    cable = sheath(2)
+    points = moved(cable, cable.middle(0.0, 0.0), -1e-3, 1e-3, 20)
+    assert [float(t) for t in cable.tensions(points, -1e-3, 1e-3)] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_its_sweeps_are_enough(count: int) -> None:
+    """One call moves the points to within 5 % of a step of where many calls do, in a motion to and fro."""
+    cable, time = sheath(count), np.arange(0.0, 6.0, 0.01)
+    drive = 2e-3 + 1.2e-3 * np.sin(2 * np.pi * 0.4 * time)
+    once = many = cable.middle(drive[0], 0.0)
+    for place in drive[1:]:
+        once, many = moved(cable, once, place, 0.0), moved(cable, many, place, 0.0, 60)
+        assert np.allclose(once, many, atol=0.05 * np.abs(np.diff(drive)).max())
+
+
+def test_two_points_stand_for_a_whole_cable() -> None:
+    """Against a cable of 16 points: tensions within 5 % of their mean for two points, 10 % for one (RMS)."""
+    time = np.arange(0.0, 6.0, 0.005)
+    drive = 1.2e-3 * (1 + 0.5 * np.sin(2 * np.pi * 0.3 * time + 1)) + 4.5e-3 * np.sin(2 * np.pi * 0.35 * time)
+    joint = 4.5e-3 * np.sin(2 * np.pi * 0.35 * time - 0.05)
+    fine = Cable(K, MU, WRAP)
+    errors: dict[int, list[float]] = {1: [], 2: []}
+    points = {count: sheath(count).middle(drive[0], joint[0]) for count in errors}
+    wanted = []
+    for d, j in zip(drive, joint):
+        fine.settle(d, j)
+        wanted.append(fine.tensions(d, j))
+        for count, each in errors.items():
+            points[count] = moved(sheath(count), points[count], d, j)
+            each += [float(a) - b for a, b in zip(sheath(count).tensions(points[count], d, j), wanted[-1])]
+    mean = float(np.mean(wanted))
+    for count, allowed in ((1, 0.1), (2, 0.05)):
+        assert 0.0 < np.sqrt(np.mean(np.square(errors[count]))) < allowed * mean
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=30), st.floats(0.0, 0.5))
+def test_a_gap_is_a_play(places: list[float], width: float) -> None:
+    far = naive = 0.0
+    for place in places:
+        far = float(gap(place, width).hold(far))
+        if naive < place - width / 2:
+            naive = place - width / 2
+        elif naive > place + width / 2:
+            naive = place + width / 2
+        assert far == pytest.approx(naive, abs=1e-12)
+
+
+@given(st.floats(-2.0, 2.0), st.floats(0.0, 3.0), st.floats(0.1, 2.0))
+def test_a_far_side_goes_where_friction_holds_it(start: float, friction: float, stiffness: float) -> None:
+    """A straight pull K p: it comes to rest at ±F/K, or stays, or meets an end."""
+    bounds = Bounds(-1.0, 1.5)
+    found = float(balanced(start, bounds, lambda p: (stiffness * p, stiffness), friction))
+    begun, rest = min(max(start, -1.0), 1.5), friction / stiffness
+    expected = begun if abs(begun) <= rest else float(np.sign(begun)) * rest
+    assert found == pytest.approx(min(max(expected, -1.0), 1.5), abs=1e-6)
+
+
+HELD = {"joints": {"link": {"hand": {"angle": 0.0, "stiffness": 5000.0}}}}
+
+
+def run(rig: Rig, drives: dict[str, Any], duration: float, more: dict[str, Any] | None = None) -> Any:
+    raw = {"rig": rig.name, "duration": duration, "drives": drives, **(HELD if more is None else more)}
+    return simulate(rig, build_scenario(raw, "plays"), 1)
+
+
+def quiet(values: dict[str, Any]) -> Rig:
+    none = {f"drives.{i}.friction.load": {"value": 0.0, "std": 0.0} for i in (0, 1)}
+    return load_rig("pulley-antagonist").with_values({**none, **values})
+
+
+STILL = {"position": 3e-3, "stiffness": 5e5, "damping": 50.0}
+SETTLED = {"share": 0.5, "time": 1.5, "settled": {"value": 0.0, "std": 0.0}}
+
+
+def test_a_tendon_held_at_its_ends_relaxes() -> None:
+    """T = k (δ − c), ċ = (γ T/k − c)/τ: T falls from k δ to k δ/(1 + γ) with the time constant τ/(1 + γ)."""
+    rig = quiet({"tendons.0.creep": SETTLED})
+    log = run(rig, {"left": {"servo": STILL}, "right": {"force": 2.0}}, 5.0)
+    tension, time = log.truth["tension_left"], log.time
+    expected = tension[0] / 1.5 * (1 + 0.5 * np.exp(-time * 1.5 / 1.5))
+    assert np.allclose(tension, expected, rtol=0.01)
+
+
+def test_two_creeps_add_up() -> None:
+    """In the end T = k δ/(1 + γ₁ + γ₂)."""
+    slow = {"share": 0.25, "time": 0.4, "settled": {"value": 0.0, "std": 0.0}}
+    rig = quiet({"tendons.0.creep": {**SETTLED, "time": 0.3}, "tendons.0.slow_creep": slow})
+    log = run(rig, {"left": {"servo": STILL}, "right": {"force": 2.0}}, 5.0)
+    assert log.truth["tension_left"][-1] == pytest.approx(log.truth["tension_left"][0] / 1.75, rel=0.01)
+
+
+def test_a_rope_that_has_settled_stays() -> None:
+    rig = quiet({"tendons.0.creep": {**SETTLED, "settled": {"value": 1.0, "std": 0.0}}})
+    log = run(rig, {"left": {"force": 4.0}, "right": {"force": 4.0}}, 3.0)
+    assert np.ptp(log.truth["position_left"]) < 2e-5
+
+
+def test_backlash_of_a_drive() -> None:
+    """The tendon's end stays while its drive crosses the gap: a plateau of the tension as it turns back."""
+    width = 0.5e-3
+    rig = quiet({"drives.0.backlash.width": width})
+    swing = {"position": {"mean": 5e-3, "amplitude": 2e-3, "frequency": 0.5}, "stiffness": 5e5, "damping": 50.0}
+    log = run(rig, {"left": {"servo": swing}, "right": {"force": 2.0}}, 4.0)
+    place, tension = log.truth["position_left"], log.truth["tension_left"]
+    far, naive = place[0], []
+    for each in place:
+        far = min(max(far, each - width / 2), each + width / 2)
+        naive.append(806.0 * far)
+    late = log.time > 1.0
+    # the link is held by a spring of 5000 N m/rad, and the log's stamps are not the plant's
+    assert np.abs(tension - naive)[late].max() < 0.02 * np.ptp(tension)
+
+
+def torque_at(rig: Rig, angle: float, places: list[float]) -> float:
+    mechanism = Mechanism(rig)
+    q, v = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
+    function = ca.Function("f", [q, mechanism.parameters.symbols], [mechanism.pulls(q, v).forces])
+    return float(function([angle, *places], mechanism.parameters.values)[0])
+
+
+@given(st.floats(-0.2, 0.2))
+def test_backlash_of_a_joint_is_a_dead_zone(angle: float) -> None:
+    """Both tendons taut: τ = K (θ_eq − θ ∓ b/2) beyond the gap, nothing within; K = 2 k r²."""
+    rig, width, radius = quiet({"joints.0.backlash.width": 0.05}), 0.05, 9.53e-3
+    places = [6e-3, 5e-3]
+    stiffness, rest = 2 * 806.0 * radius**2, (places[0] - places[1]) / (2 * radius)
+    away = rest - angle
+    expected = stiffness * (max(away - width / 2, 0.0) + min(away + width / 2, 0.0))
+    assert torque_at(rig, angle, places) == pytest.approx(expected, abs=1e-7)
+
+
+def test_the_slack_one_of_two_tendons_leaves_the_pulley_to_the_other() -> None:
+    rig = quiet({"joints.0.backlash.width": 0.05})
+    pull = 806.0 * (6e-3 - 9.53e-3 * (0.1 + 0.025)) * 9.53e-3
+    assert torque_at(rig, 0.1, [6e-3, -5e-3]) == pytest.approx(pull, rel=1e-6)
+
+
+def test_cogging_repeats_as_the_motor_turns() -> None:
+    """Expected torque of a motor at rest: what its tendons pull less cogging."""
+    cogging = {"periods": 7, "cosine": 0.003, "sine": -0.002}
+    rig = load_rig("capstan-joint").with_values({"drives.0.cogging": cogging})
+    mechanism = Mechanism(rig)
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    function = ca.Function("f", [q, mechanism.parameters.symbols], [mechanism.passive_forces(q)])
+    for turned in (0.0, 0.3, 1.1):
+        own = float(function([0.2, turned], mechanism.parameters.values)[1])
+        assert own == pytest.approx(0.003 * np.cos(7 * turned) - 0.002 * np.sin(7 * turned), abs=1e-12)
+
+
+def test_a_motor_with_cogging_needs_that_much_less() -> None:
+    cogging = {"periods": 12, "cosine": {"value": 0.05, "std": 0.0}}
+    raw = {"duration": 6.0, "drives": {"motor": {"servo": {"angle": {"amplitude": 0.6, "frequency": 0.3}}}}}
+    plain = load_rig("capstan-joint").with_values({f"drives.0.friction.{n}": 0.0 for n in ("constant", "load")})
+    logs = [
+        simulate(rig, build_scenario({"rig": "capstan-joint", **raw}, "turned"), 1)
+        for rig in (plain, plain.with_values({"drives.0.cogging": cogging}))
+    ]
+    place = logs[1].truth["position_motor"]
+    less = (logs[0].truth["force_motor"] - logs[1].truth["force_motor"])[100:]
+    assert np.corrcoef(less, np.cos(12 * place)[100:])[0, 1] > 0.98
+    assert np.std(less) == pytest.approx(0.05 * np.std(np.cos(12 * place)[100:]), rel=0.1)
+
+
+def test_nobody_who_forgets_is_in_the_middle() -> None:
+    """Filters that remember nothing take a far side to be halfway, and a rope as far settled as it is said to be."""
+    rig = quiet({"drives.0.backlash.width": 1e-3, "tendons.1.creep": {**SETTLED, "settled": {"value": 1.0, "std": 0.0}}})
+    mechanism = Mechanism(rig)
+    assert not mechanism.parameters.inside
+    q, v = ca.SX.sym("q", 3), ca.SX.zeros(3)
+    function = ca.Function("T", [q, mechanism.parameters.symbols], [mechanism.tensions(q, v)])
+    tensions = np.array(function([0.0, 4e-3, 3e-3], mechanism.parameters.values)).ravel()
+    assert tensions == pytest.approx([806.0 * 4e-3, 806.0 * 3e-3 / 1.5], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"tendons.0.slow_creep": SETTLED}, "is a second one"),
+        ({"tendons.0.path": {"friction": 0.1, "wrap": 1.0, "nodes": 2}}, "a tendon with path.nodes is a linear spring"),
+        (
+            {"tendons.0.damping": 0.0, "tendons.0.path": {"friction": 0.1, "wrap": 1.0, "nodes": 9}},
+            "less than or equal to 4|at most 4",
+        ),
+        (
+            {
+                "tendons.0.damping": 0.0,
+                "tendons.0.path": {"friction": 0.1, "wrap": 1.0, "nodes": 2},
+                "joints.0.backlash.width": 0.01,
+            },
+            "not supported where a tendon of the joint has path.nodes",
+        ),
+        (
+            {
+                "tendons.0.damping": 0.0,
+                "tendons.0.path": {"friction": 0.1, "wrap": 1.0, "nodes": 2},
+                "drives.0.backlash": {"width": 1e-3, "held": False},
+            },
+            "not supported where a tendon of the drive has path.nodes",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(values: dict[str, Any], said: str) -> None:
+    with pytest.raises(RigError, match=said):
+        load_rig("pulley-antagonist").with_values(values)
