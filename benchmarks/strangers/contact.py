@@ -178,7 +178,7 @@ def tables(records: list[Record]) -> list[Table]:
         ("better than zero [%]", 0),
     )
     title = "torque on the jaw from outside, its homing move of 3 s read; errors after it"
-    found = [Table(NAME, title, ("case", "estimate"), columns, rows)]
+    found = [Table(f"strangers-{NAME}", title, ("case", "estimate"), columns, rows)]
     onsets: dict[tuple[str, ...], tuple[float, ...]] = {}
     pushes = [one for one in records if one.case.startswith("push")]
     calm = [one for one in records if one.case.startswith("a minute")]
@@ -198,5 +198,7 @@ def tables(records: list[Record]) -> list[Table]:
             ("minutes without", 0),
             ("false onsets", 0),
         )
-        found.append(Table(f"{NAME}-onset", "a push of 0.07 N m on a simulated finger", ("rig",), heads, onsets))
+        found.append(
+            Table(f"strangers-{NAME}-onset", "a push of 0.07 N m on a simulated finger", ("rig",), heads, onsets)
+        )
     return found

@@ -41,7 +41,7 @@ LASTING = (UncertainParameter, Linearity, SensorBias, SensorGain)
 """Blocks that are numbers of the rig or its sensors; the others are meant to move."""
 
 
-SLOW = (UncertainParameter,)
+SLOW = (UncertainParameter, SensorGain)
 """Blocks that forces and tensions change slowly: see `Robustness.learning_time`."""
 
 
