@@ -139,6 +139,15 @@ def test_a_tendon_held_at_its_ends_relaxes() -> None:
     assert np.allclose(tension, expected, rtol=0.01)
 
 
+def test_a_creep_that_is_faster_than_the_samples_is_a_softer_tendon() -> None:
+    """With a time constant of a tenth of a millisecond T = k δ/(1 + γ), and nothing rings."""
+    rig = quiet({"tendons.0.creep": {**SETTLED, "share": 2.0, "time": 1e-4}})
+    log = run(rig, {"left": {"servo": STILL}, "right": {"force": 2.0}}, 1.0)
+    tension = log.truth["tension_left"][50:]
+    assert np.ptp(tension) < 1e-3 * tension.mean()
+    assert tension.mean() == pytest.approx(806.0 * 3e-3 / 3.0, rel=0.02)
+
+
 def test_two_creeps_add_up() -> None:
     """In the end T = k δ/(1 + γ₁ + γ₂)."""
     slow = {"share": 0.25, "time": 0.4, "settled": {"value": 0.0, "std": 0.0}}

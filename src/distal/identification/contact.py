@@ -15,7 +15,8 @@ from distal.estimators.affine import NORMAL, conformal_factor, random_effects, s
 from distal.estimators.contact import design, homed
 from distal.estimators.contact.terms import outside
 from distal.identification.affine import LeftOut
-from distal.identification.groups import groups_of
+from distal.identification.discrepancy_learning import row_of
+from distal.identification.groups import folds_of, groups_of
 from distal.logs import Log, read_log, shown, true_torques
 from distal.rig import AffineJoint, Contact, Rig, load_rig
 from distal.running import held
@@ -28,8 +29,8 @@ SLIPS = (0.025, 0.05, 0.1)
 BETTER = 0.97
 """More terms are taken where their error on left-out logs is below this share of that of fewer terms."""
 
-ENOUGH, MOST_FOLDS = 5, 6
-"""With fewer logs than the first the band is widened; logs are left out in so many groups at most."""
+ENOUGH = 5
+"""With fewer logs than this the band is widened."""
 
 LEAST, LARGEST = 0.5, 30.0
 """Errors on left-out logs make the band between this much narrower and this much wider."""
@@ -128,7 +129,7 @@ def learn_contact(
     names = list(groups) if groups is not None else [str(i) for i in range(len(data))]
     if len(names) != len(data):
         raise FitError(f"contact: {len(data)} logs have a torque, groups of {len(names)} came")
-    folds = _folds(names)
+    folds = folds_of(names)
     made = _sized(data, rig, folds, homing)
     scores: list[LeftOut] = []
     if scored and len(set(folds)) > 2:
@@ -152,7 +153,10 @@ def contact_of(logs: Sequence[Log], rig: Rig, homing: float | None, units: str |
     touched = [log for log in logs if true_torques(log, [joint.name for joint in rig.joints]) is not None]
     if not touched or any(joint.external_torque.std == 0.0 for joint in rig.joints):
         return None
-    groups = groups_of([log.source for log in touched], units) if units is not None else None
+    groups = None
+    if units is not None:
+        unit = dict(zip((log.source for log in logs), groups_of([log.source for log in logs], units)))
+        groups = [unit[log.source] for log in touched]
     return learn_contact(touched, rig, homing, groups)
 
 
@@ -184,11 +188,6 @@ def _sensors(rig: Rig) -> tuple[Any, ...]:
     return (*channels.positions, *channels.tensions, *channels.forces)
 
 
-def _folds(names: Sequence[str]) -> list[int]:
-    every = list(dict.fromkeys(names))
-    return [every.index(name) % MOST_FOLDS for name in names]
-
-
 def _choices(rig: Rig) -> list[tuple[tuple[str, ...], float]]:
     """Return the sets of terms that are tried, fewer terms first, with the half-width of their plays."""
     sensors = _sensors(rig)
@@ -214,10 +213,10 @@ def _taught(data: Sequence[Torques], rig: Rig, terms: tuple[str, ...], slip: flo
     frame = Contact(
         terms=terms,
         channels=tuple(sensor.name for sensor in sensors),
-        centre=_row(centre),
-        scale=_row(np.where(spread > 1e-12, spread, 1.0)),
-        low=_row(every.min(axis=0)),
-        high=_row(every.max(axis=0)),
+        centre=row_of(centre),
+        scale=row_of(np.where(spread > 1e-12, spread, 1.0)),
+        low=row_of(every.min(axis=0)),
+        high=row_of(every.max(axis=0)),
         slip=slip,
         correlation_time=data[0].interval,
         spread=tuple(float(np.sqrt(np.nanmean(column**2))) for column in np.vstack([o.torques for o in data]).T),
@@ -240,10 +239,6 @@ def _taught(data: Sequence[Torques], rig: Rig, terms: tuple[str, ...], slip: flo
         joints.append(found)
         times.append(time)
     return frame.model_copy(update={"joints": tuple(joints), "correlation_time": max(times)})
-
-
-def _row(values: Floats) -> tuple[float, ...]:
-    return tuple(float(f"{value:.6g}") for value in values)
 
 
 Errors = list[tuple[Floats, Floats, Floats]]

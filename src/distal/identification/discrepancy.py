@@ -26,6 +26,7 @@ from distal.identification.discrepancy_learning import (
     sized,
 )
 from distal.identification.discrepancy_terms import NO_CORRECTION, Choice, choices
+from distal.identification.groups import folds_of
 from distal.logs import FROM_SENSOR, Log, read_log, shown, true_angles
 from distal.rig import Discrepancy, Rig, load_rig
 from distal.running import Window, check_homing, first_values, numbers_homed, plain_samples, samples_of, with_references
@@ -41,9 +42,6 @@ HELD = 0.8
 
 SETTLING = 0.5
 """Without homing a filter finds the joint within so long [s]; errors count after that."""
-
-MOST_FOLDS = 6
-"""Logs are left out in so many groups at most."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +148,7 @@ def learned_from(
         scored: whether each log is left out once more, for a score that neither choice nor size has seen.
     """
     said = list(notes)
-    folds = _folds(list(groups) if groups is not None else [one.source for one in data])
+    folds = folds_of(list(groups) if groups is not None else [one.source for one in data])
     chosen = _chosen(data, rig, folds, homing)
     made = sized(data, rig, folds, homing, chosen)
     said.append(f"discrepancy: {chosen.name}")
@@ -225,12 +223,6 @@ def reference_std(rig: Rig, log: Log) -> float:
     if not log.truth_source.endswith(FROM_SENSOR):
         return 0.0
     return max((float(np.hypot(s.bias.unsure, np.sqrt(variance(s)))) for s in rig.sensors_of("angle")), default=0.0)
-
-
-def _folds(names: Sequence[str]) -> list[int]:
-    """Return the fold of each log: logs of one group are in one fold, and there are `MOST_FOLDS` at most."""
-    every = list(dict.fromkeys(names))
-    return [every.index(name) % MOST_FOLDS for name in names]
 
 
 def _chosen(data: Sequence[Samples], rig: Rig, folds: Sequence[int], homing: float | None) -> Choice:

@@ -37,3 +37,17 @@ def groups_of(names: Sequence[str], pattern: str | None) -> list[str]:
     if len(set(groups)) < 2:
         raise FitError(f"cross-validation needs logs of at least two groups; {len(names)} logs of one came")
     return groups
+
+
+MOST_FOLDS = 6
+"""Logs are left out in so many groups at most."""
+
+
+def folds_of(names: Sequence[str]) -> list[int]:
+    """Return the fold of each log: logs of one group are in one fold, and there are `MOST_FOLDS` at most.
+
+    Args:
+        names: group of each log.
+    """
+    every = list(dict.fromkeys(names))
+    return [every.index(name) % MOST_FOLDS for name in names]

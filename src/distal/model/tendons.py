@@ -324,7 +324,9 @@ class Tendons:
         return [f"tendons.{tendon}.{name}" for name in ("creep", "slow_creep") if getattr(part, name) is not None]
 
     def crept(self, q: Any, dt: Any) -> list[Any]:
-        """Return all `strains` after an interval under the tensions at q: c⁺ = e^{−dt/τ} c + (1 − e^{−dt/τ}) γ T/k, [m].
+        """Return all `strains` after an interval at q, [m]: c⁺ = λ c + (1 − λ) γ/(1 + γ) (T/k + c), λ = e^{−(1 + γ) dt/τ}.
+
+        That is the exact response of τ ċ = γ T/k − c where the tendon's whole stretch, T/k + c, stays: stable for any dt.
 
         Args:
             q: coordinates, (n_bodies,) [rad, m].
@@ -335,8 +337,9 @@ class Tendons:
         for i in range(self.n_tendons):
             stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
             for name in self.creeps(i):
-                left = ca.exp(-dt / p[f"{name}.time"])
-                after.append(left * p[f"{name}.strain"] + (1 - left) * p[f"{name}.share"] * stretch)
+                share, strain = p[f"{name}.share"], p[f"{name}.strain"]
+                left = ca.exp(-(1 + share) * dt / p[f"{name}.time"])
+                after.append(left * strain + (1 - left) * share / (1 + share) * (stretch + strain))
         return after
 
     def tendon_damping(self, q: Any, tensions: Any) -> Any:

@@ -10,13 +10,11 @@ from typing import Any
 import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import Tracks
+from distal.estimators.adaptive.play import CREST
 from distal.estimators.adaptive.prediction import set_row
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.states.inside import Played, Strained
 from distal.model import clip_moments
-
-CREST = 2.0
-"""A play is moved by the crests of its sensor's noise: its bounds are wider by this many standard deviations."""
 
 TINY_SPREAD = 1e-12
 """Added to the spread of a place, so that its moments stay finite where it is certain [m, rad]."""

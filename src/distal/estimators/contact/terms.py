@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.rig import Contact, factors
+from distal.estimators.discrepancy import columns as products
+from distal.estimators.discrepancy import played
+from distal.rig import Contact
 
 Floats = NDArray[np.float64]
 
@@ -34,13 +36,7 @@ def columns(
         values[name], values[f"abs({name})"] = scaled[i], magnitude(scaled[i])
         if i in slipping:
             values[f"slip({name})"] = slipping[i]
-    built = []
-    for term in contact.terms:
-        product = one
-        for factor in factors(term):
-            product = product * values[factor]
-        built.append(product)
-    return built
+    return products(contact.terms, values, one)
 
 
 def slips(values: Floats, half: float) -> Floats:
@@ -50,11 +46,7 @@ def slips(values: Floats, half: float) -> Floats:
         values: x, (k,).
         half: w.
     """
-    place, after = float(values[0]), np.empty(len(values))
-    for k, value in enumerate(values.tolist()):
-        place = min(max(place, value - half), value + half)
-        after[k] = (value - place) / half
-    return after
+    return (values - played(values, half)) / half
 
 
 def design(contact: Contact, readings: Floats) -> Floats:
