@@ -45,6 +45,8 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.strangers
 	$(BIN)/python -m benchmarks.accuracy
 	$(BIN)/python -m benchmarks.fitting
+	$(BIN)/python -m benchmarks.parts
+	$(BIN)/python -m benchmarks.sheaths
 
 strangers: $(STAMP)
 	$(BIN)/python -m benchmarks.strangers --compare benchmarks/recorded/release-0.1.json

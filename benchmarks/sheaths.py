@@ -1,7 +1,7 @@
 """How many points of friction a cable in its sheath needs, in the model and in the filter.
 
-`python -m benchmarks.sheaths`: against a cable of 16 points (`benchmarks/cable.py`), the error of the tension at the joint with
-both ends given, and that of the filter's angle on logs of `benchmarks/one_link.py`, with the time of a step beside one without.
+`python -m benchmarks.sheaths`: against a cable of 16 points (`benchmarks/cable.py`), the error of the tension at the joint
+with both ends given, and that of the filter's angle on logs of `benchmarks/one_link.py`, with the time beside one without.
 """
 
 from __future__ import annotations

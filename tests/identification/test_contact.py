@@ -34,7 +34,8 @@ def log(seed: int, share: float = 0.1, gain: float = 0.3) -> Log:
     time = np.arange(round(RATE * DURATION)) / RATE
     a, b = rng.uniform(0.2, 0.5, 2)
     place = 0.5 * np.sin(2 * np.pi * a * time + rng.uniform(0, 6)) + 0.2 * np.sin(2 * np.pi * b * time)
-    effort = 0.08 * np.sin(2 * np.pi * 0.3 * time + rng.uniform(0, 6)) + 0.03 * rng.normal() + 2e-3 * rng.normal(size=len(time))
+    effort = 0.08 * np.sin(2 * np.pi * 0.3 * time + rng.uniform(0, 6)) + 0.03 * rng.normal()
+    effort += 2e-3 * rng.normal(size=len(time))
     moved = slips(place, 0.02)
     own = 0.02 * (1 + share * rng.normal())
     torque = gain * effort + own * moved + 0.01 * rng.normal() + 1e-3 * rng.normal(size=len(time))

@@ -7,10 +7,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from benchmarks.cable import Cable
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.cable import Cable
 from distal import Rig, load_rig, simulate
 from distal.errors import RigError
 from distal.model import Mechanism
@@ -230,7 +230,9 @@ def test_a_motor_with_cogging_needs_that_much_less() -> None:
 
 def test_nobody_who_forgets_is_in_the_middle() -> None:
     """Filters that remember nothing take a far side to be halfway, and a rope as far settled as it is said to be."""
-    rig = quiet({"drives.0.backlash.width": 1e-3, "tendons.1.creep": {**SETTLED, "settled": {"value": 1.0, "std": 0.0}}})
+    rig = quiet(
+        {"drives.0.backlash.width": 1e-3, "tendons.1.creep": {**SETTLED, "settled": {"value": 1.0, "std": 0.0}}}
+    )
     mechanism = Mechanism(rig)
     assert not mechanism.parameters.inside
     q, v = ca.SX.sym("q", 3), ca.SX.zeros(3)

@@ -1,4 +1,4 @@
-"""The filter on plants of their own (`benchmarks/one_link.py`) that have what moves inside: it follows, it learns, its band holds."""
+"""The filter on plants of their own (`benchmarks/one_link.py`): it follows what moves inside, learns it, its band holds."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-
-from benchmarks.parts import NOISE, PARTS, Part, rig_of
 from benchmarks.one_link import link_log
+from benchmarks.parts import NOISE, PARTS, Part, rig_of
+
 from distal import LiveEstimator, Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
@@ -116,7 +116,12 @@ def test_a_load_cell_that_reads_too_much() -> None:
     """Readings are γ too large: the state finds it, and without it the angle is further off than its band says."""
     none = {f"drives.{i}.friction.load": {"value": 0.0, "std": 0.0} for i in (0, 1)}
     gain: dict[str, object] = {"sensors.u1.gain": {"value": 1.0, "std": 0.05}}
-    gain |= {"sensors.u1.noise": 0.02, "sensors.u2.noise": 0.02, "sensors.x1.linearity": 0.0, "sensors.x2.linearity": 0.0}
+    gain |= {
+        "sensors.u1.noise": 0.02,
+        "sensors.u2.noise": 0.02,
+        "sensors.x1.linearity": 0.0,
+        "sensors.x2.linearity": 0.0,
+    }
     rig = load_rig("pulley-antagonist").with_values({**none, **gain})
     swing = {"mean": 8e-3, "amplitude": 5e-3, "frequency": 0.3}
     raw = {
