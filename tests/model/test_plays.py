@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from distal import Rig, load_rig, simulate
 from distal.errors import RigError
-from distal.model import Mechanism
+from distal.model import Mechanism, stiffest_frequency
 from distal.model.plays import Bounds, Sheath, balanced, gap
 from distal.simulation import build_scenario
 
@@ -52,6 +52,15 @@ def test_without_friction_it_is_one_spring(count: int) -> None:
     points = moved(cable, [0.0] * count, 3e-3, 1e-3, 200)
     for tension in cable.tensions(points, 3e-3, 1e-3):
         assert float(tension) == pytest.approx(K * 2e-3, rel=1e-6)
+
+
+def test_the_step_resolves_the_stretch_at_a_cables_end() -> None:
+    """Between two samples the points of a sheath may hold, and its ends feel 2 N k: the mode is √(2N) as fast at least."""
+    values = {"tendons.0.damping": 0.0, "tendons.1.damping": 0.0}
+    rig = load_rig("pulley-antagonist").with_values(values)
+    sheathed = rig.with_values({f"tendons.{i}.path": {"friction": 0.1, "wrap": 1.0, "nodes": 4} for i in (0, 1)})
+    plain, held = (stiffest_frequency(Mechanism(each)) for each in (rig, sheathed))
+    assert held == pytest.approx(np.sqrt(8.0) * plain, rel=1e-9)
 
 
 def test_a_slack_cable_pulls_nothing() -> None:

@@ -156,7 +156,7 @@ def stiffest_frequency(mechanism: Mechanism) -> float:
     """
     p = mechanism.parameters
     q = ca.SX.sym("q", mechanism.n_bodies)
-    stiffness = ca.vertcat(*(p[f"tendons.{i}.stiffness"] for i in range(mechanism.n_tendons)))
+    stiffness = ca.vertcat(*(mechanism.stiffest(i) for i in range(mechanism.n_tendons)))
     jacobian = mechanism.length_jacobian(q)
     spring = ca.mtimes([jacobian.T, ca.diag(stiffness), jacobian])
     for i, joint in enumerate(mechanism.rig.joints):
@@ -184,7 +184,7 @@ def joint_frequency(mechanism: Mechanism) -> float:
     """
     p, joints = mechanism.parameters, range(mechanism.n_joints)
     q = ca.SX.sym("q", mechanism.n_bodies)
-    stiffness = ca.vertcat(*(p[f"tendons.{i}.stiffness"] for i in range(mechanism.n_tendons)))
+    stiffness = ca.vertcat(*(mechanism.stiffest(i) for i in range(mechanism.n_tendons)))
     levers, inertias = mechanism.length_jacobian(q), mechanism.inertias()
     squares = ca.vertcat(*(ca.dot(levers[:, j] ** 2, stiffness) / inertias[j] for j in joints))
     values = ca.Function("squares", [q, p.symbols], [squares])(np.zeros(mechanism.n_bodies), p.values)

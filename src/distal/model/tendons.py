@@ -225,6 +225,15 @@ class Tendons:
         out = ca.exp(exponent * p[f"{name}.path.let_out"])
         return Sheath(p[f"{name}.stiffness"], ca.exp(exponent), out, path.nodes)
 
+    def stiffest(self, tendon: int) -> Any:
+        """Return the stiffness of a tendon that its ends feel at once [N/m]: in a sheath that of the stretch at the end.
+
+        Args:
+            tendon: its index.
+        """
+        path, k = self.rig.tendons[tendon].path, self.parameters[f"tendons.{tendon}.stiffness"]
+        return k if path is None or path.nodes == 0 else 2 * path.nodes * k
+
     def _wrap(self, tendon: int, q: Any) -> Any:
         p, name = self.parameters, f"tendons.{tendon}.path"
         return ca.fmax(p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[self.joint_of[tendon]], 0)
