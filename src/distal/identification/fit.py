@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError, RigError
-from distal.estimators.discrepancy import Samples
 from distal.identification.affine import AffineFit, learn_affine
 from distal.identification.agreement import FEW_ITERATIONS, disagreement, staged
+from distal.identification.angle_errors import angle_error, mean_rms, surprise_of
 from distal.identification.checks import check_logs, doubts_of, warn_of
 from distal.identification.contact import ContactFit, contact_of
 from distal.identification.curves import curves as curves_of
@@ -31,6 +31,7 @@ from distal.identification.uncertainty import Uncertainty, uncertainty_at
 from distal.logs import Log, read_log, true_angles
 from distal.rig import Rig, Sensor, load_rig, number
 from distal.running import added_reference, check_homing, with_references
+from distal.sensors import variance
 
 Floats = NDArray[np.float64]
 
@@ -46,6 +47,9 @@ LEFT, SURER = (0.3, 0.1, 0.0), 0.85
 
 UNAIDED = 3.0
 """Mean ν²/S of the angle without its reference from which on a fit with it hides what the angle errs by."""
+
+FINE = 2.0
+"""An angle without its reference that errs by less than this times the reference's noise is as good as it can be told."""
 
 HIDDEN = (
     "with the reference as a sensor the fit agrees with itself, and without it the angle errs by more than it says: the "
@@ -149,11 +153,15 @@ def fit(
         # a reference that corrects tells most where the model is right; is the angle right without it?
         aided = False
         unaided = made(parts, read)
-        if _surprise(unaided, found.z) > UNAIDED:
+        surprised, errs = surprise_of(unaided, found.z) > UNAIDED, angle_error(unaided, found.z)
+        if surprised or errs > FINE * max(np.sqrt(variance(each)) for each in references):
+            alone = search(unaided, found.z, staged(progress, "the angle without its reference"))
+            surprised = surprised or angle_error(unaided, alone.z) < SURER * errs
+            found = alone if surprised else found
+        aided = not surprised
+        if surprised:
             doubts.append(HIDDEN)
-            likelihood, found = unaided, search(unaided, found.z, staged(progress, "the angle without its reference"))
-        else:
-            aided = True
+            likelihood = unaided
     if len(read) > 1 and not found.interrupted:
         doubts += disagreement(likelihood, found, made, read, progress)
     all_free = uncertainty_at(likelihood.derivatives(found.z), found.z, likelihood.parts())
@@ -193,7 +201,7 @@ def fit(
             for share in LEFT:
                 surer = written({**assignments(fitted, described, share), **learned})
                 as_fitted, _ = filtered(with_truth, surer, homing, compiled)
-                if len(as_fitted) == len(data) and _mean_rms(as_fitted) < SURER * _mean_rms(data):
+                if len(as_fitted) == len(data) and mean_rms(as_fitted) < SURER * mean_rms(data):
                     result, data, left = surer, as_fitted, share
         doubts += refused
         if data:
@@ -243,11 +251,6 @@ def fit(
         contact=contact,
         evaluations=likelihood.evaluations + (final.evaluations if final is not likelihood else 0),
     )
-
-
-def _mean_rms(data: Sequence[Samples]) -> float:
-    """Return the mean over logs of the RMS of what the filter's angle errs by."""
-    return float(np.mean([np.sqrt(np.nanmean((one.angles - one.truths) ** 2)) for one in data]))
 
 
 def _with_learned(
@@ -365,26 +368,6 @@ def _fitted(likelihood: Likelihood, z: Floats, uncertainty: Uncertainty, interru
 
 def _kept(part: Free) -> Fitted:
     return Fitted(part.name, part.paths, part.si, part.start, part.std, part.start, part.std, False, False, part.starts)
-
-
-def _surprise(likelihood: Likelihood, z: Floats) -> float:
-    """Return the mean of ν²/S of the references beyond their offsets, the largest of all; infinite where the filter left
-    all bounds.
-
-    An offset that is hardly known hides what the angle errs by beside it: each log's mean is taken off ν, and its variance
-    off S.
-    """
-    worst, measured = 0.0, likelihood.measured
-    innovations = likelihood.each(z, likelihood.run)
-    for sensor in likelihood.references:
-        k, ratios = measured.index(sensor.name), list[float]()
-        for values, variances in innovations:
-            away = values[:, k] - np.nanmean(values[:, k]) if np.isfinite(values[:, k]).any() else values[:, k]
-            own = np.maximum(variances[:, k] - sensor.bias.unsure**2, 0.1 * variances[:, k])
-            ratios += list((away**2 / own)[np.isfinite(away)])
-        if ratios:
-            worst = max(worst, float(np.mean(ratios)))
-    return worst
 
 
 def _nis(likelihood: Likelihood, z: Floats) -> tuple[float, ...]:
