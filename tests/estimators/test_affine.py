@@ -417,3 +417,39 @@ def test_logs_without_truth_teach_nothing(rig: Rig) -> None:
     short = Log(log.time, log.channels, {"theta": np.where(log.time < 0.05, log.truth["theta"], np.nan)})
     with pytest.raises(EstimationError, match=r"has 3 samples with a reference, affine needs 5 or more"):
         estimate(short, rig, "affine", homing=3.0)
+
+
+def test_a_filter_begins_where_the_map_says() -> None:
+    """b0 + Σ b z with its variance, where that is surer than the rig's own start; not without a reading, nor far outside."""
+    rig = load_rig("capstan-joint").with_values({"joints.0.initial": {"value": 0.3, "std": 0.2}})
+    joint = {"joint": "jaw", "coefficients": [0.1, 0.4, -0.05, 0.01], "std": 0.004}
+    covariance = np.diag([1e-6, 4e-6, 9e-6, 0.0])
+    affine = {
+        "channels": ["motor_angle", "motor_torque"],
+        "centre": [0.2, 0.05],
+        "scale": [0.5, 0.1],
+        "low": [-0.6, -0.2],
+        "high": [0.8, 0.2],
+        "rate": [0.5, 0.1],
+        "dead_band": [0.001],
+        "distance": [[1.0, 0.0], [0.0, 1.0]],
+        "reach": 3.0,
+        "correlation_time": 0.2,
+        "logs": 3,
+        "joints": [{**joint, "covariance": covariance.tolist()}],
+    }
+    runner = make_estimator("adaptive", rig.with_values({"affine": affine}), compiled=False)
+    n = len(runner.state_names)
+    z = np.array([1.0, 0.4, -1.5])
+    first = runner.initial(0.0, np.array([0.4, -0.1]))
+    assert first.carry[0] == pytest.approx(0.1 + 0.4 * 0.4 + 0.05 * 1.5, abs=1e-12)
+    expected = z @ covariance[:3, :3] @ z + 0.004**2 + 0.01**2
+    assert first.carry[n] == pytest.approx(expected, rel=1e-9)
+    further = runner.initial(0.0, np.array([0.8 + 0.7 * 0.5, -0.1]))  # half of half the range beyond its end
+    assert further.carry[n] > 20 * expected
+    for sample in ([0.4, np.nan], [0.8 + 0.7 * 1.5, -0.1]):
+        plain = runner.initial(0.0, np.array(sample))
+        assert (plain.carry[0], plain.carry[n]) == pytest.approx((0.3, 0.2**2))
+    surer = rig.with_values({"affine": affine, "joints.0.initial.std": 0.001})
+    begun = make_estimator("adaptive", surer, compiled=False).initial(0.0, np.array([0.4, -0.1]))
+    assert begun.carry[0] == pytest.approx(0.3)

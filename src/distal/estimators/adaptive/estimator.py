@@ -19,6 +19,7 @@ from distal.estimators.adaptive.filter import adaptive_function
 from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states import KINDS, Begin, Kind, StateVector
+from distal.estimators.affine import start_of
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.discrepancy import corrected_function, first_memory, numbers_of
@@ -159,6 +160,15 @@ class AdaptiveFilter(KernelEstimator):
                 at = transmitted[0]
                 mean[at] = read(effort, float(states.means[at]))
         variances = ca.SX(ca.DM(states.stds**2))
+        affine = self.rig.affine
+        if affine is not None and set(affine.channels) <= set(names):
+            # where the map that logs taught knows the start better than the rig, it says it
+            readings = {name: (values[names.index(name)], mask[names.index(name)]) for name in affine.channels}
+            for j in range(setup.n_joints):
+                angle, unsure = start_of(affine, j, readings)
+                better = unsure < variances[j]
+                mean[j] = ca.if_else(better, angle, mean[j])
+                variances[j] = ca.if_else(better, unsure, variances[j])
         begin = _begin(setup, read)
         for block in states.blocks:
             first = block.first(begin)

@@ -6,6 +6,7 @@ from distal.estimators.affine.learning import conformal_factor, learned, random_
 from distal.estimators.affine.mapping import design, noise_of, outside, predicted
 from distal.estimators.affine.readings import NAME, Readings, dead_bands, direction, readings_of
 from distal.estimators.affine.regression import correlated_samples, line, surprise, updated
+from distal.estimators.affine.start import start_of
 
 __all__ = [
     "NAME",
@@ -30,6 +31,7 @@ __all__ = [
     "random_effects",
     "readings_of",
     "sized",
+    "start_of",
     "student",
     "surprise",
     "updated",
