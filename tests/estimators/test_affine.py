@@ -420,7 +420,7 @@ def test_logs_without_truth_teach_nothing(rig: Rig) -> None:
 
 
 def test_a_filter_begins_where_the_map_says() -> None:
-    """b0 + Σ b z with its variance, where that is surer than the rig's own start; not without a reading, nor far outside."""
+    """b0 + Σ b z with its variance, where that is surer than the rig; not without a reading, nor far outside."""
     rig = load_rig("capstan-joint").with_values({"joints.0.initial": {"value": 0.3, "std": 0.2}})
     joint = {"joint": "jaw", "coefficients": [0.1, 0.4, -0.05, 0.01], "std": 0.004}
     covariance = np.diag([1e-6, 4e-6, 9e-6, 0.0])
