@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from distal.errors import FitError
 from distal.estimators import channels_of
-from distal.estimators.affine import conformal_factor, random_effects, student
+from distal.estimators.affine import NORMAL, conformal_factor, random_effects, student
 from distal.estimators.discrepancy import Samples, corrected, design, homed
 from distal.identification.discrepancy_terms import Choice
 from distal.rig import AffineJoint, Discrepancy, Rig
@@ -194,14 +194,21 @@ def sized(data: Sequence[Samples], rig: Rig, folds: Sequence[int], homing: float
         return scaled(made, [1.0] * len(made.joints), wider)
     errors = left_out_errors(data, rig, folds, homing, choice)
     best, narrowest = made, float("inf")
-    # few logs do not tell that the filter's own doubt is too large
-    for own in OWNS if count >= ENOUGH else OWNS[:1]:
+    for own in OWNS if count >= ENOUGH else [_share_of_few(errors, wider)]:
         parts = [[(e, u, own**2 * v) for e, u, v in (log[j] for log in errors)] for j in range(len(made.joints))]
         factors = [factor_of(logs) for logs in parts]
         width = float(np.mean([np.sqrt(c**2 * u + v).mean() for c, logs in zip(factors, parts) for _, u, v in logs]))
         if width < WORTH * narrowest:
             best, narrowest = scaled(made.model_copy(update={"own": own}), factors, wider), width
     return best
+
+
+def _share_of_few(errors: Sequence[Errors], wider: float) -> float:
+    """Return the share of the filter's own std that all of few logs left out need, the worst one, times Student's factor."""
+    needed = [
+        np.quantile(np.abs(e) / np.sqrt(np.maximum(v, 1e-30)), 0.95) for log in errors for e, _, v in log if len(e)
+    ]
+    return float(min(1.0, wider * max(needed, default=1.0) / NORMAL))
 
 
 def scaled(made: Discrepancy, factors: Sequence[float], wider: float = 1.0) -> Discrepancy:
