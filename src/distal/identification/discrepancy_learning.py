@@ -204,7 +204,7 @@ def sized(data: Sequence[Samples], rig: Rig, folds: Sequence[int], homing: float
 
 
 def _share_of_few(errors: Sequence[Errors], wider: float) -> float:
-    """Return the share of the filter's own std that all of few logs left out need, the worst one, times Student's factor."""
+    """Return the share of the filter's own std that the worst of few logs left out needs, times Student's factor."""
     needed = [
         np.quantile(np.abs(e) / np.sqrt(np.maximum(v, 1e-30)), 0.95) for log in errors for e, _, v in log if len(e)
     ]
