@@ -117,6 +117,11 @@ TABLES = {
             "strangers-kinds",
             "strangers-homing",
             "parts",
+            "parts-some",
+            "sheaths",
+            "strangers-hands",
+            "strangers-contact",
+            "strangers-contact-onset",
             "strangers-foreign",
             "smoothing",
         )
