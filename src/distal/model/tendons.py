@@ -259,7 +259,7 @@ class Tendons:
         elastic, jacobian = self.elastic_forces(place.q), self.length_jacobian(place.q)
         rates, elongated = ca.mtimes(jacobian, v), self.elongations(place.q)
         joint, drive = list[Any](), list[Any]()
-        at = sum(drive.backlash is not None for drive in self.rig.drives)
+        at = sum(part.backlash is not None for part in self.rig.drives)
         for i in range(self.n_tendons):
             path, sheath = f"tendons.{i}", self.sheath(i, q)
             if sheath is not None:
@@ -276,7 +276,7 @@ class Tendons:
                 joint.append(self._taut(elastic[i]))
             drive.append(joint[-1])
         tensions, nj = (ca.vertcat(*joint), ca.vertcat(*drive)), self.n_joints
-        if tensions[0] is tensions[1] or not any(self.sheath(i, q) for i in range(self.n_tendons)):
+        if all(self.sheath(i, q) is None for i in range(self.n_tendons)):
             forces = -ca.mtimes(jacobian.T, tensions[0])
         else:
             forces = -ca.vertcat(ca.mtimes(jacobian[:, :nj].T, tensions[0]), ca.mtimes(jacobian[:, nj:].T, tensions[1]))

@@ -7,7 +7,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from distal.rig.affine import AffineJoint, Row
-from distal.rig.discrepancy import factors
+from distal.rig.discrepancy import check_terms, factors
 from distal.rig.quantities import Description, In
 
 
@@ -48,16 +48,7 @@ class Contact(Description):
             raise ValueError("every scale must be positive")
         if any(not low <= high for low, high in zip(self.low, self.high)):
             raise ValueError("low must not be above high")
-        for term in self.terms:
-            for factor in factors(term):
-                if factor not in self.variables:
-                    raise ValueError(f"terms: '{factor}' is no variable ({', '.join(self.variables)})")
-        for joint in self.joints:
-            if len(joint.coefficients) != len(self.terms):
-                raise ValueError(
-                    f"joint '{joint.joint}': {len(self.terms)} coefficients are needed, one for each term, "
-                    f"{len(joint.coefficients)} came"
-                )
+        check_terms(self.terms, self.variables, self.joints)
         return self
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Self
 
 import numpy as np
@@ -21,6 +22,29 @@ def factors(term: str) -> tuple[str, ...]:
         term: variables with ``*`` between them.
     """
     return () if term == CONSTANT else tuple(factor.strip() for factor in term.split("*"))
+
+
+def check_terms(terms: Sequence[str], variables: Sequence[str], joints: Sequence[AffineJoint]) -> None:
+    """Refuse terms of variables that there are not, and coefficients that are more or fewer than the terms.
+
+    Args:
+        terms: products of variables.
+        variables: that a term may hold.
+        joints: with a coefficient for each term.
+
+    Raises:
+        ValueError: says which.
+    """
+    for term in terms:
+        for factor in factors(term):
+            if factor not in variables:
+                raise ValueError(f"terms: '{factor}' is no variable ({', '.join(variables)})")
+    for joint in joints:
+        if len(joint.coefficients) != len(terms):
+            raise ValueError(
+                f"joint '{joint.joint}': {len(terms)} coefficients are needed, one for each term, "
+                f"{len(joint.coefficients)} came"
+            )
 
 
 class Discrepancy(Description):
@@ -65,17 +89,7 @@ class Discrepancy(Description):
             raise ValueError("every scale must be positive")
         if any(not low <= high for low, high in zip(self.low, self.high)):
             raise ValueError("low must not be above high")
-        known = set(self.variables)
-        for term in self.terms:
-            for factor in factors(term):
-                if factor not in known:
-                    raise ValueError(f"terms: '{factor}' is no variable ({', '.join(self.variables)})")
-        for joint in self.joints:
-            if len(joint.coefficients) != len(self.terms):
-                raise ValueError(
-                    f"joint '{joint.joint}': {len(self.terms)} coefficients are needed, one for each term, "
-                    f"{len(joint.coefficients)} came"
-                )
+        check_terms(self.terms, self.variables, self.joints)
         return self
 
     @property

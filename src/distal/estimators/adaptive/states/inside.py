@@ -109,7 +109,7 @@ class Played(Inside):
         friction = (sheath.drawn**sheath.count - 1) * tension / sheath.stiffness
         share = (2 * point + 1) / (2 * sheath.count)
         spread = ca.sqrt((turned * joint.std) ** 2 + (share * friction) ** 2)
-        start = ca.vertcat(joint.value, *begin.places)
+        start = ca.vertcat(*(each.initial.value for each in mechanism.rig.joints), *begin.places)
         both = ca.Function("first", [q, tension, p.symbols], [found, spread])
         place, unsure = both(start, _tension(mechanism, index, begin), ca.DM(p.values))
         return place, unsure
