@@ -19,6 +19,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-golden", action="store_true", help="write the golden files anew, to look at in a diff")
 
 
+os.environ["DISTAL_TRACEBACK"] = "1"  # a fault of distal in a command is an error of the test, not a line
+
+
 WISH = os.environ.get("DISTAL_COMPILE")
 """What whoever runs the tests said of compiling."""
 

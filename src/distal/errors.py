@@ -50,6 +50,33 @@ class KernelWarning(DistalWarning):
     """Compiled kernels are not in use, and why."""
 
 
+LONGEST_LINE = 400
+"""Characters of a message on one line; what is longer is cut in the middle."""
+
+
+def one_line(text: str, longest: int = LONGEST_LINE) -> str:
+    """Return a message as one line that a terminal shows as it is: control characters are written out.
+
+    Args:
+        text: the message.
+        longest: characters that it may have.
+    """
+    plain = " ".join(printable(text).split())
+    if len(plain) <= longest:
+        return plain
+    # its end often says what to do
+    return f"{plain[: longest - 121].rstrip()} … {plain[-118:].lstrip()}"
+
+
+def printable(text: str) -> str:
+    """Return a text without characters that a terminal would obey: white space is a space, others are written out.
+
+    Args:
+        text: of anything, e.g. a name from a file.
+    """
+    return "".join(c if c.isprintable() else " " if c in "\n\t\r" else repr(c)[1:-1] for c in text)
+
+
 def did_you_mean(given: str, known: Iterable[str]) -> str:
     """Return a hint that names the nearest known word and lists all, e.g. ``; did you mean 'mass'? (known: …)``.
 

@@ -19,7 +19,7 @@ from distal import Log, Rig, estimate, load_rig, load_scenario, make_estimator, 
 from distal.cli.app import app
 from distal.errors import EstimationError, ExportError, OutputError, RigError
 from distal.export import Exported, c_filter, export_c, project_files
-from distal.export.source import c_name
+from distal.export.names import c_name
 from distal.kernels import find_compiler
 from distal.logs import write_log
 from distal.rig import build_rig, set_value

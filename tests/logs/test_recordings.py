@@ -11,7 +11,7 @@ import pytest
 
 from distal import Log, Rig, estimate, load_scenario, read_log, scenario_rig, simulate
 from distal.errors import DistalWarning, LogError, OutputError
-from distal.logs import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimate_schema, is_recording
+from distal.logs import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimate_schema, is_recording, open_recording
 
 TOPICS = {"x1": "/left.position[0]", "u1": "/left.effort[0]", "x2": "/right.position[0]", "u2": "/right.effort[0]"}
 
@@ -241,10 +241,11 @@ def test_without_the_packages_it_says_what_to_install(
         return real(name, *rest, **more)  # type: ignore[arg-type]
 
     monkeypatch.setattr(builtins, "__import__", absent)
+    columns = [sensor.log_column for sensor in named.sensors]
     with pytest.raises(LogError, match=r"pip install 'distal\[ros\]'"):
-        read_log(path, named)
+        open_recording(path, columns, "t")
     with pytest.raises(LogError, match=r"pip install 'distal\[mcap\]'"):
-        read_log(tmp_path / "run.mcap", named)
+        open_recording(tmp_path / "run.mcap", columns, "t")
     with pytest.raises(OutputError, match=r"pip install 'distal\[mcap\]'"):
         Recorder(tmp_path / "new.mcap")
 

@@ -11,7 +11,7 @@ import typer
 
 from distal.cli import doctor, estimate, export, fit, reproduce, rigs, simulate, stream
 from distal.cli.console import show_warnings
-from distal.errors import DistalError
+from distal.errors import LONGEST_LINE, DistalError, one_line
 
 # typer raises the errors of the click that it uses, its own or the package; BadParameter leads to both
 _ClickError: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
@@ -53,7 +53,7 @@ def _options(
 
 
 def main() -> None:
-    """Run the command line; what a user can cause is one line on stderr and exit code 2."""
+    """Run the command line; whatever goes wrong is one line on stderr, and its exit code says whose fault it is."""
     show_warnings()
     for output in (sys.stdout, sys.stderr):
         if isinstance(output, io.TextIOWrapper):
@@ -62,24 +62,49 @@ def main() -> None:
         code = app(standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()
-    except DistalError as problem:
-        print(f"error: {' '.join(str(problem).split())}", file=sys.stderr)
-        code = 2
-    except _ClickError as problem:
-        if type(problem).__name__ == "NoArgsIsHelpError":
-            problem.show()
-        else:
-            print(f"error: {' '.join(problem.format_message().split())}", file=sys.stderr)
-        code = 2
-    except (typer.Abort, KeyboardInterrupt):
+    except BaseException as problem:
+        code = ended_by(problem)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+TRACEBACK = "DISTAL_TRACEBACK"
+"""Environment variable that has Python print where a fault of distal came from."""
+
+WRONG, BUG, STOPPED, NO_READER = 2, 70, 130, 141
+"""Exit codes: a user can mend it, a fault of distal, stopped by the user, nobody reads the output."""
+
+
+def ended_by(problem: BaseException) -> object:
+    """Say in one line on stderr what ended a command, and return its exit code.
+
+    Args:
+        problem: what was raised.
+    """
+    if isinstance(problem, SystemExit):
+        return problem.code
+    if isinstance(problem, (typer.Abort, KeyboardInterrupt)):
         print("stopped", file=sys.stderr)
-        code = 130
-    except BrokenPipeError:
+        return STOPPED
+    if isinstance(problem, BrokenPipeError):
         # the reader of a pipe went away; nothing more can be said
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 141
-    except OSError as problem:
-        print(f"error: {problem.filename or 'output'}: {problem.strerror or problem}"[:300], file=sys.stderr)
-        code = 2
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    sys.exit(code if isinstance(code, int) else 0)
+        return NO_READER
+    if type(problem).__name__ == "NoArgsIsHelpError":
+        problem.show()  # type: ignore[attr-defined]
+        return WRONG
+    if isinstance(problem, DistalError):
+        text, code = str(problem), WRONG
+    elif isinstance(problem, _ClickError):
+        text, code = problem.format_message(), WRONG
+    elif isinstance(problem, OSError):
+        text, code = f"{problem.filename or 'output'}: {problem.strerror or problem}", WRONG
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left in a buffer cannot be written either
+    elif isinstance(problem, MemoryError):
+        text, code = "there is not enough memory; estimate fewer or shorter logs at once", WRONG
+    elif os.environ.get(TRACEBACK):
+        raise problem
+    else:
+        what = f"{type(problem).__name__}: {str(problem)[:200]}"
+        text, code = f"{what}; this is a fault of distal, please report it with what {TRACEBACK}=1 distal … prints", BUG
+    print(f"error: {one_line(text, LONGEST_LINE - len('error: '))}", file=sys.stderr)
+    return code

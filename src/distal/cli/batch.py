@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import typer
 
-from distal.cli.console import err, say, table
+from distal.cli.console import err, failure, say, table, warn
 from distal.cli.outputs import to_folder
 from distal.errors import DistalError, DistalWarning, EstimationError, OutputError, did_you_mean
 
@@ -51,12 +50,9 @@ def _few_warnings() -> Iterator[None]:
         yield
     said = list(dict.fromkeys(str(one.message) for one in caught))
     for text in said[:FEW]:
-        print(f"warning: {text}", file=sys.stderr)
+        warn(text)
     if len(said) > FEW:
-        print(
-            f"warning: and {len(said) - FEW} more of the other logs (estimate one alone to see its own)",
-            file=sys.stderr,
-        )
+        warn(f"and {len(said) - FEW} more of the other logs (estimate one alone to see its own)")
 
 
 def estimate_many(
@@ -114,7 +110,7 @@ def estimate_many(
         if out is not None:
             say(f"wrote {len(rows)} estimates to {out}")
     for text in failed.values():
-        print(f"error: {text}", file=sys.stderr)
+        failure(text)
     if failed:
         raise typer.Exit(2)
 

@@ -11,6 +11,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from distal.errors import one_line, printable
+
 
 def out() -> Console:
     """Return the console for results."""
@@ -30,16 +32,26 @@ def err() -> Console:
 
 def say(text: str) -> None:
     """Print a line as it is, without markup."""
-    out().print(text, markup=False)
+    out().print(printable(text), markup=False)
 
 
 def show_warnings() -> None:
     """Print each warning as one line on stderr, not with the place in the code."""
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-        print(f"warning: {message}", file=sys.stderr)
+        warn(str(message))
 
     warnings.showwarning = show
+
+
+def warn(text: str) -> None:
+    """Print a warning as one line on stderr."""
+    print(f"warning: {one_line(text)}", file=sys.stderr)
+
+
+def failure(text: str) -> None:
+    """Print an error after which the command goes on as one line on stderr."""
+    print(f"error: {one_line(text)}", file=sys.stderr)
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], text: int = 1) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from distal.cli.console import say, table
-from distal.cli.options import PlotOption, RigOption, SetOption, angle, seconds
+from distal.cli.options import MemoryOption, PlotOption, RigOption, SetOption, angle, seconds
 from distal.cli.outputs import check_outputs, to_file
 from distal.errors import EstimationError
 
@@ -56,6 +56,7 @@ def estimate_command(
             "--what-if/--no-what-if", help="Run again with one thing changed: what explains it, what is untested."
         ),
     ] = True,
+    max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from distal.cli.console import say, table
+from distal.cli.console import say, table, warn
 from distal.cli.options import SetOption
 from distal.cli.outputs import check_outputs, to_folder
 
@@ -41,9 +40,8 @@ def export_command(
     ]
     table(f"{made.estimator} for {made.rig}, in {'float' if single else 'double'}", ["", ""], rows)
     if single and estimator.startswith("ekf"):
-        print(
-            f"warning: in float, {estimator} may differ from double by more than its band, since it jumps from sticking to "
-            "slipping; adaptive does not",
-            file=sys.stderr,
+        warn(
+            f"in float, {estimator} may differ from double by more than its band, since it jumps from sticking to "
+            "slipping; adaptive does not"
         )
     say(f"wrote {made.name}.c, {made.name}.h, replay.c, CMakeLists.txt and README.md to {out}")

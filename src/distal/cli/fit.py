@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from distal.cli.console import err, say, table
-from distal.cli.options import RigOption, SetOption, seconds
+from distal.cli.options import MemoryOption, RigOption, SetOption, seconds
 from distal.cli.outputs import check_outputs, to_file, to_folder
 from distal.errors import DistalWarning, FitError, OutputError
 
@@ -68,6 +68,7 @@ def fit_command(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Threads.")] = 2,
+    max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
     """Fit a rig's parameters and noise to logs, say what they can tell, and write a rig that estimates well on the next."""

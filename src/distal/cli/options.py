@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import Annotated
@@ -14,6 +15,27 @@ SetOption = Annotated[
     typer.Option("--set", metavar="PATH=VALUE", help="Replace a value of the rig; VALUE is TOML. Repeatable."),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the sensors' errors.")]
+
+
+def _allow_memory(size: str | None) -> str | None:
+    """Set the limit for this process and those that it starts."""
+    from distal.logs import MEMORY_VARIABLE, size_of
+
+    if size is not None:
+        size_of(size)
+        os.environ[MEMORY_VARIABLE] = size
+    return size
+
+
+MemoryOption = Annotated[
+    str | None,
+    typer.Option(
+        "--max-memory",
+        metavar="SIZE",
+        callback=_allow_memory,
+        help="What reading one log may take, e.g. 16GB; default 2 GB, since a small file can ask for all there is.",
+    ),
+]
 PlotOption = Annotated[Path | None, typer.Option("--plot", help="Draw a picture (PNG, SVG or PDF).")]
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
-from distal.cli.console import say, table
+from distal.cli.console import say, table, warn
 from distal.cli.options import SeedOption, SetOption
 from distal.cli.outputs import check_outputs, to_file
 
@@ -53,7 +52,7 @@ def simulate_command(
     say(f"wrote {out}")
     ignored = sorted(set(values) & set(description.plant))
     if ignored:
-        print(f"warning: the scenario's [plant] has its own {', '.join(ignored)}", file=sys.stderr)
+        warn(f"the scenario's [plant] has its own {', '.join(ignored)}")
     say(
         "estimate from it: " + " ".join(["distal estimate", shlex.quote(str(out)), "--rig", description.rig, *settings])
     )

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from distal.cli.console import warn
 from distal.cli.options import RigOption, SetOption
 from distal.cli.outputs import check_outputs, to_file
 from distal.errors import LogError, OutputError
@@ -188,7 +189,7 @@ class _Session:
             self._recorder.add(ESTIMATE_TOPIC, reading.time, message)
         except OutputError as problem:
             self.lost = True
-            print(f"warning: {problem}; recording ends here, estimates go on", file=sys.stderr)
+            warn(f"{problem}; recording ends here, estimates go on")
 
     def _write(self, text: str) -> None:
         sys.stdout.write(text + "\n")

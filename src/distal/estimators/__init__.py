@@ -3,7 +3,16 @@
 from distal.estimators.adaptive import AdaptiveFilter, Robustness
 from distal.estimators.affine import AffineEstimator
 from distal.estimators.channels import Channels, channels_of
-from distal.estimators.contract import LARGEST_ANGLE, Belief, Estimator, Innovation, KernelEstimator, check_time
+from distal.estimators.contract import (
+    LARGEST_ANGLE,
+    SHORTEST,
+    WILD,
+    Belief,
+    Estimator,
+    Innovation,
+    KernelEstimator,
+    check_time,
+)
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise, state_units
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.moved import __getattr__
@@ -14,6 +23,8 @@ __all__ = [
     "ESTIMATORS",
     "LARGEST_ANGLE",
     "RIVALS",
+    "SHORTEST",
+    "WILD",
     "AdaptiveFilter",
     "AffineEstimator",
     "Belief",

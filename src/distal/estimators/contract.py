@@ -13,13 +13,19 @@ from numpy.typing import NDArray
 from distal.errors import EstimationError
 from distal.estimators.gaps import rows_of
 from distal.kernels import Evaluation, Kernel
-from distal.logs import frozen
+from distal.logs import LARGEST_READING, frozen
 from distal.rig import Rig
 
 Floats = NDArray[np.float64]
 
 LARGEST_ANGLE = 50.0
 """A joint angle beyond this [rad] is a filter that diverged."""
+
+WILD = f"beyond {LARGEST_READING:g} in SI; NaN stands for a missing value"
+"""What is said of such a value."""
+
+SHORTEST = 1e-9
+"""Stamps that are nearer to each other than this repeat [s]."""
 
 _BUILDING = threading.Lock()
 
@@ -196,7 +202,7 @@ class KernelEstimator:
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
 
         Raises:
-            EstimationError: the stamp is not after the belief's, or the sample has the wrong shape or is infinite.
+            EstimationError: the stamp is not after the belief's, or the sample has the wrong shape or is wild.
         """
         sample, time = self._accepted(belief, time, sample)
         rows, _ = self.rows(np.array([time - belief.time]), sample[None, :])
@@ -220,7 +226,7 @@ class KernelEstimator:
             samples: values of `channels`, (k, n_channels).
 
         Raises:
-            EstimationError: stamps do not rise, or a value is infinite.
+            EstimationError: stamps do not rise, or a value is wild: beyond `LARGEST_READING`.
         """
         rows, last = self.checked_rows(belief, times, samples)
         carries, ys = self.kernel.scan(belief.carry, rows, self._p)
@@ -237,7 +243,7 @@ class KernelEstimator:
             samples: values of `channels`, (k, n_channels).
 
         Raises:
-            EstimationError: stamps do not rise, or a value is infinite.
+            EstimationError: stamps do not rise, or a value is wild: beyond `LARGEST_READING`.
         """
         times, samples = np.asarray(times, dtype=np.float64), np.asarray(samples, dtype=np.float64)
         if samples.shape != (len(times), len(self.channels)):
@@ -245,10 +251,10 @@ class KernelEstimator:
                 f"{self.name}: samples must have shape ({len(times)}, {len(self.channels)}) for {self.channels}, "
                 f"{samples.shape} came"
             )
-        if np.any(np.isinf(samples)):
-            raise EstimationError(f"{self.name}: a sample is infinite; NaN stands for a missing value")
+        if np.any(np.abs(samples) > LARGEST_READING):
+            raise EstimationError(f"{self.name}: a sample is wild ({WILD})")
         steps = np.diff(times, prepend=belief.time)
-        for i in np.flatnonzero(~(steps > 0)):
+        for i in np.flatnonzero(~(steps >= SHORTEST)):
             check_time(self.name, times[i] - steps[i], times[i], bool(i == 0 and belief.samples == 0))
         return self.rows(steps, samples)
 
@@ -322,8 +328,8 @@ class KernelEstimator:
                 f"{self.name}: a sample must have shape ({len(self.channels)},) for {self.channels}, "
                 f"{sample.shape} came"
             )
-        if np.any(np.isinf(sample)):
-            raise EstimationError(f"{self.name}: the sample {sample} is infinite; NaN stands for a missing value")
+        if np.any(np.abs(sample) > LARGEST_READING):
+            raise EstimationError(f"{self.name}: the sample {sample} is wild ({WILD})")
         return sample
 
     def rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
@@ -372,8 +378,8 @@ def check_time(name: str, before: float, now: float, first: bool) -> None:
     """
     if not np.isfinite(now):
         raise EstimationError(f"{name}: the stamp {now} is not a finite time")
-    if now < before or (now == before and not first):
-        what = "repeats" if now == before else "is late"
+    if now < before or (now - before < SHORTEST and not first):
+        what = "is late" if now < before else "repeats"
         raise EstimationError(
             f"{name}: the stamp {now:.15g} s {what} (the belief is at {before:.15g} s); stamps must rise"
         )

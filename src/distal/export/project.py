@@ -7,8 +7,9 @@ from pathlib import Path
 
 from distal.errors import OutputError
 from distal.export.fields import comment
-from distal.export.source import Exported, c_filter, c_name, checked_name, filled
-from distal.logs import check_outputs, outputs_in, write_whole
+from distal.export.names import c_name, checked_name
+from distal.export.source import Exported, c_filter, filled
+from distal.logs import check_outputs, outputs_in, write_together
 from distal.rig import Rig
 
 MARK = "distal export-c"
@@ -40,8 +41,7 @@ def export_c(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise OutputError(f"{folder}: cannot be written ({problem.strerror})") from None
-    for file, text in project_files(made).items():
-        write_whole(folder / file, text)
+    write_together({folder / file: text for file, text in project_files(made).items()})
     return made
 
 

@@ -6,6 +6,7 @@ import re
 
 from distal.estimators import KernelEstimator
 from distal.export.fields import angle_fields, torque_fields
+from distal.logs import LARGEST_READING
 from distal.rig import angle_names, log_factor, std_name
 from distal.units import unit_factor
 
@@ -30,6 +31,7 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
         "header": ",".join(["t", *names]),
         "format": ",".join(["%.17g"] * (1 + len(names))),
         "fields": ", ".join(fields),
+        "wild": f"{LARGEST_READING:.17g}",
         "name": name,
         "NAME": name.upper(),
         "columns": ", ".join(c_string(column) for column in columns),
@@ -148,6 +150,7 @@ int main(int argc, char** argv) {
           if (at[i] == k) {
             if (!number(text, &now[i])) return fail(argv[1], row, "not a number: ", text);
             now[i] *= factors[i];
+            if (i && fabs(now[i]) > $wild$) now[i] = (double)NAN; /* a wild value is missing */
           }
       if (k != width) return fail(argv[1], row, "more or fewer cells than the header", "");
       if (!pass) {

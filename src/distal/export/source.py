@@ -7,51 +7,13 @@ from dataclasses import dataclass
 
 from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
-from distal.estimators import LARGEST_ANGLE, KernelEstimator, make_estimator, state_units
+from distal.estimators import LARGEST_ANGLE, SHORTEST, KernelEstimator, make_estimator, state_units
 from distal.estimators.gaps import MOST_BRIDGES, SPLIT
 from distal.export.fields import comment, members, outputs
+from distal.export.names import c_name, checked_name
 from distal.export.replay import replay_program
+from distal.logs import LARGEST_READING
 from distal.rig import Rig
-
-TAKEN = frozenset(
-    [
-        "all",
-        "assert",
-        "clean",
-        "complex",
-        "ctype",
-        "edit_cache",
-        "errno",
-        "fenv",
-        "float",
-        "help",
-        "install",
-        "inttypes",
-        "limits",
-        "list_install_components",
-        "locale",
-        "m",
-        "math",
-        "package",
-        "rebuild_cache",
-        "replay",
-        "setjmp",
-        "signal",
-        "stdarg",
-        "stdbool",
-        "stddef",
-        "stdint",
-        "stdio",
-        "stdlib",
-        "string",
-        "test",
-        "tgmath",
-        "time",
-        "wchar",
-        "wctype",
-    ]
-)
-"""Names that a filter cannot have: its files and targets would stand in the way of others."""
 
 
 @dataclass(frozen=True)
@@ -141,34 +103,6 @@ def c_filter(rig: Rig, estimator: str = "adaptive", single: bool = False, name: 
     )
 
 
-def c_name(text: str) -> str:
-    """Return a text as the beginning of C names.
-
-    Args:
-        text: anything.
-    """
-    plain = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")
-    return plain if plain and not plain[0].isdigit() else f"rig_{plain}".rstrip("_")
-
-
-def checked_name(name: str) -> str:
-    """Return a name that C names and files may begin with, as it is.
-
-    Args:
-        name: the name.
-
-    Raises:
-        ExportError: it is no C identifier, or is taken.
-    """
-    if not re.fullmatch(r"[a-z_][a-z0-9_]{0,99}", name):
-        raise ExportError(
-            f"'{name[:120]}' cannot begin the names of C functions; up to 100 lower-case letters, digits and _ can"
-        )
-    if name in TAKEN:
-        raise ExportError(f"'{name}' is the name of a header of C, or a target of CMake; give another one (--name)")
-    return name
-
-
 def filled(template: str, values: dict[str, str]) -> str:
     """Return a template with ``$name$`` replaced; what is put in is not looked at again.
 
@@ -222,6 +156,8 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "split": dialect.constant(SPLIT * runner.interval),
         "most": str(MOST_BRIDGES),
         "largest": dialect.constant(LARGEST_ANGLE),
+        "wild": dialect.constant(LARGEST_READING),
+        "shortest": dialect.constant(SHORTEST),
         "which": ", ".join(str(runner.channels.index(c)) for c in runner.measured) or "0",
         "zero": dialect.constant(0.0),
         "one": dialect.constant(1.0),
@@ -274,9 +210,9 @@ $outputs$
 
 enum {
   $NAME$_OK = 0,
-  $NAME$_LATE = 1,   /* dt is not positive (zero is for the first sample): nothing was changed */
+  $NAME$_LATE = 1,   /* dt is less than $shortest$ s (zero is for the first sample): nothing was changed */
   $NAME$_GAP = 2,    /* dt is too long to bridge: nothing was changed, begin again */
-  $NAME$_BAD = 3,    /* a value is infinite: nothing was changed */
+  $NAME$_BAD = 3,    /* a value is beyond $wild$: nothing was changed */
   $NAME$_LOST = 4    /* the filter left all bounds: begin again */
 };
 
@@ -329,11 +265,11 @@ void $name$_begin($name$_state* state, const $real$* values) {
 int $name$_step($name$_state* state, $real$ dt, const $real$* values, $name$_output* out) {
   $real$ x[1 + 2 * $n_channels$], y[2 * $n_innovations$];
   long parts, k;
-  int i, infinite = 0;
-  if (!(dt > $zero$) && !(dt == $zero$ && state->samples == 0)) return $NAME$_LATE;
+  int i, wild = 0;
+  if (!(dt >= $shortest$) && !(dt == $zero$ && state->samples == 0)) return $NAME$_LATE;
   if (!(dt <= $most$ * $split$)) return $NAME$_GAP;
-  for (i = 0; i < $n_channels$; ++i) infinite |= isinf(values[i]) != 0;
-  if (infinite) return $NAME$_BAD;
+  for (i = 0; i < $n_channels$; ++i) wild |= values[i] > $wild$ || values[i] < -$wild$;
+  if (wild) return $NAME$_BAD;
   /* a long interval is bridged by several predictions, so that sub-steps stay short */
   parts = (long)(dt / ($split$));
   if (($real$)parts < dt / ($split$) - $slack$) parts += 1;

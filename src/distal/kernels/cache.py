@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import platform
+import stat
 import sys
 import tempfile
 from pathlib import Path
@@ -16,9 +17,34 @@ def cache_folder() -> Path:
     given = os.environ.get("DISTAL_CACHE")
     if given:
         return Path(given).absolute()
+    try:
+        home = Path.home()
+    except RuntimeError:  # neither $HOME nor an entry in the list of users
+        return Path(tempfile.gettempdir()).absolute() / f"distal-{os.getuid()}"
     if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "distal"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").absolute() / "distal"
+        return home / "Library" / "Caches" / "distal"
+    return Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache").absolute() / "distal"
+
+
+def check_own(folder: Path) -> None:
+    """Refuse a folder whose libraries somebody else may have put there: what is in it is run.
+
+    Args:
+        folder: of the cache; one that is not there yet is made for this user alone.
+
+    Raises:
+        PermissionError: it belongs to another user, or others can write to it.
+    """
+    if not hasattr(os, "geteuid"):
+        return
+    try:
+        found = os.stat(folder)
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    if found.st_uid != os.geteuid():
+        raise PermissionError(0, f"it belongs to another user (number {found.st_uid})")
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise PermissionError(0, f"others can write to it (mode {stat.S_IMODE(found.st_mode):o}); chmod go-w helps")
 
 
 def cpu() -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 import casadi as ca
 
 from distal.codegen import CodeError, Emitter, Plain
-from distal.kernels.cache import Cache, cache_folder, cpu, digest
+from distal.kernels.cache import Cache, cache_folder, check_own, cpu, digest
 
 # no fast-math and no fused multiply-add: the same numbers as the interpreter
 FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
@@ -132,6 +132,10 @@ def compiled_source(source: str) -> Path:
         raise CompileError(compiler)
     key = digest(source, compiler.version, " ".join(compiler.command), " ".join(FLAGS), cpu(), ca.__version__)
     cache = Cache(cache_folder())
+    try:
+        check_own(cache.folder)
+    except OSError as problem:
+        raise CompileError(f"the cache {cache.folder} is not used: {problem.strerror}; set DISTAL_CACHE") from None
     found = cache.find(key)
     if found is not None:
         return found

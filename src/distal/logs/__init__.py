@@ -3,9 +3,10 @@
 from distal.logs.datasets import da_vinci_grasper
 from distal.logs.files import FROM_SENSOR, read_log, read_truth, write_columns, write_log
 from distal.logs.frames import pandas_frame
-from distal.logs.log import Log, check_stamps, frozen
+from distal.logs.log import LARGEST_READING, Log, check_stamps, frozen
+from distal.logs.memory import MEMORY_VARIABLE, size_of
 from distal.logs.messages import MessageReader
-from distal.logs.output import check_writable, write_whole
+from distal.logs.output import check_writable, write_together, write_whole
 from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_SCHEMA, SAMPLE_TOPIC, Recorder, estimate_schema
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.tables import Table, read_table
@@ -15,6 +16,8 @@ from distal.logs.truth import true_angles, true_torques
 __all__ = [
     "ESTIMATE_TOPIC",
     "FROM_SENSOR",
+    "LARGEST_READING",
+    "MEMORY_VARIABLE",
     "SAMPLE_SCHEMA",
     "SAMPLE_TOPIC",
     "Log",
@@ -36,9 +39,11 @@ __all__ = [
     "read_table",
     "read_truth",
     "shown",
+    "size_of",
     "true_angles",
     "true_torques",
     "write_columns",
     "write_log",
+    "write_together",
     "write_whole",
 ]

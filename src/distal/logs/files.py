@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError
-from distal.logs.log import Log, check_stamps
+from distal.logs.apart import recording_apart
+from distal.logs.log import LARGEST_READING, Log, check_stamps
 from distal.logs.output import write_whole
-from distal.logs.recordings import is_recording, open_recording
+from distal.logs.recordings import is_recording
 from distal.logs.stamps import Clock, clock_of
-from distal.logs.tables import Table, check_columns, open_table, table_of
+from distal.logs.tables import Cells, Table, check_columns, open_table, table_of
 from distal.rig import REFERENCES, Capstan, Rig, Sensor, angle_names, log_factor, torque_names
 from distal.units import unit_factor
 
@@ -52,17 +53,18 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
         asked = [rig.log.time.column, *(s.log_column for s in needed), *references, *torques, *simulated]
         asked += [str(truth)] if truth is not None and not Path(truth).exists() else []
         factor = unit_factor(rig.log.time.unit, "s")
-        frame, stamps = open_recording(path, asked, rig.log.time.column, factor)
-        source, first_row = Path(path), 0
+        frame, stamps = recording_apart(Path(path), asked, rig.log.time.column, factor)
+        cells = Cells(frame, Path(path), 0, tuple(frame.columns))
     else:
-        frame, source, first_row = open_table(path, rig.log.time.column)
-    names = tuple(map(str, frame.columns))
-    column = str(truth) if truth is not None and _is_column(names, str(truth)) else None
+        asked = [rig.log.time.column, *(s.log_column for s in needed), *references, *torques, *simulated]
+        asked += [str(truth)] if truth is not None else []
+        cells = open_table(path, asked, rig.log.time.column)
+    column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None
     optional = [*references, *torques, *simulated, *([column] if column else [])]
     wanted = [sensor.log_column for sensor in needed]
-    check_columns(frame, source, [rig.log.time.column])
-    clock = clock_of(frame, rig.log.time.column, source, first_row, unit_factor(rig.log.time.unit, "s"))
-    table = table_of(frame, source, first_row, wanted, optional)
+    check_columns(cells, [rig.log.time.column])
+    clock = clock_of(cells, rig.log.time.column, unit_factor(rig.log.time.unit, "s"))
+    table = table_of(cells, wanted, optional)
     time, stamps = clock.time, clock.stamps if stamps is None else stamps
     check_stamps(time, table.source, table.first_row)
     if len(time) < 2:
@@ -150,10 +152,10 @@ def read_truth(
         LogError: it cannot be read, or does not overlap the log.
     """
     names = angle_names(joints)
-    frame, source, first_row = open_table(path)
-    check_columns(frame, source, ["t"])
-    stamps, known = clock_of(frame, "t", source, first_row, 1.0).since(start), dict[str, Floats]()
-    table = table_of(frame, source, first_row, names)
+    cells = open_table(path, ["t", *names])
+    check_columns(cells, ["t"])
+    stamps, known = clock_of(cells, "t", 1.0).since(start), dict[str, Floats]()
+    table = table_of(cells, names)
     check_stamps(stamps, table.source, table.first_row)
     for name in names:
         theta = table.columns[name]
@@ -177,6 +179,7 @@ def _warn_of_units(log: Log, rig: Rig) -> None:
     drives = {drive.name: drive for drive in rig.drives}
     for sensor in rig.sensors_of("position"):
         values = log.channels[sensor.name]
+        values = np.where(np.abs(values) > LARGEST_READING, np.nan, values)
         if not np.isfinite(values).any():
             continue
         span = float(np.nanmax(values) - np.nanmin(values))

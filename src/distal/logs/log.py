@@ -28,6 +28,10 @@ def frozen(values: object) -> Floats:
     return array
 
 
+LARGEST_READING = 1e9
+"""No sensor reads more than this [m, N, rad, N m]: a wild value, whose square could be too large to compute with."""
+
+
 @dataclass(frozen=True)
 class Log:
     """Sensor values over time, in SI, with the truth where it is known.

@@ -73,7 +73,10 @@ class MessageReader:
     def _cells(self, line: str) -> list[str]:
         if '"' not in line:
             return [cell.strip() for cell in line.strip("\r\n").split(self._separator)]
-        return [cell.strip() for cell in next(csv.reader([line.strip("\r\n")], delimiter=self._separator))]
+        try:
+            return [cell.strip() for cell in next(csv.reader([line.strip("\r\n")], delimiter=self._separator))]
+        except (csv.Error, StopIteration) as problem:
+            raise LogError(f"the line is no CSV ({problem})") from None
 
     def csv(self, line: str) -> tuple[float, Floats]:
         """Return stamp and sample of a CSV line; the array is used again by the next call.
@@ -141,20 +144,28 @@ def find(message: Any, path: str) -> Any:
         message: the object.
         path: its name, or names with dots or slashes between them.
     """
-    if isinstance(message, dict) and path in message:
-        return message[path]
-    head, _, rest = path.partition(".")
-    for name in (head, head.lstrip("/")):  # a topic may have slashes of its own
-        if rest and isinstance(message, dict) and name in message:
-            return find(message[name], rest)
+    while isinstance(message, dict):
+        if path in message:
+            return message[path]
+        head, _, rest = path.partition(".")
+        # a topic may have slashes of its own
+        name = next((name for name in (head, head.lstrip("/")) if rest and name in message), None)
+        if name is None:
+            break
+        message, path = message[name], rest
     for part in re.findall(r"[^./\[\]]+", path):
         if isinstance(message, dict) and part in message:
             message = message[part]
-        elif isinstance(message, list) and part.isdigit() and int(part) < len(message):
+        elif isinstance(message, list) and _is_index(part) and int(part) < len(message):
             message = message[int(part)]
         else:
             return None
     return message
+
+
+def _is_index(part: str) -> bool:
+    """Return whether a part of a path is an index; other scripts have digits, too, which are none."""
+    return part.isascii() and part.isdecimal() and len(part) < 10
 
 
 def number_of(value: Any, name: str) -> float:

@@ -1,9 +1,10 @@
-"""Files written whole or not at all."""
+"""Files written whole or not at all, several of them all or none."""
 
 from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 from distal.errors import OutputError
@@ -32,34 +33,119 @@ def write_whole(path: str | Path, data: bytes | str) -> None:
     Raises:
         OutputError: it cannot be written.
     """
-    path = Path(path)
-    # a byte of a file's name that is no text has no UTF-8 either; it is no reason to lose what is written
-    content = data.encode(errors="replace") if isinstance(data, str) else data
-    check_writable(path)
-    temporary = None
+    write_together({Path(path): data})
+
+
+def write_together(files: Mapping[Path, bytes | str]) -> None:
+    """Write several files that belong together: all of them, or none, and what stood there stays.
+
+    Every file is first written beside its place. Only when the last one stands there whole are they moved in; if a move
+    fails, those before it are moved back.
+
+    Args:
+        files: path → content; folders must exist, text is written as UTF-8.
+
+    Raises:
+        OutputError: one of them cannot be written.
+    """
+    written: list[_Written] = []
     try:
-        if path.exists() and not path.is_file():
-            # a device or a pipe, such as /dev/stdout, cannot be replaced
-            path.write_bytes(content)
-            return
-        # a link is followed, so that what it points to is replaced
-        target = path.resolve()
-        if target.exists() and not os.access(target, os.W_OK):
-            raise OutputError(f"{path}: cannot be written (it is read-only)")
-        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
-        os.replace(temporary, target)
-    except OutputError:
+        for path, data in files.items():
+            # a byte of a file's name that is no text has no UTF-8 either; it is no reason to lose what is written
+            content = data.encode(errors="replace") if isinstance(data, str) else data
+            check_writable(path)
+            with _told(path):
+                if path.exists() and not path.is_file():
+                    # a device or a pipe, such as /dev/stdout, cannot be replaced
+                    path.write_bytes(content)
+                else:
+                    written.append(_Written(path, content))
+        for one in written:
+            with _told(one.path):
+                one.move_in(keep=len(written) > 1)
+    except BaseException:
+        for one in reversed(written):
+            one.move_back()
         raise
-    except OSError as problem:
-        raise OutputError(f"{path}: cannot be written ({problem.strerror or problem})") from None
-    except (RuntimeError, ValueError) as problem:
-        # a link to itself, a name with a zero byte or with half a character
-        raise OutputError(f"{shown(path)}: cannot be written ({problem}); give another name") from None
     finally:
-        if temporary is not None and os.path.exists(temporary):
-            os.unlink(temporary)
+        for one in written:
+            one.tidy()
+
+
+class _told:
+    """Raises an `OutputError` with the path for whatever the file system says."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, problem: BaseException | None, trace: object) -> None:
+        if isinstance(problem, OSError):
+            raise OutputError(f"{shown(self._path)}: cannot be written ({problem.strerror or problem})") from None
+        if isinstance(problem, (RuntimeError, ValueError)) and not isinstance(problem, OutputError):
+            # a link to itself, a name with a zero byte or with half a character
+            raise OutputError(f"{shown(self._path)}: cannot be written ({problem}); give another name") from None
+
+
+class _Written:
+    """A file that stands beside its place, until it is moved in."""
+
+    def __init__(self, path: Path, content: bytes) -> None:
+        self.path = path
+        # a link is followed, so that what it points to is replaced
+        self._target = path.resolve()
+        self._kept: str | None = None
+        self._moved = False
+        self._there = self._target.exists()
+        if self._there and not os.access(self._target, os.W_OK):
+            raise OutputError(f"{path}: cannot be written (it is read-only)")
+        handle, self._temporary = self._beside()
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+            umask = os.umask(0)
+            os.umask(umask)
+            os.chmod(self._temporary, self._target.stat().st_mode & 0o777 if self._there else 0o666 & ~umask)
+        except BaseException:
+            os.unlink(self._temporary)
+            raise
+
+    def _beside(self) -> tuple[int, str]:
+        return tempfile.mkstemp(dir=self._target.parent, prefix=f".{self._target.name}.")
+
+    def move_in(self, keep: bool) -> None:
+        """Put the file in its place.
+
+        Args:
+            keep: what stood there, beside its place until `tidy`.
+        """
+        if keep and self._there:
+            handle, kept = self._beside()
+            os.close(handle)
+            os.unlink(kept)
+            try:
+                os.link(self._target, kept)
+            except OSError:
+                os.replace(self._target, kept)  # a file system without hard links
+            self._kept = kept
+        os.replace(self._temporary, self._target)
+        self._moved = True
+
+    def move_back(self) -> None:
+        """Put what stood there back in its place, as far as that is possible."""
+        try:
+            if self._kept is not None:
+                os.replace(self._kept, self._target)
+                self._kept = None
+            elif self._moved and not self._there:
+                os.unlink(self._target)
+        except OSError:
+            pass  # it stays beside its place
+
+    def tidy(self) -> None:
+        """Remove what is beside the file's place."""
+        for left in (self._temporary, *([self._kept] if self._moved and self._kept is not None else [])):
+            if os.path.exists(left):
+                os.unlink(left)

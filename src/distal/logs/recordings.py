@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError, did_you_mean
+from distal.logs.memory import check_memory
 from distal.logs.messages import find, number_of
 
 if TYPE_CHECKING:
@@ -98,12 +99,14 @@ def open_recording(
                 value = message.read(column)
             if value is None:
                 continue
-            if np.ndim(value) > 0 or isinstance(value, (list, dict)):
+            if isinstance(value, (list, dict)) or np.ndim(value) > 0:
                 raise LogError(f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]")
             try:
                 number = number_of(value, column)
             except LogError as problem:
                 raise LogError(f"{path}: {problem}") from None
+            if not 0 <= message.recorded < LATEST * 1e9:
+                raise LogError(f"{path}: '{message.topic}' was recorded at {message.recorded} ns, which is no time")
             cells[column].append((message.topic, stamp, message.recorded, number))
     found = {column: values for column, values in cells.items() if values}
     if not found:
@@ -270,7 +273,7 @@ def _messages(path: Path, topics: set[str]) -> Iterator[Message]:
             yield from _mcap(path, topics)
         else:
             yield from _bag(path.parent if path.suffix.lower() == ".db3" else path, topics)
-    except (LogError, GeneratorExit):
+    except (LogError, GeneratorExit, MemoryError):
         raise
     except Exception as problem:
         raise LogError(f"{path}: cannot be read ({type(problem).__name__}: {str(problem)[:120]})") from None
@@ -283,8 +286,14 @@ def _mcap(path: Path, topics: set[str]) -> Iterator[Message]:
         raise LogError(f"{path}: MCAP needs the package mcap (pip install 'distal[mcap]')") from None
     known: dict[int, Any] = {}
     with path.open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        for chunk in [] if summary is None else summary.chunk_indexes:
+            check_memory(
+                path, 2 * chunk.uncompressed_size, f"its header says {chunk.uncompressed_size:,} bytes in a chunk"
+            )
         # as they were recorded: a clock that was set back is then seen
-        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
             if channel.message_encoding == "json":
                 topics.add(channel.topic)
                 try:
@@ -348,6 +357,6 @@ def _field(message: Any, path: str) -> Any:
 def _parts(path: str) -> Iterable[str | int]:
     for part in path.replace("[", ".[").split("."):
         if part.startswith("["):
-            yield int(part[1:-1]) if part[1:-1].isdigit() else part
+            yield int(part[1:-1]) if part[1:-1].isdecimal() else part
         elif part:
             yield part

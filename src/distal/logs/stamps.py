@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.tables import MISSING, numbers_of
+from distal.logs.tables import MISSING, Cells, numbers_of
 
 if TYPE_CHECKING:
     import polars
@@ -54,16 +54,14 @@ class Clock:
         return np.asarray((self.stamps - start) * 1e-9, dtype=np.float64)
 
 
-def clock_of(frame: polars.DataFrame, name: str, path: Path, first_row: int, unit: float) -> Clock:
+def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     """Return the time of a table's rows.
 
     Dates counted in another unit than the rig says are recognised by their size: 1.8e18 can only be nanoseconds.
 
     Args:
-        frame: the cells.
+        cells: the open table.
         name: of the time column.
-        path: what to call the table.
-        first_row: row number of its first value.
         unit: in which the rig says that numbers are [s].
 
     Raises:
@@ -71,7 +69,7 @@ def clock_of(frame: polars.DataFrame, name: str, path: Path, first_row: int, uni
     """
     import polars
 
-    column = frame[name]
+    column, path, first_row = cells.frame[name], cells.path, cells.first_row
     if column.dtype == polars.Date or column.dtype == polars.Datetime:
         dates = column.cast(polars.Datetime("ns")).to_physical()
         return _dated(_there(dates, name, path, first_row))
@@ -88,7 +86,7 @@ def clock_of(frame: polars.DataFrame, name: str, path: Path, first_row: int, uni
             return _counted(column.cast(polars.Int64).to_numpy(), unit, name, path)
         except polars.exceptions.PolarsError:
             raise LogError(f"{path}: column '{name}' holds {column[0]}, which is no time") from None
-    return _counted(numbers_of(frame, name, path, first_row), unit, name, path)
+    return _counted(numbers_of(cells, name), unit, name, path)
 
 
 def _counted(values: Any, unit: float, name: str, path: Path) -> Clock:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError, did_you_mean
+from distal.logs.apart import parquet_apart
+from distal.logs.csv_files import read_csv
+from distal.logs.targets import shown
 
 if TYPE_CHECKING:
     import polars
@@ -20,6 +22,23 @@ Floats = NDArray[np.float64]
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 """Texts of a cell that mean a missing value, in any case."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """An open table, its cells as they came.
+
+    Args:
+        frame: the cells of the columns that were read.
+        path: what to call it.
+        first_row: row number of the first value in the file, as an editor counts.
+        names: of all its columns, also of those that were not read.
+    """
+
+    frame: polars.DataFrame
+    path: Path
+    first_row: int
+    names: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -48,15 +67,15 @@ def read_table(path: str | Path, wanted: Sequence[str] | None = None) -> Table:
         LogError: it cannot be read, a column is missing or doubled, a cell is not a number, a row is short or long, or
             there is no row.
     """
-    frame, source, first_row = open_table(path)
-    return table_of(frame, source, first_row, wanted)
+    return table_of(open_table(path, wanted), wanted)
 
 
-def open_table(path: Any, index_name: str | None = None) -> tuple[polars.DataFrame, Path, int]:
-    """Return the cells of a CSV or Parquet file, or of a polars or pandas frame, what to call it, and its first row.
+def open_table(path: Any, columns: Sequence[str] | None = None, index_name: str | None = None) -> Cells:
+    """Return the cells of a CSV or Parquet file, or of a polars or pandas frame.
 
     Args:
         path: a path or a frame.
+        columns: that are needed; None needs all. Others may be left out where a format allows that.
         index_name: a pandas frame that lacks this column has it from an index of dates.
 
     Raises:
@@ -68,21 +87,29 @@ def open_table(path: Any, index_name: str | None = None) -> tuple[polars.DataFra
         path = Path(path)
         try:
             folder = path.is_dir()
-        except OSError as problem:
-            raise LogError(f"{str(path)[:80]}…: cannot be read ({problem.strerror})") from None
+            there = path.exists()
+        except (OSError, ValueError, RuntimeError) as problem:
+            raise LogError(f"{shown(path)}: cannot be read ({getattr(problem, 'strerror', None) or problem})") from None
         if folder:
             raise LogError(f"{path}: is a folder; a CSV or Parquet file is expected")
-        parquet = path.suffix.lower() in (".parquet", ".pq")
-        return (_parquet(path), path, 1) if parquet else (_csv(path), path, 2)
+        if there and path.suffix.lower() in (".parquet", ".pq"):
+            frame, names = parquet_apart(path, columns)
+            return Cells(frame, path, 1, tuple(names))
+        frame, first_row = read_csv(path)
+        return _all(frame, path, first_row)
     if isinstance(path, polars.DataFrame):
-        return path, Path("the frame"), 0
+        return _all(path, Path("the frame"), 0)
     if not hasattr(path, "columns"):
         raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
-    columns = {str(name): _plain(path[name]) for name in path.columns}
+    held = {str(name): _plain(path[name]) for name in path.columns}
     index = getattr(path, "index", None)
-    if index_name is not None and index_name not in columns and _is_dated(index):
-        columns[index_name] = _plain(index)
-    return polars.DataFrame(columns), Path("the frame"), 0
+    if index_name is not None and index_name not in held and _is_dated(index):
+        held[index_name] = _plain(index)
+    return _all(polars.DataFrame(held), Path("the frame"), 0)
+
+
+def _all(frame: polars.DataFrame, path: Path, first_row: int) -> Cells:
+    return Cells(frame, path, first_row, tuple(frame.columns))
 
 
 def _is_dated(column: Any) -> bool:
@@ -98,134 +125,52 @@ def _plain(column: Any) -> Any:
     return column.to_numpy()
 
 
-def table_of(
-    frame: polars.DataFrame, path: Path, first_row: int, wanted: Sequence[str] | None, optional: Iterable[str] = ()
-) -> Table:
+def table_of(cells: Cells, wanted: Sequence[str] | None, optional: Iterable[str] = ()) -> Table:
     """Return columns of an open table as numbers; see `read_table`.
 
     Args:
-        frame: the cells.
-        path: what to call it.
-        first_row: row number of its first value.
+        cells: the open table.
         wanted: columns that must be there; None takes all.
         optional: columns that are taken where they are there.
 
     Raises:
         LogError: a column is missing or does not hold numbers, or there is no row.
     """
-    names = list(frame.columns) if wanted is None else [*wanted, *(c for c in optional if c in frame.columns)]
-    check_columns(frame, path, names)
-    return Table(
-        str(path), {name: numbers_of(frame, name, path, first_row) for name in dict.fromkeys(names)}, first_row
-    )
+    names = list(cells.names) if wanted is None else [*wanted, *(c for c in optional if c in cells.names)]
+    check_columns(cells, names)
+    return Table(str(cells.path), {name: numbers_of(cells, name) for name in dict.fromkeys(names)}, cells.first_row)
 
 
-def check_columns(frame: polars.DataFrame, path: Path, names: Iterable[str]) -> None:
+def check_columns(cells: Cells, names: Iterable[str]) -> None:
     """Refuse an open table that lacks a column, or has no row.
 
     Args:
-        frame: the cells.
-        path: what to call it.
+        cells: the open table.
         names: columns that must be there.
 
     Raises:
         LogError: see above.
     """
     for name in names:
-        if name not in frame.columns:
-            raise LogError(f"{path}: column '{name}' is missing{did_you_mean(name, frame.columns)}")
-    if frame.height == 0:
-        raise LogError(f"{path}: has a header but no rows")
+        if name not in cells.names:
+            raise LogError(f"{cells.path}: column '{name}' is missing{did_you_mean(name, cells.names)}")
+    if cells.frame.height == 0:
+        raise LogError(f"{cells.path}: has a header but no rows")
 
 
-def _parquet(path: Path) -> polars.DataFrame:
-    import polars
-
-    try:
-        return polars.read_parquet(path)
-    except OSError as problem:
-        raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
-    except polars.exceptions.PolarsError as problem:
-        raise LogError(f"{path}: is not a Parquet file ({str(problem).splitlines()[0]})") from None
-
-
-def _csv(path: Path) -> polars.DataFrame:
-    """Return a CSV's cells as text."""
-    import polars
-
-    try:
-        data = path.read_bytes()
-    except OSError as problem:
-        raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
-    data = data.removeprefix(b"\xef\xbb\xbf").lstrip(b"\r\n")
-    if not data.strip():
-        raise LogError(f"{path}: is empty")
-    if b"\0" in data[:4096]:
-        raise LogError(f"{path}: is not text; a CSV file is expected (Parquet needs the ending .parquet)")
-    header = data.split(b"\n", 1)[0]
-    separator = max((",", ";", "\t"), key=lambda mark: header.count(mark.encode()))
-    # blank lines at the end are no rows; with tabs, one may be an empty last cell
-    data = data.rstrip(b"\r\n " if separator == "\t" else None)
-    _check_widths(path, data, separator)
-    try:
-        frame = polars.read_csv(data, separator=separator, infer_schema=False, null_values=None)
-    except polars.exceptions.PolarsError as problem:
-        raise LogError(f"{path}: cannot be read as CSV ({str(problem).splitlines()[0]})") from None
-    return frame.rename(lambda name: name.strip())
-
-
-def _check_widths(path: Path, data: bytes, separator: str) -> None:
-    """Raise where the header repeats a name, or a row is shorter or longer than it."""
-    try:
-        text = data.decode("utf-8")
-    except UnicodeDecodeError as problem:
-        row = data[: problem.start].count(b"\n") + 1
-        raise LogError(f"{path}: row {row}: is not UTF-8 text") from None
-    if text.startswith("#"):
-        raise LogError(f"{path}: row 1: begins with '#'; comment lines are not supported, remove them")
-    if '"' in text:
-        try:
-            rows = list(csv.reader(text.split("\n"), delimiter=separator))
-        except csv.Error as problem:
-            raise LogError(f"{path}: cannot be read as CSV ({problem}); is a quote not closed?") from None
-        header, widths = rows[0], np.array([len(row) for row in rows])
-    else:
-        lines = text.split("\n")
-        header = lines[0].split(separator)
-        widths = np.array([line.count(separator) + 1 if line.strip() else 0 for line in lines])
-    names = [name.strip() for name in header]
-    for name in names:
-        if names.count(name) > 1:
-            raise LogError(f"{path}: the header has column '{name}' more than once; names must differ")
-    blank = np.flatnonzero(widths == 0)
-    last = len(widths) - 1
-    while len(blank) and blank[-1] == last:
-        blank, last = blank[:-1], last - 1
-    if len(blank):
-        raise LogError(f"{path}: row {blank[0] + 1}: is blank; remove it")
-    wrong = np.flatnonzero(widths[: last + 1] != len(names))
-    if len(wrong):
-        kind = "short" if widths[wrong[0]] < len(names) else "long"
-        raise LogError(
-            f"{path}: row {wrong[0] + 1}: is too {kind} ({widths[wrong[0]]} cells; the header has {len(names)})"
-        )
-
-
-def numbers_of(frame: polars.DataFrame, name: str, path: Path, first_row: int) -> Floats:
+def numbers_of(cells: Cells, name: str) -> Floats:
     """Return a column as numbers, NaN where a cell is missing.
 
     Args:
-        frame: the cells.
+        cells: the open table.
         name: of the column.
-        path: what to call the table.
-        first_row: row number of its first value.
 
     Raises:
         LogError: a cell is no finite number.
     """
     import polars
 
-    column = frame[name]
+    column, path, first_row = cells.frame[name], cells.path, cells.first_row
     if column.dtype != polars.String:
         if not column.dtype.is_numeric():
             raise LogError(f"{path}: column '{name}' holds {column.dtype}; numbers are expected")

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from distal.analysis import PLANTS, READINGS, SEEDS, SERIES_2, Claim, Measure, Run, all_runs, measure_claims, rms
 from distal.errors import OutputError
-from distal.logs import check_outputs, outputs_in, write_whole
+from distal.logs import check_outputs, outputs_in, write_together
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.reports.reproduction_figures import CAPTIONS, FIGURES, draw_figure
-from distal.results import save_figure
+from distal.results import figure_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,15 +42,15 @@ def reproduce(out: str | Path, advance: Callable[[], None] = lambda: None) -> tu
     folder = make_folder(out)
     runs = list(all_runs(advance))
     claims = measure_claims(runs)
-    drawings = {}
+    drawings, files = dict[str, str](), dict[Path, bytes | str]()
     for name in FIGURES:
         made = draw_figure(name, runs)
-        save_figure(made, folder / f"{name}.png")
-        save_figure(made, folder / f"{name}.svg")
+        files |= {path: figure_bytes(made, path) for path in (folder / f"{name}.png", folder / f"{name}.svg")}
         drawings[name] = _svg(made)
         advance()
-    write_whole(folder / "results.json", json.dumps(results(claims, runs), indent=2, ensure_ascii=False) + "\n")
-    write_whole(folder / "index.html", _page(claims, runs, drawings))
+    files[folder / "results.json"] = json.dumps(results(claims, runs), indent=2, ensure_ascii=False) + "\n"
+    files[folder / "index.html"] = _page(claims, runs, drawings)
+    write_together(files)
     return claims
 
 

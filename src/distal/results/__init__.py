@@ -2,7 +2,17 @@
 
 from distal.results.diagnosis import LARGE_PRIOR, SMALL, Diagnosis, Finding, Kind, diagnose
 from distal.results.estimate import Estimate
-from distal.results.plots import BAND, COLOURS, DASHES, draw_estimate, figure, plot_estimates, plot_kind, save_figure
+from distal.results.plots import (
+    BAND,
+    COLOURS,
+    DASHES,
+    draw_estimate,
+    figure,
+    figure_bytes,
+    plot_estimates,
+    plot_kind,
+    save_figure,
+)
 
 __all__ = [
     "BAND",
@@ -17,6 +27,7 @@ __all__ = [
     "diagnose",
     "draw_estimate",
     "figure",
+    "figure_bytes",
     "plot_estimates",
     "plot_kind",
     "save_figure",

@@ -134,11 +134,24 @@ def save_figure(made: Figure, path: str | Path) -> None:
     Raises:
         OutputError: the format is unknown or the file cannot be written.
     """
+    write_whole(path, figure_bytes(made, path))
+
+
+def figure_bytes(made: Figure, path: str | Path) -> bytes:
+    """Return a figure as the file that `path` will hold.
+
+    Args:
+        made: the figure.
+        path: where it will be written; its suffix gives the format.
+
+    Raises:
+        OutputError: the format is unknown.
+    """
     import io
 
-    path = Path(path)
-    kind = plot_kind(path)
     import matplotlib
+
+    kind = plot_kind(path)
 
     with matplotlib.rc_context(STYLE):
         buffer = io.BytesIO()
@@ -148,7 +161,7 @@ def save_figure(made: Figure, path: str | Path) -> None:
             # a title may hold characters that the font lacks, or be too long: the plot is made all the same
             warnings.simplefilter("ignore", UserWarning)
             made.savefig(buffer, format=kind, dpi=150, metadata=metadata)
-    write_whole(path, buffer.getvalue())
+    return buffer.getvalue()
 
 
 def plot_estimates(

@@ -10,8 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators import DEFAULT, LARGEST_ANGLE, Belief, KernelEstimator, check_time, make_estimator
+from distal.estimators import (
+    DEFAULT,
+    LARGEST_ANGLE,
+    WILD,
+    Belief,
+    KernelEstimator,
+    check_time,
+    make_estimator,
+)
 from distal.estimators.gaps import MOST_BRIDGES, fill, predictions
+from distal.logs import LARGEST_READING
 from distal.rig import Rig, load_rig, torque_names
 from distal.running.offline import priors_of
 
@@ -49,7 +58,7 @@ class LiveEstimator:
         width, self._angles = len(runner.channels), runner.angles
         self._values, self._mask = self._x[1 : 1 + width], self._x[1 + width :]
         self._sample = np.zeros(width)
-        self._there, self._infinite = np.zeros(width, dtype=bool), np.zeros(width, dtype=bool)
+        self._there, self._wild, self._size = np.zeros(width, dtype=bool), np.zeros(width, dtype=bool), np.zeros(width)
         self._read = [runner.channels.index(name) for name in runner.measured]
         self._innovations = np.full(self._m, np.nan)
         self._begin: tuple[Floats | None, float] = (None, 0.0)
@@ -73,14 +82,14 @@ class LiveEstimator:
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
 
         Raises:
-            EstimationError: the stamp is late or repeats or follows too long a gap, the sample has the wrong shape or is
-                infinite: nothing has changed then. Or the filter left all bounds: call `reset`.
+            EstimationError: the stamp is late or repeats or follows too long a gap, the sample has the wrong shape or a
+                wild value: nothing has changed then. Or the filter left all bounds: call `reset`.
         """
         name = self._runner.name
         if not isinstance(sample, np.ndarray) or sample.shape != self._sample.shape or sample.dtype.kind not in "fiu":
             raise EstimationError(f"{name}: a sample is an array of {len(self._sample)} numbers for {self.channels}")
-        if np.isinf(sample, out=self._infinite).any():
-            raise EstimationError(f"{name}: the sample {sample} is infinite; NaN stands for a missing value")
+        if np.greater(np.abs(sample, out=self._size), LARGEST_READING, out=self._wild).any():
+            raise EstimationError(f"{name}: the sample {sample} is wild ({WILD})")
         if self._samples == 0:
             if not isfinite(time):
                 raise EstimationError(f"{name}: the stamp {time} is not a finite time")

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators import LARGEST_ANGLE
+from distal.estimators import LARGEST_ANGLE, SHORTEST
+from distal.logs import LARGEST_READING
 from distal.model import Mechanism
 from distal.results import LARGE_PRIOR, SMALL
 from distal.rig import Rig
@@ -165,10 +166,10 @@ class Monitor:
         if not isinstance(sample, np.ndarray) or sample.shape != self._seen.shape or sample.dtype.kind not in "fiu":
             return self._skipped(time, "bad", f"a sample is an array of {len(self._seen)} numbers")
         said: list[tuple[Health, str]] = []
-        infinite = np.isinf(sample)
-        if infinite.any():
-            sample = np.where(infinite, nan, sample)
-            said.append(("missing", f"{self._names(infinite)} infinite"))
+        wild = np.abs(sample) > LARGEST_READING
+        if wild.any():
+            sample = np.where(wild, nan, sample)
+            said.append(("missing", f"{self._names(wild)} wild"))
         gap = time - self._time
         if isfinite(gap):
             skipped = self._late_or_twice(time)
@@ -228,9 +229,9 @@ class Monitor:
 
     def _late_or_twice(self, time: float) -> Reading | None:
         """Return a reading without an estimate where a stamp does not rise; None where it may go on."""
-        if time > self._time:
+        if time - self._time >= SHORTEST:
             return None
-        if time == self._time:
+        if time >= self._time:
             return self._skipped(time, "duplicate")
         self._late = self._late + 1 if time > self._last_late else 1
         self._last_late = time

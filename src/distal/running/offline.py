@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import EstimationError
+from distal.errors import DistalWarning, EstimationError
 from distal.estimators import (
     DEFAULT,
     LARGEST_ANGLE,
+    WILD,
     AdaptiveFilter,
     AffineEstimator,
     Belief,
@@ -22,7 +24,7 @@ from distal.estimators import (
     KernelEstimator,
     make_estimator,
 )
-from distal.logs import Log, frozen, read_log, true_angles, true_torques
+from distal.logs import LARGEST_READING, Log, frozen, read_log, true_angles, true_torques
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
 from distal.running.calibration import begun_homed, calibrated, touched
@@ -52,11 +54,21 @@ def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Fl
             raise EstimationError(
                 f"{log.source}: {name} needs the sensor '{channel}', which is not in the log (it has {known})"
             )
-        if not np.any(np.isfinite(log.channels[channel])):
+        values = log.channels[channel]
+        wild = np.abs(values) > LARGEST_READING
+        if wild.any():
+            warnings.warn(
+                f"{log.source}: sensor '{channel}' has {int(wild.sum())} wild value{'s' if wild.sum() > 1 else ''}, the "
+                f"first at {log.time[wild.argmax()]:g} s, taken as missing ({WILD})",
+                DistalWarning,
+                stacklevel=3,
+            )
+            values = np.where(wild, np.nan, values)
+        if not np.any(np.isfinite(values)):
             raise EstimationError(
                 f"{log.source}: sensor '{channel}' has no value at all; remove it from the rig, or mend the log"
             )
-        columns.append(log.channels[channel])
+        columns.append(values)
     return np.column_stack(columns)
 
 

@@ -1,0 +1,176 @@
+"""Binary logs are read in a process of their own: a damaged file can end that process, not the caller's.
+
+A reader of Parquet or of compressed messages is compiled code; a changed byte may make it abort, or ask for all memory.
+The process that reads has a limit on its memory, and is used again for the next file.
+"""
+
+from __future__ import annotations
+
+import atexit
+import io
+import json
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import DistalWarning, LogError
+from distal.logs.memory import how_to_allow, memory_limit
+from distal.logs.targets import shown
+
+if TYPE_CHECKING:
+    import polars
+
+_BEGIN = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from distal.logs.reader import serve; serve()"
+
+_LOCK = Lock()
+
+
+def parquet_apart(path: Path, columns: Sequence[str] | None) -> tuple[polars.DataFrame, list[str]]:
+    """Return what `distal.logs.parquet_files.read_parquet` does, read in a process of its own.
+
+    Args:
+        path: of the file.
+        columns: that are read; None reads all.
+
+    Raises:
+        LogError: it cannot be read, is damaged, or takes too much memory.
+    """
+    answer, frame = _asked({"read": "parquet", "path": str(path), "columns": None if columns is None else [*columns]})
+    return frame, list(answer["names"])
+
+
+def recording_apart(
+    path: Path, columns: Sequence[str], time: str, unit: float
+) -> tuple[polars.DataFrame, NDArray[np.int64]]:
+    """Return what `distal.logs.recordings.open_recording` does, read in a process of its own.
+
+    Args:
+        path: an MCAP file, or a bag.
+        columns: names that are wanted.
+        time: the rig's time column.
+        unit: in which it is [s].
+
+    Raises:
+        LogError: it cannot be read, is damaged, or takes too much memory.
+    """
+    request = {"read": "recording", "path": str(path), "columns": [*columns], "time": time, "unit": unit}
+    _, frame = _asked(request)
+    stamps: NDArray[np.int64] = frame.to_series(frame.width - 1).to_numpy()
+    return frame.select(frame.columns[:-1]), stamps
+
+
+def _asked(request: dict[str, Any]) -> tuple[dict[str, Any], polars.DataFrame]:
+    """Return the answer to a request; what the reader warns of is warned of here."""
+    import polars
+
+    path = request["path"]
+    try:
+        path.encode()
+    except UnicodeEncodeError:
+        raise LogError(f"{shown(path)}: the name is no UTF-8 text; rename the file") from None
+    with suppress(FileNotFoundError):  # the folder may be gone
+        request["folder"] = os.getcwd()
+    with _LOCK:
+        answer, payload = _Reader.current().ask(request)
+    for text in answer.get("warnings", ()):
+        warnings.warn(text, DistalWarning, stacklevel=5)
+    if "error" in answer:
+        raise LogError(answer["error"])
+    return answer, polars.read_ipc(io.BytesIO(payload))
+
+
+class _Reader:
+    """A process that reads files, for as long as none has ended it."""
+
+    _now: _Reader | None = None
+
+    @classmethod
+    def current(cls) -> _Reader:
+        """Return the process that is there, or a new one; a forked process has its own."""
+        limit, now = memory_limit(), cls._now
+        if now is None or now._of != (os.getpid(), limit) or now._process.poll() is not None:
+            if now is not None and now._of[0] == os.getpid():
+                now.end()
+            cls._now = now = cls(limit)
+        return now
+
+    def __init__(self, limit: int) -> None:
+        self._of = (os.getpid(), limit)
+        # threads reserve memory of their own, and one file does not need many
+        few = dict.fromkeys(("POLARS_MAX_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "2")
+        # a session of its own: Ctrl-C is for the caller, who ends it
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", _BEGIN, json.dumps(sys.path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **few, "PYTHONWARNINGS": "ignore"},
+            start_new_session=True,
+        )
+        atexit.register(self.end)
+
+    def ask(self, request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+        """Return the answer and the table that comes with it; the process ends where it cannot answer.
+
+        Args:
+            request: what to read.
+
+        Raises:
+            LogError: reading ended the process.
+        """
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            process.stdin.write(json.dumps(request).encode() + b"\n")
+            process.stdin.flush()
+            head = process.stdout.readline()
+            answer: dict[str, Any] = json.loads(head)
+            payload = process.stdout.read(answer["bytes"])
+            if len(payload) < answer["bytes"]:
+                raise EOFError
+        except (OSError, ValueError, EOFError):
+            code = self.end(patience=2.0)
+            raise LogError(
+                f"{shown(request['path'])}: cannot be read, it ended its reader ({_ending(code)}): it is damaged, "
+                f"or takes too much memory ({how_to_allow()})"
+            ) from None
+        except BaseException:
+            self.end()
+            raise
+        return answer, payload
+
+    def end(self, patience: float = 0.0) -> int:
+        """End the process and return its exit code.
+
+        Args:
+            patience: how long it may take to end by itself [s].
+        """
+        process = self._process
+        if self._of[0] != os.getpid():
+            return 0  # a forked process leaves its parent's reader alone
+        atexit.unregister(self.end)
+        if _Reader._now is self:
+            _Reader._now = None
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(patience)
+        process.kill()
+        code = process.wait()
+        for pipe in (process.stdin, process.stdout):
+            with suppress(OSError):
+                if pipe is not None:
+                    pipe.close()
+        return code
+
+
+def _ending(code: int) -> str:
+    return f"signal {-code}" if code < 0 else f"exit code {code}"

@@ -1,0 +1,72 @@
+"""How much memory a log may take: a small file can ask for more than there is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from distal.errors import LogError, UnitError
+from distal.logs.targets import shown
+from distal.units import to_si
+
+MOST = 2_000_000_000
+"""Bytes that reading a log may take, where nobody says otherwise."""
+
+MEMORY_VARIABLE = "DISTAL_MAX_MEMORY"
+"""Environment variable with another limit, which processes hand on to those that they start."""
+
+
+def memory_limit() -> int:
+    """Return how many bytes reading one log may take: $DISTAL_MAX_MEMORY, else `MOST`.
+
+    Raises:
+        LogError: the variable holds no size.
+    """
+    given = os.environ.get(MEMORY_VARIABLE)
+    if not given:
+        return MOST
+    try:
+        return size_of(given)
+    except UnitError as problem:
+        raise LogError(f"{MEMORY_VARIABLE}: {problem}") from None
+
+
+def size_of(text: str) -> int:
+    """Return a size given as ``8 GB`` or ``500 MB`` [bytes].
+
+    Args:
+        text: as typed; a bare number is in bytes.
+
+    Raises:
+        UnitError: it is no size, or less than a megabyte.
+    """
+    try:
+        size = to_si(float(text), "byte")
+    except ValueError:
+        size = to_si(text, "byte")
+    if not 1e6 <= size < 1e18:
+        raise UnitError(f"'{text}' is no size to read logs with; from 1 MB on is allowed, e.g. 8 GB")
+    return int(size)
+
+
+def check_memory(path: Path, needed: float, why: str) -> None:
+    """Refuse a log that would take more memory than is allowed, before it is read.
+
+    Args:
+        path: the log.
+        needed: what reading it takes [bytes].
+        why: what says so.
+
+    Raises:
+        LogError: see above.
+    """
+    if needed > memory_limit():
+        raise LogError(f"{shown(path)}: {why}, about {needed / 1e9:.1f} GB in memory; {how_to_allow()}")
+
+
+def how_to_allow() -> str:
+    """Return how a larger log can be read."""
+    return (
+        f"{memory_limit() / 1e9:.3g} GB are allowed; if the file is to be trusted, allow more with --max-memory or "
+        f"${MEMORY_VARIABLE}, e.g. 16GB"
+    )

@@ -1,0 +1,87 @@
+"""CSV: every line is a row; what cannot be one is refused with the file's own row number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from distal.errors import LogError
+from distal.logs import read_table
+
+ROWS = [f"{k / 100},{k},-{k}" for k in range(40)]
+
+
+def written(path: Path, lines: list[str], end: str = "\n") -> Path:
+    path.write_text(end.join(lines) + end, newline="")
+    return path
+
+
+@pytest.mark.parametrize("quote", ["", '"'])
+@pytest.mark.parametrize("above", [0, 3])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_row_numbers_are_the_files(tmp_path: Path, quote: str, above: int, end: str) -> None:
+    """An editor shows the same number, whatever stands above the header and whether cells are quoted."""
+    header = [""] * above + [f"{quote}t{quote},a,b"]
+    for bad, said in (
+        ("0.5,x,1", "column 'a': 'x'"),
+        ("0.5,1", "is too short"),
+        ("0.5,1,2,3", "is too long"),
+        ("", "blank"),
+    ):
+        lines = header + ROWS[:7] + [bad] + ROWS[7:]
+        with pytest.raises(LogError, match=f"row {above + 9}[:,].*{said}"):
+            read_table(written(tmp_path / "log.csv", lines, end))
+
+
+@given(
+    cells=st.lists(
+        st.tuples(*[st.sampled_from(["1", '"2"', '"3', '4"', '"', '""', '5"6', '"7"8', "", '"a\rb"'])] * 3),
+        min_size=1,
+        max_size=12,
+    )
+)
+def test_no_row_is_lost(cells: list[tuple[str, str, str]], tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Whatever quotes stand where: a file is refused, or it has as many rows as lines, and each is the line's."""
+    lines = [f"{k}," + ",".join(row) for k, row in enumerate(cells)]
+    path = written(tmp_path_factory.mktemp("csv") / "log.csv", ["t,a,b,c", *lines])
+    try:
+        table = read_table(path)
+    except LogError:
+        return
+    assert np.array_equal(table.columns["t"], np.arange(len(lines)))
+    for k, row in enumerate(cells):
+        for name, cell in zip("abc", row):
+            value, plain = table.columns[name][k], cell.strip('"')
+            assert np.isnan(value) if plain == "" else value == float(plain)
+
+
+def test_a_quote_that_is_not_closed_is_named(tmp_path: Path) -> None:
+    lines = ["t,a,b", *ROWS[:20], '0.3,"20,-20', *ROWS[21:30], '0.4,30,"-30"', *ROWS[31:]]
+    with pytest.raises(LogError, match=r"row 22: .*quote.* not closed"):
+        read_table(written(tmp_path / "log.csv", lines))
+
+
+def test_what_is_no_text_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    for bad, said in ((b"\0", "holds a zero byte"), (b"\xff", "is not UTF-8")):
+        text = "\n".join(["t,a,b", *ROWS * 20]).encode()
+        place = text.index(b"\n", 6000) + 1
+        path.write_bytes(text[:place] + bad + text[place:])
+        row = text[:place].count(b"\n") + 1
+        with pytest.raises(LogError, match=f"row {row}: .*{said}"):
+            read_table(path)
+
+
+def test_memory_is_asked_for_before_it_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path / "log.csv", ["t,a,b", *ROWS * 1000])
+    assert len(read_table(path).columns["t"]) == 40_000
+    monkeypatch.setenv("DISTAL_MAX_MEMORY", "3 MB")
+    with pytest.raises(LogError, match=r"120,0\d\d cells, about 0.0 GB .*--max-memory"):
+        read_table(path)
+    monkeypatch.setenv("DISTAL_MAX_MEMORY", "much")
+    with pytest.raises(LogError, match="DISTAL_MAX_MEMORY: 'much'"):
+        read_table(path)
