@@ -245,7 +245,7 @@ def test_what_a_step_refuses(rig: Rig, log: Log, tmp_path: Path) -> None:
         assert library.step(dt, np.array(values)) == code
         np.testing.assert_array_equal(library.state, kept)
     assert library.step(0.01, np.full(4, np.nan)) == 0
-    assert library.step(0.01, np.array([1e9, 1e9, -1e12, 1e12])) in (0, 4)
+    assert library.step(0.01, np.array([1e6, 1e6, -9e6, 9e6])) in (0, 4)
 
 
 def test_the_header_says_shapes_units_and_order(rig: Rig) -> None:

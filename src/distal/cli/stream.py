@@ -22,7 +22,7 @@ import typer
 from distal.cli.console import warn
 from distal.cli.options import RigOption, SetOption
 from distal.cli.outputs import check_outputs, to_file
-from distal.errors import LogError, OutputError
+from distal.errors import LogError, OutputError, printable
 
 if TYPE_CHECKING:
     from distal.logs import MessageReader, Recorder
@@ -76,7 +76,7 @@ def stream_command(
         target = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) if to_udp is not None else None
         joints = [joint.name for joint in described.joints]
         recorder = Recorder(record, joints, live.torque_names) if record is not None else None
-        session = _Session(monitor, reader, recorder, target, to_udp or 0, as_json or udp is not None)
+        session = Session(monitor, reader, recorder, target, to_udp or 0, as_json or udp is not None)
         session.csv = False if udp is not None else None
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, session.stop)
@@ -87,11 +87,13 @@ def stream_command(
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
                 signal.signal(number, signal.SIG_IGN)  # what is recorded is closed in peace
             session.end(record)
+    if session.csv is None and session.no_header is not None:
+        raise session.no_header
     if session.lost:
         raise typer.Exit(2)
 
 
-class _Session:
+class Session:
     """One stream from its first line to its last."""
 
     def __init__(
@@ -112,6 +114,7 @@ class _Session:
         self._torques = monitor.torque_names
         self._names = [column for name in (*names, *self._torques) for column in (name, std_name(name))]
         self.csv: bool | None = None  # not known before the first line
+        self.no_header: LogError | None = None
         self.lost = False
         self._counts: Counter[str] = Counter()
         self._started, self._busy, self._stopped = monotonic(), False, False
@@ -140,9 +143,16 @@ class _Session:
             # a logger that is joined midway may begin with half an object
             self.csv = not text.startswith(("{", "[")) and not text.endswith("}")
             if self.csv:
-                self._reader.header(text)
+                try:
+                    self._reader.header(text)
+                except LogError as problem:
+                    # a logger may say something else before its header
+                    if self.no_header is None:
+                        warn(f"{problem}; waiting for a header")
+                    self.csv, self.no_header = None, problem
+                    return
                 if self._reader.absent:
-                    print(f"warning: the stream has no column {', '.join(self._reader.absent)}", file=sys.stderr)
+                    warn(f"the stream has no column {', '.join(self._reader.absent)}")
                 if not self._json:
                     self._write(",".join(["t", *self._names, "health", "detail"]))
                 return
@@ -163,14 +173,14 @@ class _Session:
             "t": _finite(reading.time),
             **dict(zip(self._names, map(_finite, values))),
             "health": reading.health,
-            "detail": reading.detail,
+            "detail": printable(reading.detail),
         }
         self._record(reading, sample, message)
         if self._json or not self.csv:
             self._write(json.dumps(message))
         else:
             numbers = ",".join("" if value is None else repr(value) for value in list(message.values())[:-2])
-            detail = reading.detail.replace('"', "'")
+            detail = printable(reading.detail).replace('"', "'")
             self._write(f'{numbers},{reading.health},"{detail}"' if detail else f"{numbers},{reading.health},")
         if self._target is not None:
             sent = json.dumps({"timestamp": message["t"], **message}).encode()

@@ -209,7 +209,7 @@ class KernelEstimator:
         carry = belief.carry
         for row in rows:
             carry, y = self.kernel.step(carry, row, self._p)
-        if not (np.all(np.abs(carry[self.angles]) <= LARGEST_ANGLE) and np.isfinite(carry.sum())):
+        if not (np.all(np.abs(carry[self.angles]) <= LARGEST_ANGLE) and np.isfinite(carry).all()):
             raise EstimationError(
                 f"{self.name}: left all bounds at {time:g} s; the sample {sample} is far from any motion"
             )

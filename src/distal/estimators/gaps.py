@@ -26,13 +26,14 @@ ROUNDING = 1e-9
 
 
 def predictions(dt: float, interval: float) -> int:
-    """Return how many predictions an interval needs.
+    """Return how many predictions an interval needs; twice `MOST_BRIDGES` stands for any number that is as large.
 
     Args:
         dt: its length [s].
         interval: nominal time between samples [s].
     """
-    return max(1, ceil(dt / (SPLIT * interval) - ROUNDING))
+    parts = dt / (SPLIT * interval) - ROUNDING
+    return max(1, ceil(parts)) if parts < 2 * MOST_BRIDGES else 2 * MOST_BRIDGES  # dt may be infinite
 
 
 def fill(

@@ -34,9 +34,22 @@ def predict_covariance(covariance: Any, transition: Any, input_map: Any, input_v
         process: q, (n,).
     """
     mapped = input_map * ca.repmat(input_variances.T, input_map.size1(), 1)
-    return symmetric(
-        ca.mtimes(ca.mtimes(transition, covariance), transition.T) + ca.mtimes(mapped, input_map.T) + ca.diag(process)
-    )
+    added = ca.mtimes(mapped, input_map.T) + ca.diag(process)
+    whole = symmetric(ca.mtimes(ca.mtimes(transition, covariance), transition.T) + added)
+    return with_least(whole, ca.diag(added))
+
+
+def with_least(covariance: Any, least: Any) -> Any:
+    """Return the matrix with no variance below what it is at least, (n,): rounding alone brings it there.
+
+    Where one number is known 1e16 times as well as another, terms cancel to less than their rounding.
+
+    Args:
+        covariance: symmetric, (n, n).
+        least: variances, (n,).
+    """
+    diagonal = ca.diag(covariance)
+    return covariance + ca.diag(ca.fmax(diagonal, least) - diagonal)
 
 
 def update(
@@ -61,12 +74,13 @@ def update(
     for i in range(residuals.numel()):
         row = jacobian[i, :]
         across = ca.mtimes(covariance, row.T)
-        spread = ca.mtimes(row, across) + variances[i]
+        spread = ca.fmax(ca.mtimes(row, across), 0) + variances[i]
         value = residuals[i] - ca.mtimes(row, mean - prior)
         gain = mask[i] * across / spread
         mean = mean + gain * value
         other = across - gain * (spread / 2)
-        covariance = symmetric(covariance - (ca.mtimes(gain, other.T) + ca.mtimes(other, gain.T)))
+        after = symmetric(covariance - (ca.mtimes(gain, other.T) + ca.mtimes(other, gain.T)))
+        covariance = with_least(after, gain**2 * variances[i])  # the first term of Joseph's form is no less than zero
         innovations.append(value)
         spreads.append(spread)
     return mean, covariance, ca.vertcat(*innovations), ca.vertcat(*spreads)

@@ -210,9 +210,9 @@ $outputs$
 
 enum {
   $NAME$_OK = 0,
-  $NAME$_LATE = 1,   /* dt is less than $shortest$ s (zero is for the first sample): nothing was changed */
+  $NAME$_LATE = 1,   /* dt is less than a nanosecond (zero is for the first sample): nothing was changed */
   $NAME$_GAP = 2,    /* dt is too long to bridge: nothing was changed, begin again */
-  $NAME$_BAD = 3,    /* a value is beyond $wild$: nothing was changed */
+  $NAME$_BAD = 3,    /* a value is infinite or wild, beyond 1e7: nothing was changed */
   $NAME$_LOST = 4    /* the filter left all bounds: begin again */
 };
 

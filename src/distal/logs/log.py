@@ -28,8 +28,8 @@ def frozen(values: object) -> Floats:
     return array
 
 
-LARGEST_READING = 1e9
-"""No sensor reads more than this [m, N, rad, N m]: a wild value, whose square could be too large to compute with."""
+LARGEST_READING = 1e7
+"""No sensor reads more than this [m, N, rad, N m]: what is larger is a wild value."""
 
 
 @dataclass(frozen=True)

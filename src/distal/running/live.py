@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,9 @@ from distal.rig import Rig, load_rig, torque_names
 from distal.running.offline import priors_of
 
 Floats = NDArray[np.float64]
+
+LATEST = 1e300
+"""No stamp is larger than this [s]: differences of stamps stay finite."""
 
 
 class LiveEstimator:
@@ -55,6 +58,7 @@ class LiveEstimator:
         self._runner, self._n, self._m = runner, len(runner.state_names), len(runner.measured)
         self._loop = runner.kernel.loop(runner.numbers)
         self._carry, self._x, self._y = self._loop.carry, self._loop.x, self._loop.y
+        self._finite = np.ones(len(self._carry), dtype=bool)
         width, self._angles = len(runner.channels), runner.angles
         self._values, self._mask = self._x[1 : 1 + width], self._x[1 + width :]
         self._sample = np.zeros(width)
@@ -90,9 +94,12 @@ class LiveEstimator:
             raise EstimationError(f"{name}: a sample is an array of {len(self._sample)} numbers for {self.channels}")
         if np.greater(np.abs(sample, out=self._size), LARGEST_READING, out=self._wild).any():
             raise EstimationError(f"{name}: the sample {sample} is wild ({WILD})")
+        if (
+            not isinstance(time, (float, int, np.floating, np.integer))
+            or not -LATEST <= (time := _number(time)) <= LATEST
+        ):
+            raise EstimationError(f"{name}: the stamp is no time: a finite number of seconds is one")
         if self._samples == 0:
-            if not isfinite(time):
-                raise EstimationError(f"{name}: the stamp {time} is not a finite time")
             self._start(time, sample)
             dt = 0.0
         else:
@@ -115,7 +122,8 @@ class LiveEstimator:
         for i, k in enumerate(self._read):
             self._innovations[i] = self._y[i] if self._there[k] else np.nan
         angles = self._joints.tolist()
-        bounded = isfinite(self._carry.sum())
+        # a sum would warn of infinite terms; bytes are searched faster than an array is reduced
+        bounded = b"\0" not in np.isfinite(self._carry, out=self._finite).tobytes()
         for angle in angles:
             bounded = bounded and abs(angle) <= LARGEST_ANGLE
         if not bounded:
@@ -280,6 +288,14 @@ class LiveEstimator:
         carry = self._carry.copy()
         carry.flags.writeable = False
         return Belief(self._time, carry, self._n, self._samples)
+
+
+def _number(value: float) -> float:
+    """Return a number as Python's own; one that is too large is infinite."""
+    try:
+        return float(value)
+    except OverflowError:
+        return inf
 
 
 def _view(array: Floats) -> Floats:

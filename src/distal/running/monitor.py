@@ -15,8 +15,8 @@ from distal.logs import LARGEST_READING
 from distal.model import Mechanism
 from distal.results import LARGE_PRIOR, SMALL
 from distal.rig import Rig
-from distal.running.live import LiveEstimator
-from distal.running.places import FAR, place_range
+from distal.running.live import LATEST, LiveEstimator
+from distal.running.places import FAR, REACH, place_range
 
 Floats = NDArray[np.float64]
 Health = Literal["ok", "untested", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"]
@@ -130,6 +130,7 @@ class Monitor:
         self._noisy = np.array([sensor.noise > sensor.resolution for sensor in chosen])
         mechanism = Mechanism(live.rig)
         self._ranges = np.array([place_range(mechanism, sensor) for sensor in chosen]).reshape(-1, 2)
+        self._reach = np.array([joint.stops or (-REACH, REACH) for joint in live.rig.joints]).T
         self._seen = np.full(len(chosen), nan)
         self._changed = np.full(len(chosen), nan)
         self._last = np.full(len(chosen), nan)
@@ -161,8 +162,8 @@ class Monitor:
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
         """
         live = self._live
-        if not isinstance(time, (float, int)) or not isfinite(time):
-            return self._skipped(nan, "bad", "the stamp is no finite number")
+        if not isinstance(time, (float, int)) or not abs(time) <= LATEST:
+            return self._skipped(nan, "bad", "the stamp is no time")
         if not isinstance(sample, np.ndarray) or sample.shape != self._seen.shape or sample.dtype.kind not in "fiu":
             return self._skipped(time, "bad", f"a sample is an array of {len(self._seen)} numbers")
         said: list[tuple[Health, str]] = []
@@ -240,10 +241,11 @@ class Monitor:
         return self._skipped(time, "late", f"{self._time - time:.3g} s")
 
     def _restart(self, why: str) -> None:
-        # where the joint went meanwhile is not known
+        # where the joint went meanwhile is not known; a tendon's geometry has a second angle beyond what a joint can reach
         angles = self._live.angles
         known = self._live.samples and bool(np.all(np.abs(angles) <= LARGEST_ANGLE))
-        self._live.reset(tuple(angles.tolist()) if known else None, ANYWHERE)
+        reached = np.clip(angles, *self._reach)
+        self._live.reset(tuple(reached.tolist()) if known else None, ANYWHERE)
         self._anew = why
         self._seen[:] = self._changed[:] = nan
         self._outside[:] = 0.0

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from distal.estimators.adaptive import travel
+from distal.estimators.adaptive import REACH, travel
 from distal.model import Mechanism
 from distal.rig import Sensor
+
+__all__ = ["FAR", "REACH", "place_range"]
 
 BEYOND = 0.05
 """A drive this share of its travel beyond its stops is not where it can be."""

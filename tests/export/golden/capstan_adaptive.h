@@ -50,9 +50,9 @@ typedef struct {
 
 enum {
   CAPSTAN_ADAPTIVE_OK = 0,
-  CAPSTAN_ADAPTIVE_LATE = 1,   /* dt is not positive (zero is for the first sample): nothing was changed */
+  CAPSTAN_ADAPTIVE_LATE = 1,   /* dt is less than a nanosecond (zero is for the first sample): nothing was changed */
   CAPSTAN_ADAPTIVE_GAP = 2,    /* dt is too long to bridge: nothing was changed, begin again */
-  CAPSTAN_ADAPTIVE_BAD = 3,    /* a value is infinite: nothing was changed */
+  CAPSTAN_ADAPTIVE_BAD = 3,    /* a value is infinite or wild, beyond 1e7: nothing was changed */
   CAPSTAN_ADAPTIVE_LOST = 4    /* the filter left all bounds: begin again */
 };
 

@@ -46,9 +46,9 @@ typedef struct {
 
 enum {
   CAPSTAN_EKF_2008_OK = 0,
-  CAPSTAN_EKF_2008_LATE = 1,   /* dt is not positive (zero is for the first sample): nothing was changed */
+  CAPSTAN_EKF_2008_LATE = 1,   /* dt is less than a nanosecond (zero is for the first sample): nothing was changed */
   CAPSTAN_EKF_2008_GAP = 2,    /* dt is too long to bridge: nothing was changed, begin again */
-  CAPSTAN_EKF_2008_BAD = 3,    /* a value is infinite: nothing was changed */
+  CAPSTAN_EKF_2008_BAD = 3,    /* a value is infinite or wild, beyond 1e7: nothing was changed */
   CAPSTAN_EKF_2008_LOST = 4    /* the filter left all bounds: begin again */
 };
 

@@ -3,10 +3,12 @@
 from distal.estimators.adaptive.estimator import AdaptiveFilter
 from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.adaptive.setup import Setup
-from distal.estimators.adaptive.states import KINDS, Fading, Kind, State, StateVector, travel, uncertain_parameters
+from distal.estimators.adaptive.states import KINDS, Fading, Kind, State, StateVector, uncertain_parameters
+from distal.estimators.adaptive.travel import REACH, travel
 
 __all__ = [
     "KINDS",
+    "REACH",
     "AdaptiveFilter",
     "Fading",
     "Kind",

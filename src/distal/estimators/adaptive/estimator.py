@@ -144,7 +144,9 @@ class AdaptiveFilter(KernelEstimator):
         """
         states, setup = self._states, self._states.setup
         names = setup.channels.names
-        values, mask = ca.SX.sym("values", len(names)), ca.SX.sym("mask", len(names))
+        values, given = ca.SX.sym("values", len(names)), ca.SX.sym("mask", len(names))
+        sensors = {sensor.name: sensor for sensor in self.rig.sensors}
+        mask = ca.vertcat(*(given[k] * setup.credible(sensors[name], values[k]) for k, name in enumerate(names)))
 
         def read(sensor: Sensor, otherwise: float) -> ca.SX:
             k = names.index(sensor.name)
@@ -179,7 +181,7 @@ class AdaptiveFilter(KernelEstimator):
             memory = ca.vertcat(memory, first_memory(self._discrepancy, values, mask))
         if self._contact is not None:
             memory = ca.vertcat(memory, contact.first_memory(self._contact, values, mask))
-        return ca.Function("prior", [values, mask], [mean, variances, memory])
+        return ca.Function("prior", [values, given], [mean, variances, memory])
 
     @property
     def bridged(self) -> int:

@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.robustness import Robustness
+from distal.estimators.adaptive.travel import travel
 from distal.estimators.channels import Channels, sensor_for
 from distal.model import Mechanism
 from distal.rig import Sensor, gain_of
+
+FARTHEST = 20.0
+"""A drive is never this many times its travel away from the middle of it."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,24 @@ class Setup:
             x: the sample.
             sensor: one of the channels.
         """
-        return x[1 + len(self.channels.names) + self.channels.names.index(sensor.name)]
+        k, width = self.channels.names.index(sensor.name), len(self.channels.names)
+        return x[1 + width + k] * self.credible(sensor, x[1 + k])
+
+    def credible(self, sensor: Sensor, reading: Any) -> Any:
+        """Return 1 where a drive could be where its sensor says, 0 where it is a wild value.
+
+        Geometry is not defined at a place that is `FARTHEST` times the travel away, so that no later guard would stop it.
+
+        Args:
+            sensor: one of the channels; what measures no position is always credible.
+            reading: what it reads.
+        """
+        if sensor.measures != "position":
+            return 1
+        drives = [drive.name for drive in self.mechanism.rig.drives]
+        low, high = travel(self.mechanism, drives.index(sensor.of))
+        away = ca.fabs(reading - sensor.bias.value - 0.5 * (low + high))
+        return away <= FARTHEST * (high - low + sensor.noise + sensor.bias.spread) + sensor.linearity
 
     def number(self, path: str, otherwise: float) -> Any:
         """Return a number of the description: an input of the filter where it is given, else a constant.

@@ -1,6 +1,5 @@
 """The kinds of states of the adaptive filter, one file each, and the vector that they make up."""
 
-from distal.estimators.adaptive.states.linearity import travel
 from distal.estimators.adaptive.states.parameter import UncertainParameter, uncertain_parameters
 from distal.estimators.adaptive.states.state import Begin, Fading, State
 from distal.estimators.adaptive.states.transmission import Transmitted
@@ -15,6 +14,5 @@ __all__ = [
     "StateVector",
     "Transmitted",
     "UncertainParameter",
-    "travel",
     "uncertain_parameters",
 ]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states.state import State
-from distal.model import Mechanism
+from distal.estimators.adaptive.travel import travel
 from distal.rig import Sensor
 
 Floats = NDArray[np.float64]
@@ -105,26 +105,3 @@ def linearities(setup: Setup) -> list[State]:
         if sensor is not None:
             blocks.append(Linearity(setup, i, sensor))
     return [block for block in blocks if len(block.stds)]
-
-
-REACH = 1.2
-"""A drive without stops is taken to move as far as the joint turns by this, either way [rad]."""
-
-
-def travel(mechanism: Mechanism, drive: int) -> tuple[float, float]:
-    """Return the ends of a drive's travel, where its sensor's linearity is defined: its stops, or what it can use.
-
-    Without stops: ±`REACH` of the joint about the place that the nominal force stretches the tendon to.
-
-    Args:
-        mechanism: the rig's equations.
-        drive: its index.
-    """
-    part = mechanism.rig.drives[drive]
-    if part.stops is not None:
-        return part.stops
-    tendon = next(t for t in mechanism.rig.tendons if t.drive == part.name)
-    lever = part.radius.value if part.kind == "capstan" else 1.0
-    reach = REACH * tendon.insertion.radius.value / lever
-    centre = 0.0 if part.kind == "capstan" else part.nominal_force.value / tendon.stiffness.value
-    return centre - reach, centre + reach

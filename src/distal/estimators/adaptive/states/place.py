@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators.adaptive.setup import Setup
-from distal.estimators.adaptive.states.linearity import travel
 from distal.estimators.adaptive.states.state import State
+from distal.estimators.adaptive.travel import travel
 
 Floats = NDArray[np.float64]
 

@@ -1,0 +1,213 @@
+"""Hostile streams: lines, datagrams and samples of every kind, between good ones; nothing ends the stream."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import random
+import sys
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+
+import numpy as np
+
+from distal.cli.stream import Session
+from distal.errors import DistalError
+from distal.estimators import LARGEST_ANGLE
+from distal.logs import MessageReader
+from distal.rig import Rig
+from distal.running import HEALTH, LiveEstimator, Monitor
+
+NUMBERS = (
+    0, 1, -1, 5e-324, 1e-200, -1e-9, 1e8, 1e15, -1e19, 1e300, -1e308, 1.8e308, math.nan, math.inf, -math.inf, 2**63, 2**64,
+    10**400, -(10**400),
+)  # fmt: skip
+JSON_TYPES = (None, True, False, "", "x", "1", "nan", "1e5", "²", [], [1], {}, {"a": 1}, [[[]]], "1" * 5000)
+CELLS = (
+    "",
+    "nan",
+    "1e400",
+    "-1e308",
+    '"',
+    '"1"',
+    '"a\rb"',
+    '"' + "1" * 131_073 + '"',
+    "1,5",
+    "0x1p3",
+    "1_0",
+    "²",
+    "١٢",
+    "\x00",
+    "\x1b[2J",
+)
+SAMPLES = (
+    None,
+    "x",
+    b"x",
+    [],
+    [1.0],
+    {"x1": 1},
+    np.zeros(2),
+    np.zeros((4, 1)),
+    np.array(["a"] * 4),
+    np.array([1j] * 4),
+    object(),
+)
+
+
+FAR = 1.0
+"""An angle that no good sample here has [rad]: a wild value must not lead `adaptive` there; `ekf` trusts every sample."""
+
+
+@dataclass
+class Answered:
+    """What came of one input.
+
+    Args:
+        ok: whether all that is promised held.
+        why: what did not.
+    """
+
+    ok: bool
+    why: str = ""
+
+
+class Stream:
+    """A stream that is fed for as long as it lives: `attempt` after `attempt`, of CSV, JSON lines or datagrams.
+
+    Args:
+        rig: its sensors name the columns.
+        csv: whether lines are CSV; else JSON.
+        estimator: which one.
+    """
+
+    def __init__(self, rig: Rig, csv: bool, estimator: str = "adaptive") -> None:
+        self.live = LiveEstimator(rig, estimator)
+        self._reader = MessageReader(rig, self.live.channels)
+        self._columns = [sensor.log_column for sensor in rig.sensors if sensor.name in self.live.channels]
+        self._time = rig.log.time.column
+        self._csv, self._at, self._robust = csv, 0.0, estimator == "adaptive"
+        self._session = Session(Monitor(self.live), self._reader, None, None, 0, not csv)
+        if csv:
+            self._answers(",".join([self._time, *self._columns]).encode() + b"\n")
+        else:
+            self._session.csv = False
+        for _ in range(20):
+            self._good()
+
+    def _good(self) -> list[str]:
+        self._at += self.live.interval
+        values = [1e-3 * math.sin(3 * self._at), 2.0, -1e-3 * math.sin(3 * self._at), 2.0][: len(self._columns)]
+        if self._csv:
+            return self._answers(",".join(map(repr, [self._at, *values])).encode() + b"\n")
+        return self._answers(json.dumps({self._time: self._at, **dict(zip(self._columns, values))}).encode())
+
+    def _answers(self, line: bytes) -> list[str]:
+        out, err = io.StringIO(), io.StringIO()
+        with redirect_stdout(out), redirect_stderr(err):
+            self._session.take(line)
+        return out.getvalue().splitlines()
+
+    def attempt(self, seed: int) -> Answered:
+        """Feed one hostile input, then good samples, and return whether the stream went on as it promises.
+
+        Args:
+            seed: of the input.
+        """
+        rng = random.Random(seed)
+        line = self._line(rng)
+        try:
+            answers = self._answers(line)
+        except Exception as problem:
+            return Answered(False, f"{line[:80]!r} ended the stream: {problem!r}"[:300])
+        blank = not line.decode("utf-8", "replace").strip().lstrip("\ufeff").strip()
+        if len(answers) != (0 if blank else 1):
+            return Answered(False, f"{line[:80]!r}: {len(answers)} answers")
+        for answer in answers:
+            if not self._well_formed(answer):
+                return Answered(False, f"{line[:80]!r}: {answer[:100]}")
+        if self.live.samples and self.live.time > self._at:
+            # a stamp far ahead: samples that follow are late until the clock is taken as set back
+            self._at = max(self._at, 0.0)
+        for _ in range(6):
+            answers = self._good()
+        if not self._recovered(answers[0]):
+            return Answered(False, f"after {line[:80]!r}: {answers[0][:150]}")
+        diagonal = np.diagonal(self.live.covariance)
+        if not (np.isfinite(diagonal).all() and diagonal.min() >= 0.0):
+            return Answered(False, f"after {line[:80]!r}: a variance is {diagonal.min()}")
+        return self._step(rng)
+
+    def _line(self, rng: random.Random) -> bytes:
+        kind = rng.randrange(6)
+        if kind == 0:
+            return bytes(rng.randrange(256) for _ in range(rng.randrange(60)))
+        stamp = self._at + self.live.interval if rng.random() < 0.6 else rng.choice(NUMBERS)
+        if self._csv:
+            cells = [
+                repr(stamp),
+                *(rng.choice([repr(rng.choice(NUMBERS)), rng.choice(CELLS), "2.0"]) for _ in self._columns),
+            ]
+            if kind == 1:
+                cells = cells[: rng.randrange(len(cells) + 1)] + cells[: rng.randrange(3)]
+            line = ",".join(cells).encode("utf-8", "replace")
+        else:
+            message: object = {
+                self._time: stamp if rng.random() < 0.7 else rng.choice(JSON_TYPES),
+                **{name: rng.choice([rng.choice(NUMBERS), rng.choice(JSON_TYPES), 2.0]) for name in self._columns},
+            }
+            if kind == 1:
+                message = rng.choice([message, [message], rng.choice(JSON_TYPES), {"a": {"b": message}}])
+            line = _json(message).encode()
+        if kind == 2:
+            at = rng.randrange(len(line) + 1)
+            line = line[:at] + bytes([rng.randrange(256)]) + line[at + rng.randrange(2) :]
+        if kind == 3 and rng.random() < 0.2:
+            line = rng.choice([b"[" * 5000, b'{"a":' * 3000, line * 300, b" " * 2000 + line])
+        return line.replace(b"\n", b" ")
+
+    def _well_formed(self, answer: str) -> bool:
+        if self._csv:
+            return answer.count('"') in (0, 2) and answer.split(",")[3] in HEALTH
+        read = json.loads(answer)
+        stds = [value for name, value in read.items() if name.endswith("_std")]
+        return read["health"] in HEALTH and all(std is None or std >= 0.0 for std in stds)
+
+    def _recovered(self, answer: str) -> bool:
+        theta = answer.split(",")[1] if self._csv else json.loads(answer)["theta"]
+        return theta not in ("", None) and abs(float(theta)) < (FAR if self._robust else LARGEST_ANGLE)
+
+    def _step(self, rng: random.Random) -> Answered:
+        """Give `LiveEstimator.step` what is no sample, or no time: it refuses by a `DistalError` only, or takes it."""
+        width = len(self.live.channels)
+        time = rng.choice([*NUMBERS, *JSON_TYPES, np.float32(1), np.array([1.0]), self._at + 1e-3])
+        sample = rng.choice([*SAMPLES, np.array([float(_float(rng.choice(NUMBERS))) for _ in range(width)])])
+        before = (self.live.time, self.live.angles.copy())
+        try:
+            self.live.step(time, sample)  # type: ignore[arg-type]
+        except DistalError as problem:
+            same = self.live.time == before[0] and np.array_equal(self.live.angles, before[1])
+            if not same and "left all bounds" not in str(problem):
+                return Answered(False, f"step({time!r:.40}, {sample!r:.80}) was refused and changed the estimate")
+        except Exception as problem:
+            return Answered(False, f"step({time!r:.40}, {sample!r:.80}): {problem!r}"[:300])
+        if not np.isfinite(self.live.angles).all():
+            self.live.reset()
+        return Answered(True)
+
+
+def _float(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _json(message: object) -> str:
+    limit = sys.get_int_max_str_digits()
+    sys.set_int_max_str_digits(0)
+    try:
+        return json.dumps(message)
+    finally:
+        sys.set_int_max_str_digits(limit)
