@@ -7,7 +7,14 @@ from difflib import get_close_matches
 
 
 class DistalError(ValueError):
-    """Base of every error that a user can cause and mend; the command line prints it as one line."""
+    """Base of every error that a user can cause and mend; its message is one line that a terminal shows as it is.
+
+    Args:
+        message: what came, what is allowed, what to do.
+    """
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(printable(str(message)))
 
 
 class UnitError(DistalError):

@@ -349,3 +349,80 @@ def test_reproduce(run, tmp_path: Path) -> None:
     for i in range(2, 6):
         assert (folder / f"figure-{i}.png").stat().st_size > 10_000
         assert (folder / f"figure-{i}.svg").read_text().startswith("<?xml")
+
+
+@pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
+def test_an_estimator_that_fails_is_a_row(run, log: Path, tmp_path: Path) -> None:
+    """The others are compared and written; where the first fails, they are shown, nothing is written, and it ends."""
+    out = tmp_path / "out.csv"
+    lines = log.read_text().splitlines()
+    lines[300] = lines[300].replace(lines[300].split(",")[1], "1000", 1)  # ekf trusts every sample
+    log.write_text("\n".join(lines))
+    words = ("estimate", log, "--rig", "paper-2008-printed", "--out", out, *SET)
+    ran = run(*words)
+    assert ran.code == 0, ran.err
+    assert re.search(r"ekf +– +– +– +–", ran.out)
+    assert "ekf: " in ran.out
+    assert "left all bounds at 2.9" in ran.out
+    assert out.is_file()
+    out.unlink()
+    ran = run(*words, "-e", "ekf", "-e", "adaptive")
+    assert ran.code == 2
+    assert ran.err.startswith("error: ")
+    assert "left all bounds" in ran.err
+    assert re.search(r"adaptive +[\d.]+", ran.out)
+    assert not out.exists()
+
+
+def test_the_first_steps_fit_each_other(run, tmp_path: Path) -> None:
+    """The file of `rig new` reads the log of `simulate template`, with nothing to set."""
+    rig, log = tmp_path / "mine.toml", tmp_path / "log.csv"
+    assert run("rig", "new", rig).code == 0
+    assert run("simulate", "template", "--out", log).code == 0
+    ran = run("estimate", log, "--rig", rig, "-e", "adaptive")
+    assert ran.code == 0
+    assert ran.err == ""
+    assert "consistent" in ran.out
+    assert float(re.search(r"adaptive +([\d.]+)", ran.out)[1]) < 0.4  # type: ignore[index]
+    again = tmp_path / "again.csv"
+    assert run("simulate", "template", "--rig", rig, "--out", again).code == 0
+    assert again.read_bytes() == log.read_bytes()
+
+
+def test_what_goes_wrong_is_one_line(run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Of at most 400 characters, without any that a terminal obeys; what is no `DistalError` asks for a report."""
+    loop = tmp_path / "loop.toml"
+    loop.symlink_to(loop)
+    for words in (
+        ("estimate", "a\0b", "--rig", "paper-2008"),
+        ("estimate", "a\x1b[31m" + "b" * 5000, "--rig", "paper-2008"),
+        ("estimate", "log.csv", "--rig", "\0"),
+        ("rig", "check", loop),
+        ("rig", "check", "paper-2008", "--set", "name" + 5000 * ".a" + "=1"),
+        ("rig", "check", "paper-2008", "--set", "joints.²=1"),
+        ("rig", "check", "paper-2008", "--set", "joints.0" + "\x1b[2J" + "=1"),
+        ("estimate", loop, "--rig", "paper-2008"),
+        ("estimate", tmp_path / "none.csv", "--rig", "paper-2008", "--truth", "\0"),
+        ("estimate", tmp_path / "none.csv", "--rig", "paper-2008", "--max-memory", "5 m"),
+    ):
+        ran = run(*words)
+        assert ran.code == 2, (words, ran.err)
+        (line,) = ran.err.splitlines()
+        assert line.startswith("error: ")
+        assert "fault of distal" not in line, line
+        assert len(line) <= 400
+        assert line.isprintable()
+    from distal.cli import rigs
+
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("by\n\x1b[31m" + "x" * 1000)
+
+    monkeypatch.delenv("DISTAL_TRACEBACK")
+    monkeypatch.setattr(rigs, "table", broken)
+    ran = run("rigs")
+    assert ran.code == 70
+    (line,) = ran.err.splitlines()
+    assert line.startswith("error: ZeroDivisionError: by \\x1b[31mxxx")
+    assert line.endswith("this is a fault of distal, please report it with what DISTAL_TRACEBACK=1 distal … prints")
+    assert len(line) <= 400
+    assert line.isprintable()

@@ -8,7 +8,6 @@ import math
 import random
 import sys
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from distal.estimators import LARGEST_ANGLE
 from distal.logs import MessageReader
 from distal.rig import Rig
 from distal.running import HEALTH, LiveEstimator, Monitor
+from tests.fuzzing.outcome import TAKEN, Outcome, broken, refusal
 
 NUMBERS = (
     0, 1, -1, 5e-324, 1e-200, -1e-9, 1e8, 1e15, -1e19, 1e300, -1e308, 1.8e308, math.nan, math.inf, -math.inf, 2**63, 2**64,
@@ -60,19 +60,6 @@ FAR = 1.0
 """An angle that no good sample here has [rad]: a wild value must not lead `adaptive` there; `ekf` trusts every sample."""
 
 
-@dataclass
-class Answered:
-    """What came of one input.
-
-    Args:
-        ok: whether all that is promised held.
-        why: what did not.
-    """
-
-    ok: bool
-    why: str = ""
-
-
 class Stream:
     """A stream that is fed for as long as it lives: `attempt` after `attempt`, of CSV, JSON lines or datagrams.
 
@@ -109,7 +96,7 @@ class Stream:
             self._session.take(line)
         return out.getvalue().splitlines()
 
-    def attempt(self, seed: int) -> Answered:
+    def attempt(self, seed: int) -> Outcome:
         """Feed one hostile input, then good samples, and return whether the stream went on as it promises.
 
         Args:
@@ -120,23 +107,23 @@ class Stream:
         try:
             answers = self._answers(line)
         except Exception as problem:
-            return Answered(False, f"{line[:80]!r} ended the stream: {problem!r}"[:300])
+            return broken(line, problem)
         blank = not line.decode("utf-8", "replace").strip().lstrip("\ufeff").strip()
         if len(answers) != (0 if blank else 1):
-            return Answered(False, f"{line[:80]!r}: {len(answers)} answers")
+            return broken(line, f"{len(answers)} answers")
         for answer in answers:
             if not self._well_formed(answer):
-                return Answered(False, f"{line[:80]!r}: {answer[:100]}")
+                return broken(line, answer)
         if self.live.samples and self.live.time > self._at:
             # a stamp far ahead: samples that follow are late until the clock is taken as set back
             self._at = max(self._at, 0.0)
         for _ in range(6):
             answers = self._good()
         if not self._recovered(answers[0]):
-            return Answered(False, f"after {line[:80]!r}: {answers[0][:150]}")
+            return broken(line, f"afterwards: {answers[0]}")
         diagonal = np.diagonal(self.live.covariance)
         if not (np.isfinite(diagonal).all() and diagonal.min() >= 0.0):
-            return Answered(False, f"after {line[:80]!r}: a variance is {diagonal.min()}")
+            return broken(line, f"a variance is {diagonal.min()}")
         return self._step(rng)
 
     def _line(self, rng: random.Random) -> bytes:
@@ -178,23 +165,28 @@ class Stream:
         theta = answer.split(",")[1] if self._csv else json.loads(answer)["theta"]
         return theta not in ("", None) and abs(float(theta)) < (FAR if self._robust else LARGEST_ANGLE)
 
-    def _step(self, rng: random.Random) -> Answered:
+    def _step(self, rng: random.Random) -> Outcome:
         """Give `LiveEstimator.step` what is no sample, or no time: it refuses by a `DistalError` only, or takes it."""
         width = len(self.live.channels)
         time = rng.choice([*NUMBERS, *JSON_TYPES, np.float32(1), np.array([1.0]), self._at + 1e-3])
         sample = rng.choice([*SAMPLES, np.array([float(_float(rng.choice(NUMBERS))) for _ in range(width)])])
+        if rng.random() < 0.5:
+            time = self._at + 1e-3
         before = (self.live.time, self.live.angles.copy())
         try:
             self.live.step(time, sample)  # type: ignore[arg-type]
         except DistalError as problem:
             same = self.live.time == before[0] and np.array_equal(self.live.angles, before[1])
             if not same and "left all bounds" not in str(problem):
-                return Answered(False, f"step({time!r:.40}, {sample!r:.80}) was refused and changed the estimate")
+                return broken((time, sample), "a refused step changed the estimate")
+            outcome = refusal(problem)
         except Exception as problem:
-            return Answered(False, f"step({time!r:.40}, {sample!r:.80}): {problem!r}"[:300])
+            return broken((time, sample), problem)
+        else:
+            outcome = TAKEN
         if not np.isfinite(self.live.angles).all():
             self.live.reset()
-        return Answered(True)
+        return outcome
 
 
 def _float(value: float) -> float:

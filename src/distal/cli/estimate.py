@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from distal.cli.console import say, table
+from distal.cli.console import failure, say, table
 from distal.cli.options import MemoryOption, PlotOption, RigOption, SetOption, angle, seconds
 from distal.cli.outputs import check_outputs, to_file
-from distal.errors import EstimationError
+from distal.errors import DistalError, EstimationError
 
 if TYPE_CHECKING:
     from distal.logs import Log
@@ -61,8 +61,9 @@ def estimate_command(
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
     from distal.estimators import DEFAULT, ESTIMATORS
-    from distal.logs import read_log, true_angles, write_columns
-    from distal.results import BAND, plot_kind
+    from distal.estimators.affine import NEEDS
+    from distal.logs import file_of, read_log, true_angles, write_together
+    from distal.results import figure_bytes, plot_estimates, plot_kind
     from distal.rig import load_rig
     from distal.running import at_known_angle, diagnose, estimate
     from distal.running import smooth as smoothed
@@ -106,28 +107,41 @@ def estimate_command(
         say(f"home: the joint stands at {about:g}° ± {off:g}° for the first {home:g} s")
     # in a comparison that nobody chose, what cannot run is a row that says what it needs
     missing = estimator is None and description.affine is None and home is None
-    names = [name for name in names if not (missing and name == "affine")]
-    results = [estimate(data, description, name, passes, homing=home) for name in names]
+    lost: DistalError | None = None
+    results, failed = [], {"affine": NEEDS} if missing and "affine" in names else {}
+    for name in names:
+        if name in failed:
+            continue
+        try:
+            results.append(estimate(data, description, name, passes, homing=home))
+        except DistalError as problem:
+            failed[name] = str(problem)
+            lost = lost or (problem if name == names[0] else None)
+    if lost is not None:  # what is to be written; the others are shown all the same
+        if known and results:
+            _compare(results, failed)
+        raise lost
     if smooth:
         if home is not None:
             raise EstimationError("--smooth uses the whole log and --homing its beginning; give one of them")
         results.insert(0, smoothed(data, description))
+    made: dict[Path, bytes | str] = {}
     if out is not None:
-        write_columns(results[0].columns(), out)
+        made[out] = file_of(results[0].columns(), out)
     if plot is not None:
-        results[0].plot(plot) if estimator is None else _plot(results, plot)
+        made[plot] = figure_bytes(plot_estimates(results if estimator else results[:1]), plot)
+    write_together(made)
     if known:
         read = "not read" if homing_angle is not None else "used"
         used = f"; {read} for the first {home:g} s, compared with afterwards" if home is not None else ""
         say(f"truth: {origin}{used}")
-        _compare(results, missing)
+        _compare(results, failed)
+    else:
+        for name, why in failed.items():
+            failure(f"{name}: {why}")
     final = results[0]
-    for joint, angles, stds in zip(final.joint_names, np.rad2deg(final.angles.T), final.angle_stds.T):
-        which = "angle" if len(final.joint_names) == 1 else f"angle of {joint}"
-        half = np.rad2deg(BAND * float(np.median(stds)))
-        say(
-            f"{final.estimator}: {which} from {angles.min():.2f}° to {angles.max():.2f}°, 95 % band ±{half:.2f}° (median)"
-        )
+    for joint in range(len(final.joint_names)):
+        say(final.in_words(joint))
     for note in dict.fromkeys(note for result in results for note in result.notes):
         say(note)
     # a smoothed estimate is of the same log and rig, and its innovations are the filter's
@@ -135,12 +149,6 @@ def estimate_command(
     for path in (out, plot):
         if path is not None:
             say(f"wrote {path}")
-
-
-def _plot(results: list[Estimate], path: Path) -> None:
-    from distal.results import plot_estimates
-
-    plot_estimates(results, path)
 
 
 def _describe(log: Log, rig: Rig) -> None:
@@ -167,8 +175,8 @@ def _describe(log: Log, rig: Rig) -> None:
         )
 
 
-def _compare(results: list[Estimate], no_affine: bool) -> None:
-    from distal.estimators.affine import NEEDS
+def _compare(results: list[Estimate], failed: dict[str, str]) -> None:
+    """Print a row for each estimator, and of those that could not run why."""
     from distal.results import BAND
 
     rows = [
@@ -181,8 +189,7 @@ def _compare(results: list[Estimate], no_affine: bool) -> None:
         )
         for result in results
     ]
-    if no_affine:
-        rows.append(("affine", "–", "–", "–", "–"))
+    rows += [(name, "–", "–", "–", "–") for name in failed]
     table("error against truth", ["estimator", "RMS [°]", "maximum [°]", "inside 95 % band", "median band [°]"], rows)
-    if no_affine:
-        say(f"affine {NEEDS}")
+    for name, why in failed.items():
+        say(f"{name} {why}" if why.startswith("needs") else f"{name}: {why}")

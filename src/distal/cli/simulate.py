@@ -27,6 +27,10 @@ def simulate_command(
     runs: Annotated[
         int | None, typer.Option("--runs", min=1, help="Simulate with so many seeds, from --seed on, each to a file.")
     ] = None,
+    rig_: Annotated[
+        str | None,
+        typer.Option("--rig", help="A rig instead of the scenario's; its drives have the same names."),
+    ] = None,
     set_: SetOption = None,
 ) -> None:
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
@@ -36,6 +40,8 @@ def simulate_command(
     from distal.simulation import load_scenario, scenario_rig, simulate
 
     description = load_scenario(scenario)
+    if rig_ is not None:
+        description = description.model_copy(update={"rig": rig_})
     rig = scenario_rig(description, set_ or ())
     values = {**description.set, **dict(parse_assignment(text, ScenarioError) for text in set_ or ())}
     settings = [f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in values.items()]

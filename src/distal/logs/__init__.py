@@ -1,7 +1,7 @@
 """Logs: time series of sensors, read, checked and written."""
 
 from distal.logs.datasets import da_vinci_grasper
-from distal.logs.files import FROM_SENSOR, read_log, read_truth, write_columns, write_log
+from distal.logs.files import FROM_SENSOR, file_of, read_log, read_truth, write_columns, write_log
 from distal.logs.frames import pandas_frame
 from distal.logs.log import LARGEST_READING, Log, check_stamps, frozen
 from distal.logs.memory import MEMORY_VARIABLE, size_of
@@ -30,6 +30,7 @@ __all__ = [
     "check_writable",
     "da_vinci_grasper",
     "estimate_schema",
+    "file_of",
     "frozen",
     "is_recording",
     "open_recording",

@@ -260,6 +260,16 @@ def write_columns(columns: Mapping[str, NDArray[Any]], path: str | Path) -> None
     Raises:
         OutputError: it cannot be written.
     """
+    write_whole(path, file_of(columns, path))
+
+
+def file_of(columns: Mapping[str, NDArray[Any]], path: str | Path) -> bytes:
+    """Return columns as the file that `path` will hold, see `write_columns`.
+
+    Args:
+        columns: name → values.
+        path: where it will be written; its ending gives the format.
+    """
     import polars
 
     frame = polars.DataFrame({name: np.array(values) for name, values in columns.items()})
@@ -268,4 +278,4 @@ def write_columns(columns: Mapping[str, NDArray[Any]], path: str | Path) -> None
         frame.write_parquet(buffer)
     else:
         frame.fill_nan(None).write_csv(buffer)
-    write_whole(path, buffer.getvalue())
+    return buffer.getvalue()

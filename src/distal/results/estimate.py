@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Estimate:
     """The states over a log, with their standard deviations, and the innovations.
 
@@ -67,6 +67,54 @@ class Estimate:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def __repr__(self) -> str:
+        """Return what it is in a few words; the numbers are in its properties."""
+        lines = [self.in_words(joint) for joint in range(len(self.joint_names))]
+        return f"{len(self)} samples of '{self.rig}', {self.time[0]:g} to {self.time[-1]:g} s; {'; '.join(lines)}"
+
+    def in_words(self, joint: int = 0) -> str:
+        """Return in a line where a joint was, how sure that is, and how true where the truth is known.
+
+        Args:
+            joint: its index.
+        """
+        row = self.summary().row(joint, named=True)
+        which = "angle" if len(self.joint_names) == 1 else f"angle of {row['joint']}"
+        text = (
+            f"{self.estimator}: {which} from {row['least [deg]']:.2f}° to {row['greatest [deg]']:.2f}°, "
+            f"95 % band ±{row['median band [deg]']:.2f}° (median)"
+        )
+        if row["RMS error [deg]"] is None:
+            return text
+        return f"{text}, RMS error {row['RMS error [deg]']:.3g}°, {100 * row['inside band']:.0f} % inside the band"
+
+    def summary(self) -> polars.DataFrame:
+        """Return a table with a row for each joint: range, band, and error where the truth is known (else null) [deg].
+
+        The band is the median half-width of the 95 % band; ``inside band`` is a share of the samples.
+        """
+        import polars
+
+        rows = []
+        for joint, name in enumerate(self.joint_names):
+            angles, stds = self.angles[:, joint], self.angle_stds[:, joint]
+            known = np.full(len(self), np.nan) if self.truths is None else self.truths[:, joint]
+            errors = (angles - known)[np.isfinite(known)]
+            inside = np.abs(errors) <= BAND * stds[np.isfinite(known)]
+            there = len(errors) > 0
+            rows.append(
+                {
+                    "joint": name,
+                    "least [deg]": float(np.rad2deg(angles.min())),
+                    "greatest [deg]": float(np.rad2deg(angles.max())),
+                    "median band [deg]": float(np.rad2deg(BAND * np.median(stds))),
+                    "RMS error [deg]": float(np.rad2deg(np.sqrt(np.mean(errors**2)))) if there else None,
+                    "largest error [deg]": float(np.rad2deg(np.max(np.abs(errors)))) if there else None,
+                    "inside band": float(np.mean(inside)) if there else None,
+                }
+            )
+        return polars.DataFrame(rows)
 
     @property
     def angles(self) -> Floats:

@@ -108,7 +108,7 @@ def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
 
 def template_text() -> str:
     """Return a commented template of a rig file."""
-    return resources.files("distal.rig").joinpath("template.toml").read_text(encoding="utf-8")
+    return resources.files("distal.rig").joinpath("library", "template.toml").read_text(encoding="utf-8")
 
 
 def build_rig(raw: Mapping[str, Any], source: str) -> Rig:

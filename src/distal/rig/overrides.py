@@ -10,6 +10,9 @@ from typing import Any
 from distal.errors import DistalError, did_you_mean
 from distal.rig.quantities import KEYS
 
+DEEPEST = 12
+"""So many parts has a path at most."""
+
 _LOOSE_QUANTITY = re.compile(r"^[-+]?[0-9.][0-9.eE+-]*\s*[A-Za-z%°µμ][^\"'\[\]{}=]*$")
 
 
@@ -55,6 +58,8 @@ def set_value(raw: Any, path: str, value: object, error: type[DistalError]) -> N
         DistalError: an item of the path does not exist.
     """
     keys = path.split(".")
+    if len(keys) > DEEPEST:
+        raise error(f"--set '{path[:40]}…': has {len(keys)} parts; no value of a rig has more than {DEEPEST}")
     parent, where = raw, ""
     for key in keys[:-1]:
         parent = _descend(parent, key, where, path, error)

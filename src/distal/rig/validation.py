@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -33,6 +34,11 @@ def validated(kind: type[Checked], raw: Mapping[str, Any], source: str, error: t
         raise error(f"{source}: nested too deeply") from None
 
 
+_BRIEFLY = reprlib.Repr()
+"""Shows what came in a few words: a user's table may be nested a thousand times."""
+_BRIEFLY.maxlevel, _BRIEFLY.maxstring, _BRIEFLY.maxother = 3, 60, 60
+
+
 def explain(problem: ValidationError, source: str, root: type[BaseModel]) -> str:
     """Return one line for pydantic's findings: the first few in full, the number of others.
 
@@ -54,7 +60,7 @@ def _finding(finding: Any, root: type[BaseModel]) -> str:
     keys = [k for i, k in enumerate(location) if not (k in tags and i > 0)]
     path = ".".join(str(key) for key in keys)
     kind, context = finding["type"], finding.get("ctx", {})
-    given = finding.get("input")
+    given = _BRIEFLY.repr(finding.get("input"))
     if kind == "extra_forbidden":
         known = _known_keys(root, location[:-1])
         return f"{path}: unknown key '{location[-1]}'{did_you_mean(str(location[-1]), known)}"
@@ -66,19 +72,19 @@ def _finding(finding: Any, root: type[BaseModel]) -> str:
         joint = "." if re.match(r"\d+(\.\w+)?: ", text) else ": "
         return f"{path}{joint}{text}" if path else text
     if kind == "literal_error":
-        return f"{path}: must be {context['expected']}, {given!r} came"
+        return f"{path}: must be {context['expected']}, {given} came"
     if kind == "union_tag_invalid":
         key = str(context["discriminator"]).strip("'")
         return f"{path}.{key}: must be {context['expected_tags']}, '{context['tag']}' came"
     if kind == "union_tag_not_found":
         return f"{path}: '{str(context['discriminator']).strip(chr(39))}' is missing"
     if kind in ("tuple_type", "list_type"):
-        return f"{path}: must be a list, {given!r} came"
+        return f"{path}: must be a list, {given} came"
     if kind in ("dict_type", "model_type", "model_attributes_type"):
-        return f"{path}: must be a table, {given!r} came"
+        return f"{path}: must be a table, {given} came"
     if kind == "too_short":
         return f"{path}: at least one is needed"
-    return f"{path}: {finding['msg'][0].lower()}{finding['msg'][1:]}, {given!r} came"
+    return f"{path}: {finding['msg'][0].lower()}{finding['msg'][1:]}, {given} came"
 
 
 def _known_keys(root: type[BaseModel], location: Sequence[Any]) -> list[str]:

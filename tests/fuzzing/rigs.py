@@ -1,0 +1,172 @@
+"""Hostile rig files: shipped ones with lines, values, keys and bytes changed, and `--set` of anything."""
+
+from __future__ import annotations
+
+import random
+import tomllib
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from distal.errors import DistalError
+from distal.model import Mechanism, stiffest_frequency, substeps
+from distal.rig import load_rig, rig_text, shipped_rigs
+from tests.fuzzing.outcome import TAKEN, Outcome, broken, refusal
+
+VALUES: tuple[Any, ...] = (
+    0, 1, -1, 0.0, -0.0, 1e-300, 1e300, -1e9, 5e-324, 2**63, 10**30, float("nan"), float("inf"),
+    True, False, date(2026, 1, 1),
+    "", "std", "1 mm", "-3 deg", "10 %", "1e999 N", "1 parsec", "1 N m/A", "1,5 mm", "1 mm ± 2 mm", "link", "left", "²",
+    "joints", "\x00", "\x1b[2J", "é" * 300, "a" * 5000,
+    [], [[]], [0], ["1 mm", "2 mm"], [1, 0], ["a"] * 50,
+    {}, {"value": 1}, {"value": "1 N", "std": "10 %"}, {"std": 1}, {"value": {}}, {"kind": "pulley"}, {"kind": "pinned"},
+    {"name": "x"},
+)  # fmt: skip
+KEYS = (
+    "name",
+    "value",
+    "std",
+    "kind",
+    "of",
+    "shared",
+    "stops",
+    "friction",
+    "x",
+    "a.b",
+    "²",
+    "",
+    " ",
+    "__class__",
+    "model_fields",
+)
+BYTES = (
+    b'"',
+    b"=",
+    b"[",
+    b"]",
+    b"{",
+    b"#",
+    b"\n",
+    b"\x00",
+    b"\xff",
+    b"\xef\xbb\xbf",
+    b"'",
+    b".",
+    b"-",
+    b"e",
+    b"9" * 400,
+    b"[[joints]]\n",
+)
+
+
+def attempt(seed: int, folder: Path) -> Outcome:
+    """Load a changed rig and look at its equations as `distal rig check` does; return what came of it.
+
+    Args:
+        seed: of the change.
+        folder: to write the file to.
+    """
+    rng = random.Random(seed)
+    text = rig_text(rng.choice(shipped_rigs()))[0]
+    kind, path, assignments = rng.randrange(4), folder / "rig.toml", list[str]()
+    if kind == 0:
+        data = _bytes(rng, text.encode())
+    elif kind == 1:
+        data = _lines(rng, text).encode()
+    else:
+        raw = tomllib.loads(text)
+        for _ in range(rng.choice([1, 1, 1, 2, 5])):
+            where, parent, key = _place(rng, raw)
+            if kind == 2:
+                _change(rng, raw, parent, key)
+            else:
+                assignments.append(
+                    f"{where}={rng.choice([_toml(rng.choice(VALUES)), '', '[', 'x y', '1 mm', _toml(rng.choice(KEYS))])}"
+                )
+        data = _dumped(raw)
+    path.write_bytes(data)
+    try:
+        rig = load_rig(path, assignments)
+        mechanism = Mechanism(rig)
+        substeps(mechanism, 1.0 / max((sensor.rate for sensor in rig.sensors), default=100.0))
+        stiffest_frequency(mechanism)
+    except DistalError as problem:
+        outcome = refusal(problem)
+    except Exception as problem:
+        outcome = broken((seed, assignments), problem)
+    else:
+        outcome = TAKEN
+    return outcome if path.read_bytes() == data else broken(seed, "the rig file was changed")
+
+
+def _bytes(rng: random.Random, data: bytes) -> bytes:
+    for _ in range(rng.choice([1, 1, 2, 8])):
+        at = rng.randrange(len(data) + 1)
+        end = at + rng.choice([0, 1, 1, 5, 200])
+        put = rng.choice([b"", bytes([rng.randrange(256)]), rng.choice(BYTES)])
+        data = data[:at] + put + data[end:]
+    return data
+
+
+def _lines(rng: random.Random, text: str) -> str:
+    lines = text.splitlines()
+    for _ in range(rng.choice([1, 2, 6])):
+        at = rng.randrange(len(lines))
+        what = rng.randrange(4)
+        if what == 0:
+            del lines[at]
+        elif what == 1:
+            lines.insert(at, rng.choice(lines))
+        elif what == 2:
+            other = rng.randrange(len(lines))
+            lines[at], lines[other] = lines[other], lines[at]
+        else:
+            lines[at] = lines[at].replace(rng.choice('0123456789.mN= "'), rng.choice(["", "-", "0", "e9", "=", '"']), 1)
+        if not lines:
+            break
+    return "\n".join(lines) + "\n"
+
+
+def _place(rng: random.Random, raw: Any) -> tuple[str, Any, Any]:
+    """Return the path of a value anywhere in a description, what holds it, and its key."""
+    where, parent = [], raw
+    while True:
+        keys = list(parent) if isinstance(parent, dict) else list(range(len(parent)))
+        if not keys:
+            return ".".join(map(str, where)) or "name", raw, next(iter(raw), "name")
+        key = rng.choice(keys)
+        where.append(key)
+        inner = parent[key]
+        if not isinstance(inner, (dict, list)) or rng.random() < 0.15:
+            return ".".join(map(str, where)), parent, key
+        parent = inner
+
+
+def _change(rng: random.Random, raw: Any, parent: Any, key: Any) -> None:
+    what = rng.randrange(5)
+    if what == 0:
+        del parent[key]
+    elif what == 1 and isinstance(parent, dict):
+        parent[rng.choice(KEYS)] = rng.choice([parent[key], rng.choice(VALUES)])
+    elif what == 2 and isinstance(parent, list):
+        parent.append(parent[key])
+    elif what == 3:
+        parent[key] = _place(rng, raw)[1]
+    else:
+        parent[key] = rng.choice(VALUES)
+
+
+def _toml(value: Any) -> str:
+    try:
+        return tomlkit.item(value).as_string()
+    except Exception:
+        return repr(value)
+
+
+def _dumped(raw: Any) -> bytes:
+    try:
+        return tomlkit.dumps(raw).encode("utf-8", "replace")
+    except Exception:  # a description that no TOML file can hold
+        return b"name = 1\n"
