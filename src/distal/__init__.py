@@ -15,7 +15,16 @@ from distal.identification import (
 from distal.logs import Log, read_log, write_log
 from distal.results import Estimate, plot_estimates
 from distal.rig import Rig, load_rig, shipped_rigs
-from distal.running import LiveEstimator, Monitor, at_known_angle, diagnose, estimate, estimate_batch, smooth
+from distal.running import (
+    LiveEstimator,
+    Monitor,
+    at_known_angle,
+    diagnose,
+    estimate,
+    estimate_batch,
+    log_health,
+    smooth,
+)
 from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate, simulate_batch
 
 __all__ = [
@@ -44,6 +53,7 @@ __all__ = [
     "learn_discrepancy",
     "load_rig",
     "load_scenario",
+    "log_health",
     "make_estimator",
     "observability",
     "plot_estimates",

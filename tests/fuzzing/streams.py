@@ -169,7 +169,9 @@ class Stream:
         """Give `LiveEstimator.step` what is no sample, or no time: it refuses by a `DistalError` only, or takes it."""
         width = len(self.live.channels)
         time = rng.choice([*NUMBERS, *JSON_TYPES, np.float32(1), np.array([1.0]), self._at + 1e-3])
-        sample = rng.choice([*SAMPLES, np.array([float(_float(rng.choice(NUMBERS))) for _ in range(width)])])
+        odd = np.array([_float(rng.choice(NUMBERS)) for _ in range(width)])
+        plain = rng.choice([np.full(width, np.nan), np.zeros(width, dtype=rng.choice(["f4", "f8", "i2", "u8"]))])
+        sample = rng.choice([rng.choice(SAMPLES), odd, plain])
         if rng.random() < 0.5:
             time = self._at + 1e-3
         before = (self.live.time, self.live.angles.copy())

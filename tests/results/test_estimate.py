@@ -43,4 +43,4 @@ def test_no_truth() -> None:
     with pytest.raises(EstimationError, match="no truth"):
         blind.rms_error()
     assert blind.rms_error(log.truth["theta"]) > 0
-    assert len(blind.plot().axes) == 1
+    assert [axes.get_ylabel() for axes in blind.plot().axes] == ["joint angle θ [°]", "95 % band ± [°]"]

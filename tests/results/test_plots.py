@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from distal import Estimate, estimate, load_scenario, plot_estimates, scenario_rig, simulate
+from distal import Estimate, Log, Rig, estimate, load_scenario, log_health, plot_estimates, scenario_rig, simulate
 from distal.errors import OutputError
+from distal.results import BAND
 
 
 @pytest.fixture(scope="module")
-def result() -> Estimate:
-    scenario = load_scenario("series-2")
-    rig = scenario_rig(scenario)
-    return estimate(simulate(rig, scenario), rig, "ekf")
+def rig() -> Rig:
+    return scenario_rig(load_scenario("series-2"))
+
+
+@pytest.fixture(scope="module")
+def log(rig: Rig) -> Log:
+    return simulate(rig, load_scenario("series-2"))
+
+
+@pytest.fixture(scope="module")
+def result(log: Log, rig: Rig) -> Estimate:
+    return estimate(log, rig, "ekf")
 
 
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
@@ -23,8 +35,7 @@ def test_plots(result: Estimate, tmp_path: Path, kind: str) -> None:
     figure = result.plot(one)
     assert [axes.get_ylabel() for axes in figure.axes] == ["joint angle θ [°]", "error [°]"]
     assert figure.axes[-1].get_xlabel() == "time [s]"
-    labels = figure.axes[0].get_legend_handles_labels()[1]
-    assert labels == ["truth", "ekf", "ekf, 95 % band"]
+    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["truth", "ekf, 95 % band"]
     plot_estimates([result], two)
     assert one.read_bytes() == two.read_bytes()
     with pytest.raises(OutputError, match="a plot cannot be 'txt'"):
@@ -37,3 +48,88 @@ def test_plotting_leaves_the_users_settings_alone(result: Estimate) -> None:
     before = dict(matplotlib.rcParams)
     result.plot()
     assert dict(matplotlib.rcParams) == before
+
+
+def legends_lie_beside(figure: Figure) -> bool:
+    """Return whether no legend covers a part of any axes."""
+    figure.draw_without_rendering()
+    frames = [axes.get_window_extent() for axes in figure.axes]
+    legends = [axes.get_legend().get_window_extent() for axes in figure.axes if axes.get_legend() is not None]
+    return all(not legend.overlaps(frame) for legend in legends for frame in frames)
+
+
+def test_every_panel(result: Estimate, log: Log, rig: Rig, tmp_path: Path) -> None:
+    other = replace(result, estimator="another one with a long name")
+    health = log_health(log, rig)
+    figure = plot_estimates(
+        [result, other], panels=["innovations", "forces", "health"], log=log, rig=rig, health=health
+    )
+    labels = ["joint angle θ [°]", "error [°]", "innovation [σ]", "measured [N]", "health"]
+    assert [axes.get_ylabel() for axes in figure.axes] == labels
+    assert legends_lie_beside(figure)
+    innovations, forces, words = figure.axes[2:]
+    assert [text.get_text() for text in innovations.get_legend().get_texts()] == list(result.measured)
+    assert sorted(line.get_ydata()[0] for line in innovations.lines if len(set(line.get_ydata())) == 1) == [-2.0, 2.0]
+    np.testing.assert_array_equal(forces.lines[0].get_ydata(), log.channels["u1"])
+    assert [text.get_text() for text in words.get_yticklabels()] == ["ok", *sorted(set(health) - {"ok"})]
+    drawn = sum(path.get_extents().width for bars in words.collections for path in bars.get_paths())
+    assert drawn == pytest.approx(log.time[-1] - log.time[0] + 0.01)
+    for panel, said in (("forces", "log="), ("health", "log_health"), ("forcse", "did you mean 'forces'")):
+        with pytest.raises(OutputError, match=said):
+            plot_estimates([result], panels=[panel])
+
+
+def test_time_counts_from_the_first_sample(result: Estimate) -> None:
+    late = replace(result, time=result.time + 1e6)
+    for one, said in ((result, "time [s]"), (late, "time [s] from the first sample on, which has t = 1000000 s")):
+        figure = one.plot()
+        assert figure.axes[-1].get_xlabel() == said
+        line = figure.axes[0].lines[0]
+        assert line.get_xdata()[0] == 0.0
+        assert line.get_xdata()[-1] == pytest.approx(7.99)
+
+
+def test_a_short_event_does_not_flatten_the_errors(result: Estimate) -> None:
+    """An error of 40° for 5 of 800 samples: the axis shows the rest, marks the event, and says how large it was."""
+    means = np.array(result.means)
+    means[400:405, 0] += np.deg2rad(40.0)
+    usual = result.plot().axes[1].get_ylim()[1]
+    axes = replace(result, means=means).plot().axes[1]
+    assert axes.get_ylim()[1] < 1.5 * usual < 10.0
+    marks = [line for line in axes.lines if line.get_marker() == "^"]
+    assert len(marks) == 1
+    np.testing.assert_allclose(marks[0].get_xdata()[-5:], result.time[400:405], atol=1e-9)
+    share = float(np.mean(np.abs(np.rad2deg(means[:, 0] - result.truth)) <= axes.get_ylim()[1]))
+    said = f"ekf: {100 * share:.1f} % of the time shown, largest error 40.2° (marked)"
+    assert axes.get_title(loc="right") == said
+    assert 0.98 < share < 0.995
+
+
+def test_bands_are_seen_at_any_width(result: Estimate) -> None:
+    """A narrow band has edges and its own scale below; one beyond the axis is said."""
+    blind = replace(result, truths=None)
+    width = blind.plot().axes[1]
+    assert width.get_ylabel() == "95 % band ± [°]"
+    np.testing.assert_allclose(width.lines[0].get_ydata(), np.rad2deg(BAND * result.theta_std))
+    edges = result.plot().axes[0].lines[1:3]
+    half = np.rad2deg(BAND * result.theta_std)
+    np.testing.assert_allclose(edges[1].get_ydata() - edges[0].get_ydata(), 2 * half)
+    wide = replace(result, variances=result.variances * 1e6).plot().axes[1]
+    assert wide.get_title(loc="right").startswith("band ±")
+    assert wide.get_title(loc="right").endswith("beyond the axis")
+
+
+def test_an_estimate_in_words_and_as_a_table(result: Estimate) -> None:
+    text = repr(result)
+    assert text.startswith("800 samples of 'Nylon-tendon disk (k = 806 N/m)', 0 to 7.99 s; ekf: angle from ")
+    assert len(text) < 250
+    assert str(result) == text
+    row = result.summary().row(0, named=True)
+    assert row["RMS error [deg]"] == pytest.approx(np.rad2deg(result.rms_error()))
+    assert row["largest error [deg]"] == pytest.approx(np.rad2deg(result.max_error()))
+    assert row["inside band"] == result.inside_band()
+    assert row["greatest [deg]"] == np.rad2deg(result.theta.max())
+    assert row["median band [deg]"] == pytest.approx(np.rad2deg(BAND * np.median(result.theta_std)))
+    blind = replace(result, truths=None)
+    assert blind.summary()["RMS error [deg]"].to_list() == [None]
+    assert "RMS" not in repr(blind)

@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from distal.cli import doctor, estimate, export, fit, reproduce, rigs, simulate, stream
+from distal.cli import doctor, estimate, export, fit, reproduce, rigs, simulate, stream, view
 from distal.cli.console import show_warnings
 from distal.errors import LONGEST_LINE, DistalError, one_line
 
@@ -25,6 +25,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("estimate")(estimate.estimate_command)
+app.command("view")(view.view_command)
 app.command("fit")(fit.fit_command)
 app.command("simulate")(simulate.simulate_command)
 app.command("stream")(stream.stream_command)

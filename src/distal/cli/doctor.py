@@ -9,7 +9,7 @@ from distal.cli.console import say
 
 _PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "polars", "matplotlib")
 
-_EXTRAS = {"pandas": "pandas", "mcap": "mcap", "rosbags": "ros", "pooch": "data"}
+_EXTRAS = {"pandas": "pandas", "mcap": "mcap", "rosbags": "ros", "pooch": "data", "plotly": "view"}
 """Packages that are not needed, and the extra that installs each."""
 
 

@@ -36,6 +36,10 @@ def estimate_command(
         str | None, typer.Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta [rad].")
     ] = None,
     plot: PlotOption = None,
+    panel: Annotated[
+        list[str] | None,
+        typer.Option("--panel", help="What else --plot draws: innovations, forces, health, or all. Repeatable."),
+    ] = None,
     passes: Annotated[int, typer.Option("--passes", min=1, help="Filter again with the final covariance.")] = 1,
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Write the adaptive estimate smoothed over the whole log (offline).")
@@ -63,9 +67,9 @@ def estimate_command(
     from distal.estimators import DEFAULT, ESTIMATORS
     from distal.estimators.affine import NEEDS
     from distal.logs import file_of, read_log, true_angles, write_together
-    from distal.results import figure_bytes, plot_estimates, plot_kind
+    from distal.results import PANELS, check_panels, figure_bytes, plot_estimates, plot_kind
     from distal.rig import load_rig
-    from distal.running import at_known_angle, diagnose, estimate
+    from distal.running import at_known_angle, diagnose, estimate, log_health
     from distal.running import smooth as smoothed
 
     if len(logs) > 1:
@@ -86,8 +90,11 @@ def estimate_command(
         estimate_many(logs, load_rig(rig, set_ or ()), (estimator or [DEFAULT])[0], truth, home, out)
         return
     log = logs[0]
+    panels = check_panels(PANELS if "all" in (panel or ()) else tuple(dict.fromkeys(panel or ())))
     if plot is not None:
         plot_kind(plot)
+    elif panels:
+        raise EstimationError("--panel says what --plot draws; give --plot too")
     check_outputs([*to_file("--out", out), *to_file("--plot", plot)], logs=logs, rig=rig, truth=truth)
     description = load_rig(rig, set_ or ())
     data = read_log(log, description, truth)
@@ -129,7 +136,10 @@ def estimate_command(
     if out is not None:
         made[out] = file_of(results[0].columns(), out)
     if plot is not None:
-        made[plot] = figure_bytes(plot_estimates(results if estimator else results[:1]), plot)
+        drawn = results if estimator else results[:1]
+        health = log_health(data, description) if "health" in panels else None
+        figure = plot_estimates(drawn, panels=panels, log=data, rig=description, health=health)
+        made[plot] = figure_bytes(figure, plot)
     write_together(made)
     if known:
         read = "not read" if homing_angle is not None else "used"

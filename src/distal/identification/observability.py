@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from distal.errors import FitError
 from distal.estimators import AdaptiveFilter
 from distal.logs import Log
-from distal.results import BAND, COLOURS, DASHES, Estimate, figure, save_figure
+from distal.results import BAND, COLOURS, DASHES, Estimate, figure, from_start, legend_above, save_figure, time_label
 from distal.rig import Rig, Sensor
 from distal.running import check_homing, estimate, first_values, samples_of, with_channel, with_references
 
@@ -79,25 +79,24 @@ class Observability:
             path: where to save (PNG, SVG or PDF by its suffix); None only returns the figure.
         """
         with figure(2, 1, (6.5, 4.8), sharex=True) as (made, (angle, spread)):
+            since = from_start(self.time)
             theta, half = np.rad2deg(self.estimate.angles[:, self.joint]), np.rad2deg(BAND * self.std)
-            angle.fill_between(
-                self.time, theta - half, theta + half, color=COLOURS[0], alpha=0.25, lw=0, label="95 % band"
-            )
-            angle.plot(self.time, theta, color=COLOURS[0], lw=1.2, label="estimate")
+            angle.fill_between(since, theta - half, theta + half, color=COLOURS[0], alpha=0.25, lw=0, label="95 % band")
+            angle.plot(since, theta, color=COLOURS[0], lw=1.2, label="estimate")
             angle.set_ylabel("joint angle θ [°]")
-            angle.legend(loc="best", fontsize=8, ncols=2)
+            legend_above(angle)
             spread.semilogy(
-                self.time,
+                since,
                 np.rad2deg(self.found),
                 color=COLOURS[1],
                 ls=DASHES[1],
                 lw=1.2,
                 label=f"lost by {np.rad2deg(LOST):g}° every {self.window:g} s, and found again",
             )
-            spread.semilogy(self.time, np.rad2deg(self.std), color=COLOURS[0], lw=1.2, label="along the log")
+            spread.semilogy(since, np.rad2deg(self.std), color=COLOURS[0], lw=1.2, label="along the log")
             spread.set_ylabel("std of the angle [°]")
-            spread.set_xlabel("time [s]")
-            spread.legend(loc="best", fontsize=8)
+            spread.set_xlabel(time_label(self.time))
+            legend_above(spread)
         if path is not None:
             save_figure(made, path)
         return made

@@ -3,5 +3,16 @@
 from distal.reports.fitting import FIT_PAGES, fit_report
 from distal.reports.reproduction import REPRODUCTION_FILES, make_folder, reproduce, results
 from distal.reports.reproduction_figures import FIGURES
+from distal.reports.view import check_plotly, view_page
 
-__all__ = ["FIGURES", "FIT_PAGES", "REPRODUCTION_FILES", "fit_report", "make_folder", "reproduce", "results"]
+__all__ = [
+    "FIGURES",
+    "FIT_PAGES",
+    "REPRODUCTION_FILES",
+    "check_plotly",
+    "fit_report",
+    "make_folder",
+    "reproduce",
+    "results",
+    "view_page",
+]

@@ -60,8 +60,11 @@ def fit_report(
         parts += _held_out(validation)
     parts += [heading("Along the logs")]
     for log, one, other in list(zip(logs, before, after))[:MOST_TRACES]:
-        caption = "Estimate with the rig as it came and with the fitted one, its 95 % band shaded; below, their errors."
-        parts.append(picture(_svg(draw_traces(log, one, other)), caption))
+        caption = (
+            "Estimate with the fitted rig and with the rig as it came, their 95 % bands shaded; their errors; innovations "
+            "of the fitted one, of which 95 % should be within ±2; what was measured; a stream's word on its health."
+        )
+        parts.append(picture(_svg(draw_traces(log, one, other, fit.rig)), caption))
     parts += [
         heading("What is left, against angle, speed and load"),
         paragraph("Median and the middle 80 % of the errors. A curve that is not flat is physics that the rig lacks."),

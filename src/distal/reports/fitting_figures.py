@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.logs import Log, shown, true_angles
-from distal.results import BAND, COLOURS, DASHES, Estimate, figure
+from distal.results import COLOURS, DASHES, PANELS, Estimate, figure, legend_above, plot_estimates
 from distal.rig import Rig
+from distal.running import log_health
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,62 +31,32 @@ FEWEST = 12
 """A bin with fewer samples is not drawn."""
 
 
-def draw_traces(log: Log, before: Estimate, after: Estimate) -> Figure:
-    """Return truth, estimate before and after the fit with its band, and their errors, over one log.
+def draw_traces(log: Log, before: Estimate, after: Estimate, rig: Rig) -> Figure:
+    """Return truth, estimate after and before the fit, their errors, and what the filter compared, over one log.
 
     Args:
         log: the log.
         before: estimate with the rig as it came.
         after: with the fitted one.
+        rig: the fitted one.
     """
     # a page with a dozen logs stays small: no more points than a printed line can show
-    some = slice(None, None, max(1, len(log) // POINTS))
-    log, before, after = log.select(some), _some(before, some), _some(after, some)
-    truths, joints = true_angles(log, after.joint_names), after.joint_names
-    rows, columns = (1 if truths is None else 2), len(joints)
-    size = (6.8 if columns == 1 else 4.0 * columns, 2.8 if truths is None else 4.4)
-    with figure(rows, columns, size, sharex=True, height_ratios=[1.6, 1][:rows]) as (made, axes):
-        for j, joint in enumerate(joints):
-            own, truth = axes[j::columns], None if truths is None else truths[:, j]
-            if truth is not None and np.isfinite(truth).any():
-                own[0].plot(log.time, np.rad2deg(truth), color="black", lw=1.6, label="truth")
-                _errors(own[1], before.angles[:, j] - truth, after.angles[:, j] - truth, after, j)
-            for i, (name, result) in enumerate((("before", before), ("after", after))):
-                _trace(own[0], result, i, name, j)
-            own[0].set_ylabel("joint angle θ [°]" if columns == 1 else f"{joint} [°]")
-            own[0].legend(loc="best", fontsize=8, ncols=2)
-            own[-1].set_xlabel("time [s]")
-        # any name of a file can be drawn: what is not printable is escaped, and a $ begins no formula
-        axes[0].set_title(shown(Path(log.source).name)[:80].replace("$", r"\$"), fontsize=9, loc="left")
-    return made
-
-
-def _errors(axes: Axes, before: Floats, after: Floats, result: Estimate, joint: int) -> None:
-    """Draw a joint's errors before and after the fit, and the band after it; large ones before it may be cut off."""
-    for i, error in enumerate((before, after)):
-        axes.plot(result.time, np.rad2deg(error), color=COLOURS[1 - i], ls=DASHES[1 - i], lw=1.0)
-    half = np.rad2deg(BAND * result.angle_stds[:, joint])
-    axes.fill_between(result.time, -half, half, color=COLOURS[0], alpha=0.18, lw=0)
-    axes.axhline(0.0, color="black", lw=0.6)
-    limit = 1.15 * float(np.nanquantile(np.abs(np.r_[half, np.rad2deg(after)]), 0.995))
-    worst = 1.15 * float(np.nanquantile(np.abs(np.rad2deg(before)), 0.98))
-    limit = max(limit, min(worst, 4.0 * limit))
-    axes.set_ylim(-limit, limit)
-    axes.set_ylabel("error [°]")
+    some, words = slice(None, None, max(1, len(log) // POINTS)), log_health(log, rig)
+    one, other = (replace(_some(each, some), estimator=name) for each, name in ((after, "after"), (before, "before")))
+    title = shown(Path(log.source).name)  # any name of a file can be drawn: what is not printable is escaped
+    return plot_estimates([one, other], title=title, panels=PANELS, log=log.select(some), rig=rig, health=words[some])
 
 
 def _some(result: Estimate, rows: slice) -> Estimate:
-    return replace(result, time=result.time[rows], means=result.means[rows], variances=result.variances[rows])
-
-
-def _trace(axes: Axes, result: Estimate, index: int, name: str, joint: int) -> None:
-    colour, dash = COLOURS[1 - index], DASHES[1 - index]
-    theta, half = np.rad2deg(result.angles[:, joint]), np.rad2deg(BAND * result.angle_stds[:, joint])
-    axes.plot(result.time, theta, color=colour, ls=dash, lw=1.2, label=name)
-    if index == 1:
-        axes.fill_between(
-            result.time, theta - half, theta + half, color=colour, alpha=0.18, lw=0, label="95 % band, after"
-        )
+    return replace(
+        result,
+        time=result.time[rows],
+        means=result.means[rows],
+        variances=result.variances[rows],
+        innovations=result.innovations[rows],
+        innovation_variances=result.innovation_variances[rows],
+        truths=None if result.truths is None else result.truths[rows],
+    )
 
 
 def draw_residuals(logs: Sequence[Log], before: Sequence[Estimate], after: Sequence[Estimate], rig: Rig) -> Figure:
@@ -126,7 +97,7 @@ def draw_residuals(logs: Sequence[Log], before: Sequence[Estimate], after: Seque
         axes[0].set_ylabel("error [°]" if known else f"innovation / its std, {after[0].measured[0]}")
         for place in axes:
             place.axhline(0.0, color="black", lw=0.6)
-        axes[0].legend(loc="best", fontsize=8)
+        legend_above(axes[0])
     return made
 
 

@@ -1,17 +1,27 @@
 """What an estimator made of a log: angles, bands, innovations, what they say of the rig, and plots."""
 
+from distal.results.curves import BAND
 from distal.results.diagnosis import LARGE_PRIOR, SMALL, Diagnosis, Finding, Kind, diagnose
 from distal.results.estimate import Estimate
 from distal.results.plots import (
-    BAND,
+    PANELS,
+    check_panels,
+    draw_errors,
+    draw_estimate,
+    from_start,
+    limit_errors,
+    plot_estimates,
+    time_label,
+)
+from distal.results.style import (
     COLOURS,
     DASHES,
-    draw_estimate,
     figure,
     figure_bytes,
-    plot_estimates,
+    legend_above,
     plot_kind,
     save_figure,
+    title_above,
 )
 
 __all__ = [
@@ -19,16 +29,24 @@ __all__ = [
     "COLOURS",
     "DASHES",
     "LARGE_PRIOR",
+    "PANELS",
     "SMALL",
     "Diagnosis",
     "Estimate",
     "Finding",
     "Kind",
+    "check_panels",
     "diagnose",
+    "draw_errors",
     "draw_estimate",
     "figure",
     "figure_bytes",
+    "from_start",
+    "legend_above",
+    "limit_errors",
     "plot_estimates",
     "plot_kind",
     "save_figure",
+    "time_label",
+    "title_above",
 ]

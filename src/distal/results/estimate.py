@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from distal.errors import EstimationError, did_you_mean
 from distal.logs import pandas_frame
-from distal.results.plots import BAND, plot_estimates
+from distal.results.curves import BAND
+from distal.results.plots import plot_estimates
 from distal.rig import std_name, torque_names
 
 if TYPE_CHECKING:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import OutputError
-from distal.logs import write_whole
+from distal.errors import OutputError, did_you_mean
+from distal.logs import Log
+from distal.results.curves import BAND, Curves
+from distal.results.panels import draw_forces, draw_health, draw_innovations
+from distal.results.style import COLOURS, DASHES, figure, legend_above, plain, save_figure, title_above
+from distal.rig import Rig
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,148 +22,14 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-BAND = 1.959963984540054
-"""Half-width of a 95 % band in standard deviations."""
+PANELS = ("innovations", "forces", "health")
+"""Panels that a plot has on request: see `plot_estimates`."""
 
+SHARE = 0.98
+"""So much of the time an error axis shows at least; what is beyond is marked at its edge."""
 
-class Curves(Protocol):
-    """What is drawn of an estimate: see `distal.Estimate`."""
-
-    @property
-    def estimator(self) -> str:
-        """Its name."""
-        ...
-
-    @property
-    def rig(self) -> str:
-        """Title of the rig."""
-        ...
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints."""
-        ...
-
-    @property
-    def time(self) -> Floats:
-        """Stamps [s], (k,)."""
-        ...
-
-    @property
-    def angles(self) -> Floats:
-        """Angles of the joints [rad], (k, n_joints)."""
-        ...
-
-    @property
-    def angle_stds(self) -> Floats:
-        """Standard deviations of their errors [rad], (k, n_joints)."""
-        ...
-
-    @property
-    def truths(self) -> Floats | None:
-        """True angles [rad], (k, n_joints), or None."""
-        ...
-
-
-# Okabe and Ito's palette, which colour-blind readers can tell apart; each curve has its own dash as well
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-DASHES: tuple[object, ...] = (
-    "-",
-    (0, (5, 1.5)),
-    (0, (1.5, 1)),
-    (0, (5, 1, 1, 1)),
-    (0, (8, 2)),
-    (0, (3, 1, 1, 1, 1, 1)),
-)
-STYLE = {
-    "font.size": 9,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "grid.linewidth": 0.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "svg.hashsalt": "distal",
-    "figure.constrained_layout.use": True,
-}
-
-
-@contextmanager
-def figure(
-    rows: int = 1, columns: int = 1, size: tuple[float, float] = (6.5, 3.6), **options: object
-) -> Iterator[tuple[Figure, list[Axes]]]:
-    """Make a figure in distal's style without touching the user's backend or settings.
-
-    Args:
-        rows: of axes.
-        columns: of axes.
-        size: in inches.
-        options: of matplotlib's `Figure.subplots`.
-    """
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    with matplotlib.rc_context(STYLE):
-        made = Figure(figsize=size)
-        axes = made.subplots(rows, columns, squeeze=False, **options)
-        yield made, list(np.ravel(axes))
-
-
-def plain(text: str) -> str:
-    """Return text as matplotlib shows it letter by letter: a $ begins no formula."""
-    return text.replace("$", r"\$")
-
-
-def plot_kind(path: str | Path) -> str:
-    """Return the format that a plot's file name asks for.
-
-    Raises:
-        OutputError: it is none of png, svg and pdf.
-    """
-    kind = Path(path).suffix.lower().lstrip(".")
-    if kind not in ("png", "svg", "pdf"):
-        raise OutputError(f"{path}: a plot cannot be '{kind}'; .png, .svg and .pdf are allowed")
-    return kind
-
-
-def save_figure(made: Figure, path: str | Path) -> None:
-    """Write a figure whole or not at all, in the format of its suffix.
-
-    Args:
-        made: the figure.
-        path: where.
-
-    Raises:
-        OutputError: the format is unknown or the file cannot be written.
-    """
-    write_whole(path, figure_bytes(made, path))
-
-
-def figure_bytes(made: Figure, path: str | Path) -> bytes:
-    """Return a figure as the file that `path` will hold.
-
-    Args:
-        made: the figure.
-        path: where it will be written; its suffix gives the format.
-
-    Raises:
-        OutputError: the format is unknown.
-    """
-    import io
-
-    import matplotlib
-
-    kind = plot_kind(path)
-
-    with matplotlib.rc_context(STYLE):
-        buffer = io.BytesIO()
-        # no dates inside, so that the same results give the same file
-        metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
-        with warnings.catch_warnings():
-            # a title may hold characters that the font lacks, or be too long: the plot is made all the same
-            warnings.simplefilter("ignore", UserWarning)
-            made.savefig(buffer, format=kind, dpi=150, metadata=metadata)
-    return buffer.getvalue()
+SHORT = 2.5
+"""An event whose errors are this many times as large as those of the rest is cut off, if it is short."""
 
 
 def plot_estimates(
@@ -170,8 +38,14 @@ def plot_estimates(
     title: str | None = None,
     bands: bool = True,
     errors: bool | None = None,
+    panels: Sequence[str] = (),
+    log: Log | None = None,
+    rig: Rig | None = None,
+    health: Sequence[str] | None = None,
 ) -> Figure:
-    """Draw truth, estimates and their 95 % bands over time; below, their errors. One column of axes for each joint.
+    """Draw truth, estimates and their 95 % bands over time, below their errors. One column of axes for each joint.
+
+    Where the truth is not known, the half-width of the band stands below instead of the errors.
 
     Args:
         estimates: of the same log.
@@ -179,69 +53,200 @@ def plot_estimates(
         title: above the axes; default the rig's name.
         bands: draw the 95 % bands.
         errors: draw the errors too; default where the truth is known.
+        panels: what else is drawn, of `PANELS`: innovations of the first estimate in standard deviations, with ±2;
+            measured forces, tensions and torques; the words that a stream of the log has for its health.
+        log: that was estimated, for its forces.
+        rig: the description, for their units.
+        health: a word for each sample (`distal.log_health`).
 
     Raises:
-        OutputError: the file cannot be written.
+        OutputError: the file cannot be written, or a panel is unknown or lacks what it draws.
     """
-    first = estimates[0]
+    first, joints = estimates[0], len(estimates[0].joint_names)
+    _check_inputs(check_panels(panels), log, rig, health)
     with_errors = (first.truths is not None) if errors is None else errors
-    rows, columns = (2 if with_errors else 1), len(first.joint_names)
-    size = (6.5 if columns == 1 else 4.0 * columns, 5.2 if with_errors else 3.4)
-    with figure(rows, columns, size, sharex=True, height_ratios=[2, 1][:rows]) as (made, axes):
+    below = "errors" if with_errors else "bands" if bands else ""
+    heights = [2.2, *([1.1] if below else []), *(0.8 if panel == "health" else 1.1 for panel in panels)]
+    size = (6.5 if joints == 1 else 4.0 * joints, 0.9 + 1.25 * sum(heights))
+    with figure(len(heights), joints, size, sharex=True, height_ratios=heights) as (made, axes):
         for joint, name in enumerate(first.joint_names):
-            _draw_joint(axes[joint::columns], estimates, joint, bands)
-            if columns > 1:
-                axes[joint].set_title(plain(name[:90]), fontsize=9)
-        if columns == 1:
-            axes[0].set_title(plain((title or first.rig)[:90]), fontsize=9, loc="left")
-        else:
-            made.suptitle(plain((title or first.rig)[:90]), fontsize=9)
+            column = axes[joint::joints]
+            _draw_joint(column, estimates, joint, bands, below)
+            if joints > 1:
+                column[0].set_ylabel(f"{plain(name[:40])} [°]")
+            rest = column[2 if below else 1 :]
+            for place, panel in zip(rest, panels):
+                _draw_panel(place, panel, first, log, rig, health)
+            column[-1].set_xlabel(time_label(first.time))
+        made.align_ylabels()
+        title_above(made, title or first.rig)
     if path is not None:
         save_figure(made, path)
     return made
 
 
-def _draw_joint(axes: Sequence[Axes], estimates: Sequence[Curves], joint: int, bands: bool) -> None:
-    """Draw one joint: angles above, errors below where there are axes for them."""
-    top, truth = axes[0], _truth(estimates[0], joint)
+def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of panels as they are.
+
+    Args:
+        panels: names.
+
+    Raises:
+        OutputError: one is not of `PANELS`.
+    """
+    for panel in panels:
+        if panel not in PANELS:
+            raise OutputError(f"a plot has no panel '{panel}'{did_you_mean(panel, PANELS)}")
+    return tuple(panels)
+
+
+def _check_inputs(panels: Sequence[str], log: Log | None, rig: Rig | None, health: Sequence[str] | None) -> None:
+    if "forces" in panels and (log is None or rig is None):
+        raise OutputError("the panel 'forces' draws what was measured; give log=… and rig=…")
+    if "health" in panels and health is None:
+        raise OutputError("the panel 'health' draws a word for each sample; give health=distal.log_health(log, rig)")
+
+
+def _draw_panel(
+    axes: Axes, panel: str, first: Curves, log: Log | None, rig: Rig | None, health: Sequence[str] | None
+) -> None:
+    time = from_start(first.time)
+    if panel == "innovations":
+        draw_innovations(axes, time, first)
+    elif panel == "forces" and log is not None and rig is not None:
+        draw_forces(axes, log, rig)
+    elif health is not None:
+        draw_health(axes, time, health)
+
+
+def from_start(time: Floats) -> Floats:
+    """Return the time since the first sample [s], (k,).
+
+    Args:
+        time: stamps [s], (k,).
+    """
+    since: Floats = time - time[0]
+    return since
+
+
+def time_label(time: Floats) -> str:
+    """Return the label of an axis of time.
+
+    Args:
+        time: stamps [s], (k,).
+    """
+    return "time [s]" if abs(time[0]) < 1e-9 else f"time [s] from the first sample on, which has t = {time[0]:.10g} s"
+
+
+def _draw_joint(axes: Sequence[Axes], estimates: Sequence[Curves], joint: int, bands: bool, below: str) -> None:
+    """Draw one joint: angles above, errors or the width of the band below."""
+    top, truth = axes[0], truth_of(estimates[0], joint)
+    entries: list[tuple[Any, str]] = []
     if truth is not None:
-        top.plot(estimates[0].time, np.rad2deg(truth), color="black", linewidth=1.6, label="truth")
+        (line,) = top.plot(from_start(estimates[0].time), np.rad2deg(truth), color="black", linewidth=1.6)
+        entries.append((line, "truth"))
     for i, result in enumerate(estimates):
-        draw_estimate(top, result, i, bands, joint=joint)
+        handle = draw_estimate(top, result, i, bands, joint=joint)
+        entries.append((handle, result.estimator + (", 95 % band" if bands else "")))
     _limit_angles(top, estimates, joint)
     top.set_ylabel("joint angle θ [°]")
-    top.legend(loc="best", fontsize=8, ncols=2)
-    if len(axes) > 1:
-        errors = [np.rad2deg(_error(result, joint)) for result in estimates]
-        for i, (result, error) in enumerate(zip(estimates, errors)):
-            colour, dash = COLOURS[i % len(COLOURS)], DASHES[i % len(DASHES)]
-            axes[1].plot(result.time, error, color=colour, linestyle=dash, linewidth=1.0)
-            if bands:
-                half = np.rad2deg(BAND * result.angle_stds[:, joint])
-                axes[1].fill_between(result.time, -half, half, color=colour, alpha=0.15, linewidth=0)
-        axes[1].axhline(0.0, color="black", linewidth=0.6)
-        _limit_errors(axes[1], errors)
-        axes[1].set_ylabel("error [°]")
-    axes[-1].set_xlabel("time [s]")
+    legend_above(top, entries)
+    if below == "errors":
+        draw_errors(axes[1], estimates, joint, bands)
+    elif below == "bands":
+        for i, result in enumerate(estimates):
+            half = np.rad2deg(BAND * result.angle_stds[:, joint])
+            axes[1].plot(from_start(result.time), half, color=_colour(i), linestyle=_dash(i), linewidth=1.0)
+        axes[1].set_ylim(bottom=0.0)
+        axes[1].set_ylabel("95 % band ± [°]")
 
 
-def _truth(result: Curves, joint: int) -> Floats | None:
-    """Return a joint's true angle [rad], None where it is nowhere known."""
+def draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int = 0, bands: bool = True) -> None:
+    """Draw a joint's errors with the bands about zero; a short event does not flatten the rest.
+
+    Args:
+        axes: where.
+        estimates: of the same log.
+        joint: index of the joint.
+        bands: draw the 95 % bands.
+    """
+    errors = [_error(result, joint) for result in estimates]
+    halves = [np.rad2deg(BAND * result.angle_stds[:, joint]) for result in estimates]
+    for i, (result, error, half) in enumerate(zip(estimates, errors, halves)):
+        time = from_start(result.time)
+        if bands:
+            _shade(axes, time, -half, half, i)
+        axes.plot(time, error, color=_colour(i), linestyle=_dash(i), linewidth=1.0)
+    axes.axhline(0.0, color="black", linewidth=0.6)
+    axes.set_ylabel("error [°]")
+    curves = [(result.estimator, from_start(result.time), error) for result, error in zip(estimates, errors)]
+    limit_errors(axes, curves, halves[0] if bands else np.zeros(1))
+
+
+def limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half: Floats) -> None:
+    """Choose the limits of an error axis so that `SHARE` of the time fills it, and mark what is beyond.
+
+    Args:
+        axes: whose.
+        errors: name, times and errors of each curve.
+        half: half-width of the first one's band; where it is much wider than the errors it runs out of the picture.
+    """
+    sizes = [np.abs(error[np.isfinite(error)]) for _, _, error in errors]
+    if not any(len(size) for size in sizes):
+        return
+    # the first estimate is what the plot is about; the others may take the axis as far as four times its errors
+    wanted = [_usual(size) for size in sizes if len(size)]
+    shown = max(wanted[0], min(max(wanted), 4.0 * wanted[0]))
+    band = 1.1 * float(np.quantile(half, 0.9))
+    limit = max(shown, min(band, 4.0 * shown))
+    axes.set_ylim(-limit, limit)
+    said = []
+    for i, ((name, time, error), size) in enumerate(zip(errors, sizes)):
+        beyond = np.flatnonzero(np.abs(error) > limit)
+        if not len(beyond):
+            continue
+        some = beyond[:: max(1, len(beyond) // 30)]
+        for sign, marker in ((1, "^"), (-1, "v")):
+            own = some[np.sign(error[some]) == sign]
+            edge = np.full(len(own), sign * 0.94 * limit)
+            axes.plot(time[own], edge, linestyle="none", marker=marker, markersize=4, color=_colour(i))
+        share = 100.0 * float(np.mean(size <= limit))
+        said.append(f"{name}: {share:.1f} % of the time shown, largest error {float(size.max()):.3g}° (marked)")
+    if band > limit:
+        said.append(f"band ±{float(np.median(half)):.3g}° (median), beyond the axis")
+    if said:
+        axes.set_title("\n".join(said), fontsize=7, loc="right", pad=2)
+
+
+def _usual(size: Floats) -> float:
+    """Return how far an axis should go for errors of some size [°]: an event that is short and large is left out."""
+    largest, usual = float(size.max()), max(float(np.quantile(size, SHARE)), 0.02)
+    return 1.3 * usual if largest > SHORT * usual else 1.1 * max(largest, 0.02)
+
+
+def truth_of(result: Curves, joint: int) -> Floats | None:
+    """Return a joint's true angle [rad], (k,), None where it is nowhere known.
+
+    Args:
+        result: the estimate.
+        joint: index of the joint.
+    """
     if result.truths is None or not np.isfinite(result.truths[:, joint]).any():
         return None
     return result.truths[:, joint]
 
 
 def _error(result: Curves, joint: int) -> Floats:
-    """Return a joint's error [rad], NaN where its truth is not known."""
-    truth = _truth(result, joint)
-    return result.angles[:, joint] - (np.nan if truth is None else truth)
+    """Return a joint's error [°], NaN where its truth is not known."""
+    truth = truth_of(result, joint)
+    error: Floats = np.rad2deg(result.angles[:, joint] - (np.nan if truth is None else truth))
+    return error
 
 
 def draw_estimate(
     axes: Axes, result: Curves, index: int, band: bool = True, label: str | None = None, joint: int = 0
-) -> None:
-    """Draw one estimate of a joint and its 95 % band [°].
+) -> Any:
+    """Draw one estimate of a joint and its 95 % band [°], and return its handle for a legend.
 
     Args:
         axes: where.
@@ -251,30 +256,36 @@ def draw_estimate(
         label: in the legend; default the estimator's name.
         joint: index of the joint.
     """
-    colour, dash = COLOURS[index % len(COLOURS)], DASHES[index % len(DASHES)]
     theta, half = np.rad2deg(result.angles[:, joint]), np.rad2deg(BAND * result.angle_stds[:, joint])
-    name = label or result.estimator
-    axes.plot(result.time, theta, color=colour, linestyle=dash, linewidth=1.2, label=name)
+    time, name = from_start(result.time), label or result.estimator
+    handles = []
     if band:
-        shade = {"color": colour, "alpha": 0.18, "linewidth": 0}
-        axes.fill_between(result.time, theta - half, theta + half, label=f"{name}, 95 % band", **shade)
+        handles.append(_shade(axes, time, theta - half, theta + half, index))
+    handles += axes.plot(time, theta, color=_colour(index), linestyle=_dash(index), linewidth=1.2, label=name)
+    return tuple(handles)
+
+
+def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> Any:
+    """Shade a band, with edges that are seen where it is hardly wider than a line; return its handle."""
+    for edge in (low, high):
+        axes.plot(time, edge, color=_colour(index), linewidth=0.4, alpha=0.6)
+    return axes.fill_between(time, low, high, color=_colour(index), alpha=0.2, linewidth=0)
+
+
+def _colour(index: int) -> str:
+    return COLOURS[index % len(COLOURS)]
+
+
+def _dash(index: int) -> object:
+    return DASHES[index % len(DASHES)]
 
 
 def _limit_angles(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
     """Keep the curves readable where a band is much wider than they are: it then runs out of the picture."""
     curves = [np.rad2deg(result.angles[:, joint]) for result in estimates]
-    truth = _truth(estimates[0], joint)
+    truth = truth_of(estimates[0], joint)
     curves += [] if truth is None else [np.rad2deg(truth)]
     lowest, highest = (float(f([f(curve) for curve in curves])) for f in (np.nanmin, np.nanmax))
     low, high = axes.get_ylim()
     room = 0.3 * max(highest - lowest, 1.0)
     axes.set_ylim(max(low, lowest - room), min(high, highest + room))
-
-
-def _limit_errors(axes: Axes, errors: Sequence[Floats]) -> None:
-    """Keep the errors readable where a band is much wider than they are."""
-    known = np.abs(np.concatenate(errors))
-    largest = float(np.max(known[np.isfinite(known)], initial=0.0))
-    low, high = axes.get_ylim()
-    bound = 2.0 * max(largest, 0.05)
-    axes.set_ylim(max(low, -bound), min(high, bound))

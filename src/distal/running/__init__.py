@@ -3,6 +3,7 @@
 from distal.running.batch import estimate_batch
 from distal.running.calibration import held, numbers_homed, plain_samples
 from distal.running.diagnosing import diagnose
+from distal.running.health import log_health
 from distal.running.homing import TRUTH_NOISE, added_reference, at_known_angle, check_homing, with_references
 from distal.running.homing_window import Window
 from distal.running.live import LiveEstimator
@@ -28,6 +29,7 @@ __all__ = [
     "estimate_batch",
     "first_values",
     "held",
+    "log_health",
     "numbers_homed",
     "plain_samples",
     "samples_of",

@@ -1,0 +1,56 @@
+"""`distal view`: an interactive page on a log."""
+
+from __future__ import annotations
+
+import tempfile
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from distal.cli.console import say
+from distal.cli.options import MemoryOption, RigOption, SetOption, seconds
+from distal.cli.outputs import check_outputs, to_file
+
+
+def view_command(
+    log: Annotated[
+        Path, typer.Argument(help="CSV, Parquet, MCAP or a bag, with the columns that the rig's sensors name.")
+    ],
+    rig: RigOption,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Where to write the page (HTML); default a temporary file.")
+    ] = None,
+    estimator: Annotated[str, typer.Option("--estimator", "-e", help="Which one.")] = "adaptive",
+    truth: Annotated[
+        str | None, typer.Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta [rad].")
+    ] = None,
+    homing: Annotated[str | None, typer.Option("--homing", help="Use the reference for so long (e.g. 3s).")] = None,
+    open_: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")] = True,
+    max_memory: MemoryOption = None,
+    set_: SetOption = None,
+) -> None:
+    """Estimate over a log and show it in the browser: zoom with the wheel, point at a curve to read it."""
+    from distal.errors import OutputError
+    from distal.logs import read_log
+    from distal.reports import check_plotly, view_page
+    from distal.rig import load_rig
+    from distal.running import diagnose, estimate
+
+    check_plotly()
+    if out is not None and out.suffix.lower() not in (".html", ".htm"):
+        raise OutputError(f"{out}: the page is HTML; give a name that ends in .html")
+    check_outputs(to_file("--out", out), logs=[log], rig=rig, truth=truth)
+    description = load_rig(rig, set_ or ())
+    data = read_log(log, description, truth)
+    home = seconds(homing) if homing is not None else None
+    result = estimate(data, description, estimator, homing=home)
+    place = out if out is not None else Path(tempfile.mkdtemp(prefix="distal-")) / "view.html"
+    said = diagnose(result, data, description, home).text
+    view_page(result, data, description, place, [said])
+    say(result.in_words())
+    say(said)
+    say(f"wrote {place}")
+    if open_ and not webbrowser.open(place.resolve().as_uri()):
+        say("no browser could be opened; open the file yourself")

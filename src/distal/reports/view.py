@@ -1,0 +1,167 @@
+"""An interactive page on a log: angle, error, innovations, forces and health, to zoom into and to point at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import OutputError
+from distal.logs import Log, shown, write_whole
+from distal.reports.page import page, paragraph
+from distal.results import BAND, COLOURS, Estimate, from_start, time_label
+from distal.rig import Rig
+from distal.running import log_health
+
+Floats = NDArray[np.float64]
+
+MOST_POINTS = 60_000
+"""Of a longer log every second, third, … sample is drawn: a browser stays quick."""
+
+NEEDS = "an interactive page needs plotly; pip install 'distal[view]'"
+
+PAGE = {"scrollZoom": True, "displaylogo": False, "responsive": True}
+"""How a page behaves: the wheel zooms."""
+
+
+def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, said: Sequence[str] = ()) -> Path:
+    """Write one self-contained HTML file on an estimate, and return where it is; nothing is fetched when it is opened.
+
+    Args:
+        estimate: of the log.
+        log: the log.
+        rig: the description.
+        path: where.
+        said: lines of text above the curves, such as those of `distal.diagnose`.
+
+    Raises:
+        OutputError: plotly is not installed, or the file cannot be written.
+    """
+    check_plotly()
+    from plotly.subplots import make_subplots
+
+    step = max(1, -(-len(log) // MOST_POINTS))
+    some, joints = slice(None, None, step), len(estimate.joint_names)
+    words = log_health(log, rig)[some]
+    names = ["joint angle [°]", "error [°]" if estimate.truths is not None else "95 % band ± [°]"]
+    names += ["innovation [σ]", "measured", "health"]
+    made = make_subplots(
+        rows=len(names),
+        cols=joints,
+        shared_xaxes="all",
+        vertical_spacing=0.03,
+        row_heights=[0.38, 0.2, 0.16, 0.16, 0.1],
+        column_titles=list(estimate.joint_names) if joints > 1 else None,
+    )
+    time = from_start(estimate.time)[some]
+    for joint in range(joints):
+        for row, trace in _angle(estimate, joint, time, some):
+            made.add_trace(trace, row=row, col=joint + 1)
+    for row, trace in [*_compared(estimate, time, some), *_measured(log, rig, time, some), *_health(time, words)]:
+        made.add_trace(trace, row=row, col=1)
+    for edge in (-2.0, 2.0):
+        made.add_hline(y=edge, row=3, col=1, line={"color": "#666", "width": 1, "dash": "dash"})
+    for row, name in enumerate(names, 1):
+        made.update_yaxes(title_text=name, row=row, col=1)
+    made.update_xaxes(title_text=time_label(estimate.time), row=len(names))
+    made.update_xaxes(showspikes=True, spikemode="across", spikethickness=1, spikecolor="#999", spikedash="dot")
+    made.update_layout(
+        template="plotly_white",
+        hovermode="x unified",
+        height=900,
+        margin={"l": 70, "r": 30, "t": 40, "b": 50},
+        legend={"orientation": "h", "yanchor": "bottom", "y": 1.01, "x": 0.0, "traceorder": "normal"},
+    )
+    kinds = len(set(words))
+    made.update_yaxes(type="category", range=[-0.7, kinds - 0.3], row=len(names), col=1)
+    curves = made.to_html(include_plotlyjs=True, full_html=False, config=PAGE)
+    lines = [*said, *([f"Drawn is one sample of {step}."] if step > 1 else [])]
+    write_whole(path, page(shown(Path(log.source).name), estimate.in_words(), [*map(paragraph, lines), curves]))
+    return Path(path)
+
+
+def check_plotly() -> None:
+    """Refuse to begin where plotly is not installed.
+
+    Raises:
+        OutputError: see above.
+    """
+    try:
+        import plotly  # noqa: F401
+    except ImportError:
+        raise OutputError(NEEDS) from None
+
+
+def _text(text: str) -> str:
+    """Return text of a file as it is: plotly would take some of it for markup."""
+    return text.replace("&", "&amp;").replace("<", "&lt;")
+
+
+def _angle(estimate: Estimate, joint: int, time: Floats, some: slice) -> Iterator[tuple[int, Any]]:
+    """Return the traces of a joint's angle and of its error, or of its band where the truth is not known."""
+    first = joint == 0
+    angle, half = np.rad2deg(estimate.angles[some, joint]), np.rad2deg(BAND * estimate.angle_stds[some, joint])
+    yield from ((1, trace) for trace in _band(time, angle - half, angle + half, first))
+    truth = None if estimate.truths is None else np.rad2deg(estimate.truths[some, joint])
+    if truth is not None:
+        yield 1, _line(time, truth, "truth", "#000000", first, width=2.5)
+    yield 1, _line(time, angle, estimate.estimator, COLOURS[0], first)
+    if truth is None:
+        yield 2, _line(time, half, "band ±", COLOURS[0], False)
+        return
+    yield from ((2, trace) for trace in _band(time, -half, half, False))
+    yield 2, _line(time, angle - truth, "error", COLOURS[0], False)
+
+
+def _compared(estimate: Estimate, time: Floats, some: slice) -> Iterator[tuple[int, Any]]:
+    ratios = (estimate.innovations / np.sqrt(estimate.innovation_variances))[some]
+    for i, name in enumerate(estimate.measured):
+        yield 3, _line(time, ratios[:, i], f"innovation {name}", COLOURS[(i + 1) % len(COLOURS)], True, width=1.0)
+
+
+def _measured(log: Log, rig: Rig, time: Floats, some: slice) -> Iterator[tuple[int, Any]]:
+    sensors = [s for s in rig.sensors if s.measures in ("force", "tension") and s.name in log.channels]
+    for i, sensor in enumerate(sensors):
+        name = f"{sensor.name} [{sensor.si}]"
+        yield 4, _line(time, log.channels[sensor.name][some], name, COLOURS[(i + 1) % len(COLOURS)], True, width=1.0)
+
+
+def _health(time: Floats, words: Sequence[str]) -> Iterator[tuple[int, Any]]:
+    """Return a trace for each word that occurs: a thick line where it holds."""
+    given = np.array(words)
+    for i, word in enumerate(["ok", *sorted(set(words) - {"ok"})]):
+        if word not in words:
+            continue
+        values = [word if own else None for own in given == word]
+        trace = _line(time, values, word, COLOURS[2] if word == "ok" else COLOURS[1 + i % 2 * 3], False, width=9)
+        trace.update(hovertemplate=f"{word}<extra></extra>")
+        yield 5, trace
+
+
+def _line(time: Floats, values: Any, name: str, colour: str, in_legend: bool, width: float = 1.5) -> Any:
+    from plotly.graph_objects import Scatter
+
+    return Scatter(
+        x=time,
+        y=values,
+        name=_text(name),
+        mode="lines",
+        line={"color": colour, "width": width},
+        showlegend=in_legend,
+        hovertemplate="%{y:.4g}",
+    )
+
+
+def _band(time: Floats, low: Floats, high: Floats, in_legend: bool) -> tuple[Any, Any]:
+    """Return the edges of a band, filled between."""
+    from plotly.graph_objects import Scatter
+
+    edge = {"x": time, "mode": "lines", "line": {"color": COLOURS[0], "width": 0.5}, "hoverinfo": "skip"}
+    lower = Scatter(y=low, showlegend=False, name="95 % band", **edge)
+    upper = Scatter(
+        y=high, fill="tonexty", fillcolor="rgba(0,114,178,0.18)", name="95 % band", showlegend=in_legend, **edge
+    )
+    return lower, upper

@@ -1,0 +1,85 @@
+"""Panels below the angle: innovations, what was measured of forces, and the words of a stream's health."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.logs import Log
+from distal.results.curves import Curves
+from distal.results.style import COLOURS, DASHES, legend_above, plain
+from distal.rig import Rig
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+
+WIDEST = 5.0
+"""Innovations are drawn as far as this many standard deviations at least."""
+
+
+def draw_innovations(axes: Axes, time: Floats, result: Curves) -> None:
+    """Draw what was measured minus what was predicted, in standard deviations, with the ±2 that 95 % should be within.
+
+    Args:
+        axes: where.
+        time: from the first sample on [s], (k,).
+        result: the estimate.
+    """
+    ratios = result.innovations / np.sqrt(result.innovation_variances)
+    axes.axhspan(-2.0, 2.0, color="0.9", linewidth=0)
+    for edge in (-2.0, 2.0):
+        axes.axhline(edge, color="0.4", linewidth=0.7, linestyle=(0, (4, 2)))
+    for i, name in enumerate(result.measured):
+        axes.plot(time, ratios[:, i], color=COLOURS[i % len(COLOURS)], linewidth=0.7, alpha=0.8, label=plain(name))
+    known = np.abs(ratios[np.isfinite(ratios)])
+    limit = max(WIDEST, 1.2 * float(np.quantile(known, 0.98))) if len(known) else WIDEST
+    axes.set_ylim(-limit, limit)
+    axes.set_ylabel("innovation [σ]")
+    legend_above(axes, most=6)
+    if not len(known):
+        axes.text(0.5, 0.5, "nothing is compared", transform=axes.transAxes, ha="center", va="center", color="0.4")
+
+
+def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
+    """Draw the forces, tensions and motor torques of a log.
+
+    Args:
+        axes: where.
+        log: the log.
+        rig: the description, whose sensors say what a channel is.
+    """
+    sensors = [s for s in rig.sensors if s.measures in ("force", "tension") and s.name in log.channels]
+    for i, sensor in enumerate(sensors):
+        style = {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[i % len(DASHES)]}
+        axes.plot(log.time - log.time[0], log.channels[sensor.name], linewidth=0.9, label=plain(sensor.name), **style)
+    units = sorted({sensor.si for sensor in sensors})
+    axes.set_ylabel(f"measured [{', '.join(units)}]")
+    legend_above(axes, most=6)
+    if not sensors:
+        axes.text(0.5, 0.5, "no force is measured", transform=axes.transAxes, ha="center", va="center", color="0.4")
+
+
+def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:
+    """Draw when a stream of the log has which word for its health, a line for each word that occurs.
+
+    Args:
+        axes: where.
+        time: from the first sample on [s], (k,).
+        health: a word for each sample.
+    """
+    words = [*(["ok"] if "ok" in health else []), *sorted(set(health) - {"ok"})]
+    given = np.array(health)
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    for row, word in enumerate(words):
+        own = given == word
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], own, [False]]).astype(int)))
+        spans = [(time[a], time[b - 1] - time[a] + step) for a, b in zip(edges[::2], edges[1::2])]
+        axes.broken_barh(spans, (row - 0.35, 0.7), color=COLOURS[2 if word == "ok" else 1], linewidth=0)
+    axes.set_yticks(range(len(words)), words, fontsize=7)
+    axes.set_ylim(len(words) - 0.4, -0.6)
+    axes.set_ylabel("health")

@@ -1,0 +1,151 @@
+"""The look of every figure: colours and dashes that colour-blind readers can tell apart, legends beside the curves."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from distal.errors import OutputError
+from distal.logs import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's palette, which colour-blind readers can tell apart; each curve has its own dash as well
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+DASHES: tuple[object, ...] = (
+    "-",
+    (0, (5, 1.5)),
+    (0, (1.5, 1)),
+    (0, (5, 1, 1, 1)),
+    (0, (8, 2)),
+    (0, (3, 1, 1, 1, 1, 1)),
+)
+STYLE = {
+    "font.size": 9,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "grid.linewidth": 0.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "svg.hashsalt": "distal",
+    "figure.constrained_layout.use": True,
+}
+
+
+@contextmanager
+def figure(
+    rows: int = 1, columns: int = 1, size: tuple[float, float] = (6.5, 3.6), **options: object
+) -> Iterator[tuple[Figure, list[Axes]]]:
+    """Make a figure in distal's style without touching the user's backend or settings.
+
+    Args:
+        rows: of axes.
+        columns: of axes.
+        size: in inches.
+        options: of matplotlib's `Figure.subplots`.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(STYLE):
+        made = Figure(figsize=size)
+        axes = made.subplots(rows, columns, squeeze=False, **options)
+        yield made, list(np.ravel(axes))
+
+
+def plain(text: str) -> str:
+    """Return text as matplotlib shows it letter by letter: a $ begins no formula."""
+    return text.replace("$", r"\$")
+
+
+def plot_kind(path: str | Path) -> str:
+    """Return the format that a plot's file name asks for.
+
+    Raises:
+        OutputError: it is none of png, svg and pdf.
+    """
+    kind = Path(path).suffix.lower().lstrip(".")
+    if kind not in ("png", "svg", "pdf"):
+        raise OutputError(f"{path}: a plot cannot be '{kind}'; .png, .svg and .pdf are allowed")
+    return kind
+
+
+def save_figure(made: Figure, path: str | Path) -> None:
+    """Write a figure whole or not at all, in the format of its suffix.
+
+    Args:
+        made: the figure.
+        path: where.
+
+    Raises:
+        OutputError: the format is unknown or the file cannot be written.
+    """
+    write_whole(path, figure_bytes(made, path))
+
+
+def figure_bytes(made: Figure, path: str | Path) -> bytes:
+    """Return a figure as the file that `path` will hold.
+
+    Args:
+        made: the figure.
+        path: where it will be written; its suffix gives the format.
+
+    Raises:
+        OutputError: the format is unknown.
+    """
+    import io
+
+    import matplotlib
+
+    kind = plot_kind(path)
+
+    with matplotlib.rc_context(STYLE):
+        buffer = io.BytesIO()
+        # no dates inside, so that the same results give the same file
+        metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
+        with warnings.catch_warnings():
+            # a title may hold characters that the font lacks, or be too long: the plot is made all the same
+            warnings.simplefilter("ignore", UserWarning)
+            made.savefig(buffer, format=kind, dpi=150, metadata=metadata)
+    return buffer.getvalue()
+
+
+def legend_above(axes: Axes, entries: Sequence[tuple[Any, str]] = (), most: int = 4) -> None:
+    """Put the legend above the axes, where it never lies on a curve.
+
+    Args:
+        axes: whose.
+        entries: handles and labels; default those of the axes.
+        most: columns.
+    """
+    handles, labels = zip(*entries) if entries else axes.get_legend_handles_labels()
+    if handles:
+        axes.legend(
+            handles,
+            labels,
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            borderaxespad=0.1,
+            ncols=min(most, len(handles)),
+            fontsize=8,
+            columnspacing=1.2,
+            handlelength=2.2,
+        )
+
+
+def title_above(made: Figure, title: str) -> None:
+    """Put a title above everything else, to the left.
+
+    Args:
+        made: the figure.
+        title: plain text.
+    """
+    made.suptitle(plain(title[:90]), fontsize=9, x=0.01, ha="left")

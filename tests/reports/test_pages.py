@@ -1,0 +1,89 @@
+"""Pages and figures of reports: they hold what they should, and nothing from elsewhere."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal import Fit, Log, Rig, estimate, fit, load_scenario, scenario_rig, simulate
+from distal.reports import FIGURES, fit_report
+from distal.reports.fitting_figures import draw_residuals, draw_traces
+from distal.reports.page import html_table, page, paragraph, picture
+from tests.results.test_plots import legends_lie_beside
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return scenario_rig(load_scenario("template"))
+
+
+@pytest.fixture(scope="module")
+def logs(rig: Rig) -> list[Log]:
+    made = [simulate(rig, load_scenario("template"), seed) for seed in (1, 2)]
+    return [replace(log.select(slice(0, 700)), source=f"logs/<{i}> & co.csv") for i, log in enumerate(made)]
+
+
+@pytest.fixture(scope="module")
+def fitted(logs: list[Log], rig: Rig) -> Fit:
+    return fit(logs, rig, free=["joints.0.friction.coefficient"], noise=False)
+
+
+def test_text_is_never_markup() -> None:
+    text = page(
+        "a <b> & c", "<i>", [paragraph("<p>"), html_table(["<x>"], [["<em>cell</em>"]]), picture("<svg/>", "<c>")]
+    )
+    for escaped in (
+        "a &lt;b&gt; &amp; c",
+        "&lt;i&gt;",
+        "<p>&lt;p&gt;</p>",
+        "<th>&lt;x&gt;</th>",
+        "<figcaption>&lt;c&gt;",
+    ):
+        assert escaped in text
+    assert "<em>cell</em>" in text  # cells are HTML
+
+
+def test_the_figures_of_a_fit(logs: list[Log], rig: Rig) -> None:
+    results = [estimate(log, rig) for log in logs]
+    traces = draw_traces(logs[0], results[0], results[0], rig)
+    labels = ["joint angle θ [°]", "error [°]", "innovation [σ]", "measured [N]", "health"]
+    assert [axes.get_ylabel() for axes in traces.axes] == labels
+    legend = [text.get_text() for text in traces.axes[0].get_legend().get_texts()]
+    assert legend == ["truth", "after, 95 % band", "before, 95 % band"]
+    assert legends_lie_beside(traces)
+    left = draw_residuals(logs, results, results, rig)
+    assert [axes.get_xlabel() for axes in left.axes] == ["angle θ [°]", "speed [°/s]", "u1 [N]"]
+    assert legends_lie_beside(left)
+    blind = [replace(log, truth={}) for log in logs]
+    unknown = [replace(result, truths=None) for result in results]
+    assert [a.get_ylabel() for a in draw_traces(blind[0], unknown[0], unknown[0], rig).axes][1] == "95 % band ± [°]"
+    assert draw_residuals(blind, unknown, unknown, rig).axes[0].get_ylabel() == "innovation / its std, u1"
+
+
+@pytest.mark.slow
+def test_the_page_of_a_fit(fitted: Fit, logs: list[Log], tmp_path: Path) -> None:
+    path = fit_report(fitted, logs, tmp_path / "report")
+    text = path.read_text(encoding="utf-8")
+    assert [file.name for file in path.parent.iterdir()] == ["index.html"]
+    assert text.count("<figure>") == len(logs) + 2
+    for said in (
+        "What was found",
+        "joints.0.friction.coefficient",
+        "Along the logs",
+        "Where the joint is seen",
+    ):
+        assert said in text
+    assert "&lt;0&gt; &amp; co.csv" in text
+    assert "<0>" not in text
+    assert not re.search(r"(src|href)\s*=\s*['\"]?http", text)
+    value = next(part.value for part in fitted.fitted)
+    assert f"{value:.5g}" in text
+    assert np.isfinite(value)
+
+
+def test_the_figures_of_the_paper_have_names() -> None:
+    assert list(FIGURES) == ["figure-2", "figure-3", "figure-4", "figure-5"]
