@@ -238,9 +238,12 @@ def test_what_a_step_refuses(rig: Rig, log: Log, tmp_path: Path) -> None:
         (0.0, samples[1], 1),
         (-0.01, samples[1], 1),
         (np.nan, samples[1], 1),
+        (1e-200, samples[1], 1),
+        (5e-10, samples[1], 1),
         (1e9, samples[1], 2),
         (np.inf, samples[1], 2),
         (0.01, np.full(4, np.inf), 3),
+        (0.01, np.array([0.0, 0.0, 1e300, 2.0]), 3),
     ):
         assert library.step(dt, np.array(values)) == code
         np.testing.assert_array_equal(library.state, kept)

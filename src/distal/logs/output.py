@@ -138,6 +138,8 @@ class _Written:
         try:
             if self._kept is not None:
                 os.replace(self._kept, self._target)
+                if os.path.exists(self._kept):  # two names of one file: replacing one by the other does nothing
+                    os.unlink(self._kept)
                 self._kept = None
             elif self._moved and not self._there:
                 os.unlink(self._target)

@@ -1,0 +1,131 @@
+"""Names of exports: one that is accepted compiles with every compiler, one that would not is refused."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from distal import load_rig
+from distal.errors import ExportError, OutputError
+from distal.export import c_name, export_c
+from distal.export.names import TAKEN, checked_name
+from distal.export.project import export_files
+
+COMPILERS = [name for name in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(name)]
+WORDS = """
+auto break case char const continue default do double else enum extern for goto if inline int long register
+restrict return short signed sizeof static struct switch typedef union unsigned void volatile while asm bool
+catch class delete explicit export false friend mutable namespace new operator private protected public
+template this throw true try typeid typename using virtual wchar_t linux unix main sin sqrt exp memset printf
+free state numbers measured root is_there dt out null eof
+"""
+KEYWORDS = WORDS.split()
+
+
+@pytest.mark.skipif(not COMPILERS, reason="no compiler was found")
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_no_name_hides_a_header(compiler: str) -> None:
+    """What the headers of the source and the replay program include, here: each such name is refused."""
+    text = "".join(f"#include <{name}.h>\n" for name in ("math", "string", "stdio", "stdlib"))
+    done = subprocess.run([compiler, "-M", "-x", "c", "-"], input=text, capture_output=True, text=True, check=True)
+    plain = {Path(word).stem for word in re.findall(r"\S+\.h\b", done.stdout)}
+    assert len(plain) > 10
+    for name in plain:
+        if re.fullmatch(r"[a-z][a-z0-9_]*", name) and "/bits/" not in done.stdout.partition(f"/{name}.h")[0][-30:]:
+            at_top = re.search(rf"include(-fixed)?/(sys/|machine/)?{re.escape(name)}\.h\b", done.stdout)
+            if at_top and at_top[2] is None:
+                assert name in TAKEN, f"{name}.h of {compiler} can be hidden"
+
+
+@pytest.mark.parametrize(
+    "name", ["math", "time", "con", "com1", "all", "m", "_x", "X", "9a", "", "a-b", "é", "a" * 101, "a\n"]
+)
+def test_names_that_are_refused(name: str) -> None:
+    with pytest.raises(ExportError):
+        checked_name(name)
+
+
+@pytest.mark.parametrize("title", ["Math", "CON", "9 lives", "", "é", "x" * 300, "My hand, left", "_", "Replay"])
+def test_a_name_of_any_title_is_accepted(title: str) -> None:
+    assert checked_name(c_name(title)) == c_name(title)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not COMPILERS, reason="no compiler was found")
+def test_accepted_names_compile(tmp_path: Path) -> None:
+    """Keywords of C and C++, names of functions and of what the source uses itself, the longest name."""
+    rig = load_rig("capstan-joint")
+    export_c(rig, tmp_path, "ekf-2008", name="finger")
+    texts = {path: path.read_text() for path in tmp_path.iterdir()}
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
+    for name in [*KEYWORDS, "a", "x" * 100]:
+        checked_name(name)
+        folder = tmp_path / "made" / name
+        folder.mkdir(parents=True)
+        for path, text in texts.items():
+            plain = text.replace("FINGER", name.upper()).replace("finger", name)
+            (folder / path.name.replace("finger", name)).write_text(plain)
+    sources = [str(path) for path in (tmp_path / "made").rglob("*.c")]
+    for compiler in COMPILERS:
+        for source in sources:
+            done = subprocess.run(
+                [compiler, *flags, "-I", str(Path(source).parent), source], capture_output=True, text=True, check=False
+            )
+            assert done.returncode == 0, f"{compiler} {source}: {done.stderr[:500]}"
+    if shutil.which("g++"):
+        for name in [*KEYWORDS, "a"]:
+            header = str(tmp_path / "made" / name / f"{name}.h")
+            done = subprocess.run(
+                ["g++", "-fsyntax-only", "-Wall", "-Werror", "-x", "c++", header],
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            assert done.returncode == 0, f"{name}: {done.stderr[:500]}"
+
+
+def test_all_files_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that is full at the second, third, … file: what stood there stays, and nothing is left beside it."""
+    import os
+
+    rig = load_rig("capstan-joint")
+    export_c(rig, tmp_path, "ekf-2008", name="finger")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    real = os.fdopen
+    for full in range(len(export_files("finger"))):
+        opened = 0
+
+        def limited(*words: object, **more: object) -> object:
+            nonlocal opened
+            opened += 1
+            if opened > full:  # noqa: B023
+                raise OSError(28, "No space left on device")
+            return real(*words, **more)  # type: ignore[call-overload]
+
+        monkeypatch.setattr(os, "fdopen", limited)
+        with pytest.raises(OutputError, match="No space left"):
+            export_c(rig, tmp_path, "ekf-2008", single=True, name="finger")
+        monkeypatch.setattr(os, "fdopen", real)
+        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    for broken in range(1, len(before) + 1):
+        moved, replace = 0, os.replace
+
+        def failing(one: str, other: str) -> None:
+            nonlocal moved
+            moved += 1
+            if moved == broken:  # noqa: B023
+                raise OSError(5, "Input/output error")
+            replace(one, other)  # noqa: B023
+
+        monkeypatch.setattr(os, "replace", failing)
+        with pytest.raises(OutputError, match="Input/output error"):
+            export_c(rig, tmp_path, "ekf-2008", single=True, name="finger")
+        monkeypatch.setattr(os, "replace", replace)
+        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    export_c(rig, tmp_path, "ekf-2008", single=True, name="finger")
+    assert {path.name for path in tmp_path.iterdir()} == set(before)
+    assert (tmp_path / "finger.c").read_bytes() != before["finger.c"]
