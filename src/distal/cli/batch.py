@@ -7,6 +7,7 @@ import shlex
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -179,7 +180,9 @@ def _make(out: Path) -> None:
         raise OutputError(f"{out}: cannot be made ({problem.strerror})") from None
 
 
-def simulate_many(rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path, settings: list[str]) -> None:
+def simulate_many(
+    rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path, settings: list[str], truth: bool = True
+) -> None:
     """Simulate a scenario with seeds from `seed` on, and write each log to a folder.
 
     Args:
@@ -189,6 +192,7 @@ def simulate_many(rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path,
         runs: how many.
         out: the folder.
         settings: options that `distal estimate` needs.
+        truth: whether what no sensor reads is written beside it.
     """
     from distal.logs import write_log
     from distal.simulation import simulate_batch
@@ -198,7 +202,7 @@ def simulate_many(rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path,
     with _progress("simulating", runs) as advance:
         jobs = ((scenario, number) for number in names)
         for name, log in zip(names.values(), simulate_batch(rig, jobs, progress=advance)):
-            write_log(log, rig, out / name)
+            write_log(log if truth else replace(log, truth={}), rig, out / name)
     say(f"{rig.name}: {runs} runs of {scenario.duration:g} s, seeds {seed} to {seed + runs - 1}")
     say(f"wrote {runs} logs to {out}")
     say(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,6 +32,9 @@ def simulate_command(
         str | None,
         typer.Option("--rig", help="A rig instead of the scenario's; its drives have the same names."),
     ] = None,
+    truth: Annotated[
+        bool, typer.Option("--truth/--no-truth", help="Write what no sensor reads beside it, as true_… in SI.")
+    ] = True,
     set_: SetOption = None,
 ) -> None:
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
@@ -49,11 +53,11 @@ def simulate_command(
         from distal.cli.batch import logs_of, simulate_many
 
         check_outputs(logs_of(seed, runs, out), rig=description.rig, scenario=scenario)
-        simulate_many(rig, description, seed, runs, out, settings)
+        simulate_many(rig, description, seed, runs, out, settings, truth)
         return
     check_outputs(to_file("--out", out), rig=description.rig, scenario=scenario)
     log = simulate(rig, description, seed)
-    write_log(log, rig, out)
+    write_log(log if truth else replace(log, truth={}), rig, out)
     say(f"{rig.name}: {len(log)} samples, {description.duration:g} s, {_ranges(log, rig)}")
     say(f"wrote {out}")
     ignored = sorted(set(values) & set(description.plant))
