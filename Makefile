@@ -4,15 +4,17 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help demo test test-fast lint bench accuracy strangers clean
+.PHONY: help demo test test-fast lint docs bench accuracy strangers reliability clean
 
 help:
 	@echo "make demo       reproduce the paper: figures, results and a page in out/reproduce"
 	@echo "make test       every test, ruff, the type check and the layer check"
 	@echo "make test-fast  the tests that finish within a minute"
+	@echo "make docs       a site with all pages and the reference of public names in out/site"
 	@echo "make bench      accuracy and speed of stepping, filters, batches, processes; the filter on a microcontroller"
 	@echo "make accuracy   rigs it was not built with; plants x scenarios x estimators x 20 seeds; fits (half an hour)"
 	@echo "make strangers  rigs and logs that distal was not built with, beside release 0.1"
+	@echo "make reliability  20,000 hostile rigs, logs and stream inputs each (6 minutes)"
 	@echo "make clean      remove .venv, out and caches"
 
 $(STAMP): pyproject.toml
@@ -35,6 +37,12 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+docs: $(STAMP)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+reliability: $(STAMP)
+	$(BIN)/python -m benchmarks.reliability
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks.stepping

@@ -43,16 +43,6 @@ def claims() -> str:
     return "\n".join(lines)
 
 
-def verdicts() -> str:
-    """Return the paper's statements and their verdicts only."""
-    held = json.loads((ROOT / "out/reproduce/results.json").read_text(encoding="utf-8"))
-    lines = ["| | statement | verdict |", "|---|---|---|"]
-    lines += [
-        f"| {key} | {held[key]['statement']} | {held[key]['verdict']} |" for key in (f"C{i}" for i in range(1, 13))
-    ]
-    return "\n".join(lines)
-
-
 def readings() -> str:
     """Return the table of readings of Q and R, and the errors of Series 2."""
     held = json.loads((ROOT / "out/reproduce/results.json").read_text(encoding="utf-8"))
@@ -82,7 +72,6 @@ def bench(name: str) -> str:
 
 TABLES = {
     "claims": claims,
-    "verdicts": verdicts,
     "readings": readings,
     "stepping": lambda: bench("stepping"),
     "stepping-cost": lambda: bench("stepping-cost"),
@@ -124,6 +113,7 @@ TABLES = {
             "strangers-contact-onset",
             "strangers-foreign",
             "smoothing",
+            "reliability",
         )
     },
 }

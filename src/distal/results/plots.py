@@ -194,9 +194,9 @@ def limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half:
     sizes = [np.abs(error[np.isfinite(error)]) for _, _, error in errors]
     if not any(len(size) for size in sizes):
         return
-    # the first estimate is what the plot is about; the others may take the axis as far as four times its errors
+    # the first estimate is what the plot is about; the others may take the axis as far as eight times its errors
     wanted = [_usual(size) for size in sizes if len(size)]
-    shown = max(wanted[0], min(max(wanted), 4.0 * wanted[0]))
+    shown = max(wanted[0], min(max(wanted), 8.0 * wanted[0]))
     band = 1.1 * float(np.quantile(half, 0.9))
     limit = max(shown, min(band, 4.0 * shown))
     axes.set_ylim(-limit, limit)
