@@ -289,3 +289,30 @@ def test_pipes(log: Path, source: str, tail: str) -> None:
         check=False,
     )
     assert ran.returncode == 0, ran.stderr
+
+
+@pytest.mark.parametrize("size", [10.0, 1e2, 1e3, 1e4, 1e6, 1e8, 1e12, 1e300])
+@pytest.mark.parametrize("column", ["x1", "x2", "u1", "u2"])
+def test_a_wild_value_of_any_size_leaves_the_estimate(paper_rig, column: str, size: float) -> None:
+    """One sample of a stream: a displacement as if it were missing; a force by less than the band."""
+    from distal import LiveEstimator, Monitor
+
+    def angles(value: float) -> np.ndarray:
+        monitor = Monitor(LiveEstimator(paper_rig))
+        at, made = monitor.channels.index(column), []
+        for k in range(160):
+            read = {
+                "x1": 1e-3 * np.sin(k / 30),
+                "x2": 1e-3 * np.cos(k / 30),
+                "u1": 2.0 + 0.3 * np.sin(k / 40),
+                "u2": 2.0,
+            }
+            sample = np.array([read[name] for name in monitor.channels])
+            if k == 100:
+                sample[at] = value
+            made.append(monitor.take(0.01 * k, sample).angle)
+        return np.array(made)
+
+    for sign in (1.0, -1.0):
+        change = np.abs(angles(sign * size) - angles(np.nan))
+        assert change.max() < (1e-12 if column.startswith("x") else np.deg2rad(0.15)), np.rad2deg(change.max())
