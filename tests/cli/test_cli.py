@@ -426,3 +426,22 @@ def test_what_goes_wrong_is_one_line(run, monkeypatch: pytest.MonkeyPatch, tmp_p
     assert line.endswith("this is a fault of distal, please report it with what DISTAL_TRACEBACK=1 distal … prints")
     assert len(line) <= 400
     assert line.isprintable()
+
+
+def test_stopped_while_importing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    import builtins
+
+    import distal_command
+
+    real = builtins.__import__
+
+    def stopped(name: str, *rest: object, **more: object) -> object:
+        if name == "distal.cli":
+            raise KeyboardInterrupt
+        return real(name, *rest, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(builtins, "__import__", stopped)
+    with pytest.raises(SystemExit) as ended:
+        distal_command.main()
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == "stopped\n"

@@ -113,3 +113,47 @@ def test_threads_and_forks(path: Path) -> None:
     assert lengths == [50] * 8
     parent = _Reader.current()
     assert parent._of[0] == os.getpid()
+
+
+@pytest.mark.parametrize("compression", ["ZSTD", "LZ4"])
+def test_a_small_recording_that_unpacks_to_much(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
+) -> None:
+    """By what its header says; and where the header lies, by what the process that reads may have."""
+    from mcap.writer import CompressionType, Writer
+
+    from distal import load_rig, read_log
+
+    path = tmp_path / "bomb.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType[compression])
+        writer.start()
+        channel = writer.register_channel("/sample", "json", writer.register_schema("s", "jsonschema", b"{}"))
+        writer.add_message(channel, 0, b" " * 200_000_000, 0)
+        writer.finish()
+    assert path.stat().st_size < 1_000_000
+    monkeypatch.setenv("DISTAL_MAX_MEMORY", "300 MB")
+    with pytest.raises(LogError, match=r"200,000,\d\d\d bytes in a chunk, about 0.4 GB in memory; 0.3 GB are allowed"):
+        read_log(path, load_rig("template"))
+    data = path.read_bytes()
+    size = next(n for n in range(200_000_000, 200_000_500) if n.to_bytes(8, "little") in data)
+    path.write_bytes(data.replace(size.to_bytes(8, "little"), (1000).to_bytes(8, "little")))
+    with pytest.raises(LogError, match=r"too much memory|cannot be read"):
+        read_log(path, load_rig("template"))
+
+
+def test_one_damaged_log_of_many(path: Path, tmp_path: Path) -> None:
+    """It is left out and said; the others of a batch are estimated."""
+    from distal import estimate_batch, load_rig, load_scenario, simulate, write_log
+
+    rig = load_rig("template")
+    log = simulate(rig, load_scenario("template"), 1).select(slice(0, 40))
+    names = [tmp_path / f"{i}.parquet" for i in range(3)]
+    for name in names:
+        write_log(log, rig, name)
+    content = names[1].read_bytes()
+    names[1].write_bytes(content[: len(content) // 2])
+    failed: dict[str, Exception] = {}
+    results = list(estimate_batch(names, rig, "inextensible", skip=failed.__setitem__))
+    assert [len(result) for result in results] == [40, 40]
+    assert list(failed) == [str(names[1])]

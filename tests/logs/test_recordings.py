@@ -199,6 +199,8 @@ def test_columns_named_by_topic_are_found_in_json(named: Rig, rig: Rig, log: Log
     for message in ({"/left": {"position": [3.0]}}, {"left": {"position": [3.0]}}, {"/left.position[0]": 3.0}):
         assert find(message, "/left.position[0]") == 3.0
     assert find({"a": [1]}, "/left.position[0]") is None
+    for odd in ("a[²]", "a[١]", "a[99999999999999999999]", "a[-1]", "a" + ".a" * 5000):
+        assert find({"a": [1]}, odd) is None
 
 
 def test_a_simulation_that_begins_at_zero(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
