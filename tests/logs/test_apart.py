@@ -157,3 +157,13 @@ def test_one_damaged_log_of_many(path: Path, tmp_path: Path) -> None:
     results = list(estimate_batch(names, rig, "inextensible", skip=failed.__setitem__))
     assert [len(result) for result in results] == [40, 40]
     assert list(failed) == [str(names[1])]
+
+
+def test_where_no_process_can_be_started(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    now = _Reader.current()
+    now.end()
+    monkeypatch.setattr(sys, "executable", "")
+    assert len(read_table(path, ["a"]).columns["a"]) == 50
+    assert _Reader._now is None

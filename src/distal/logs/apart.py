@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError
 from distal.logs.memory import how_to_allow, memory_limit
+from distal.logs.reader import answer_to
 from distal.logs.targets import shown
 
 if TYPE_CHECKING:
@@ -80,7 +81,11 @@ def _asked(request: dict[str, Any]) -> tuple[dict[str, Any], polars.DataFrame]:
     with suppress(FileNotFoundError):  # the folder may be gone
         request["folder"] = os.getcwd()
     with _LOCK:
-        answer, payload = _Reader.current().ask(request)
+        try:
+            reader = _Reader.current()
+        except OSError:  # where no process can be started, such as in an embedded interpreter
+            reader = None
+        answer, payload = answer_to(request) if reader is None else reader.ask(request)
     for text in answer.get("warnings", ()):
         warnings.warn(text, DistalWarning, stacklevel=5)
     if "error" in answer:

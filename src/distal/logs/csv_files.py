@@ -15,6 +15,9 @@ from distal.logs.memory import check_memory
 if TYPE_CHECKING:
     import polars
 
+MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
+"""Texts of a cell that mean a missing value, in any case."""
+
 SEPARATORS = (",", ";", "\t")
 
 COPIES, PLAIN, QUOTED = 2, 40, 120

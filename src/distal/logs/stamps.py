@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.tables import MISSING, Cells, numbers_of
+from distal.logs.csv_files import MISSING
+from distal.logs.tables import Cells, numbers_of
 
 if TYPE_CHECKING:
     import polars

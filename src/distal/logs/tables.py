@@ -12,16 +12,13 @@ from numpy.typing import NDArray
 
 from distal.errors import LogError, did_you_mean
 from distal.logs.apart import parquet_apart
-from distal.logs.csv_files import read_csv
+from distal.logs.csv_files import MISSING, read_csv
 from distal.logs.targets import shown
 
 if TYPE_CHECKING:
     import polars
 
 Floats = NDArray[np.float64]
-
-MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
-"""Texts of a cell that mean a missing value, in any case."""
 
 
 @dataclass(frozen=True)
