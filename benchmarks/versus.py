@@ -119,7 +119,7 @@ BOARD = ("flash, Cortex-M4F [bytes]", "RAM, Cortex-M4F [bytes]", "instructions p
 
 def on_board(name: str, exported: dict[str, Any]) -> list[float]:
     """Return flash, RAM and mean instructions of an exported filter on an emulated Cortex-M4F."""
-    rig, scenario = next((rig, scenario) for case, rig, scenario in cases() if case == name)
+    rig, scenario = next((rig, scenario) for case, rig, scenario in cases() if case in (name, f"{name}-printed"))
     with tempfile.TemporaryDirectory() as folder:
         made: Any = SimpleNamespace(source=exported["source"], header=exported["header"])
         found, _ = measure(rig, scenario, "adaptive", Path(folder), made)

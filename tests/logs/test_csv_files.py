@@ -85,3 +85,10 @@ def test_memory_is_asked_for_before_it_is_taken(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "much")
     with pytest.raises(LogError, match="DISTAL_MAX_MEMORY: 'much'"):
         read_table(path)
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="there is no device that never ends")
+def test_what_never_ends_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISTAL_MAX_MEMORY", "3 MB")
+    with pytest.raises(LogError, match="has more than"):
+        read_table("/dev/zero")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.memory import check_memory
+from distal.logs.memory import check_memory, memory_limit
 
 if TYPE_CHECKING:
     import polars
@@ -38,7 +38,10 @@ def read_csv(path: Path) -> tuple[polars.DataFrame, int]:
     try:
         size = path.stat().st_size
         check_memory(path, COPIES * size, f"has {size / 1e9:.1f} GB")
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            # a pipe or a device has no size, and may never end
+            data = file.read(memory_limit() // COPIES + 1)
+        check_memory(path, COPIES * len(data), f"has more than {len(data) / 1e9:.1f} GB")
     except OSError as problem:
         raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
     whole = data.removeprefix(b"\xef\xbb\xbf")
