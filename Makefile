@@ -40,6 +40,7 @@ lint: $(STAMP)
 
 docs: $(STAMP)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo "open out/site/index.html, or with search: $(BIN)/python -m http.server -d out/site"
 
 reliability: $(STAMP)
 	$(BIN)/python -m benchmarks.reliability

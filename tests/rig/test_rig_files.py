@@ -15,6 +15,7 @@ from distal.rig import edited_text, template_text
 
 def test_shipped_rigs_load() -> None:
     assert set(shipped_rigs()) == {
+        "lab-bench",
         "template",
         "paper-2008-printed",
         "paper-2008",

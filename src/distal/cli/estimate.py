@@ -22,25 +22,48 @@ if TYPE_CHECKING:
 def estimate_command(
     logs: Annotated[
         list[Path],
-        typer.Argument(metavar="LOG...", help="CSV or Parquet, with the columns that the rig's sensors name."),
+        typer.Argument(
+            metavar="LOG...", help=("CSV, Parquet, MCAP or a ROS bag, with the columns that the rig's sensors name.")
+        ),
     ],
     rig: RigOption,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Where to write the estimate (CSV or Parquet); of several logs, a folder."),
+        typer.Option(
+            "--out", help=("Where to write the first estimator's estimate (CSV or Parquet); of several logs, a folder.")
+        ),
     ] = None,
     estimator: Annotated[
-        list[str] | None, typer.Option("--estimator", "-e", help="Which one; repeatable, the first is written.")
+        list[str] | None,
+        typer.Option(
+            "--estimator",
+            "-e",
+            help=(
+                "adaptive, affine, ekf, ekf-2008, elastic or inextensible; repeatable, the first is "
+                "written. Default: adaptive, and where the angle is known all, to compare."
+            ),
+        ),
     ] = None,
     truth: Annotated[
-        str | None, typer.Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta [rad].")
+        str | None,
+        typer.Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta in rad."),
     ] = None,
     plot: PlotOption = None,
     panel: Annotated[
         list[str] | None,
-        typer.Option("--panel", help="What else --plot draws: innovations, forces, health, or all. Repeatable."),
+        typer.Option("--panel", help=("What else --plot draws: innovations, forces, health, or all. Repeatable.")),
     ] = None,
-    passes: Annotated[int, typer.Option("--passes", min=1, help="Filter again with the final covariance.")] = 1,
+    passes: Annotated[
+        int,
+        typer.Option(
+            "--passes",
+            min=1,
+            help=(
+                "ekf and ekf-2008: filter so many times, each begins with the covariance that the one"
+                " before ended with."
+            ),
+        ),
+    ] = 1,
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Write the adaptive estimate smoothed over the whole log (offline).")
     ] = False,
@@ -51,7 +74,7 @@ def estimate_command(
     homing_angle: Annotated[
         str | None,
         typer.Option(
-            "--homing-angle", help="Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg'."
+            "--homing-angle", help=("Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg'.")
         ),
     ] = None,
     what_if: Annotated[
@@ -64,7 +87,7 @@ def estimate_command(
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
-    from distal.estimators import DEFAULT, ESTIMATORS
+    from distal.estimators import DEFAULT, ESTIMATORS, make_estimator
     from distal.estimators.affine import NEEDS
     from distal.logs import file_of, read_log, true_angles, write_together
     from distal.results import PANELS, check_panels, figure_bytes, plot_estimates, plot_kind
@@ -101,6 +124,9 @@ def estimate_command(
     _describe(data, description)
     origin = data.truth_source
     known = true_angles(data, [joint.name for joint in description.joints]) is not None
+    for name in estimator or ():
+        if name not in ESTIMATORS:
+            make_estimator(name, description)  # says what is allowed
     names = list(dict.fromkeys(estimator or ([DEFAULT, *ESTIMATORS] if known else [DEFAULT])))
     home = seconds(homing) if homing is not None else None
     if homing_angle is not None:

@@ -38,7 +38,7 @@ def export_command(
         ("arithmetic operations in a step", f"{made.operations:,}"),
         ("calls of the mathematics library", f"{sum(made.library.values())}"),
     ]
-    table(f"{made.estimator} for {made.rig}, in {'float' if single else 'double'}", ["", ""], rows)
+    table(f"{made.estimator} for {made.rig}, in {'float' if single else 'double'}", ["what", "how much"], rows)
     if single and estimator.startswith("ekf"):
         warn(
             f"in float, {estimator} may differ from double by more than its band, since it jumps from sticking to "

@@ -26,7 +26,8 @@ EVERY = 5.0
 
 def fit_command(
     logs: Annotated[
-        list[Path], typer.Argument(help="CSV or Parquet logs; some with the joint's angle, or all, or none.")
+        list[Path],
+        typer.Argument(help=("Logs (CSV, Parquet, MCAP, ROS bags); some with the joint's angle, or all, or none.")),
     ],
     rig: RigOption,
     out: Annotated[Path | None, typer.Option("--out", help="Where to write the fitted rig (TOML).")] = None,
@@ -40,34 +41,45 @@ def fit_command(
     ] = None,
     homing: Annotated[
         str | None,
-        typer.Option("--homing", help="Fit to this use: the reference is known for so long (e.g. 3s), then predicted."),
+        typer.Option(
+            "--homing", help=("Fit to this use: the reference is known for so long (e.g. 3s), then predicted.")
+        ),
     ] = None,
     truth: Annotated[str | None, typer.Option("--truth", help="True joint angle: a column of the logs.")] = None,
     noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Fit the noise too.")] = True,
     curves: Annotated[
         bool,
         typer.Option(
-            "--curves", help="Learn the position sensors' systematic curves: for the same sensors, left in place."
+            "--curves", help=("Learn the position sensors' systematic curves: for the same sensors, left in place.")
         ),
     ] = False,
     holdout: Annotated[
         str | None,
         typer.Option(
-            "--holdout", help="Cross-validate: 'log' leaves out each log, a regular expression groups them: 'run_(.)'."
+            "--holdout",
+            help=(
+                "Fit again without each log ('log') or group of logs (a regular expression, "
+                "'run_(.)'): slower, and all of the fit."
+            ),
         ),
     ] = None,
     units: Annotated[
         str | None,
         typer.Option(
-            "--units", metavar="PATTERN", help="Fit a kind: what names the unit in a log's name, e.g. 'tool_(.)'."
+            "--units",
+            metavar="PATTERN",
+            help=("Logs of several instruments of one kind: what tells them apart in a log's name, e.g. 'tool_(.)'."),
         ),
     ] = None,
     report: Annotated[Path | None, typer.Option("--report", help="Folder for a page on the fit.")] = None,
     start: Annotated[
-        Path | None, typer.Option("--start", help="Go on from a fitted rig file; --rig still gives the priors.")
+        Path | None,
+        typer.Option(
+            "--start", help=("Begin the search at the values of an earlier fit; what is known before comes from --rig.")
+        ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
-    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Threads.")] = 2,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="How many logs are run at once.")] = 2,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:

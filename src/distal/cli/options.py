@@ -12,7 +12,14 @@ import typer
 RigOption = Annotated[str, typer.Option("--rig", help="A shipped rig's name (see `distal rigs`) or a TOML file.")]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="PATH=VALUE", help="Replace a value of the rig; VALUE is TOML. Repeatable."),
+    typer.Option(
+        "--set",
+        metavar="PATH=VALUE",
+        help=(
+            "Replace a value of the rig, e.g. joints.0.friction.coefficient=0.3 or "
+            "'tendons.left.stiffness=\"2 N/mm\"'; repeatable."
+        ),
+    ),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the sensors' errors.")]
 
@@ -33,10 +40,15 @@ MemoryOption = Annotated[
         "--max-memory",
         metavar="SIZE",
         callback=_allow_memory,
-        help="What reading one log may take, e.g. 16GB; default 2 GB, since a small file can ask for all there is.",
+        help=("What reading one log may take, e.g. 16GB; default 2 GB, since a small file can ask for all there is."),
     ),
 ]
-PlotOption = Annotated[Path | None, typer.Option("--plot", help="Draw a picture (PNG, SVG or PDF).")]
+PlotOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--plot", help=("Draw a picture (PNG, SVG or PDF): of the estimators that -e names, else of adaptive.")
+    ),
+]
 
 
 def angle(text: str) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from distal.cli.console import say, table
+from distal.cli.console import say, table, warn
 from distal.cli.options import SetOption
 from distal.cli.outputs import check_outputs, to_file
 from distal.errors import OutputError
@@ -34,7 +34,7 @@ def check_command(
 ) -> None:
     """Check a rig file and say what it holds."""
     from distal.model import Mechanism, stiffest_frequency, substeps
-    from distal.rig import load_rig
+    from distal.rig import doubts, load_rig
 
     description = load_rig(rig, set_ or ())
     mechanism = Mechanism(description)
@@ -61,6 +61,14 @@ def check_command(
         std = max(float(np.rad2deg(joint.std)) for joint in description.affine.joints)
         say(f"  affine: learned from {what}, residual ±{std:.2g}° (1σ)")
     say(f"  uncertain: {', '.join(uncertain) if uncertain else 'nothing (no parameter has a std)'}")
+    exact = [
+        name
+        for name, value, std in zip(mechanism.parameters.names, mechanism.parameters.values, mechanism.parameters.stds)
+        if std == 0.0 and value != 0.0 and not name.startswith("sensors.")
+    ]
+    say(f"  taken as exact: {', '.join(exact) if exact else 'nothing'}")
+    for doubt in doubts(description):
+        warn(doubt)
 
 
 @app.command("show")

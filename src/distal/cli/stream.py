@@ -34,7 +34,9 @@ LONGEST_LINE = 1 << 20
 
 def stream_command(
     rig: RigOption,
-    estimator: Annotated[str, typer.Option("--estimator", "-e", help="Which one.")] = "adaptive",
+    estimator: Annotated[
+        str, typer.Option("--estimator", "-e", help="adaptive, affine, ekf, ekf-2008, elastic or inextensible.")
+    ] = "adaptive",
     udp: Annotated[
         int | None,
         typer.Option("--udp", min=1, max=65535, help="Read JSON from this UDP port of the loopback, not stdin."),
@@ -54,8 +56,8 @@ def stream_command(
     """Read samples as CSV or JSON lines from stdin, write an estimate for each, with a word on its health.
 
     Columns and units are those that the rig's sensors name. CSV begins with a header. Each line is answered at once:
-    t, theta, theta_std [rad], where the rig's joint may be touched external_torque and external_torque_std [N m], health,
-    detail.
+    t, theta and theta_std in rad, where the rig's joint may be touched external_torque and external_torque_std in N m,
+    health, detail.
     """
     from distal.logs import MessageReader, Recorder
     from distal.rig import load_rig

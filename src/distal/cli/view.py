@@ -16,18 +16,24 @@ from distal.cli.outputs import check_outputs, to_file
 
 def view_command(
     log: Annotated[
-        Path, typer.Argument(help="CSV, Parquet, MCAP or a bag, with the columns that the rig's sensors name.")
+        Path, typer.Argument(help=("CSV, Parquet, MCAP or a bag, with the columns that the rig's sensors name."))
     ],
     rig: RigOption,
     out: Annotated[
         Path | None, typer.Option("--out", help="Where to write the page (HTML); default a temporary file.")
     ] = None,
-    estimator: Annotated[str, typer.Option("--estimator", "-e", help="Which one.")] = "adaptive",
+    estimator: Annotated[
+        str, typer.Option("--estimator", "-e", help="adaptive, affine, ekf, ekf-2008, elastic or inextensible.")
+    ] = "adaptive",
     truth: Annotated[
-        str | None, typer.Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta [rad].")
+        str | None,
+        typer.Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta in rad."),
     ] = None,
     homing: Annotated[str | None, typer.Option("--homing", help="Use the reference for so long (e.g. 3s).")] = None,
-    open_: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")] = True,
+    open_: Annotated[
+        bool | None,
+        typer.Option("--open/--no-open", help="Open the page in the browser; default where --out is not given."),
+    ] = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
@@ -52,5 +58,5 @@ def view_command(
     say(result.in_words())
     say(said)
     say(f"wrote {place}")
-    if open_ and not webbrowser.open(place.resolve().as_uri()):
+    if (out is None if open_ is None else open_) and not webbrowser.open(place.resolve().as_uri()):
         say("no browser could be opened; open the file yourself")

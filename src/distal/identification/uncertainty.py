@@ -110,6 +110,10 @@ def _combinations(derivatives: Derivatives, z: Floats, parts: Sequence[tuple[Fre
     return tuple(lines)
 
 
+SUMMANDS = {"constant", "load", "preload"}
+"""Parts of one friction limit, which add up."""
+
+
 def _line(parts: Sequence[Free], z: Sequence[float], direction: Floats) -> str:
     """Return "a and b only as a product", by the signs of the relative changes that no log tells apart."""
     names = [part.name for part in parts]
@@ -118,6 +122,8 @@ def _line(parts: Sequence[Free], z: Sequence[float], direction: Floats) -> str:
         for part, at, step in zip(parts, z, direction)
     ]
     if len(parts) == 2:
-        kind = "product" if changes[0] * changes[1] < 0 else "ratio"
-        return f"{names[0]} and {names[1]} only as a {kind}: turn the joint further, or vary the load"
+        kind = "as a product" if changes[0] * changes[1] < 0 else "as a ratio"
+        if {part.name.rpartition(".")[2] for part in parts} <= SUMMANDS:
+            kind = "as a sum"
+        return f"{names[0]} and {names[1]} only {kind}: turn the joint further, or vary the load"
     return f"{', '.join(names[:-1])} and {names[-1]} only together: turn the joint further, or vary the load"

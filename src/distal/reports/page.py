@@ -7,7 +7,7 @@ from html import escape
 
 _STYLE = """
 :root { color-scheme: light; --ink: #1b1f24; --soft: #57606a; --line: #d8dee4; --yes: #00634a; --no: #a63c00; }
-body { font: 16px/1.55 Georgia, 'Times New Roman', serif; color: var(--ink); max-width: 64rem; margin: 2.5rem auto;
+body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); max-width: 64rem; margin: 2.5rem auto;
   padding: 0 1.2rem; background: #fff; }
 h1, h2 { font-family: system-ui, sans-serif; line-height: 1.25; } h1 { font-size: 1.7rem; margin-bottom: .3rem; }
 h2 { font-size: 1.2rem; margin-top: 2.4rem; } .lead { color: var(--soft); font-size: 1.05rem; }

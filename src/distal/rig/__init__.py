@@ -28,6 +28,7 @@ from distal.rig.files import (
 from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spring, Stribeck
 from distal.rig.numbers import Number, number
 from distal.rig.overrides import parse_assignment, set_value
+from distal.rig.plausibility import doubts
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import LogFormat, Rig, Stepping
 from distal.rig.sensors import REFERENCES, Sensor, SensorBase, gain_of, log_factor
@@ -71,6 +72,7 @@ __all__ = [
     "Tendon",
     "angle_names",
     "build_rig",
+    "doubts",
     "edited_text",
     "effort_unit",
     "factors",

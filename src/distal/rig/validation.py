@@ -48,6 +48,13 @@ def explain(problem: ValidationError, source: str, root: type[BaseModel]) -> str
         root: the description's model.
     """
     findings = problem.errors(include_url=False)
+    # a list whose items are all wrong is not short of items
+    inner = [finding["loc"] for finding in findings if finding["type"] != "too_short"]
+    findings = [
+        finding
+        for finding in findings
+        if finding["type"] != "too_short" or not any(loc[: len(finding["loc"])] == finding["loc"] for loc in inner)
+    ]
     line = f"{source}: " + "; also ".join(_finding(finding, root) for finding in findings[:SHOWN])
     others = len(findings) - SHOWN
     return line + (f" (and {others} more problem{'s' if others > 1 else ''})" if others > 0 else "")

@@ -29,21 +29,29 @@ GEARS = tuple(float(n) for n in np.geomspace(2.0, 200.0, 14))
 GAIN = 0.5
 """Gain in ln p per compared value that a change must bring to explain something."""
 
+TIE = 0.05
+"""Gains that differ by less are alike: nothing tells which of two signs is wrong."""
+
 
 def explanations(rerun: Rerun) -> list[Finding]:
-    """Return the one change of a sign, a unit or a gear that makes the log agree with the rig, if there is one.
+    """Return the change of a sign, a unit or a gear that makes the log agree with the rig, if there is one.
+
+    Where a change of another sensor does so as well, both are named.
 
     Args:
         rerun: the filter over the log.
     """
     base = _likelihood(rerun.base)
-    best: tuple[float, Finding] | None = None
+    explain: list[tuple[float, Finding]] = []
     for finding, change in _candidates(rerun):
         outcome = rerun(change)
         gain = _likelihood(outcome) - base
-        if outcome.bounded and gain > GAIN and (best is None or gain > best[0]) and _agrees(rerun, outcome):
-            best = (gain, finding)
-    return [] if best is None else [best[1]]
+        near = max((known for known, _ in explain), default=GAIN) - TIE
+        if outcome.bounded and gain > max(GAIN, near) and _agrees(rerun, outcome):
+            explain.append((gain, finding))
+    explain.sort(key=lambda one: -one[0])
+    alike = {one.subject: one.text for gain, one in explain if gain > explain[0][0] - TIE}
+    return [Finding("looks like", explain[0][1].subject, ", or ".join(list(alike.values())[:2]))] if explain else []
 
 
 def _candidates(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:

@@ -53,7 +53,9 @@ def diagnose(estimate: Estimate, further: Sequence[Finding] = ()) -> Diagnosis:
     """
     channels = channels_of(estimate)
     states = [*left_their_priors(estimate), *turning_too_far(estimate), *undeclared_friction(estimate)]
-    found = [*channels.findings(), *states, *further]
+    # what would explain it comes right after what disagrees, before what follows from it
+    looks = [one for one in further if one.kind == "looks like"]
+    found = [*channels.findings(), *looks, *states, *(one for one in further if one.kind != "looks like")]
     contradicting = [one for one in found if one.contradicts]
     silent = [one for one in found if not one.contradicts]
     text = _text(contradicting, silent, channels.names, channels.tested, channels.shares)

@@ -1,0 +1,54 @@
+"""What a rig may be and hardly is: a number whose unit was forgotten, a joint that nothing turns back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from distal.rig.rig import Rig
+
+USUAL: dict[str, tuple[float, float, str]] = {
+    "radius": (2e-4, 0.3, "m"),
+    "free_length": (1e-3, 20.0, "m"),
+    "stiffness": (10.0, 1e8, "N/m"),
+    "mass": (1e-5, 50.0, "kg"),
+    "inertia": (1e-9, 10.0, "kg m^2"),
+}
+"""Between which values such numbers are in hands, instruments and benches, SI."""
+
+
+def doubts(rig: Rig) -> list[str]:
+    """Return what is allowed in a rig and yet probably a mistake, a sentence each.
+
+    Args:
+        rig: the description.
+    """
+    said = []
+    for path, name, value in _numbers(rig):
+        low, high, unit = USUAL[name]
+        if not low <= value <= high:
+            said.append(f"{path} is {value:g} {unit}; between {low:g} and {high:g} is usual: is its unit there?")
+    for joint in rig.joints:
+        sides = {tendon.side for tendon in rig.tendons if tendon.joint == joint.name}
+        turned = (joint.spring, joint.extension_spring, joint.gravity)
+        if len(sides) == 1 and not any(turned) and joint.external_torque.std == 0.0:
+            said.append(
+                f"all tendons of '{joint.name}' have side = {sides.pop()}, and no spring turns it back: is one side wrong?"
+            )
+    return said
+
+
+def _numbers(rig: Rig) -> Iterator[tuple[str, str, float]]:
+    """Return path, kind and value of the numbers that have a usual size."""
+    for joint in rig.joints:
+        yield f"joints.{joint.name}.inertia", "inertia", joint.inertia.value
+    for drive in rig.drives:
+        name = "inertia" if drive.kind == "capstan" else "mass"
+        yield f"drives.{drive.name}.{name}", name, getattr(drive, name).value
+        if drive.kind == "capstan":
+            yield f"drives.{drive.name}.radius", "radius", drive.radius.value
+    for tendon in rig.tendons:
+        yield f"tendons.{tendon.name}.insertion.radius", "radius", tendon.insertion.radius.value
+        yield f"tendons.{tendon.name}.stiffness", "stiffness", tendon.stiffness.value
+        length = getattr(tendon.insertion, "free_length", None)
+        if length is not None:
+            yield f"tendons.{tendon.name}.insertion.free_length", "free_length", getattr(length, "value", length)
