@@ -9,7 +9,7 @@ import pytest
 from benchmarks.cases import paper_log, paper_rig
 from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
-from distal import Log, Rig, diagnose, estimate, learn_affine
+from distal import Log, Rig, diagnose, estimate, learn_affine, load_scenario, scenario_rig, simulate
 from distal.results import Finding
 from distal.running import cannot_test
 from distal.running.comparison import disagreement
@@ -81,8 +81,18 @@ class TestExplanations:
         ],
     )
     def test_a_sign_or_a_unit(self, factors: dict[str, float], subject: str, words: str, rig: Rig, log: Log) -> None:
-        kinds = {(one.kind, one.subject): one.text for one in found(scaled(log, **factors), rig)}
+        wrong = scaled(log, **factors)
+        kinds = {(one.kind, one.subject): one.text for one in found(wrong, rig)}
         assert kinds[("looks like", subject)] == words
+        assert words in diagnose(estimate(wrong, rig), wrong, rig).text  # and it is not among "and 2 more"
+
+    def test_two_signs_that_nothing_tells_apart_are_both_named(self) -> None:
+        scenario = load_scenario("lab-bench")
+        bench = scenario_rig(scenario)
+        log = scaled(simulate(bench, scenario, 2), motor_torque=-1.0)
+        (finding,) = [one for one in found(log, bench) if one.kind == "looks like"]
+        assert "motor_torque looks as if its sign were wrong" in finding.text
+        assert "motor_angle looks as if its sign were wrong" in finding.text
 
     def test_a_right_log_is_not_explained(self, rig: Rig, log: Log) -> None:
         verdict = diagnose(estimate(log, rig), log, rig)

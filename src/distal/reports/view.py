@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from distal.errors import OutputError
 from distal.logs import Log, shown, write_whole
 from distal.reports.page import page, paragraph
-from distal.results import BAND, COLOURS, Estimate, from_start, time_label
+from distal.results import BAND, COLOURS, HEALTH_COLOURS, Estimate, from_start, time_label
 from distal.rig import Rig
 from distal.running import log_health
 
@@ -132,11 +132,11 @@ def _measured(log: Log, rig: Rig, time: Floats, some: slice) -> Iterator[tuple[i
 def _health(time: Floats, words: Sequence[str]) -> Iterator[tuple[int, Any]]:
     """Return a trace for each word that occurs: a thick line where it holds."""
     given = np.array(words)
-    for i, word in enumerate(["ok", *sorted(set(words) - {"ok"})]):
+    for word in ("ok", *sorted(set(words) - {"ok"})):
         if word not in words:
             continue
         values = [word if own else None for own in given == word]
-        trace = _line(time, values, word, COLOURS[2] if word == "ok" else COLOURS[1 + i % 2 * 3], False, width=9)
+        trace = _line(time, values, word, HEALTH_COLOURS.get(word, COLOURS[1]), False, width=9)
         trace.update(hovertemplate=f"{word}<extra></extra>")
         yield 5, trace
 

@@ -3,6 +3,7 @@
 from distal.results.curves import BAND
 from distal.results.diagnosis import LARGE_PRIOR, SMALL, Diagnosis, Finding, Kind, diagnose
 from distal.results.estimate import Estimate
+from distal.results.panels import HEALTH_COLOURS
 from distal.results.plots import (
     PANELS,
     check_panels,
@@ -28,6 +29,7 @@ __all__ = [
     "BAND",
     "COLOURS",
     "DASHES",
+    "HEALTH_COLOURS",
     "LARGE_PRIOR",
     "PANELS",
     "SMALL",

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+HEALTH_COLOURS = {"ok": COLOURS[2], "untested": COLOURS[5]}
+"""Colours of words that are no alarm; the others are orange."""
+
 WIDEST = 5.0
 """Innovations are drawn as far as this many standard deviations at least."""
 
@@ -79,7 +82,7 @@ def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:
         own = given == word
         edges = np.flatnonzero(np.diff(np.concatenate([[False], own, [False]]).astype(int)))
         spans = [(time[a], time[b - 1] - time[a] + step) for a, b in zip(edges[::2], edges[1::2])]
-        axes.broken_barh(spans, (row - 0.35, 0.7), color=COLOURS[2 if word == "ok" else 1], linewidth=0)
+        axes.broken_barh(spans, (row - 0.35, 0.7), color=HEALTH_COLOURS.get(word, COLOURS[1]), linewidth=0)
     axes.set_yticks(range(len(words)), words, fontsize=7)
     axes.set_ylim(len(words) - 0.4, -0.6)
     axes.set_ylabel("health")
