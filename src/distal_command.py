@@ -7,7 +7,10 @@ def main() -> None:
     """Run the command line."""
     try:
         from distal.cli import main as run
-    except KeyboardInterrupt:
+    except BaseException as problem:
+        # a package that is being imported may wrap the interrupt in an error of its own
+        if not isinstance(problem, KeyboardInterrupt) and "KeyboardInterrupt" not in repr(problem):
+            raise
         print("stopped", file=sys.stderr)
         sys.exit(130)
     run()

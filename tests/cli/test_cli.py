@@ -445,3 +445,19 @@ def test_stopped_while_importing(monkeypatch: pytest.MonkeyPatch, capsys: pytest
         distal_command.main()
     assert ended.value.code == 130
     assert capsys.readouterr().err == "stopped\n"
+
+
+@pytest.mark.slow  # processes of their own
+def test_closed_and_full_outputs(tmp_path: Path) -> None:
+    """Without a reader the exit code is 141; what is said never goes into the data; a full stderr changes no exit code."""
+    distal = f"'{sys.executable}' -c 'from distal_command import main; main()'"
+
+    def bash(text: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(["bash", "-c", text], capture_output=True, text=True, check=False, cwd=tmp_path)
+
+    assert bash(f"({distal} rig show template; echo $? >&2) | true").stderr.split()[-1] == "141"
+    assert bash(f"{distal} estimate none.csv --rig template 2>/dev/full").returncode == 2
+    closed = bash(f"{distal} estimate none.csv --rig template 2>&-")
+    assert (closed.returncode, closed.stdout) == (2, "")
+    lines = "t,x1,x2,u1,u2\\n0,0,0,2,2\\n0.01,0,0,2,2\\n"
+    assert len(bash(f"printf '{lines}' | {distal} stream --rig template 2>&-").stdout.splitlines()) == 3

@@ -302,3 +302,13 @@ def test_what_cannot_begin_is_one_line(run: Run, csv: str, tmp_path: Path) -> No
             assert "Traceback" not in err
     out, err, code = run("")
     assert (out, code) == ("", 0)
+
+
+def test_an_empty_last_cell_of_a_line_with_tabs(tmp_path: Path) -> None:
+    """It is a cell: the sensor is missing in that sample, and the sample is not lost."""
+    rows = ["t\tx1\tx2\tu1\tu2", "0\t0\t0\t2\t2", "0.01\t0\t0\t2\t", "0.02\t0\t0\t2\t2"]
+    words = [sys.executable, "-c", "from distal_command import main; main()", "stream", "--rig", "template"]
+    done = subprocess.run(words, input="\n".join(rows), capture_output=True, text=True, check=True)
+    health = [line.split(",")[-2] for line in done.stdout.splitlines()[1:]]
+    assert len(health) == 3
+    assert "bad" not in health

@@ -167,3 +167,13 @@ def test_where_no_process_can_be_started(path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(sys, "executable", "")
     assert len(read_table(path, ["a"]).columns["a"]) == 50
     assert _Reader._now is None
+
+
+def test_text_that_repeats_is_long_as_a_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One long text in all rows is held once in the file, and once for each row where it is turned into a number."""
+    path = tmp_path / "text.parquet"
+    pl.select(pl.repeat("1.6" + "0" * 5000, 50_000).alias("a")).write_parquet(path)
+    assert path.stat().st_size < 1_000_000
+    monkeypatch.setenv("DISTAL_MAX_MEMORY", "400 MB")
+    with pytest.raises(LogError, match=r"its columns a hold 250,150,000 bytes of text, about 0.8 GB in memory"):
+        read_table(path, ["a"])

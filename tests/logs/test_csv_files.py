@@ -92,3 +92,26 @@ def test_what_never_ends_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "3 MB")
     with pytest.raises(LogError, match="has more than"):
         read_table("/dev/zero")
+
+
+def test_many_columns_take_no_time(tmp_path: Path) -> None:
+    """The time is that of reading, not the square of the number of columns."""
+    import time
+
+    names = ["t", *(f"c{k}" for k in range(30_000))]
+    path = written(tmp_path / "wide.csv", [",".join(names), *(",".join(["1"] * len(names)) for _ in range(2))])
+    began = time.perf_counter()
+    read_table(path, ["t"])
+    assert time.perf_counter() - began < 5.0
+
+
+def test_text_beyond_the_first_block_is_looked_at(tmp_path: Path) -> None:
+    """A character may stand across two blocks; a byte that is none is found in any of them."""
+    line = "0.5,é,1\n".encode()
+    many = line * (3_000_000 // len(line))
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"t,a,b\n" + many)
+    assert len(read_table(path, ["t"]).columns["t"]) == many.count(b"\n")
+    path.write_bytes(b"t,a,b\n" + many + b"0.5,\xff,1\n")
+    with pytest.raises(LogError, match=f"row {many.count(10) + 2}: is not UTF-8"):
+        read_table(path, ["t"])

@@ -145,3 +145,24 @@ def test_a_date_that_is_none(frame: pl.DataFrame, rig: Rig, tmp_path: Path, cell
 def test_a_stamp_of_no_time(frame: pl.DataFrame, rig: Rig, tmp_path: Path, stamp: float) -> None:
     with pytest.raises(LogError, match="which is no time; what unit has it"):
         read(frame, [str(stamp + k) for k in range(40)], rig, tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize("year", ["9999", "1600", "0001"])
+def test_dates_that_no_clock_has_are_refused(tmp_path: Path, rig: Rig, year: str) -> None:
+    """64 bits hold nanoseconds from 1678 to 2262: what is beyond would come out as another date."""
+    text = "\n".join(f"{year}-01-01T00:00:00.{k:03d},1e-3,2,1e-3,2" for k in range(20))
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,x1,u1,x2,u2\n{text}\n")
+    with pytest.raises(LogError, match=f"row 2, column 't': '{year}-01-01T00:00:00.000' is no date"):
+        read_log(path, rig)
+    frame = pl.read_csv(path).with_columns(t=pl.col("t").str.to_datetime(time_unit="us"))
+    with pytest.raises(LogError, match="is no date"):
+        read_log(frame, rig)
+
+
+def test_one_stamp_of_another_age_is_named(rig: Rig) -> None:
+    stamps = [1_700_000_000 + k for k in range(20)]
+    for odd in (1_700_000_030 + 2**64 // 10**9, 2**62):
+        frame = pl.DataFrame({"t": [*stamps, odd], **{c: [1e-3] * 21 for c in ("x1", "u1", "x2", "u2")}})
+        with pytest.raises(LogError, match=f"'t' is {odd} in a log that begins with 1700000000"):
+            read_log(frame, rig)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import sys
+from contextlib import suppress
 from typing import Any
 
 import typer
@@ -56,6 +57,8 @@ def _options(
 def main() -> None:
     """Run the command line; whatever goes wrong is one line on stderr, and its exit code says whose fault it is."""
     show_warnings()
+    if sys.stderr is None:  # closed: what is said there must not go into what is written to standard output
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     for output in (sys.stdout, sys.stderr):
         if isinstance(output, io.TextIOWrapper):
             output.reconfigure(errors="replace")
@@ -63,6 +66,8 @@ def main() -> None:
         code = app(standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()
+        if code == STOPPED:  # typer made it of a KeyboardInterrupt
+            raise KeyboardInterrupt
     except BaseException as problem:
         code = ended_by(problem)
     sys.exit(code if isinstance(code, int) else 0)
@@ -81,15 +86,17 @@ def ended_by(problem: BaseException) -> object:
     Args:
         problem: what was raised.
     """
+    # typer ends with 1 where the reader of a pipe went away, and with nothing else
+    if isinstance(problem, BrokenPipeError) or (isinstance(problem, SystemExit) and problem.code == 1):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return NO_READER
+    if isinstance(problem, (typer.Abort, KeyboardInterrupt)) or (
+        isinstance(problem, SystemExit) and problem.code == STOPPED
+    ):
+        _say("stopped")
+        return STOPPED
     if isinstance(problem, SystemExit):
         return problem.code
-    if isinstance(problem, (typer.Abort, KeyboardInterrupt)):
-        print("stopped", file=sys.stderr)
-        return STOPPED
-    if isinstance(problem, BrokenPipeError):
-        # the reader of a pipe went away; nothing more can be said
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return NO_READER
     if type(problem).__name__ == "NoArgsIsHelpError":
         problem.show()  # type: ignore[attr-defined]
         return WRONG
@@ -107,5 +114,11 @@ def ended_by(problem: BaseException) -> object:
     else:
         what = f"{type(problem).__name__}: {str(problem)[:200]}"
         text, code = f"{what}; this is a fault of distal, please report it with what {TRACEBACK}=1 distal … prints", BUG
-    print(f"error: {one_line(text, LONGEST_LINE - len('error: '))}", file=sys.stderr)
+    _say(f"error: {one_line(text, LONGEST_LINE - len('error: '))}")
     return code
+
+
+def _say(text: str) -> None:
+    """Print a line on stderr; where that cannot be written, the exit code has to say it."""
+    with suppress(OSError):
+        print(text, file=sys.stderr, flush=True)

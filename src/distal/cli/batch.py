@@ -86,10 +86,11 @@ def estimate_many(
         failed[Path(source)] = str(problem)
 
     rows: list[tuple[Path, str, str, str, str, str]] = []
+    waiting = iter(logs)
     with _few_warnings(), _progress("estimating", len(logs)) as advance:
         results = estimate_batch(logs, rig, estimator, truth, homing, progress=advance, skip=skip)
         for result in results:
-            path = next(p for p in logs if p not in failed and p not in {row[0] for row in rows})
+            path = next(p for p in waiting if p not in failed)  # results come in the order of the logs
             if out is not None:
                 try:
                     write_columns(result.columns(), out / _estimate_of(path))

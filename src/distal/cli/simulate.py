@@ -26,7 +26,8 @@ def simulate_command(
     out: Annotated[Path, typer.Option("--out", help="Where to write the log (CSV or Parquet); with --runs, a folder.")],
     seed: SeedOption = 0,
     runs: Annotated[
-        int | None, typer.Option("--runs", min=1, help="Simulate with so many seeds, from --seed on, each to a file.")
+        int | None,
+        typer.Option("--runs", min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file."),
     ] = None,
     rig_: Annotated[
         str | None,

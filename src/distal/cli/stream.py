@@ -49,7 +49,8 @@ def stream_command(
         Path | None, typer.Option("--record", help="Write samples and estimates to this MCAP file.")
     ] = None,
     idle: Annotated[
-        float | None, typer.Option("--idle", min=0.0, help="End after so many seconds without a message (UDP).")
+        float | None,
+        typer.Option("--idle", min=0.0, max=1e6, help="End after so many seconds without a message (UDP)."),
     ] = None,
     set_: SetOption = None,
 ) -> None:
@@ -124,7 +125,7 @@ class Session:
     def stop(self, *_: object) -> None:
         """End, but not in the middle of a sample: what is recorded stays whole."""
         first, self._stopped = not self._stopped, True
-        if first and not self._busy:
+        if not first or not self._busy:  # who asks twice does not wait
             raise KeyboardInterrupt
 
     def take(self, line: bytes) -> None:
@@ -138,8 +139,9 @@ class Session:
     def _take(self, line: bytes) -> None:
         from distal.running import Reading
 
-        text = line.decode("utf-8", "replace").strip().lstrip("\ufeff").strip()
-        if not text or (self.csv is None and text.startswith("#")):
+        # a tab at the end of a line may be an empty last cell
+        text = line.decode("utf-8", "replace").strip("\r\n ").removeprefix("\ufeff").strip("\r\n ")
+        if not text.strip() or (self.csv is None and text.startswith("#")):
             return
         if self.csv is None:
             # a logger that is joined midway may begin with half an object

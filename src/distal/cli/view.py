@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 import webbrowser
 from pathlib import Path
@@ -52,9 +53,14 @@ def view_command(
     data = read_log(log, description, truth)
     home = seconds(homing) if homing is not None else None
     result = estimate(data, description, estimator, homing=home)
-    place = out if out is not None else Path(tempfile.mkdtemp(prefix="distal-")) / "view.html"
     said = diagnose(result, data, description, home).text
-    view_page(result, data, description, place, [said])
+    place = out if out is not None else Path(tempfile.mkdtemp(prefix="distal-")) / "view.html"
+    try:
+        view_page(result, data, description, place, [said])
+    except BaseException:
+        if out is None:
+            shutil.rmtree(place.parent, ignore_errors=True)
+        raise
     say(result.in_words())
     say(said)
     say(f"wrote {place}")

@@ -111,6 +111,8 @@ def fit(
         RigError: the rig is unknown or wrong.
     """
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    if not rig.sensors:
+        raise FitError("the rig has no sensors, so that no log can tell of it; describe them in [[sensors]]")
     rig = rig.bare()  # what logs taught beside its numbers is learned anew
     logs = [logs] if isinstance(logs, (Log, str, Path)) else list(logs)
     free, per_log = _listed(free), _listed(per_log)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+from collections import Counter
 from collections.abc import Sequence
 from math import isnan, nan
 from typing import Any
@@ -51,9 +52,9 @@ class MessageReader:
         """
         self._separator = max(",;\t", key=line.count)
         names = self._cells(line)
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise LogError(f"the stream's header has '{twice[0]}' twice")
+        name, count = Counter(names).most_common(1)[0]
+        if count > 1:
+            raise LogError(f"the stream's header has '{name[:80]}' twice")
         if self._time not in names:
             raise LogError(
                 f"the stream's header lacks the time column '{self._time}' (it has {', '.join(names)[:200]})"

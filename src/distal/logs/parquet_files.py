@@ -39,7 +39,12 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> tuple[polars.Data
         rows = int(lazy.select(polars.len()).collect().item())
         cells = sum(_bytes_of(schema[name]) for name in chosen)
         check_memory(path, COPIES * rows * cells, f"its header says {rows:,} rows of {len(chosen)} columns")
-        return polars.read_parquet(path, columns=chosen, glob=False, hive_partitioning=False), names
+        frame = polars.read_parquet(path, columns=chosen, glob=False, hive_partitioning=False)
+        texts = [name for name, kind in frame.schema.items() if kind == polars.String]
+        # a text that is the same in all rows is held once here, and once for each row where it is turned into numbers
+        length = sum(int(frame[name].str.len_bytes().sum() or 0) for name in texts)
+        check_memory(path, COPIES * length, f"its columns {', '.join(texts)} hold {length:,} bytes of text")
+        return frame, names
     except OSError as problem:
         raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
     except polars.exceptions.PolarsError as problem:

@@ -298,7 +298,7 @@ def _mcap(path: Path, topics: set[str]) -> Iterator[Message]:
                 topics.add(channel.topic)
                 try:
                     read = json.loads(message.data)
-                except ValueError:
+                except (ValueError, RecursionError):
                     continue  # one message that is none costs itself only
                 yield Message(channel.topic, message.log_time, None, partial(find, read), json=True)
             elif channel.message_encoding == "cdr" and schema is not None:

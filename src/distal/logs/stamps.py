@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -72,8 +73,10 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
 
     column, path, first_row = cells.frame[name], cells.path, cells.first_row
     if column.dtype == polars.Date or column.dtype == polars.Datetime:
-        dates = column.cast(polars.Datetime("ns")).to_physical()
-        return _dated(_there(dates, name, path, first_row))
+        if getattr(column.dtype, "time_unit", None) == "ns":
+            return _dated(_there(column.to_physical(), name, path, first_row))
+        dates = _in_ns(column.cast(polars.Datetime("us")).to_physical())
+        return _dated(_there(dates, name, path, first_row, column.cast(polars.String)))
     if column.dtype == polars.String:
         text = column.str.strip_chars()
         whole = text.cast(polars.Int64, strict=False)
@@ -105,6 +108,9 @@ def _counted(values: Any, unit: float, name: str, path: Path) -> Clock:
                 f"{path}: '{name}' is {there[0]}, {size:g} s, which is no time; what unit has it? (log.time.unit)"
             )
         unit = fits[0]
+    far = np.flatnonzero(~(np.abs(values.astype(np.float64)) * unit < LATEST) & np.isfinite(values))
+    if len(far):
+        raise LogError(f"{path}: '{name}' is {values[far[0]]} in a log that begins with {values[0]}, which is no time")
     if values.dtype == np.int64:
         stamps: Stamps = values * np.int64(round(unit * 1e9))
         return _dated(stamps)
@@ -137,12 +143,23 @@ def _dates(text: polars.Series) -> polars.Series:
     import polars
 
     try:
-        found = text.str.to_datetime(time_unit="ns", time_zone="UTC", strict=False).to_physical().to_list()
+        dates = text.str.to_datetime(time_unit="us", time_zone="UTC", strict=False).to_physical()
+        # a fraction of more than six digits is read by itself
+        found = _in_ns(dates.set(text.str.contains(r"\.\d{7,}"), None)).to_list()
     except polars.exceptions.PolarsError:
         found = [None] * len(text)
     # a clock that prints whole seconds without a fraction changes its format on the way
     cells = [number if number is not None else _one_date(cell) for number, cell in zip(found, text)]
     return polars.Series(cells, dtype=polars.Int64)
+
+
+def _in_ns(dates: polars.Series) -> polars.Series:
+    """Return microseconds since 1970 as nanoseconds, null where they would be beyond what 64 bits hold."""
+    import polars
+
+    there = dates.abs() < int(LATEST * 1e6)
+    frame = polars.DataFrame({"dates": dates, "there": there})
+    return frame.select(polars.when("there").then(polars.col("dates") * 1000)).to_series()
 
 
 def _one_date(cell: str | None) -> int | None:
@@ -152,7 +169,10 @@ def _one_date(cell: str | None) -> int | None:
         return None
     date = date if date.tzinfo is not None else date.replace(tzinfo=UTC)
     whole = date.replace(microsecond=0)
-    return int(whole.timestamp()) * 1_000_000_000 + date.microsecond * 1000
+    fraction = re.search(r"[.,](\d{1,9})\d*(?=$|[Zz+-])", cell or "")
+    rest = int(fraction[1].ljust(9, "0")) if fraction is not None else 0
+    stamp = int(whole.timestamp()) * 1_000_000_000 + rest
+    return stamp if abs(stamp) < LATEST * 1e9 else None
 
 
 def _there(stamps: polars.Series, name: str, path: Path, first_row: int, text: polars.Series | None = None) -> Stamps:

@@ -113,7 +113,9 @@ def number_at(rig: Rig, path: str) -> float:
     part: Any = rig
     for key in path.split("."):
         if isinstance(part, tuple):
-            part = part[int(key)] if key.isascii() and key.isdigit() and int(key) < len(part) else None
+            part = (
+                part[int(key)] if key.isascii() and key.isdigit() and len(key) < 10 and int(key) < len(part) else None
+            )
         else:
             part = getattr(part, key, None)
     if isinstance(part, Parameter):

@@ -52,8 +52,11 @@ def figure(
         size: in inches.
         options: of matplotlib's `Figure.subplots`.
     """
-    import matplotlib
-    from matplotlib.figure import Figure
+    try:
+        import matplotlib
+        from matplotlib.figure import Figure
+    except ValueError as problem:  # a setting of the user's, such as $MPLBACKEND
+        raise OutputError(f"nothing can be drawn: matplotlib does not start ({problem})") from None
 
     with matplotlib.rc_context(STYLE):
         made = Figure(figsize=size)

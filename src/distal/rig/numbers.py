@@ -54,7 +54,11 @@ def number(rig: Rig, path: str) -> Number:
     for key in path.split("."):
         if isinstance(part, tuple):
             names = [str(getattr(item, "name", "")) for item in part]
-            index = int(key) if key.isascii() and key.isdigit() else (names.index(key) if key in names else -1)
+            index = (
+                int(key)
+                if key.isascii() and key.isdigit() and len(key) < 10
+                else (names.index(key) if key in names else -1)
+            )
             if not 0 <= index < len(part):
                 raise RigError(f"'{path}': there is no '{key}'{did_you_mean(key, names)}")
             part, key = part[index], str(index)

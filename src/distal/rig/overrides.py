@@ -103,7 +103,7 @@ def _descend(parent: Any, key: str, where: str, path: str, error: type[DistalErr
 
 
 def _index(items: Any, key: str, where: str, path: str, error: type[DistalError]) -> int:
-    if key.isascii() and key.isdigit():
+    if key.isascii() and key.isdigit() and len(key) < 10:
         if int(key) >= len(items):
             raise error(f"--set '{path}': '{where}' has {len(items)} items, so index 0 to {len(items) - 1}; {key} came")
         return int(key)
