@@ -62,7 +62,7 @@ class LiveEstimator:
         width, self._angles = len(runner.channels), runner.angles
         self._values, self._mask = self._x[1 : 1 + width], self._x[1 + width :]
         self._sample = np.zeros(width)
-        self._there, self._wild, self._size = np.zeros(width, dtype=bool), np.zeros(width, dtype=bool), np.zeros(width)
+        self._there = np.zeros(width, dtype=bool)
         self._read = [runner.channels.index(name) for name in runner.measured]
         self._innovations = np.full(self._m, np.nan)
         self._begin: tuple[Floats | None, float] = (None, 0.0)
@@ -92,8 +92,9 @@ class LiveEstimator:
         name = self._runner.name
         if not isinstance(sample, np.ndarray) or sample.shape != self._sample.shape or sample.dtype.kind not in "fiu":
             raise EstimationError(f"{name}: a sample is an array of {len(self._sample)} numbers for {self.channels}")
-        if np.greater(np.abs(sample, out=self._size), LARGEST_READING, out=self._wild).any():
-            raise EstimationError(f"{name}: the sample {sample} is wild ({WILD})")
+        for value in sample.tolist():  # of a few numbers this is faster than arrays
+            if value > LARGEST_READING or value < -LARGEST_READING:
+                raise EstimationError(f"{name}: the sample {sample} is wild ({WILD})")
         if (
             not isinstance(time, (float, int, np.floating, np.integer))
             or not -LATEST <= (time := _number(time)) <= LATEST

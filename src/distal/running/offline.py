@@ -54,22 +54,37 @@ def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Fl
             raise EstimationError(
                 f"{log.source}: {name} needs the sensor '{channel}', which is not in the log (it has {known})"
             )
-        values = log.channels[channel]
-        wild = np.abs(values) > LARGEST_READING
-        if wild.any():
-            warnings.warn(
-                f"{log.source}: sensor '{channel}' has {int(wild.sum())} wild value{'s' if wild.sum() > 1 else ''}, the "
-                f"first at {log.time[wild.argmax()]:g} s, taken as missing ({WILD})",
-                DistalWarning,
-                stacklevel=3,
-            )
-            values = np.where(wild, np.nan, values)
-        if not np.any(np.isfinite(values)):
+        if not np.any(np.isfinite(log.channels[channel])):
             raise EstimationError(
                 f"{log.source}: sensor '{channel}' has no value at all; remove it from the rig, or mend the log"
             )
-        columns.append(values)
-    return np.column_stack(columns)
+        columns.append(log.channels[channel])
+    samples = np.column_stack(columns)
+    return (
+        without_wild(log, channels, samples)
+        if np.fmax.reduce(np.abs(samples), axis=None) > LARGEST_READING
+        else samples
+    )
+
+
+def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
+    """Return the samples with wild values missing, and warn of each sensor that has them.
+
+    Args:
+        log: the log.
+        channels: names of sensors.
+        samples: their values, (k, n_channels).
+    """
+    wild = np.abs(samples) > LARGEST_READING
+    for channel, own in zip(channels, wild.T):
+        if own.any():
+            warnings.warn(
+                f"{log.source}: sensor '{channel}' has {int(own.sum())} wild value{'s' if own.sum() > 1 else ''}, the "
+                f"first at {log.time[own.argmax()]:g} s, taken as missing ({WILD})",
+                DistalWarning,
+                stacklevel=4,
+            )
+    return np.where(wild, np.nan, samples)
 
 
 def first_values(samples: Floats) -> Floats:
