@@ -232,6 +232,7 @@ def test_names_that_are_too_long(log: Path) -> None:
         refused(cli(*words))
 
 
+@pytest.mark.slow  # processes of their own
 def test_odd_terminals(log: Path) -> None:
     ascii_only = cli("estimate", log, "--rig", "paper-2008-printed", PYTHONUTF8="0", PYTHONIOENCODING="ascii")
     assert ascii_only.returncode == 0, ascii_only.stderr
@@ -291,7 +292,7 @@ def test_pipes(log: Path, source: str, tail: str) -> None:
     assert ran.returncode == 0, ran.stderr
 
 
-@pytest.mark.parametrize("size", [10.0, 1e2, 1e3, 1e4, 1e6, 1e8, 1e12, 1e300])
+@pytest.mark.parametrize("size", [10.0, -1e3, 1e6, -1e300])
 @pytest.mark.parametrize("column", ["x1", "x2", "u1", "u2"])
 def test_a_wild_value_of_any_size_leaves_the_estimate(paper_rig, column: str, size: float) -> None:
     """One sample of a stream: a displacement as if it were missing; a force by less than the band."""
@@ -300,7 +301,7 @@ def test_a_wild_value_of_any_size_leaves_the_estimate(paper_rig, column: str, si
     def angles(value: float) -> np.ndarray:
         monitor = Monitor(LiveEstimator(paper_rig))
         at, made = monitor.channels.index(column), []
-        for k in range(160):
+        for k in range(110):
             read = {
                 "x1": 1e-3 * np.sin(k / 30),
                 "x2": 1e-3 * np.cos(k / 30),
@@ -308,11 +309,10 @@ def test_a_wild_value_of_any_size_leaves_the_estimate(paper_rig, column: str, si
                 "u2": 2.0,
             }
             sample = np.array([read[name] for name in monitor.channels])
-            if k == 100:
+            if k == 60:
                 sample[at] = value
             made.append(monitor.take(0.01 * k, sample).angle)
         return np.array(made)
 
-    for sign in (1.0, -1.0):
-        change = np.abs(angles(sign * size) - angles(np.nan))
-        assert change.max() < (1e-12 if column.startswith("x") else np.deg2rad(0.15)), np.rad2deg(change.max())
+    change = np.abs(angles(size) - angles(np.nan))
+    assert change.max() < (1e-12 if column.startswith("x") else np.deg2rad(0.15)), np.rad2deg(change.max())

@@ -268,6 +268,7 @@ def test_float_calls_only_float_functions(rig: Rig) -> None:
         assert not re.search(r"(?<![\w.])\d+\.\d+(e[+-]?\d+)?(?![\dfe])", source)  # every number ends in f
 
 
+@pytest.mark.slow  # processes of their own
 def test_the_text_is_the_same_in_every_process(tmp_path: Path) -> None:
     texts = set()
     for seed in ("1", "2"):

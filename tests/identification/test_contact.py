@@ -101,6 +101,7 @@ def test_outside_the_range_the_band_grows() -> None:
     assert estimate(further, taught).external_torque_std.max() > 3 * estimate(one, taught).external_torque_std.max()
 
 
+@pytest.mark.slow  # a whole fit
 def test_a_fit_learns_it_and_a_file_holds_it(tmp_path: object) -> None:
     from pathlib import Path
 

@@ -42,6 +42,7 @@ def test_stiffness_friction_and_damping_are_found(rig: Rig, seed: int) -> None:
     assert found.cost_after < found.cost_before
 
 
+@pytest.mark.slow  # two fits
 def test_the_same_seed_gives_the_same_fit(rig: Rig) -> None:
     plant, _ = drawn_plant(3)
     log = logs_of(rig, plant, 3, ("ramps",), 1.0)

@@ -86,6 +86,7 @@ def test_memory_by_the_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         read_table(path, ["a"])
 
 
+@pytest.mark.slow  # it takes what it may
 def test_memory_that_no_header_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A list has any number of values in a row: the process that reads has no more memory than is allowed."""
     path = tmp_path / "nested.parquet"
@@ -115,7 +116,7 @@ def test_threads_and_forks(path: Path) -> None:
     assert parent._of[0] == os.getpid()
 
 
-@pytest.mark.parametrize("compression", ["ZSTD", "LZ4"])
+@pytest.mark.parametrize("compression", ["ZSTD", pytest.param("LZ4", marks=pytest.mark.slow)])
 def test_a_small_recording_that_unpacks_to_much(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
 ) -> None:

@@ -75,9 +75,9 @@ class TestExplanations:
         ("factors", "subject", "words"),
         [
             ({"x2": -1.0}, "x2", "x2 looks as if its sign were wrong"),
-            ({"u1": -1.0}, "u1", "u1 looks as if its sign were wrong"),
+            pytest.param({"u1": -1.0}, "u1", "u1 looks as if its sign were wrong", marks=pytest.mark.slow),
             ({"u1": 1 / 4.4482216}, "u1", "u1 looks like pounds"),
-            ({"u2": 1000.0}, "u2", "u2 looks like millinewtons"),
+            pytest.param({"u2": 1000.0}, "u2", "u2 looks like millinewtons", marks=pytest.mark.slow),
         ],
     )
     def test_a_sign_or_a_unit(self, factors: dict[str, float], subject: str, words: str, rig: Rig, log: Log) -> None:

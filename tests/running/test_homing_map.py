@@ -72,6 +72,7 @@ def errors_after(log: Log, rig: Rig) -> tuple[float, float]:
     )
 
 
+@pytest.mark.slow  # many runs of the filter
 def test_wide_priors_do_not_lead_it_astray(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = wide(load_rig("pulley-antagonist"))
     rms, inside = errors_after(log, rig)
