@@ -115,3 +115,15 @@ def test_text_beyond_the_first_block_is_looked_at(tmp_path: Path) -> None:
     path.write_bytes(b"t,a,b\n" + many + b"0.5,\xff,1\n")
     with pytest.raises(LogError, match=f"row {many.count(10) + 2}: is not UTF-8"):
         read_table(path, ["t"])
+
+
+def test_a_character_that_is_cut_at_a_block_is_in_its_own_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its first byte ends a block and the next row begins the other: the row is that of the first byte's line."""
+    from distal.logs import csv_files
+
+    data = b"t,a\n1,\xc3\n2,3\n"
+    monkeypatch.setattr(csv_files, "BLOCK", data.index(b"\xc3") + 1)
+    path = tmp_path / "log.csv"
+    path.write_bytes(data)
+    with pytest.raises(LogError, match="row 2: is not UTF-8"):
+        read_table(path)

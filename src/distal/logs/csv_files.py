@@ -83,9 +83,12 @@ def _check_text(path: Path, data: bytes, above: int) -> None:
         decoder, done = codecs.getincrementaldecoder("utf-8")(), 0
         try:
             for done in range(0, len(data), BLOCK):
-                decoder.decode(data[done : done + BLOCK], final=done + BLOCK >= len(data))
+                block = data[done : done + BLOCK]
+                decoder.decode(block, final=done + BLOCK >= len(data))
         except UnicodeDecodeError as problem:
-            row = _row_at(data, min(done + problem.start, len(data))) + above
+            # the decoder keeps the beginning of a character that stands across two blocks
+            kept = len(problem.object) - len(block)
+            row = _row_at(data, done + problem.start - kept) + above
             raise LogError(f"{path}: row {row}: is not UTF-8 text") from None
     if data.startswith(b"#"):
         raise LogError(f"{path}: row {above + 1}: begins with '#'; comment lines are not supported, remove them")

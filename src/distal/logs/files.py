@@ -48,16 +48,14 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
     needed = [sensor for sensor in rig.sensors if sensor.measures not in REFERENCES]
     joints = [joint.name for joint in rig.joints]
     simulated = [f"true_{name}" for name in (*angle_names(joints), *torque_names(joints))]
+    asked = [rig.log.time.column, *(s.log_column for s in needed), *references, *torques, *simulated]
+    asked += [str(truth)] if truth is not None else []
     stamps = None
     if is_recording(path):
-        asked = [rig.log.time.column, *(s.log_column for s in needed), *references, *torques, *simulated]
-        asked += [str(truth)] if truth is not None and not Path(truth).exists() else []
         factor = unit_factor(rig.log.time.unit, "s")
         frame, stamps = recording_apart(Path(path), asked, rig.log.time.column, factor)
         cells = Cells(frame, Path(path), 0, tuple(frame.columns))
     else:
-        asked = [rig.log.time.column, *(s.log_column for s in needed), *references, *torques, *simulated]
-        asked += [str(truth)] if truth is not None else []
         cells = open_table(path, asked, rig.log.time.column)
     column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None
     optional = [*references, *torques, *simulated, *([column] if column else [])]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from distal.errors import OutputError
@@ -72,21 +73,18 @@ def write_together(files: Mapping[Path, bytes | str]) -> None:
             one.tidy()
 
 
-class _told:
-    """Raises an `OutputError` with the path for whatever the file system says."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: object, problem: BaseException | None, trace: object) -> None:
-        if isinstance(problem, OSError):
-            raise OutputError(f"{shown(self._path)}: cannot be written ({problem.strerror or problem})") from None
-        if isinstance(problem, (RuntimeError, ValueError)) and not isinstance(problem, OutputError):
-            # a link to itself, a name with a zero byte or with half a character
-            raise OutputError(f"{shown(self._path)}: cannot be written ({problem}); give another name") from None
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Raise an `OutputError` with the path for whatever the file system says."""
+    try:
+        yield
+    except OutputError:
+        raise
+    except OSError as problem:
+        raise OutputError(f"{shown(path)}: cannot be written ({problem.strerror or problem})") from None
+    except (RuntimeError, ValueError) as problem:
+        # a link to itself, a name with a zero byte or with half a character
+        raise OutputError(f"{shown(path)}: cannot be written ({problem}); give another name") from None
 
 
 class _Written:
