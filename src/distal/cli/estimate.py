@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from distal.cli.console import failure, say, table
-from distal.cli.options import MemoryOption, PlotOption, RigOption, SetOption, angle, seconds
+from distal.cli.options import MemoryOption, PlotOption, RigOption, SetOption, TruthOption, angle, seconds
 from distal.cli.outputs import check_outputs, to_file
 from distal.errors import DistalError, EstimationError
 
@@ -44,10 +44,7 @@ def estimate_command(
             ),
         ),
     ] = None,
-    truth: Annotated[
-        str | None,
-        typer.Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta in rad."),
-    ] = None,
+    truth: TruthOption = None,
     plot: PlotOption = None,
     panel: Annotated[
         list[str] | None,

@@ -43,6 +43,13 @@ MemoryOption = Annotated[
         help=("What reading one log may take, e.g. 16GB; default 2 GB, since a small file can ask for all there is."),
     ),
 ]
+EstimatorOption = Annotated[
+    str, typer.Option("--estimator", "-e", help="adaptive, affine, ekf, ekf-2008, elastic or inextensible.")
+]
+TruthOption = Annotated[
+    str | None,
+    typer.Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta in rad."),
+]
 PlotOption = Annotated[
     Path | None,
     typer.Option(

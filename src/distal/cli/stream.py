@@ -20,7 +20,7 @@ import numpy as np
 import typer
 
 from distal.cli.console import warn
-from distal.cli.options import RigOption, SetOption
+from distal.cli.options import EstimatorOption, RigOption, SetOption
 from distal.cli.outputs import check_outputs, to_file
 from distal.errors import LogError, OutputError, printable
 
@@ -34,9 +34,7 @@ LONGEST_LINE = 1 << 20
 
 def stream_command(
     rig: RigOption,
-    estimator: Annotated[
-        str, typer.Option("--estimator", "-e", help="adaptive, affine, ekf, ekf-2008, elastic or inextensible.")
-    ] = "adaptive",
+    estimator: EstimatorOption = "adaptive",
     udp: Annotated[
         int | None,
         typer.Option("--udp", min=1, max=65535, help="Read JSON from this UDP port of the loopback, not stdin."),

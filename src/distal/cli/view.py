@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from distal.cli.console import say
-from distal.cli.options import MemoryOption, RigOption, SetOption, seconds
+from distal.cli.options import EstimatorOption, MemoryOption, RigOption, SetOption, TruthOption, seconds
 from distal.cli.outputs import check_outputs, to_file
 
 
@@ -23,13 +23,8 @@ def view_command(
     out: Annotated[
         Path | None, typer.Option("--out", help="Where to write the page (HTML); default a temporary file.")
     ] = None,
-    estimator: Annotated[
-        str, typer.Option("--estimator", "-e", help="adaptive, affine, ekf, ekf-2008, elastic or inextensible.")
-    ] = "adaptive",
-    truth: Annotated[
-        str | None,
-        typer.Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta in rad."),
-    ] = None,
+    estimator: EstimatorOption = "adaptive",
+    truth: TruthOption = None,
     homing: Annotated[str | None, typer.Option("--homing", help="Use the reference for so long (e.g. 3s).")] = None,
     open_: Annotated[
         bool | None,
