@@ -461,3 +461,25 @@ def test_closed_and_full_outputs(tmp_path: Path) -> None:
     assert (closed.returncode, closed.stdout) == (2, "")
     lines = "t,x1,x2,u1,u2\\n0,0,0,2,2\\n0.01,0,0,2,2\\n"
     assert len(bash(f"printf '{lines}' | {distal} stream --rig template 2>&-").stdout.splitlines()) == 3
+
+
+def test_view(run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One page where it was asked for; without --out it is a temporary one, which is opened."""
+    import webbrowser
+
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", lambda address: bool(opened.append(address) or True))
+    words = ("view", log, "--rig", "paper-2008-printed", *SET)
+    page = tmp_path / "page.html"
+    ran = run(*words, "--out", page)
+    assert (ran.code, ran.err) == (0, "")
+    assert "RMS error" in ran.out
+    assert page.stat().st_size > 1_000_000
+    assert opened == []
+    ran = run(*words)
+    assert ran.code == 0
+    assert len(opened) == 1
+    assert opened[0].startswith("file://")
+    ran = run(*words, "--out", tmp_path / "page.png")
+    assert ran.code == 2
+    assert "give a name that ends in .html" in ran.err

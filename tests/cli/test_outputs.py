@@ -68,6 +68,11 @@ COMMANDS = {
         "out/log.csv",
         lambda i, out: ["estimate", i["log"], i["other"], "--rig", i["rig"], "--truth", i["truth"], "--out", out],
     ),
+    "view --out": Command(
+        ("log", "rig", "truth"),
+        "page.html",
+        lambda i, out: ["view", i["log"], "--rig", i["rig"], "--truth", i["truth"], "--no-open", "--out", out],
+    ),
     "simulate --out": Command(("scenario", "rig"), "sim.csv", lambda i, out: ["simulate", i["scenario"], "--out", out]),
     "simulate --runs": Command(
         ("scenario", "rig"), "out/run_1.csv", lambda i, out: ["simulate", i["scenario"], "--runs", "2", "--out", out]
