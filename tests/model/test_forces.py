@@ -236,7 +236,7 @@ def test_the_arm_of_a_linkage_is_the_slope_of_its_excursion(theta: float) -> Non
 @given(st.floats(0, 50), st.floats(0, 0.5), st.floats(0, 6))
 def test_friction_along_a_path_is_the_capstan_equation(tension: float, mu: float, wrap: float) -> None:
     """The drive feels T e^{μβ} when it draws the tendon in, T e^{−μβ} when it lets it out."""
-    limit = capstan_limit(ca.DM(tension), mu, wrap)
+    limit = capstan_limit(ca.DM(tension), mu * wrap)
     assert tension + float(limit.up) == pytest.approx(tension * np.exp(mu * wrap))
     assert tension - float(limit.down) == pytest.approx(tension * np.exp(-mu * wrap))
 

@@ -171,7 +171,7 @@ def _joint_turn(rig: Rig, sensor: Sensor, span: float) -> float:
     drive = next(drive for drive in rig.drives if drive.name == sensor.of)
     tendon = next(tendon for tendon in rig.tendons if tendon.drive == sensor.of)
     lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
-    return span * lever / tendon.insertion.radius.value
+    return span * lever / tendon.total_arm
 
 
 def _check_motion(log: Log, rig: Rig) -> None:

@@ -181,7 +181,7 @@ def _warn_of_units(log: Log, rig: Rig) -> None:
         if not np.isfinite(values).any():
             continue
         span = float(np.nanmax(values) - np.nanmin(values))
-        radii = [t.insertion.radius.value for t in rig.tendons if t.drive == sensor.of]
+        radii = [t.total_arm for t in rig.tendons if t.drive == sensor.of]
         drive = drives[sensor.of]
         lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
         if drive.stops is not None:

@@ -1,5 +1,6 @@
 """The physics of a rig, written once in CasADi: forces by virtual work, exact friction, stops, and the time step."""
 
+from distal.model.chain_kick import residual
 from distal.model.elasticity import stretched
 from distal.model.friction import (
     ClipMoments,
@@ -23,11 +24,14 @@ from distal.model.stepping import (
     impulses,
     joint_frequency,
     kick_and_drift,
+    kicked_chain,
     last_kick,
+    loads_of,
     responses,
     stiffest_frequency,
     substeps,
 )
+from distal.model.stick_slip import Slip, slipping, solver
 from distal.model.stops import restitution
 from distal.model.tangents import tangent_step
 from distal.model.tendons import Body
@@ -42,6 +46,7 @@ __all__ = [
     "Limit",
     "Mechanism",
     "Parameters",
+    "Slip",
     "SoftMoments",
     "angle_at",
     "capstan_limit",
@@ -52,14 +57,19 @@ __all__ = [
     "impulses",
     "interval_step",
     "joint_frequency",
+    "kicked_chain",
     "kick_and_drift",
     "last_kick",
     "load_dependent_limit",
+    "loads_of",
     "number_at",
+    "residual",
     "responses",
     "restitution",
+    "slipping",
     "soft",
     "soft_moments",
+    "solver",
     "stiffest_frequency",
     "stretched",
     "stribeck",

@@ -78,18 +78,17 @@ def slipped(forward: Any, back: Any, z: Any, limit: Any) -> Any:
     return (forward + back) * z - forward * up + back * down
 
 
-def capstan_limit(tension: Any, coefficient: Any, wrap: Any, let_out: Any = 1) -> Limit:
+def capstan_limit(tension: Any, wrapped: Any, let_out: Any = 1) -> Limit:
     """Return friction of a tendon along its path, by the capstan equation T_drive = T e^{±μβ} (Euler, Eytelwein).
 
     Drawn in, the drive pulls T e^{μβ}: friction takes T (e^{μβ} − 1); let out, T e^{−μβ}: it takes T (1 − e^{−μβ}).
 
     Args:
         tension: at the joint's end, T [N].
-        coefficient: of friction between tendon and guide, μ.
-        wrap: sum of the angles through which the path bends, β [rad].
+        wrapped: coefficient of friction between tendon and guide times the sum of the angles of its bends, μβ [rad].
         let_out: coefficient while it is let out, as a share of μ.
     """
-    return Limit(tension * ca.expm1(coefficient * wrap), -tension * ca.expm1(-coefficient * let_out * wrap))
+    return Limit(tension * ca.expm1(wrapped), -tension * ca.expm1(-let_out * wrapped))
 
 
 def stribeck(speed: Any, excess: Any, characteristic: Any) -> Any:
@@ -147,11 +146,15 @@ class SoftMoments:
         mean: E[soft(z, l)].
         slope: dE/dz, the chance to slip.
         rest: variance beyond slope² · σ².
+        forward: the chance to slip to +.
+        back: the chance to slip to −.
     """
 
     mean: Any
     slope: Any
     rest: Any
+    forward: Any
+    back: Any
 
 
 def clip_moments(low: Any, high: Any, mean: Any, std: Any) -> ClipMoments:
@@ -229,4 +232,5 @@ def soft_moments(z: Any, limit: Any, std: Any) -> SoftMoments:
     square = (up * up + std * std) * below(u) + up * std * density(u)
     square += (down * down + std * std) * below(-w) - down * std * density(w)
     slope = below(u) + below(-w)
-    return SoftMoments(mean, slope, ca.fmax(square - mean * mean - (slope * std) ** 2, 0))
+    rest = ca.fmax(square - mean * mean - (slope * std) ** 2, 0)
+    return SoftMoments(mean, slope, rest, below(u), below(-w))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+
+from distal.rig import Polynomial
 
 NEWTON_STEPS = 12
 """Iterations of the inverse of a linkage's excursion: it is nearly a straight line."""
@@ -69,6 +72,33 @@ def elongation(insertion: Insertion, angle: Any, displacement: Any) -> Any:
     along = free_length + displacement
     square = along * (along - 2 * side * radius * ca.sin(angle)) + 2 * radius * radius * (1 - ca.cos(angle))
     return ca.sqrt(square) - free_length
+
+
+def polynomial_excursion(polynomial: Polynomial, coefficients: Sequence[Any], angles: Sequence[Any]) -> Any:
+    """Return e(θ) = Σ c Π θ_j^{n_j}; outside its range e(θ_c) + ∂e/∂θ (θ − θ_c), with θ_c at the end of the range.
+
+    Args:
+        polynomial: its terms and its range.
+        coefficients: c of each term [m].
+        angles: of its joints, θ [rad].
+    """
+    kept = [ca.fmin(ca.fmax(angle, low), high) for angle, (low, high) in zip(angles, polynomial.range)]
+    total = ca.SX(0)
+    for term, coefficient in zip(polynomial.terms, coefficients):
+        total += coefficient * _product(kept, term.powers)
+        for j, power in enumerate(term.powers):
+            if power > 0:
+                lower = tuple(p - (i == j) for i, p in enumerate(term.powers))
+                total += coefficient * power * _product(kept, lower) * (angles[j] - kept[j])
+    return total
+
+
+def _product(angles: Sequence[Any], powers: Sequence[int]) -> Any:
+    result = ca.SX(1)
+    for angle, power in zip(angles, powers):
+        for _ in range(power):
+            result *= angle
+    return result
 
 
 def angle_at(insertion: Insertion, elongated: Any, displacement: Any) -> Any:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
 
+from distal.model.chain import Chain
 from distal.model.elasticity import extension_torque, polynomial_torque
 from distal.model.friction import Limit, capstan_limit, load_dependent_limit, stribeck
 from distal.model.tendons import Tendons
-from distal.rig import Joint
+from distal.rig import Joint, Rig
 
 GRAVITY = 9.80665
 """Standard acceleration of free fall [m/s²]."""
@@ -22,6 +24,9 @@ class Mechanism(Tendons):
         joints:  J θ̈ + b θ̇ + friction(θ̇, T) = −(∂ℓ/∂θ)ᵀ T + spring + gravity + τ_ext
         drives:  m s̈ + b ṡ + friction(ṡ, T) = −(∂ℓ/∂s)ᵀ T + U − F_stop(s)
 
+    Joints with links carry one another: J + M(q), Coriolis and gravity of their `chain`. A coupled joint is no coordinate of
+    its own: θ = `spread` θ_free + `offsets`.
+
     On the paper's rig the virtual work −(∂ℓ/∂q)ᵀT gives its equations (2), (3), (10) and (11), with the mend that
     (11) has "+": cos θ cos φ2 + sin θ sin φ2. Mend: tension has a max(·, 0) (8, 9); a thread cannot push.
 
@@ -31,6 +36,27 @@ class Mechanism(Tendons):
         remembers: whether what moves inside the rig (backlash, points in a sheath, creep) stays where it was, as numbers
             `inside` among the parameters; else it is taken to be in the middle of where it can be.
     """
+
+    def __init__(self, rig: Rig, given: Sequence[str] = (), remembers: bool = False) -> None:
+        super().__init__(rig, given, remembers)
+        self.chain = Chain(rig, self.parameters) if rig.is_chain else None
+        self.free = [i for i, joint in enumerate(rig.joints) if joint.coupled is None]
+        self.spread, self.offsets = ca.DM(self.n_joints, len(self.free)), ca.DM.zeros(self.n_joints)
+        for i, joint in enumerate(rig.joints):
+            if joint.coupled is None:
+                self.spread[i, self.free.index(i)] = 1.0
+            else:
+                self.spread[i, self.free.index(self._joint(joint.coupled.joint))] = joint.coupled.ratio
+                self.offsets[i] = joint.coupled.offset
+
+    def mass_matrix(self, q: Any) -> Any:
+        """Return the inertia matrix of the joints, (n_joints, n_joints) [kg m²].
+
+        Args:
+            q: coordinates, (n_bodies,), of which the joints' are used.
+        """
+        own = ca.diag(self.inertias()[: self.n_joints])
+        return own if self.chain is None else own + self.chain.mass_matrix(q)
 
     def passive_forces(self, q: Any) -> Any:
         """Return what springs and gravity add at the joints, and cogging at the drives, (n_bodies,) [N m]."""
@@ -88,7 +114,7 @@ class Mechanism(Tendons):
         p, path = self.parameters, self.bodies[body].path
         if f"{path}.friction.coefficient" not in p:
             return Limit(ca.SX(0), ca.SX(0))
-        tension = sum((tensions[i] for i in range(self.n_tendons) if self.joint_of[i] == body), ca.SX(0))
+        tension = sum((tensions[i] for i in range(self.n_tendons) if body in self.joints_of[i]), ca.SX(0))
         limit = load_dependent_limit(
             p[f"{path}.friction.coefficient"],
             p[f"{path}.friction.radius"],
@@ -107,14 +133,13 @@ class Mechanism(Tendons):
         limit = p[f"{path}.friction.constant"] + p[f"{path}.friction.load"] * lever * tension
         up, down = limit, limit
         for i in own:
-            name = f"tendons.{i}.path"
-            part = self.rig.tendons[i].path
-            if not p.has(f"{name}.friction") or (part is not None and part.nodes > 0):
+            part, wrapped = self.rig.tendons[i].path, self.wrapped(i, q)
+            if wrapped.is_zero() or (part is not None and part.nodes > 0):
                 continue
-            out = p[f"{name}.let_out"]
-            path_friction = capstan_limit(tensions[i], p[f"{name}.friction"], self._wrap(i, q), out).times(lever)
+            out = 1 if part is None else p[f"tendons.{i}.path.let_out"]
+            path_friction = capstan_limit(tensions[i], wrapped, out).times(lever)
             # a capstan's positive angle lets out the tendons of side −1
-            drawn = self.rig.tendons[i].side if self.rig.drives[body - self.n_joints].kind == "capstan" else 1
+            drawn = self.rig.tendons[i].winding if self.rig.drives[body - self.n_joints].kind == "capstan" else 1
             drawn_in, let_out = path_friction.up, path_friction.down
             up, down = (up + drawn_in, down + let_out) if drawn > 0 else (up + let_out, down + drawn_in)
         return Limit(up, down)
@@ -147,7 +172,7 @@ class Mechanism(Tendons):
         own = [i for i in range(self.n_tendons) if self.drive_of[i] == body]
         tension = sum((tensions[i] for i in own), ca.SX(0))
         limit = p[f"{path}.constant"] + p[f"{path}.load"] * self._drive_radius(body) * tension
-        return ca.fmax(limit * (1 + p[f"{path}.slope"] * q[self.joint_of[own[0]]]), 0)
+        return ca.fmax(limit * (1 + p[f"{path}.slope"] * q[self.joints_of[own[0]][0]]), 0)
 
     def _drive_radius(self, body: int) -> Any:
         """Return the capstan's radius, or 1 for a slider."""

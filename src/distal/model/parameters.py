@@ -16,7 +16,10 @@ from distal.rig import Parameter, Rig
 # not part of the equations of motion: the start, and what stands in for a missing force sensor
 _NOT_DYNAMIC = frozenset({"initial", "nominal_force", "settled"})
 
-NEUTRAL = (".exponent", ".let_out")
+_STRUCTURE = frozenset({"axis", "range", "powers", "joints"})
+"""Tuples that are no numbers of the model: they are written into its expressions."""
+
+NEUTRAL = (".exponent", ".let_out", ".scale")
 """Parameters that change nothing where they are exactly one."""
 
 
@@ -128,6 +131,8 @@ def number_at(rig: Rig, path: str) -> float:
 
 
 def _walk(rig: Rig) -> Iterator[tuple[str, Parameter]]:
+    if any(joint.link is not None for joint in rig.joints):
+        yield from _walk_part(rig.base, "base")
     for kind in ("joints", "drives", "tendons"):
         for i, part in enumerate(getattr(rig, kind)):
             yield from _walk_part(part, f"{kind}.{i}")
@@ -150,3 +155,9 @@ def _walk_part(part: BaseModel, path: str) -> Iterator[tuple[str, Parameter]]:
             yield f"{path}.{name}", value
         elif isinstance(value, BaseModel):
             yield from _walk_part(value, f"{path}.{name}")
+        elif isinstance(value, tuple) and name not in _STRUCTURE:
+            for i, item in enumerate(value):
+                if isinstance(item, BaseModel):
+                    yield from _walk_part(item, f"{path}.{name}.{i}")
+                elif isinstance(item, float):
+                    yield f"{path}.{name}.{i}", Parameter(value=item)

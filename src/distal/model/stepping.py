@@ -9,11 +9,15 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from distal.errors import RigError
+from distal.model.chain_kick import Kicked, Loads, chain_kick
 from distal.model.friction import free_response, soft
 from distal.model.mechanism import Mechanism
 from distal.model.stops import Stop, kick_at_stops, restitution, velocity_in_stops
+
+Floats = NDArray[np.float64]
 
 RESOLUTION = 0.6
 """Largest product of sub-step and stiffest frequency; see docs/numerics.md for the table behind it."""
@@ -94,6 +98,36 @@ def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Any, Any, Any]:
     return a * kick.v + b * force, [limit.times(b[i]) for i, limit in enumerate(limits)], damping
 
 
+def loads_of(mechanism: Mechanism, kick: Kick) -> Loads:
+    """Return what acts on the joints of a chain in a kick.
+
+    Args:
+        mechanism: the rig's equations.
+        kick: its symbols.
+    """
+    nj, pulls = mechanism.n_joints, mechanism.pulls(kick.q, kick.v)
+    own = mechanism.tendon_damping(kick.q, pulls.joint)[:nj]
+    force = pulls.forces[:nj] + mechanism.passive_forces(kick.q)[:nj] + kick.effort[:nj] + own * kick.v[:nj]
+    if kick.implicit is not None:
+        force, own = force + kick.implicit[:nj, 0], own + kick.implicit[:nj, 1]
+    limits = mechanism.friction_limits(kick.q, kick.v, pulls.joint, pulls.drive)[:nj]
+    return Loads(force, own, ca.vertcat(*(one.up for one in limits)), ca.vertcat(*(one.down for one in limits)))
+
+
+def kicked_chain(mechanism: Mechanism, kick: Kick, rebounds: bool = True, last: bool = False) -> Kicked:
+    """Return the joints of a chain after a kick and the drift that follows; see `chain_kick`.
+
+    Args:
+        mechanism: the rig's equations.
+        kick: its symbols.
+        rebounds: as in `kick_and_drift`.
+        last: whether no drift follows.
+    """
+    nj = mechanism.n_joints
+    loads = loads_of(mechanism, kick)
+    return chain_kick(mechanism, kick.q[:nj], kick.v[:nj], loads, kick.length, kick.drift, last, rebounds)
+
+
 def _stop(mechanism: Mechanism, body: int, response: Any, rebounds: bool) -> Stop:
     k_s, b_s, low, high = _stop_parameters(mechanism, body)
     return Stop(low, high, k_s, b_s, response[body, 2] if rebounds else 0.0, response[body, 3])
@@ -113,8 +147,11 @@ def kick_and_drift(
     """
     z, limits, damping = impulses(mechanism, kick)
     free = range(mechanism.n_bodies) if bodies is None else bodies
-    q, v = [], []
-    for i in range(mechanism.n_bodies):
+    q, v = list[Any](), list[Any]()
+    if mechanism.chain is not None:
+        chain = kicked_chain(mechanism, kick, rebounds)
+        q, v = ca.vertsplit(chain.q), ca.vertsplit(chain.v)
+    for i in range(len(q), mechanism.n_bodies):
         velocity, position = kick.v[i], kick.q[i] + kick.drift * kick.v[i]
         if i in free and mechanism.bodies[i].has_stops:
             stop, b = _stop(mechanism, i, kick.response, rebounds), kick.response[i, 1]
@@ -137,8 +174,10 @@ def last_kick(mechanism: Mechanism, kick: Kick) -> Any:
         kick: its symbols.
     """
     z, limits, damping = impulses(mechanism, kick)
-    velocities = []
-    for i in range(mechanism.n_bodies):
+    velocities = list[Any]()
+    if mechanism.chain is not None:
+        velocities = ca.vertsplit(kicked_chain(mechanism, kick, last=True).v)
+    for i in range(len(velocities), mechanism.n_bodies):
         b = kick.response[i, 1]
         if mechanism.bodies[i].has_stops:
             stop = _stop(mechanism, i, kick.response, False)
@@ -149,15 +188,24 @@ def last_kick(mechanism: Mechanism, kick: Kick) -> Any:
 
 
 def stiffest_frequency(mechanism: Mechanism) -> float:
-    """Return the largest natural frequency [rad/s] of the rig with all tendons taut, at zero, from M⁻¹K.
+    """Return the largest natural frequency [rad/s] of the rig with all tendons taut, from M⁻¹K.
 
     Raises:
         RigError: it is not finite.
     """
-    p = mechanism.parameters
-    q = ca.SX.sym("q", mechanism.n_bodies)
+    frequencies = [_frequency(mechanism, q, range(mechanism.n_bodies)) for q in _postures(mechanism)]
+    if not np.all(np.isfinite(frequencies)):
+        raise RigError(
+            f"{mechanism.rig.name}: stiffness over inertia is not finite; check the sizes of the rig's values"
+        )
+    return max(frequencies)
+
+
+def _frequency(mechanism: Mechanism, at: Floats, bodies: range) -> float:
+    """Return the largest natural frequency of some bodies, the others held [rad/s]."""
+    p, q = mechanism.parameters, ca.SX.sym("q", mechanism.n_bodies)
     stiffness = ca.vertcat(*(mechanism.stiffest(i) for i in range(mechanism.n_tendons)))
-    jacobian = mechanism.length_jacobian(q)
+    jacobian, nj = mechanism.length_jacobian(q), mechanism.n_joints
     spring = ca.mtimes([jacobian.T, ca.diag(stiffness), jacobian])
     for i, joint in enumerate(mechanism.rig.joints):
         if joint.spring is not None:
@@ -165,23 +213,40 @@ def stiffest_frequency(mechanism: Mechanism) -> float:
         if joint.extension_spring is not None:
             own = f"joints.{i}.extension_spring"
             spring[i, i] += p[f"{own}.stiffness"] * p[f"{own}.radius"] ** 2  # it lengthens by r per radian at most
-    system = ca.Function("system", [q, p.symbols], [spring, mechanism.inertias()])
-    matrix, inertias = (np.array(part.full()) for part in system(np.zeros(mechanism.n_bodies), p.values))
-    scale = 1.0 / np.sqrt(inertias.ravel())
-    scaled = scale[:, None] * matrix * scale
-    if not np.all(np.isfinite(scaled)):
-        raise RigError(
-            f"{mechanism.rig.name}: stiffness over inertia is not finite; check the sizes of the rig's values"
-        )
-    return float(np.sqrt(max(np.linalg.eigvalsh(scaled).max(), 0.0)))
+    inertia = ca.diag(mechanism.inertias())
+    inertia[:nj, :nj] = mechanism.mass_matrix(q)
+    system = ca.Function("system", [q, p.symbols], [spring, inertia])
+    matrix, masses = (np.array(part.full())[np.ix_(bodies, bodies)] for part in system(at, p.values))
+    free = [i for i in mechanism.free if i in bodies] + [i for i in bodies if i >= nj]
+    spread = np.eye(mechanism.n_bodies)
+    spread[:nj, mechanism.free] = mechanism.spread.full()
+    spread = spread[np.ix_(bodies, free)]
+    matrix, masses = spread.T @ matrix @ spread, spread.T @ masses @ spread
+    if not np.all(np.isfinite(matrix)) or not np.all(np.isfinite(masses)):
+        return float("nan")
+    root = np.linalg.inv(np.linalg.cholesky(masses))
+    return float(np.sqrt(max(np.linalg.eigvalsh(root @ matrix @ root.T).max(), 0.0)))
+
+
+def _postures(mechanism: Mechanism) -> list[Floats]:
+    """Return coordinates at which a rig's frequencies are looked at: all zero; a chain also where it starts and at its stops."""
+    at = [np.zeros(mechanism.n_bodies)]
+    if mechanism.chain is not None:
+        joints = mechanism.rig.joints
+        for which in range(3):
+            ends = [(j.initial.value, *(j.stops or (-1.0, 1.0)))[which] for j in joints]
+            at.append(np.concatenate([ends, np.zeros(mechanism.n_drives)]))
+    return at
 
 
 def joint_frequency(mechanism: Mechanism) -> float:
-    """Return the largest natural frequency [rad/s] of the joints on their taut tendons, the drives held, at zero.
+    """Return the largest natural frequency [rad/s] of the joints on their taut tendons, the drives held.
 
     Args:
         mechanism: the rig's equations.
     """
+    if mechanism.n_joints > 1:
+        return max(_frequency(mechanism, q, range(mechanism.n_joints)) for q in _postures(mechanism))
     p, joints = mechanism.parameters, range(mechanism.n_joints)
     q = ca.SX.sym("q", mechanism.n_bodies)
     stiffness = ca.vertcat(*(mechanism.stiffest(i) for i in range(mechanism.n_tendons)))

@@ -93,8 +93,7 @@ def kick_at_stops(
     """Return (v⁺, x⁺) of a body with stops after a kick of length `length` and a drift h.
 
     Without contact v⁺ = soft(z, l)/(1 + b D), x⁺ = x + h v⁺. If that drifts into a stop, the body is pressed against it
-    (`Stop.pressed`), or, where it flies in and the rebound leads it away again, it meets the stop at the time at which
-    its parabola reaches it, leaves with −e times its speed there, and flies on for the rest of the drift.
+    (`Stop.pressed`), or, where it flies in and the rebound leads it away again, it bounces (`bounce`).
 
     Args:
         stop: the body's stops.
@@ -117,6 +116,29 @@ def kick_at_stops(
     final = position + drift * velocity
     if isinstance(stop.rebound, (int, float)):
         return velocity, final
+    bounces, after, bounced = bounce(stop.rebound, at_high, place, free, position, before, length, drift)
+    bounces = ca.logic_and(bounces, contact)
+    return ca.if_else(bounces, after, velocity), ca.if_else(bounces, bounced, final)
+
+
+def bounce(
+    rebound: Any, at_high: Any, place: Any, free: Any, position: Any, before: Any, length: Any, drift: Any
+) -> tuple[Any, Any, Any]:
+    """Return whether a body that meets a stop flies off again, and its velocity and place then.
+
+    It meets the stop at the time at which its parabola reaches it, leaves with −e times its speed there, and flies on for
+    the rest of the drift.
+
+    Args:
+        rebound: coefficient of restitution e, 0 for none.
+        at_high: whether it is the upper stop.
+        place: of the stop.
+        free: velocity without the stop.
+        position: at the start of the drift.
+        before: velocity before the kick.
+        length: of the kick [s].
+        drift: length of the drift h [s].
+    """
     # motion towards the stop, s > 0: gap = u τ + ½ A τ², u the speed at the start of the drift
     towards = ca.if_else(at_high, 1, -1)
     acceleration = towards * (free - before) / ca.if_else(length > 0, length, 1)
@@ -127,12 +149,10 @@ def kick_at_stops(
     time = ca.fmin(2 * gap / ca.if_else(closing > 0, closing, 1), drift)
     left = drift - time
     # it bounces if the flight after the hit outlasts the drift; else it will come to rest within it: pressed
-    flies = ca.logic_and(gap > 0, 2 * stop.rebound * speed > acceleration * left)
-    bounces = ca.logic_and(ca.logic_and(contact, flies), stop.rebound > 0)
-    away = -stop.rebound * speed
+    flies = ca.logic_and(ca.logic_and(gap > 0, 2 * rebound * speed > acceleration * left), rebound > 0)
+    away = -rebound * speed
     bounced = place + towards * (away * left + acceleration * left * left / 2)
-    after = towards * (away + acceleration * (left - drift / 2))
-    return ca.if_else(bounces, after, velocity), ca.if_else(bounces, bounced, final)
+    return flies, towards * (away + acceleration * (left - drift / 2)), bounced
 
 
 def velocity_in_stops(stop: Stop, z: Any, limit: Any, b: Any, implicit: Any, position: Any, drift: Any) -> Any:

@@ -9,10 +9,10 @@ from typing import Any
 import casadi as ca
 
 from distal.model.elasticity import stretched
-from distal.model.geometry import Insertion, angle_at, elongation
+from distal.model.geometry import Insertion, angle_at, elongation, polynomial_excursion
 from distal.model.parameters import Parameters
 from distal.model.plays import Bounds, Sheath, balanced, gap
-from distal.rig import Rig
+from distal.rig import Meeting, Polynomial, Rig
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Tendons:
         self.n_bodies = len(self.bodies)
         joints = {joint.name: i for i, joint in enumerate(rig.joints)}
         drives = {drive.name: self.n_joints + i for i, drive in enumerate(rig.drives)}
-        self.joint_of = tuple(joints[tendon.joint] for tendon in rig.tendons)
+        self.joints_of = tuple(tuple(joints[name] for name in tendon.joints) for tendon in rig.tendons)
         self.drive_of = tuple(drives[tendon.drive] for tendon in rig.tendons)
 
     def displacement(self, tendon: int, q: Any) -> Any:
@@ -91,32 +91,45 @@ class Tendons:
         drive = self.drive_of[tendon]
         radius = f"{self.bodies[drive].path}.radius"
         if radius in self.parameters:
-            return self.rig.tendons[tendon].side * self.parameters[radius] * q[drive]
+            return self.rig.tendons[tendon].winding * self.parameters[radius] * q[drive]
         return q[drive]
 
     def elongations(self, q: Any) -> Any:
         """Return ℓ_i(q) − l_i of all tendons, (n_tendons,) [m], without what moves inside."""
-        lengths = []
-        for i in range(self.n_tendons):
-            lengths.append(elongation(self._insertion(i), q[self.joint_of[i]], self.displacement(i, q)))
-        return ca.vertcat(*lengths)
+        return ca.vertcat(*(self._elongation(i, q) for i in range(self.n_tendons)))
+
+    def _elongation(self, tendon: int, q: Any) -> Any:
+        """Return ℓ − l of a tendon: each joint on its way changes what the one before it left of the displacement."""
+        left, p = self.displacement(tendon, q), self.parameters
+        for meeting in self.rig.tendons[tendon].meetings:
+            angles = [q[self._joint(name)] for name in meeting.joints]
+            if isinstance(meeting.shape, Polynomial):
+                path = f"tendons.{tendon}.{meeting.path}"
+                coefficients = [p[f"{path}.terms.{k}.coefficient"] for k in range(len(meeting.shape.terms))]
+                left = left - p[f"{path}.scale"] * polynomial_excursion(meeting.shape, coefficients, angles)
+            else:
+                left = elongation(self._insertion(tendon, meeting), angles[0], left)
+        return left
+
+    def _joint(self, name: str) -> int:
+        return next(i for i, joint in enumerate(self.rig.joints) if joint.name == name)
 
     def angle_at(self, tendon: int, elongated: Any, q: Any) -> Any:
-        """Return the joint angle [rad] at which tendon `tendon` has ℓ − l = `elongated`, at the drives' place in q.
+        """Return the joint angle [rad] at which a tendon of one joint has ℓ − l = `elongated`, at the drives' place in q.
 
         Args:
             tendon: its index.
             elongated: ℓ − l [m].
             q: coordinates, (n_bodies,); the joint's own is not used.
         """
-        return angle_at(self._insertion(tendon), elongated, self.displacement(tendon, q))
+        (meeting,) = self.rig.tendons[tendon].meetings
+        return angle_at(self._insertion(tendon, meeting), elongated, self.displacement(tendon, q))
 
-    def _insertion(self, tendon: int) -> Insertion:
-        part, p = self.rig.tendons[tendon], self.parameters
-        path, kind = f"tendons.{tendon}.insertion", part.insertion.kind
+    def _insertion(self, tendon: int, meeting: Meeting) -> Insertion:
+        p, path, kind = self.parameters, f"tendons.{tendon}.{meeting.path}", meeting.shape.kind
         length = p[f"{path}.free_length"] if kind == "pinned" else None
         shape = tuple(p[f"{path}.{name}"] for name in ("centre", "slope", "curvature")) if kind == "linkage" else ()
-        return Insertion(kind, part.side, p[f"{path}.radius"], length, shape)
+        return Insertion(kind, meeting.side, p[f"{path}.radius"], length, shape)
 
     def length_jacobian(self, q: Any) -> Any:
         """Return ∂ℓ/∂q, (n_tendons, n_bodies): the moment arms, with minus the sign of the torque."""
@@ -221,7 +234,7 @@ class Tendons:
         if path is None or path.nodes == 0:
             return None
         p, name = self.parameters, f"tendons.{tendon}"
-        exponent = p[f"{name}.path.friction"] * self._wrap(tendon, q) / path.nodes
+        exponent = self.wrapped(tendon, q) / path.nodes
         out = ca.exp(exponent * p[f"{name}.path.let_out"])
         return Sheath(p[f"{name}.stiffness"], ca.exp(exponent), out, path.nodes)
 
@@ -234,9 +247,20 @@ class Tendons:
         path, k = self.rig.tendons[tendon].path, self.parameters[f"tendons.{tendon}.stiffness"]
         return k if path is None or path.nodes == 0 else 2 * path.nodes * k
 
-    def _wrap(self, tendon: int, q: Any) -> Any:
-        p, name = self.parameters, f"tendons.{tendon}.path"
-        return ca.fmax(p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[self.joint_of[tendon]], 0)
+    def wrapped(self, tendon: int, q: Any) -> Any:
+        """Return Σ μ β of a tendon: its path's and that of its guides at the joints it crosses; β changes with the angle.
+
+        Args:
+            tendon: its index.
+            q: coordinates, (n_bodies,) [rad, m].
+        """
+        p, part, total = self.parameters, self.rig.tendons[tendon], ca.SX(0)
+        places = [] if part.path is None else [("path", self.joints_of[tendon][-1])]
+        places += [(f"{m.path}.guide", self._joint(m.joints[0])) for m in part.meetings if m.guide is not None]
+        for place, joint in places:
+            name = f"tendons.{tendon}.{place}"
+            total += p[f"{name}.friction"] * ca.fmax(p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[joint], 0)
+        return total
 
     def _ends(self, tendon: int, q: Any, elongated: Any) -> tuple[Any, Any]:
         """Return the displacements of a cable's ends [m] whose difference is its stretch."""

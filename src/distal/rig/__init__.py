@@ -1,6 +1,7 @@
 """The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
 
 from distal.rig.affine import Affine, AffineJoint
+from distal.rig.chain import BASE, Base, Coupling, Link
 from distal.rig.columns import angle_names, speed_names, std_name, tendon_angle_name, torque_names
 from distal.rig.contact import Contact
 from distal.rig.discrepancy import CONSTANT, Discrepancy, factors
@@ -32,32 +33,55 @@ from distal.rig.plausibility import doubts
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import LogFormat, Rig, Stepping
 from distal.rig.sensors import REFERENCES, Sensor, SensorBase, gain_of, log_factor
-from distal.rig.tendons import Creep, Linkage, Path, Pinned, Pulley, Tendon
+from distal.rig.tendons import (
+    Creep,
+    CrossedLinkage,
+    CrossedPinned,
+    CrossedPulley,
+    Guide,
+    Linkage,
+    Meeting,
+    Path,
+    Pinned,
+    Polynomial,
+    Pulley,
+    Tendon,
+)
 from distal.rig.validation import validated
 
 __all__ = [
+    "BASE",
     "CONSTANT",
     "REFERENCES",
     "Affine",
     "AffineJoint",
+    "Base",
     "Capstan",
     "CapstanFriction",
     "Contact",
+    "Coupling",
     "Creep",
+    "CrossedLinkage",
+    "CrossedPinned",
+    "CrossedPulley",
     "Description",
     "Discrepancy",
     "ExternalTorque",
     "Gravity",
+    "Guide",
     "Hysteresis",
     "In",
     "Joint",
     "JointFriction",
+    "Link",
     "Linkage",
     "LogFormat",
+    "Meeting",
     "Number",
     "Parameter",
     "Path",
     "Pinned",
+    "Polynomial",
     "Pulley",
     "Rig",
     "Sensor",

@@ -6,6 +6,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from distal.rig.chain import AXES, Axis, Coupling, Link, Vector
 from distal.rig.quantities import Description, In, Name, Parameter
 
 
@@ -105,10 +106,21 @@ class ExternalTorque(Description):
 
 
 class Joint(Description):
-    """A joint: one angle θ [rad], counter-clockwise positive."""
+    """A joint: one angle θ [rad], counter-clockwise positive about its axis."""
 
     name: Name
-    inertia: Annotated[Parameter, In("kg m^2", "positive")] = Field(description="moment of inertia of the link, J")
+    parent: str | None = Field(
+        None, description="the joint on whose link it sits, or \"base\"; default: the joint before it in the file"
+    )
+    axis: Axis = Field(AXES["y"], description='its axis in its own frame: "x", "y", "z", "-x", … or three numbers')
+    offset: Annotated[Vector, In("m")] = Field(
+        (0.0, 0.0, 0.0), description="where its frame sits, in the frame of its parent"
+    )
+    link: Link | None = Field(None, description="the body that it turns; without one `inertia` is all there is")
+    coupled: Coupling | None = Field(None, description="a rigid coupling to a joint before it")
+    inertia: Annotated[Parameter, In("kg m^2", "positive")] = Field(
+        description="moment of inertia J about its axis; with a `link` what comes on top of it, such as an armature"
+    )
     damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
         Parameter(value=0.0), description="viscous damping b_θ"
     )

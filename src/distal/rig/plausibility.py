@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from distal.rig.rig import Rig
+from distal.rig.tendons import Pinned
 
 USUAL: dict[str, tuple[float, float, str]] = {
     "radius": (2e-4, 0.3, "m"),
@@ -28,8 +29,9 @@ def doubts(rig: Rig) -> list[str]:
         if not low <= value <= high:
             said.append(f"{path} is {value:g} {unit}; between {low:g} and {high:g} is usual: is its unit there?")
     for joint in rig.joints:
-        sides = {tendon.side for tendon in rig.tendons if tendon.joint == joint.name}
-        turned = (joint.spring, joint.extension_spring, joint.gravity)
+        arms = [tendon.arms().get(joint.name, 0.0) for tendon in rig.tendons]
+        sides = {1 if arm > 0.0 else -1 for arm in arms if arm != 0.0}
+        turned = (joint.spring, joint.extension_spring, joint.gravity, joint.link, joint.coupled)
         if len(sides) == 1 and not any(turned) and joint.external_torque.std == 0.0:
             said.append(
                 f"all tendons of '{joint.name}' have side = {sides.pop()}, and no spring turns it back: is one side wrong?"
@@ -47,8 +49,8 @@ def _numbers(rig: Rig) -> Iterator[tuple[str, str, float]]:
         if drive.kind == "capstan":
             yield f"drives.{drive.name}.radius", "radius", drive.radius.value
     for tendon in rig.tendons:
-        yield f"tendons.{tendon.name}.insertion.radius", "radius", tendon.insertion.radius.value
         yield f"tendons.{tendon.name}.stiffness", "stiffness", tendon.stiffness.value
-        length = getattr(tendon.insertion, "free_length", None)
-        if length is not None:
-            yield f"tendons.{tendon.name}.insertion.free_length", "free_length", getattr(length, "value", length)
+        for at, shape in tendon.shapes():
+            yield f"tendons.{tendon.name}.{at}.radius", "radius", shape.radius.value
+            if isinstance(shape, Pinned):
+                yield f"tendons.{tendon.name}.{at}.free_length", "free_length", shape.free_length.value

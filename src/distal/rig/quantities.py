@@ -76,7 +76,8 @@ class In:
     """Annotation of a field: its SI unit and its bound; it reads bare numbers as SI and text with a unit.
 
     On a `Parameter` it also reads ``{ value = …, std = …, drift = …, hold = …, shared = { name = …, std = … } }`` (std and
-    drift may be percentages of the value, the shared std is a share of it), on a pair of floats an interval [low, high].
+    drift may be percentages of the value, the shared std is a share of it), on a pair of floats an interval [low, high], on
+    three a vector [x, y, z].
     Where `drifts` is False the parameter cannot walk and shares nothing.
     """
 
@@ -86,7 +87,7 @@ class In:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Put the reader in front of pydantic's own check of the field."""
-        readers = {Parameter: self._parameter, float: self._scalar}
+        readers = {Parameter: self._parameter, float: self._scalar, tuple[float, float, float]: self._vector}
         return core_schema.no_info_before_validator_function(readers.get(source, self._interval), handler(source))
 
     def _scalar(self, raw: object) -> float:
@@ -147,6 +148,11 @@ class In:
         if spread < 0.0:
             raise UnitError(f"{key} must not be negative, {spread:g} came")
         return spread
+
+    def _vector(self, raw: object) -> object:
+        if not isinstance(raw, (list, tuple)) or len(raw) != 3:
+            raise UnitError(f"must be three numbers [x, y, z], {raw!r} came")
+        return tuple(self._scalar(part) for part in raw)
 
     def _interval(self, raw: object) -> object:
         if not isinstance(raw, (list, tuple)) or len(raw) != 2:

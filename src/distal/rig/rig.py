@@ -9,6 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from distal.errors import RigError, did_you_mean
 from distal.rig.affine import Affine
+from distal.rig.chain import BASE, Base
 from distal.rig.contact import Contact
 from distal.rig.discrepancy import Discrepancy
 from distal.rig.drives import Capstan, Drive, Slider, effort_unit, position_unit
@@ -21,6 +22,9 @@ from distal.rig.validation import validated
 from distal.units import unit_factor
 
 Learned = Affine | Discrepancy | Contact | None
+
+MOST_JOINTS = 12
+"""More joints than this are no finger and no instrument; their cost grows with the square of the number."""
 
 
 class TimeColumn(Description):
@@ -53,7 +57,8 @@ class Rig(Description):
 
     name: str = Field(min_length=1, description="title for plots and reports")
     log: LogFormat = Field(LogFormat(), description="format of the logs")
-    joints: tuple[Joint, ...] = Field(min_length=1, description="the joints; one is supported")
+    base: Base = Field(Base(), description="what the first joint sits on, and which way gravity points")
+    joints: tuple[Joint, ...] = Field(min_length=1, description="the joints, from the base outwards")
     drives: tuple[Drive, ...] = Field(min_length=1, description="sliders and capstans")
     tendons: tuple[Tendon, ...] = Field(min_length=1, description="the tendons")
     sensors: tuple[Sensor, ...] = Field((), description="the sensors")
@@ -68,23 +73,27 @@ class Rig(Description):
 
     @field_validator("joints", mode="after")
     @classmethod
-    def _one_joint(cls, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
-        if len(joints) > 1:
-            raise ValueError(f"{len(joints)} joints came; serial chains of joints are not supported yet, one joint is")
+    def _chained(cls, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
+        if len(joints) > MOST_JOINTS:
+            raise ValueError(f"{len(joints)} joints came; chains of up to {MOST_JOINTS} are supported")
+        for i, joint in enumerate(joints):
+            _check_place(i, joint, [before.name for before in joints[:i]])
+            _check_coupling(i, joint, joints[:i])
         return joints
 
     @field_validator("tendons", mode="after")
     @classmethod
     def _tendons_fit(cls, tendons: tuple[Tendon, ...], info: ValidationInfo) -> tuple[Tendon, ...]:
+        joints, drives = info.data.get("joints"), info.data.get("drives")
+        if joints is None or drives is None:
+            return tendons
         for i, tendon in enumerate(tendons):
-            for role in ("joint", "drive"):
-                parts = info.data.get(f"{role}s")
-                if parts is None:
-                    return tendons
+            where = {"joint": tendon.joints, "drive": (tendon.drive,)}
+            for role, parts in (("joint", joints), ("drive", drives)):
                 names = [part.name for part in parts]
-                given = getattr(tendon, role)
-                if given not in names:
-                    raise ValueError(f"{i}.{role}: no {role} is called '{given}'{did_you_mean(given, names)}")
+                for given in where[role]:
+                    if given not in names:
+                        raise ValueError(f"{i}.{role}: no {role} is called '{given}'{did_you_mean(given, names)}")
         return tendons
 
     @field_validator("sensors", mode="before")
@@ -157,10 +166,26 @@ class Rig(Description):
         if friction is not None and friction.reference is not None:
             return float(friction.reference)
         load = friction.preload.value if friction is not None else 0.0
-        tendons = [t for t in self.tendons if t.joint == self.joints[joint].name]
+        tendons = [t for t in self.tendons if self.joints[joint].name in t.joints]
         pulls = {t.drive for t in tendons}
         load += sum(t.pretension.value for t in tendons)
         return load + sum(abs(d.nominal_force.value) for d in self.drives if d.name in pulls and d.kind == "slider")
+
+    @property
+    def is_chain(self) -> bool:
+        """Whether its joints move one another: one has a link, or is coupled to another."""
+        return any(joint.link is not None or joint.coupled is not None for joint in self.joints)
+
+    def parent_of(self, joint: int) -> int | None:
+        """Return the index of the joint on whose link another sits, None for the base.
+
+        Args:
+            joint: index of the other.
+        """
+        given = self.joints[joint].parent
+        if given is None:
+            return joint - 1 if joint > 0 else None
+        return None if given == BASE else [other.name for other in self.joints].index(given)
 
     def sharing(self) -> dict[str, dict[str, float]]:
         """Return what errs together: name → path of each parameter that names it → its std, as a share of the value."""
@@ -196,6 +221,45 @@ class Rig(Description):
         for path, value in values.items():
             set_value(raw, path, value, RigError)
         return validated(Rig, raw, self.name, RigError)
+
+
+def _check_place(index: int, joint: Joint, before: Sequence[str]) -> None:
+    """Refuse a joint that sits on nothing, and what does not go with where it sits."""
+    if joint.name == BASE:
+        raise ValueError(f"{index}.name: '{BASE}' is what the first joint sits on; choose another")
+    if joint.parent is not None and joint.parent != BASE and joint.parent not in before:
+        raise ValueError(
+            f"{index}.parent: no joint before it is called '{joint.parent}'{did_you_mean(joint.parent, [BASE, *before])}"
+        )
+    if joint.gravity is None:
+        return
+    if joint.link is not None:
+        raise ValueError(f"{index}.gravity: the link's mass and centre say it already; leave out one")
+    if before and joint.parent != BASE:
+        raise ValueError(
+            f"{index}.gravity: is for a joint on the base (parent = \"{BASE}\"); on a chain give its 'link' mass and centre"
+        )
+
+
+def _check_coupling(index: int, joint: Joint, before: Sequence[Joint]) -> None:
+    """Refuse a coupling to nothing, and what a coupled joint cannot have."""
+    if joint.coupled is None:
+        return
+    free = [other.name for other in before if other.coupled is None]
+    if joint.coupled.joint not in free:
+        raise ValueError(
+            f"{index}.coupled.joint: no free joint before it is called '{joint.coupled.joint}'"
+            f"{did_you_mean(joint.coupled.joint, free)}"
+        )
+    if joint.coupled.ratio == 0.0:
+        raise ValueError(f"{index}.coupled.ratio: must not be zero")
+    for name, given in (
+        ("stops", joint.stops is not None),
+        ("backlash", joint.backlash is not None),
+        ("external_torque", joint.external_torque.std > 0.0),
+    ):
+        if given:
+            raise ValueError(f"{index}.{name}: is not supported on a coupled joint; give it to '{joint.coupled.joint}'")
 
 
 _MEASURED: dict[str, tuple[str, ...]] = {
@@ -249,8 +313,14 @@ def _share_alike(rig: Rig) -> None:
 def _plays_apart(rig: Rig) -> None:
     """Refuse plays that cannot be put one behind the other."""
     sheathed = [tendon for tendon in rig.tendons if tendon.path is not None and tendon.path.nodes > 0]
+    several = {name for tendon in rig.tendons if len(tendon.joints) > 1 for name in tendon.joints}
     for i, joint in enumerate(rig.joints):
-        if joint.backlash is not None and any(tendon.joint == joint.name for tendon in sheathed):
+        if joint.backlash is not None and (rig.is_chain or joint.name in several):
+            raise ValueError(
+                f"joints.{i}.backlash: is not supported on a chain, nor where a tendon crosses several joints; describe "
+                "it at the drive"
+            )
+        if joint.backlash is not None and any(joint.name in tendon.joints for tendon in sheathed):
             raise ValueError(
                 f"joints.{i}.backlash: is not supported where a tendon of the joint has path.nodes; set nodes to 0, or "
                 "describe the backlash at the drive"
@@ -271,6 +341,10 @@ def _parameters(part: Description, path: str) -> Iterator[tuple[str, Parameter]]
             yield f"{path}.{name}", value
         elif isinstance(value, Description):
             yield from _parameters(value, f"{path}.{name}")
+        elif isinstance(value, tuple):
+            for i, item in enumerate(value):
+                if isinstance(item, Description):
+                    yield from _parameters(item, f"{path}.{name}.{i}")
 
 
 def _is_one(parameter: Any) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -42,6 +44,132 @@ class Linkage(Description):
 
 
 Insertion = Annotated[Pinned | Pulley | Linkage, Field(discriminator="kind")]
+
+
+class Guide(Description):
+    """Friction of a tendon where it crosses a joint, by the capstan equation; see `Path`."""
+
+    friction: Annotated[Parameter, In("", "nonnegative")] = Field(description="friction coefficient against its guide, μ")
+    wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="angle that it wraps at θ = 0, β")
+    wrap_slope: Annotated[Parameter, In("")] = Field(
+        Parameter(value=0.0), description="change of β per radian of the joint"
+    )
+
+
+class Crossed(Description):
+    """Which joint a tendon crosses, and on which side."""
+
+    joint: str = Field(description="name of the joint")
+    side: Literal[1, -1] = Field(description="+1 pulls the joint to +θ, −1 to −θ")
+    guide: Guide | None = Field(None, description="friction along the tendon's way over this joint")
+
+
+class CrossedPinned(Crossed, Pinned):
+    """A tendon that ends at a pin of a joint's link, one of several that it crosses."""
+
+
+class CrossedPulley(Crossed, Pulley):
+    """A tendon over a pulley at a joint, one of several that it crosses."""
+
+
+class CrossedLinkage(Crossed, Linkage):
+    """A tendon at a linkage or a pulley that is not round, one of several that it crosses."""
+
+
+class Term(Description):
+    """One term of a polynomial: coefficient · Π θ_j^{power_j}."""
+
+    powers: tuple[int, ...] = Field(min_length=1, description="power of each joint's angle [rad]")
+    coefficient: Annotated[float, In("m")] = Field(description="metres, per radian to the sum of the powers")
+
+
+HIGHEST_POWER = 9
+
+
+class Polynomial(Description):
+    """A crossing whose excursion is a polynomial in the angles of several joints: ℓ = l + x − scale · e(θ).
+
+    Outside `range` the angles count as at its end, and the tendon goes on in a straight line: e(θ_c) + ∂e/∂θ (θ − θ_c).
+    """
+
+    kind: Literal["polynomial"]
+    joints: tuple[str, ...] = Field(min_length=1, description="names of the joints")
+    terms: tuple[Term, ...] = Field(min_length=1, description="its terms")
+    range: tuple[Annotated[tuple[float, float], In("rad")], ...] = Field(
+        min_length=1, description="[low, high] of each joint for which it was made"
+    )
+    scale: Annotated[Parameter, In("", "positive")] = Field(
+        Parameter(value=1.0), description="all moment arms are multiplied by this; its std is how well they are known"
+    )
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        for name in self.joints:
+            if self.joints.count(name) > 1:
+                raise ValueError(f"joints: '{name}' stands more than once")
+        if len(self.range) != len(self.joints):
+            raise ValueError(f"range: one [low, high] for each of {len(self.joints)} joints is needed, {len(self.range)} came")
+        for i, term in enumerate(self.terms):
+            if len(term.powers) != len(self.joints):
+                raise ValueError(f"terms.{i}.powers: one for each of {len(self.joints)} joints is needed, {len(term.powers)} came")
+            if min(term.powers) < 0 or max(term.powers) > HIGHEST_POWER:
+                raise ValueError(f"terms.{i}.powers: must be from 0 to {HIGHEST_POWER}, {list(term.powers)} came")
+        return self
+
+    def arms(self, angles: dict[str, float]) -> dict[str, float]:
+        """Return the moment arms, positive where it pulls to +θ, by joint [m].
+
+        Args:
+            angles: by joint [rad]; 0 where a joint is missing, and the end of the range beyond it.
+        """
+        at = [min(max(angles.get(name, 0.0), low), high) for name, (low, high) in zip(self.joints, self.range)]
+        found = dict.fromkeys(self.joints, 0.0)
+        for term in self.terms:
+            for j, name in enumerate(self.joints):
+                slope = term.coefficient * term.powers[j]
+                for i, power in enumerate(term.powers):
+                    slope *= at[i] ** max(power - (i == j), 0)
+                found[name] += self.scale.value * slope
+        return found
+
+
+Crossing = Annotated[
+    CrossedPinned | CrossedPulley | CrossedLinkage | Polynomial, Field(discriminator="kind")
+]
+"""How a tendon meets one joint (a polynomial: several), where it crosses more than one."""
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """How a tendon meets a joint, in the short form and in the long one.
+
+    Args:
+        path: below the tendon's own, ``insertion`` or ``crossings.k``.
+        joints: names of the joints: one, but for a polynomial.
+        side: +1 pulls the joint to +θ, −1 to −θ; 1 for a polynomial.
+        shape: its kind and sizes.
+        guide: friction along the way there, or None.
+    """
+
+    path: str
+    joints: tuple[str, ...]
+    side: int
+    shape: Pinned | Pulley | Linkage | Polynomial
+    guide: Guide | None = None
+
+    def arms(self, angles: dict[str, float]) -> dict[str, float]:
+        """Return the moment arms, positive where it pulls to +θ, by joint [m].
+
+        Args:
+            angles: by joint [rad]; a pinned tendon's arm is that at zero.
+        """
+        if isinstance(self.shape, Polynomial):
+            return self.shape.arms(angles)
+        arm = self.shape.radius.value
+        if isinstance(self.shape, Linkage):
+            u = angles.get(self.joints[0], 0.0) - self.shape.centre.value
+            arm *= 1 + u * (self.shape.slope.value + u * self.shape.curvature.value)
+        return {self.joints[0]: self.side * arm}
 
 
 MOST_NODES = 4
@@ -87,17 +215,24 @@ class Creep(Description):
 
 
 class Tendon(Description):
-    """A tendon from a drive to a joint; T = max(k δ + c δ̇, 0) for a stretch δ > 0, else 0.
+    """A tendon from a drive to the joints that it crosses; T = max(k δ + c δ̇, 0) for a stretch δ > 0, else 0.
+
+    `joint`, `side` and `insertion` are the short form of one crossing.
 
     With `stiffening` a, T = T_pre + k (e^{aδ} − 1)/a: its stiffness is k + a (T − T_pre). With `slack`, δ is what is
     left of the elongation beyond it.
     """
 
     name: Name
-    joint: str = Field(description="name of the joint that it moves")
+    joint: str | None = Field(None, description="name of the joint that it moves, where it is only one")
     drive: str = Field(description="name of the drive that pulls it")
-    side: Literal[1, -1] = Field(description="+1 pulls the joint to +θ, −1 to −θ")
-    insertion: Insertion = Field(description="how it meets the joint")
+    side: Literal[1, -1] | None = Field(
+        None,
+        description="+1 pulls the joint to +θ, −1 to −θ; with `crossings`: +1 is wound by a capstan's positive angle "
+        "(default: the side of the first crossing)",
+    )
+    insertion: Insertion | None = Field(None, description="how it meets the joint, where it is only one")
+    crossings: tuple[Crossing, ...] = Field((), description="how it meets each joint that it crosses")
     stiffness: Annotated[Parameter, In("N/m", "positive")] = Field(description="spring constant k")
     damping: Annotated[Parameter, In("N s/m", "nonnegative")] = Field(Parameter(value=0.0), description="damping c")
     pretension: Annotated[Parameter, In("N", "nonnegative")] = Field(
@@ -113,6 +248,66 @@ class Tendon(Description):
     creep: Creep | None = Field(None, description="slow stretch under load")
     slow_creep: Creep | None = Field(None, description="a second one, with another time constant")
     path: Path | None = Field(None, description="friction along its way")
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Self:
+        short = {"joint": self.joint, "side": self.side, "insertion": self.insertion}
+        if self.crossings:
+            for name in ("joint", "insertion"):
+                if short[name] is not None:
+                    raise ValueError(f"{name}: is the short form of one crossing; leave it out, or 'crossings'")
+            return self
+        missing = [name for name, value in short.items() if value is None]
+        if missing:
+            raise ValueError(f"{missing[0]}: is missing (or give 'crossings', one for each joint that it crosses)")
+        return self
+
+    @property
+    def meetings(self) -> tuple[Meeting, ...]:
+        """How it meets each joint, from the base outwards."""
+        if self.insertion is not None and self.joint is not None and self.side is not None:
+            return (Meeting("insertion", (self.joint,), self.side, self.insertion),)
+        found = []
+        for i, crossing in enumerate(self.crossings):
+            path = f"crossings.{i}"
+            if isinstance(crossing, Polynomial):
+                found.append(Meeting(path, crossing.joints, 1, crossing))
+            else:
+                found.append(Meeting(path, (crossing.joint,), crossing.side, crossing, crossing.guide))
+        return tuple(found)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that it crosses, each once."""
+        return tuple(dict.fromkeys(name for meeting in self.meetings for name in meeting.joints))
+
+    @property
+    def winding(self) -> int:
+        """Which way a capstan winds it: +1 by a positive angle."""
+        return self.meetings[0].side if self.side is None else self.side
+
+    def arms(self, angles: dict[str, float] | None = None) -> dict[str, float]:
+        """Return its moment arm at each joint that it crosses, positive where it pulls to +θ [m].
+
+        Args:
+            angles: by joint [rad]; default all zero.
+        """
+        found = dict.fromkeys(self.joints, 0.0)
+        for meeting in self.meetings:
+            for name, arm in meeting.arms(angles or {}).items():
+                found[name] += arm
+        return found
+
+    @property
+    def total_arm(self) -> float:
+        """The sum of its moment arms, without their signs: how far it moves as all its joints turn by a radian [m]."""
+        return sum(abs(arm) for arm in self.arms().values())
+
+    def shapes(self) -> Iterator[tuple[str, Pinned | Pulley | Linkage]]:
+        """Return path and shape of each crossing that has a radius."""
+        for meeting in self.meetings:
+            if not isinstance(meeting.shape, Polynomial):
+                yield meeting.path, meeting.shape
 
     @model_validator(mode="after")
     def _slack_or_pulled(self) -> Self:

@@ -83,7 +83,7 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
     parts = []
     drives = {drive.name: drive for drive in rig.drives}
     for tendon in rig.tendons:
-        if tendon.joint != joint:
+        if joint not in tendon.joints:
             continue
         drive = drives[tendon.drive]
         mates = [other for other in rig.tendons if other.drive == tendon.drive]
@@ -112,7 +112,7 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
         relative = BAND * stiffness.spread / stiffness.value
         soft = stiffness.value * max(1 - relative, 0.2)
         stretched = (2 * limit + unknown + pull * min(relative, 1.0)) / (soft * len(mates))
-        parts.append(stretched / tendon.insertion.radius.value)
+        parts.append(stretched / max(abs(tendon.arms()[joint]), 1e-9))
     return np.mean(parts, axis=0) if parts else np.zeros(len(log))
 
 

@@ -112,7 +112,7 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
 def _suspects(rerun: Rerun) -> Iterator[tuple[str, list[Change]]]:
     """Return what may be wrong, by name, and the changes that stand for it."""
     rig, runner = rerun.runner.rig, rerun.runner
-    arms = [f"tendons.{i}.insertion.radius" for i in range(len(rig.tendons))]
+    arms = [f"tendons.{i}.{at}.radius" for i, tendon in enumerate(rig.tendons) for at, _ in tendon.shapes()]
     for path in arms:
         yield path, _numbers(rerun, [path], 1 - ARM, 1 + ARM)
     if len(arms) > 1:

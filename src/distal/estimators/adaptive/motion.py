@@ -12,11 +12,9 @@ from typing import Any
 import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks
+from distal.estimators.adaptive.joint_slopes import moving
 from distal.estimators.adaptive.states import StateVector
-from distal.model import Kick, impulses, kick_and_drift, responses, soft_moments
-
-TINY_SPREAD = 1e-9
-"""Added to the spread of a joint's speed so that its moments stay finite where no time passes [rad/s]."""
+from distal.model import Kick, responses
 
 
 @dataclass(frozen=True)
@@ -55,42 +53,83 @@ def moved(
         x: the sample.
         p: the model's parameters.
     """
-    setup, n = states.setup, len(states)
-    nj, columns = setup.n_joints, n + setup.n_drives
-    starts, rates, torques, *constant = _interval(states, count)(mean, covariance, memory, tracks, x, p)
+    setup = states.setup
+    nj, acting = setup.n_joints, _acting(states)
+    starts, rates, torques, places, *constant = _interval(states, count)(mean, covariance, memory, tracks, x, p)
     step, h = _substep(states), x[0] / count
     q, v = ca.vertcat(mean[:nj], starts), ca.vertcat(mean[nj : 2 * nj], rates)
-    identity = ca.DM.eye(columns)
+    identity = ca.DM.eye(2 * nj + len(acting) + setup.n_drives)
     angle_slopes, speed_slopes = (ca.MX(ca.densify(identity[i * nj : (i + 1) * nj, :])) for i in (0, 1))
     rest = ca.MX(ca.DM.zeros(nj))
     for _ in range(count):
         q, v, angle_slopes, speed_slopes, added = step(q, v, torques, h, angle_slopes, speed_slopes, *constant)
         rest = rest + added
+    angle_slopes, speed_slopes = _by_state(states)(angle_slopes, speed_slopes, places)
     return Moved(q[:nj], v[:nj], angle_slopes, speed_slopes, rest, rates)
+
+
+def _acting(states: StateVector) -> list[int]:
+    """Return which states beside the joints' motion enter the model: its parameters, torques, responses."""
+    state, nj = ca.SX.sym("state", len(states)), states.setup.n_joints
+    whole = ca.vertcat(states.parameters(state), states.torques(state))
+    _, columns = ca.jacobian(whole, state).sparsity().get_triplet()
+    return sorted({int(i) for i in columns if i >= 2 * nj})
+
+
+def _by_state(states: StateVector) -> ca.Function:
+    """Return (S_θ, S_ω, S_drives) → slopes with respect to all states and to what the places err by themselves.
+
+    What changes a drive's place alone, such as its sensor's curve, moves the joints as the place does: it takes no part in
+    the sub-steps.
+    """
+    n, nd, nj, acting = len(states), states.setup.n_drives, states.setup.n_joints, _acting(states)
+    count = 2 * nj + len(acting)
+    both = [ca.SX.sym(name, nj, count + nd) for name in ("S_theta", "S_omega")]
+    places, whole = _place_slopes(states), list[Any]()
+    values = ca.SX.sym("S_drives", places.nnz())
+    slopes = ca.SX(places.sparsity(), values)
+    for each in both:
+        result = ca.mtimes(each[:, count:], slopes)
+        result[:, : 2 * nj] += each[:, : 2 * nj]
+        if acting:
+            result[:, acting] += each[:, 2 * nj : count]
+        for i in range(nd):
+            if states.setup.position_sensor(i) is not None:
+                result[:, n + i] = each[:, count + i]
+        whole.append(ca.densify(result))
+    return ca.Function("by_state", [*both, values], whole)
+
+
+def _place_slopes(states: StateVector) -> Any:
+    """Return the pattern of ∂(places of the drives)/∂(state, what they err by themselves), (n_drives, n + n_drives)."""
+    n, nd = len(states), states.setup.n_drives
+    mean, reading = ca.SX.sym("mean", n), ca.SX.sym("reading", nd)
+    slopes = [ca.jacobian(states.place(i, reading[i], mean), mean) for i in range(nd)]
+    return ca.horzcat(ca.vertcat(*slopes), ca.SX(nd, nd))
 
 
 def _interval(states: StateVector, count: int) -> ca.Function:
     """Return what an interval needs before its sub-steps.
 
-    (mean, P, memory, tracks, x, p) → places of the drives at its start, their speeds, external torques; then, the same for
-    all sub-steps, the torques' stds, the model's parameters, the slopes of the places with respect to states and their own
-    errors, the responses of the bodies, and, where a state changes them, the slopes of the joints' responses.
+    (mean, P, memory, tracks, x, p) → places of the drives at its start, their speeds, external torques, slopes of the
+    places with respect to states (`_place_slopes`); then, the same for all sub-steps, the torques' stds, the model's
+    parameters, the responses of the bodies, and, where a state changes them, the slopes of the joints' responses.
     """
     setup, n, nd = states.setup, len(states), states.setup.n_drives
     mechanism, p = setup.mechanism, setup.mechanism.parameters.symbols
     mean, covariance = ca.SX.sym("mean", n), ca.SX.sym("P", n, n)
     memory, vector = ca.SX.sym("memory", MEMORY * nd), ca.SX.sym("tracks", Tracks.size(nd))
     x, tracks = ca.SX.sym("x", setup.width), Tracks(vector, nd)
-    dt, starts, rates, slopes = x[0], list[Any](), list[Any](), ca.SX(nd, n + nd)
+    dt, starts, rates, slopes = x[0], list[Any](), list[Any](), list[Any]()
     for i in range(nd):
         first = states.place(i, memory[MEMORY * i], mean)
         last = states.place(i, tracks[i].place, mean)
         starts.append(first)
         measured = setup.position_sensor(i) is not None
         rates.append(ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0) if measured else ca.SX(0))
-        slopes[i, :n] = ca.jacobian(last, mean)
-        if measured:
-            slopes[i, n + i] = 1
+        slopes.append(ca.jacobian(last, mean))
+    places = ca.vertcat(*slopes)
+    values = ca.vertcat(*(places.nz[k] for k in range(places.nnz()))) if places.nnz() else ca.SX(0, 1)
     parameters, h = states.parameters(mean), ca.SX.sym("h")
     respond = ca.Function("responses", [h, p], [responses(mechanism, h, h, rebounds=False)])
     torques, spreads = states.torques(mean), []
@@ -99,7 +138,7 @@ def _interval(states: StateVector, count: int) -> ca.Function:
         _, at = slope.sparsity().get_triplet()
         spreads.append(ca.sqrt(ca.fmax(sum((covariance[i, i] for i in at), ca.SX(0)), 0)) if at else ca.SX(0))
     response, responding = respond(dt / count, parameters), _responding(states)
-    outputs = [ca.vertcat(*starts), ca.vertcat(*rates), torques, ca.vertcat(*spreads), parameters, slopes, response]
+    outputs = [ca.vertcat(*starts), ca.vertcat(*rates), torques, values, ca.vertcat(*spreads), parameters, response]
     if responding:
         outputs.append(ca.jacobian(ca.vec(response[: setup.n_joints, :2]), mean)[:, responding])
     return ca.Function(
@@ -110,6 +149,8 @@ def _interval(states: StateVector, count: int) -> ca.Function:
 def _responding(states: StateVector) -> list[int]:
     """Return which states change the responses a and b of a joint: its inertia and damping act through them alone."""
     mechanism, state, h = states.setup.mechanism, ca.SX.sym("state", len(states)), ca.SX.sym("h")
+    if mechanism.chain is not None:
+        return []
     p = mechanism.parameters.symbols
     respond = ca.Function("responses", [h, p], [responses(mechanism, h, h, rebounds=False)])
     own = respond(h, states.parameters(state))[: mechanism.n_joints, :2]
@@ -120,40 +161,31 @@ def _responding(states: StateVector) -> list[int]:
 def _substep(states: StateVector) -> ca.Function:
     """Return one sub-step of the joints with its slopes, the drives moving as they were measured to.
 
-    (q, v, τ, h, S_θ, S_ω, σ_τ, p, S_drives, response, …) → (q⁺, v⁺, S_θ⁺, S_ω⁺, variance added to ω). Where an external
-    torque can occur, mean and motion are exact, but slopes and the variance left over are those of the expectation over
-    the torque (`soft_moments`): a stuck joint may be moved by a hand, though its linearisation says that it cannot.
+    (q, v, τ, h, S_θ, S_ω, σ_τ, p, response, …) → (q⁺, v⁺, S_θ⁺, S_ω⁺, variance added to ω). Slopes are with respect to the
+    joints' motion, the states that enter the model (`_acting`), and the places of the drives.
     """
-    setup, n, nd, nj = states.setup, len(states), states.setup.n_drives, states.setup.n_joints
-    mechanism, p = setup.mechanism, setup.mechanism.parameters.symbols
-    nb, columns = mechanism.n_bodies, n + nd
+    setup, nd, nj = states.setup, states.setup.n_drives, states.setup.n_joints
+    mechanism, p, acting = setup.mechanism, setup.mechanism.parameters.symbols, _acting(states)
+    nb, count = mechanism.n_bodies, 2 * nj + len(acting)
     q, v, torques, spreads = (ca.SX.sym(name, k) for name, k in (("q", nb), ("v", nb), ("tau", nj), ("s_tau", nj)))
-    response, h = ca.SX.sym("response", nb, 4), ca.SX.sym("h")
-    angle_slopes, speed_slopes = ca.SX.sym("S_theta", nj, columns), ca.SX.sym("S_omega", nj, columns)
-    drive_slopes, state = ca.SX.sym("S_drives", nd, columns), ca.SX.sym("state", n)
+    response, h, state = ca.SX.sym("response", nb, 4), ca.SX.sym("h"), ca.SX.sym("state", len(states))
+    angle_slopes, speed_slopes = ca.SX.sym("S_theta", nj, count + nd), ca.SX.sym("S_omega", nj, count + nd)
     kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), response, h, h)
-    q_next, v_next = kick_and_drift(mechanism, kick, rebounds=False, bodies=range(nj))
     torque_slopes = ca.jacobian(states.torques(state), state)
-    speeds, rest = [v_next[j] for j in range(nj)], [ca.SX(0)] * nj
     pushed = sorted({int(j) for j in torque_slopes.sparsity().row()})
-    if pushed:
-        z, limits, damping = impulses(mechanism, kick)
-        for j in pushed:
-            held = 1 + response[j, 1] * damping[j]
-            moments = soft_moments(z[j], limits[j], response[j, 1] * spreads[j] + TINY_SPREAD)
-            speeds[j], rest[j] = moments.mean / held, moments.rest / held**2
-    speed = ca.vertcat(*speeds)
-    along = ca.mtimes(ca.jacobian(speed, q[:nj]), angle_slopes) + ca.mtimes(ca.jacobian(speed, v[:nj]), speed_slopes)
-    along += ca.mtimes(ca.jacobian(speed, q[nj:]), drive_slopes)
-    along[:, :n] += ca.mtimes(ca.jacobian(speed, p), _parameter_slopes(states))
-    along[:, :n] += ca.mtimes(ca.jacobian(speed, torques), torque_slopes)
-    arguments = [q, v, torques, h, angle_slopes, speed_slopes, spreads, p, drive_slopes, response]
+    step = moving(setup, kick, torques, spreads, pushed)
+    along = ca.mtimes(step.by_place[:, :nj], angle_slopes) + ca.mtimes(step.by_speed, speed_slopes)
+    along[:, count:] += step.by_place[:, nj:]
+    if acting:
+        along[:, 2 * nj : count] += ca.mtimes(step.by_parameter, _parameter_slopes(states)[:, acting])
+        along[:, 2 * nj : count] += ca.mtimes(step.by_torque, torque_slopes[:, acting])
+    arguments = [q, v, torques, h, angle_slopes, speed_slopes, spreads, p, response]
     responding = _responding(states)
     if responding:
         arguments.append(ca.SX.sym("S_response", 2 * nj, len(responding)))
-        by_response = ca.horzcat(ca.jacobian(speed, response[:nj, 0]), ca.jacobian(speed, response[:nj, 1]))
-        along[:, responding] += ca.mtimes(by_response, arguments[-1])
-    outputs = [q_next, v_next, angle_slopes + h * along, along, ca.vertcat(*rest)]
+        at = [2 * nj + acting.index(i) for i in responding]
+        along[:, at] += ca.mtimes(step.by_response, arguments[-1])
+    outputs = [step.q, step.v, angle_slopes + h * along, along, step.rest]
     return ca.Function("substep", arguments, ca.cse([ca.densify(entry) for entry in outputs]))
 
 

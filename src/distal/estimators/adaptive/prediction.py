@@ -92,13 +92,20 @@ def followed_variance(setup: Setup, joint: int, tracks: Any, memory: Any) -> Any
         memory: of the drives.
     """
     rig, total, drives = setup.mechanism.rig, ca.SX(0), Tracks(tracks, setup.n_drives)
+    name = rig.joints[joint].name
     for i, drive in enumerate(rig.drives):
-        tendon = next((t for t in rig.tendons if t.drive == drive.name and t.joint == rig.joints[joint].name), None)
+        tendon = next((t for t in rig.tendons if t.drive == drive.name and name in t.joints), None)
         if tendon is None:
             continue
         lever = drive.radius.value if drive.kind == "capstan" else 1.0
+        # of all motions that would follow the drive, the smallest: r_j/Σ r²
+        arms = tendon.arms()
+        share = arms[name] ** 2 / sum(arm**2 for arm in arms.values()) if len(arms) > 1 else 1.0
+        if arms[name] == 0.0:
+            continue
         grown = ca.fmax(drives[i].unknown - memory[MEMORY * i + UNKNOWN], 0)
-        total += followed_share(setup.robustness, drives[i].lost) * grown * (lever / tendon.insertion.radius.value) ** 2
+        follows = (lever / arms[name] * share) ** 2
+        total += followed_share(setup.robustness, drives[i].lost) * grown * follows
     return total
 
 

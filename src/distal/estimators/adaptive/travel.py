@@ -11,7 +11,8 @@ REACH = 1.2
 def travel(mechanism: Mechanism, drive: int) -> tuple[float, float]:
     """Return the ends of a drive's travel, where its sensor's linearity is defined: its stops, or what it can use.
 
-    Without stops: ±`REACH` of the joint about the place that the nominal force stretches the tendon to.
+    Without stops: ±`REACH` of the joint about the place that the nominal force stretches the tendon to; of a tendon over
+    several joints what their own stops allow.
 
     Args:
         mechanism: the rig's equations.
@@ -22,6 +23,13 @@ def travel(mechanism: Mechanism, drive: int) -> tuple[float, float]:
         return part.stops
     tendon = next(t for t in mechanism.rig.tendons if t.drive == part.name)
     lever = part.radius.value if part.kind == "capstan" else 1.0
-    reach = REACH * tendon.insertion.radius.value / lever
     centre = 0.0 if part.kind == "capstan" else part.nominal_force.value / tendon.stiffness.value
-    return centre - reach, centre + reach
+    if len(tendon.joints) == 1:
+        reach = REACH * tendon.total_arm / lever
+        return centre - reach, centre + reach
+    low, high, stops = centre, centre, {joint.name: joint.stops or (-REACH, REACH) for joint in mechanism.rig.joints}
+    turned = tendon.winding if part.kind == "capstan" else 1
+    for name, arm in tendon.arms().items():
+        ends = sorted(turned * arm / lever * angle for angle in stops[name])
+        low, high = low + ends[0], high + ends[1]
+    return low, high

@@ -104,11 +104,11 @@ class Played(Inside):
         sheath, point = still.sheath(index, q), int(rest[-1])
         assert sheath is not None  # it has points
         found = still.place(q).inside[self.which]
-        turned = ca.jacobian(found, q)[0, still.joint_of[index]]
-        joint = mechanism.rig.joints[still.joint_of[index]].initial
+        slopes, joints = ca.jacobian(found, q), mechanism.rig.joints
+        turned = sum(((slopes[0, j] * joints[j].initial.std) ** 2 for j in still.joints_of[index]), ca.SX(0))
         friction = (sheath.drawn**sheath.count - 1) * tension / sheath.stiffness
         share = (2 * point + 1) / (2 * sheath.count)
-        spread = ca.sqrt((turned * joint.std) ** 2 + (share * friction) ** 2)
+        spread = ca.sqrt(turned + (share * friction) ** 2)
         start = ca.vertcat(*(each.initial.value for each in mechanism.rig.joints), *begin.places)
         both = ca.Function("first", [q, tension, p.symbols], [found, spread])
         place, unsure = both(start, _tension(mechanism, index, begin), ca.DM(p.values))
@@ -146,7 +146,7 @@ def _tension(mechanism: Mechanism, tendon: int, begin: Begin) -> Any:
     if read is None and effort is not None:
         lever = capstan.radius.value if capstan.kind == "capstan" else 1.0
         shared = sum(each.drive == part.drive for each in mechanism.rig.tendons)
-        told = effort / lever / shared * (part.side if capstan.kind == "capstan" else 1)
+        told = effort / lever / shared * (part.winding if capstan.kind == "capstan" else 1)
         read = told + part.pretension.value * (1 - 1 / shared)
     if read is None:
         return part.pretension.value or abs(capstan.nominal_force.value) or UNKNOWN_TENSION

@@ -1,0 +1,127 @@
+"""One sub-step of the joints and the slopes of their speeds: joint by joint, or all at once where they carry one another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from distal.estimators.adaptive.setup import Setup
+from distal.model import (
+    Kick,
+    Limit,
+    Slip,
+    impulses,
+    kick_and_drift,
+    kicked_chain,
+    loads_of,
+    residual,
+    soft_moments,
+    solver,
+)
+
+TINY_SPREAD = 1e-9
+"""Added to the spread of a joint's speed so that its moments stay finite where no time passes [rad/s]."""
+
+
+@dataclass(frozen=True)
+class Moving:
+    """The bodies after a sub-step, and the slopes of the joints' speeds.
+
+    Where an external torque can occur, mean and motion are exact, but slopes and the variance left over are those of the
+    expectation over the torque (`soft_moments`): a stuck joint may be moved by a hand, though its linearisation says that
+    it cannot.
+
+    Args:
+        q: coordinates, (n_bodies,).
+        v: velocities, (n_bodies,).
+        by_place: ∂ω⁺/∂q, (n_joints, n_bodies).
+        by_speed: ∂ω⁺/∂ω, (n_joints, n_joints).
+        by_parameter: ∂ω⁺/∂p, (n_joints, n_p).
+        by_torque: ∂ω⁺/∂τ, (n_joints, n_joints).
+        by_response: slopes by a, then by b, of all joints, (n_joints, 2 n_joints); see `responses`.
+        rest: variance that uncertain torques add to ω beyond its slope, (n_joints,).
+    """
+
+    q: Any
+    v: Any
+    by_place: Any
+    by_speed: Any
+    by_parameter: Any
+    by_torque: Any
+    by_response: Any
+    rest: Any
+
+
+def moving(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed: Sequence[int]) -> Moving:
+    """Return the bodies after a sub-step, the drives moving as they were measured to.
+
+    Args:
+        setup: the rig.
+        kick: its symbols; the joints' efforts are `torques`.
+        torques: on the joints from outside, symbols, (n_joints,).
+        spreads: their standard deviations, symbols, (n_joints,).
+        pushed: indices of the joints on which such a torque can act.
+    """
+    alone = setup.mechanism.chain is None
+    return (_joint_by_joint if alone else _all_at_once)(setup, kick, torques, spreads, pushed)
+
+
+def _joint_by_joint(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed: Sequence[int]) -> Moving:
+    mechanism, nj = setup.mechanism, setup.n_joints
+    q, v = kick_and_drift(mechanism, kick, rebounds=False, bodies=range(nj))
+    speeds, rest = [v[j] for j in range(nj)], [ca.SX(0)] * nj
+    if pushed:
+        z, limits, damping = impulses(mechanism, kick)
+        for j in pushed:
+            held = 1 + kick.response[j, 1] * damping[j]
+            moments = soft_moments(z[j], limits[j], kick.response[j, 1] * spreads[j] + TINY_SPREAD)
+            speeds[j], rest[j] = moments.mean / held, moments.rest / held**2
+    speed = ca.vertcat(*speeds)
+    by_response = ca.horzcat(*(ca.jacobian(speed, kick.response[:nj, k]) for k in range(2)))
+    slopes = [ca.jacobian(speed, by) for by in (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)]
+    return Moving(q, v, *slopes, by_response, ca.vertcat(*rest))
+
+
+def _all_at_once(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed: Sequence[int]) -> Moving:
+    """Return the same of a chain: slopes of an implicit equation, A dω⁺ = −∂(A ω⁺ + h f − r) for the joints that slip."""
+    mechanism, nj = setup.mechanism, setup.n_joints
+    kicked = kicked_chain(mechanism, kick, rebounds=False)
+    count, length, free = len(mechanism.free), kick.length, mechanism.free
+    weight, forward, back = ca.vertsplit(kicked.slip.moving), *(ca.vertsplit(x) for x in (kicked.slip.forward, kicked.slip.back))
+    after, rest = kicked.v[free], [ca.SX(0)] * nj
+    for k in (k for k, j in enumerate(free) if j in pushed):
+        # what a joint feels beside its own inertia: the others move as they do
+        own = kicked.matrix[k, k]
+        felt = kicked.load[k] - sum((kicked.matrix[k, i] * after[i] for i in range(count) if i != k), ca.SX(0))
+        limit = Limit(kicked.up[k] / own, kicked.down[k] / own)
+        moments = soft_moments(felt / own, limit, length * spreads[free[k]] / own + TINY_SPREAD)
+        share = ca.fmax(moments.slope, 1e-12)
+        weight[k], forward[k], back[k] = ca.sqrt(share), moments.forward / share, moments.back / share
+        rest[free[k]] = moments.rest
+    symbols = {name: ca.SX.sym(name, count) for name in ("after", "forward", "back", "kappa", "delta", "place")}
+    contacts = type(kicked.contacts)(symbols["kappa"], symbols["delta"], symbols["place"])
+    slip = Slip(symbols["forward"], symbols["back"])
+    equation = residual(
+        mechanism, kick.q[:nj], kick.v[:nj], symbols["after"], loads_of(mechanism, kick), slip, contacts, length
+    )
+    by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
+    found = [after, ca.vertcat(*forward), ca.vertcat(*back)]
+    found += [kicked.contacts.stiffness, kicked.contacts.damping, kicked.contacts.place]
+    slopes = ca.substitute([ca.jacobian(equation, each) for each in by], list(symbols.values()), found)
+    solve = solver(kicked.matrix, ca.vertcat(*weight))
+    answers = [ca.mtimes(mechanism.spread, -_columns(solve, slope)) for slope in slopes]
+    q = ca.vertcat(kicked.q, kick.q[nj:] + kick.drift * kick.v[nj:])
+    return Moving(q, ca.vertcat(kicked.v, kick.v[nj:]), *answers, ca.SX(nj, 2 * nj), ca.vertcat(*rest))
+
+
+def _columns(solve: Any, matrix: Any) -> Any:
+    """Return A⁻¹ B column by column; columns that are zero stay out."""
+    nonzero = sorted(set(matrix.sparsity().get_triplet()[1]))
+    result = ca.SX(*matrix.shape)
+    for k in nonzero:
+        result[:, k] = solve(matrix[:, k])
+    return result
+

@@ -1,0 +1,156 @@
+"""Dynamics of joints that carry one another: composite rigid bodies and recursive Newton–Euler, as CasADi expressions.
+
+Frames: a joint's frame sits at `offset` in the frame of its parent and is turned about `axis` by θ; at θ = 0 both are
+parallel. A link's centre and inertia are given in the frame of its joint. Featherstone, Rigid Body Dynamics Algorithms,
+2008, chapters 5 and 6, written in three dimensions instead of six.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from distal.model.parameters import Parameters
+from distal.rig import Rig
+
+
+def rotation(axis: Sequence[float], angle: Any) -> Any:
+    """Return the matrix of a rotation about a unit axis, (3, 3): R = a aᵀ + cos θ (1 − a aᵀ) + sin θ [a×] (Rodrigues).
+
+    Args:
+        axis: unit vector.
+        angle: θ [rad].
+    """
+    a = np.asarray(axis)
+    along = np.outer(a, a)
+    cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+    return ca.SX(ca.DM(along)) + ca.cos(angle) * ca.DM(np.eye(3) - along) + ca.sin(angle) * ca.DM(cross)
+
+
+def cross(a: Any, b: Any) -> Any:
+    """Return a × b, (3,)."""
+    return ca.vertcat(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+class Chain:
+    """The links of a rig as a tree of rigid bodies.
+
+    Args:
+        rig: the description.
+        parameters: its numbers, symbolic.
+    """
+
+    def __init__(self, rig: Rig, parameters: Parameters) -> None:
+        self._rig, self._p = rig, parameters
+        self._parents = [rig.parent_of(i) for i in range(len(rig.joints))]
+
+    def _vector(self, path: str) -> Any:
+        return ca.vertcat(*(self._p[f"{path}.{k}"] for k in range(3)))
+
+    def _rotations(self, q: Any) -> list[Any]:
+        return [rotation(joint.axis, q[i]) for i, joint in enumerate(self._rig.joints)]
+
+    def _link(self, joint: int) -> tuple[Any, Any, Any] | None:
+        """Return mass, centre and moments of inertia about the centre of a joint's link, None where it has none."""
+        if self._rig.joints[joint].link is None:
+            return None
+        path = f"joints.{joint}.link"
+        return self._p[f"{path}.mass"], self._vector(f"{path}.centre"), self._vector(f"{path}.inertia")
+
+    def mass_matrix(self, q: Any) -> Any:
+        """Return the links' inertia matrix, (n_joints, n_joints) [kg m²], by composite rigid bodies.
+
+        A composite body is its mass m, first moment h = m c and inertia J about its joint's frame; unit acceleration about
+        a joint's axis a takes the force a × h and the moment J a, which go down to the base.
+
+        Args:
+            q: joint angles, (n_joints,) [rad].
+        """
+        n, turned = len(self._rig.joints), self._rotations(q)
+        bodies: list[Any] = [None] * n
+        for i in range(n):
+            link, zero = self._link(i), ca.SX(3, 1)
+            if link is None:
+                bodies[i] = (ca.SX(0), zero, ca.SX(3, 3))
+            else:
+                mass, centre, inertia = link
+                bodies[i] = (mass, mass * centre, ca.diag(inertia) + _shifted(mass, mass * centre, centre))
+        matrix = ca.SX(n, n)
+        for i in reversed(range(n)):
+            mass, moment, inertia = bodies[i]
+            axis = ca.DM(self._rig.joints[i].axis)
+            force, torque, at = cross(axis, moment), ca.mtimes(inertia, axis), i
+            matrix[i, i] = ca.dot(axis, torque)
+            while (parent := self._parents[at]) is not None:
+                offset, force = self._vector(f"joints.{at}.offset"), ca.mtimes(turned[at], force)
+                torque = ca.mtimes(turned[at], torque) + cross(offset, force)
+                matrix[i, parent] = matrix[parent, i] = ca.dot(ca.DM(self._rig.joints[parent].axis), torque)
+                at = parent
+            above = self._parents[i]
+            if above is not None:
+                offset, r = self._vector(f"joints.{i}.offset"), turned[i]
+                moment = ca.mtimes(r, moment)
+                whole = ca.mtimes([r, inertia, r.T]) + _shifted(mass, 2 * moment + mass * offset, offset)
+                before = bodies[above]
+                bodies[above] = (before[0] + mass, before[1] + moment + mass * offset, before[2] + whole)
+        return matrix
+
+    def torques(self, q: Any, v: Any, acceleration: Any) -> Any:
+        """Return M(q) q̈ + c(q, q̇) + g(q) of the links, (n_joints,) [N m], by recursive Newton–Euler.
+
+        Args:
+            q: joint angles, (n_joints,) [rad].
+            v: their speeds, (n_joints,) [rad/s].
+            acceleration: q̈, (n_joints,) [rad/s²].
+        """
+        n, turned = len(self._rig.joints), self._rotations(q)
+        resting = (ca.SX(3, 1), ca.SX(3, 1), -self._gravity())
+        moving, loads = list[Any](), list[Any]()
+        for i in range(n):
+            parent, axis = self._parents[i], ca.DM(self._rig.joints[i].axis)
+            spin, twist, linear = resting if parent is None else moving[parent]
+            offset, back = self._vector(f"joints.{i}.offset"), turned[i].T
+            linear = ca.mtimes(back, linear + cross(twist, offset) + cross(spin, cross(spin, offset)))
+            spin = ca.mtimes(back, spin)
+            twist = ca.mtimes(back, twist) + axis * acceleration[i] + cross(spin, axis * v[i])
+            spin = spin + axis * v[i]
+            moving.append((spin, twist, linear))
+            link = self._link(i)
+            if link is None:
+                loads.append((ca.SX(3, 1), ca.SX(3, 1)))
+                continue
+            mass, centre, inertia = link
+            force = mass * (linear + cross(twist, centre) + cross(spin, cross(spin, centre)))
+            loads.append((force, inertia * twist + cross(spin, inertia * spin) + cross(centre, force)))
+        needed = [ca.SX(0)] * n
+        for i in reversed(range(n)):
+            force, torque = loads[i]
+            needed[i] = ca.dot(ca.DM(self._rig.joints[i].axis), torque)
+            parent = self._parents[i]
+            if parent is not None:
+                force = ca.mtimes(turned[i], force)
+                torque = ca.mtimes(turned[i], torque) + cross(self._vector(f"joints.{i}.offset"), force)
+                loads[parent] = (loads[parent][0] + force, loads[parent][1] + torque)
+        return ca.vertcat(*needed)
+
+    def _gravity(self) -> Any:
+        """Return the acceleration of free fall in the base's frame, (3,) [m/s²]."""
+        turned = ca.SX.eye(3)
+        for axis, k in (((1.0, 0.0, 0.0), 0), ((0.0, 1.0, 0.0), 1), ((0.0, 0.0, 1.0), 2)):
+            # each turn is about an axis of the world, after those before it
+            turned = ca.mtimes(rotation(axis, self._p[f"base.orientation.{k}"]), turned)
+        return ca.mtimes(turned.T, self._vector("base.gravity"))
+
+
+def _shifted(mass: Any, moment: Any, offset: Any) -> Any:
+    """Return what a shift by `offset` o adds to an inertia: Σ of h oᵀ, symmetric, as (h·o) 1 − (h oᵀ + o hᵀ)/2.
+
+    With h = m o it is the parallel-axis theorem m (o·o 1 − o oᵀ); with h = 2 m c + m o that of a body with its centre at c.
+    """
+    if mass.is_zero():
+        return ca.SX(3, 3)
+    outer = ca.mtimes(moment, offset.T)
+    return ca.dot(moment, offset) * ca.SX.eye(3) - (outer + outer.T) / 2

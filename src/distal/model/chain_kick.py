@@ -1,0 +1,243 @@
+"""One kick of joints that carry one another: all of their velocities at once, with exact friction and their stops.
+
+In impulses over a kick of length h: A v⁺ + h f = r with A = M(q) + h (D̃ + D), r = (M + h D̃ − h C) v + h (F − c − g), friction f.
+C holds the joints' viscous dampings; D̃_j = (M_jj/h)(φ(x) − 1), φ(x) = x/(1 − e^{−x}), x = C_j h/M_jj, makes the response of a joint
+alone the exact one of `free_response`; D is what is taken implicitly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from distal.model.mechanism import Mechanism
+from distal.model.stick_slip import Slip, slipping, solver
+from distal.model.stops import bounce, restitution
+
+
+SHORTEST = 1e-15
+"""A kick is taken to last at least this [s]."""
+
+
+@dataclass(frozen=True)
+class Loads:
+    """What acts on the joints of a chain in one kick, all (n_joints,).
+
+    Args:
+        force: F, all but inertia, damping, friction and stops [N m].
+        implicit: D, damping that is taken implicitly [N m s/rad].
+        up: friction limits against + motion [N m].
+        down: against − motion [N m].
+    """
+
+    force: Any
+    implicit: Any
+    up: Any
+    down: Any
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Which free joints press against a stop: impulse −κ (q − place) − δ v⁺, (n_free,) each.
+
+    Args:
+        stiffness: κ, 0 without contact.
+        damping: δ.
+        place: of the stop.
+    """
+
+    stiffness: Any
+    damping: Any
+    place: Any
+
+
+@dataclass(frozen=True)
+class Kicked:
+    """A chain after a kick and the drift that follows.
+
+    Args:
+        q: angles, (n_joints,) [rad].
+        v: speeds, (n_joints,) [rad/s].
+        slip: of the free joints.
+        contacts: of the free joints.
+        matrix: A with the stops in it, (n_free, n_free).
+        load: r with the stops in it, (n_free,).
+        up: friction impulses against + motion, (n_free,).
+        down: against − motion, (n_free,).
+    """
+
+    q: Any
+    v: Any
+    slip: Slip
+    contacts: Contacts
+    matrix: Any
+    load: Any
+    up: Any
+    down: Any
+
+
+def _growth(damping: Any, inertia: Any, length: Any) -> Any:
+    """Return φ(x) = x/(1 − e^{−x}), x = C h/M: 1 where nothing damps."""
+    if damping.is_zero():
+        return ca.SX(1)
+    x = damping * length / inertia
+    small = x < 1e-5
+    return ca.if_else(small, 1 + x / 2 + x * x / 12, -x / ca.if_else(small, 1, ca.expm1(-x)))
+
+
+def _implicit_inertias(mechanism: Mechanism, inertias: Any, length: Any) -> Any:
+    """Return M_jj (φ − 1), (n_joints,)."""
+    dampings = mechanism.dampings()
+    nj = mechanism.n_joints
+    return ca.vertcat(*(inertias[j] * (_growth(dampings[j], inertias[j], length) - 1) for j in range(nj)))
+
+
+def residual(mechanism: Mechanism, q: Any, v: Any, after: Any, loads: Loads, slip: Slip, contacts: Contacts, h: Any) -> Any:
+    """Return A v⁺ + h f − r of the free joints, (n_free,): zero where they slip; its slopes are those of the kick.
+
+    Args:
+        mechanism: the rig's equations.
+        q: angles before, (n_joints,).
+        v: speeds before, (n_joints,).
+        after: speeds of the free joints after the kick, (n_free,).
+        loads: what acts.
+        slip: of the free joints.
+        contacts: of the free joints.
+        h: length of the kick [s].
+    """
+    nj, spread = mechanism.n_joints, mechanism.spread
+    whole = ca.mtimes(spread, after)
+    change = whole - v
+    # where no time passes inertia alone is left
+    passed = ca.fmax(h, SHORTEST)
+    matrix, own = mechanism.mass_matrix(q), mechanism.inertias()[:nj]
+    assert mechanism.chain is not None
+    needed = passed * mechanism.chain.torques(q, v, change / passed) + own * change
+    needed += _implicit_inertias(mechanism, ca.diag(matrix), h) * change + h * mechanism.dampings()[:nj] * v
+    needed += h * (loads.implicit * whole - loads.force)
+    share, free = ca.fabs(spread).T, mechanism.free
+    needed = ca.mtimes(spread.T, needed)
+    needed += h * slip.friction(ca.mtimes(share, loads.up), ca.mtimes(share, loads.down))
+    return needed + contacts.stiffness * (q[free] - contacts.place) + contacts.damping * after
+
+
+def chain_kick(
+    mechanism: Mechanism, q: Any, v: Any, loads: Loads, length: Any, drift: Any, last: bool, rebounds: bool
+) -> Kicked:
+    """Return the joints after a kick and the drift that follows.
+
+    Args:
+        mechanism: the rig's equations.
+        q: angles before, (n_joints,).
+        v: speeds before, (n_joints,).
+        loads: what acts.
+        length: of the kick [s].
+        drift: length of the drift that follows; in the last kick the one that went before [s].
+        last: whether no drift follows: a joint presses against a stop if it is in it.
+        rebounds: whether joints bounce off stops whose contact the step does not resolve.
+    """
+    nj, spread, free = mechanism.n_joints, mechanism.spread, mechanism.free
+    matrix, assembled = mechanism.mass_matrix(q), mechanism.chain
+    assert assembled is not None
+    inertias, dampings = ca.diag(matrix), mechanism.dampings()[:nj]
+    added = _implicit_inertias(mechanism, inertias, length)
+    bias = assembled.torques(q, v, ca.SX(nj, 1))
+    load = ca.mtimes(matrix, v) + (added - length * dampings) * v + length * (loads.force - bias)
+    matrix += ca.diag(added + length * loads.implicit)
+    share = ca.fabs(spread).T
+    up, down = length * ca.mtimes(share, loads.up), length * ca.mtimes(share, loads.down)
+    matrix, load = ca.mtimes([spread.T, matrix, spread]), ca.mtimes(spread.T, load)
+    inertias = inertias[free]
+
+    slip = slipping(matrix, load, up, down)
+    alone = solver(matrix, slip.moving)(load - slip.friction(up, down))
+    contacts = Contacts(*(ca.SX(len(free), 1) for _ in range(3)))
+    at, kicked = q[free], alone
+    stopped = [k for k, j in enumerate(free) if mechanism.bodies[j].has_stops]
+    if stopped:
+        contacts = _contacts(mechanism, at, alone, inertias, length, drift, last)
+        pressed = matrix + ca.diag(contacts.damping)
+        pressing = load - contacts.stiffness * (at - contacts.place)
+        after = slipping(pressed, pressing, up, down, start=alone, events=len(free))
+        kicked = solver(pressed, after.moving)(pressing - after.friction(up, down))
+        if last:
+            # a stop only pushes: one that would pull lets go
+            pushes = (contacts.stiffness * (at - contacts.place) + contacts.damping * kicked) * (at - contacts.place) > 0
+            contacts = Contacts(contacts.stiffness * pushes, contacts.damping * pushes, contacts.place)
+            pressed = matrix + ca.diag(contacts.damping)
+            pressing = load - contacts.stiffness * (at - contacts.place)
+            after = slipping(pressed, pressing, up, down, start=alone, events=len(free))
+            kicked = solver(pressed, after.moving)(pressing - after.friction(up, down))
+        slip, matrix, load = after, pressed, pressing
+    moved = at + drift * kicked
+    if stopped and rebounds and not last:
+        kicked, moved = _bounced(
+            mechanism, (at, v[free], alone, kicked, moved), (matrix, load, slip, up, down), contacts, inertias, length, drift
+        )
+    whole = ca.mtimes(spread, moved) + mechanism.offsets
+    return Kicked(whole, ca.mtimes(spread, kicked), slip, contacts, matrix, load, up, down)
+
+
+def _stop(mechanism: Mechanism, joint: int) -> tuple[Any, ...]:
+    p, path = mechanism.parameters, mechanism.bodies[joint].path
+    return p[f"{path}.stop_stiffness"], p[f"{path}.stop_damping"], p[f"{path}.stops.low"], p[f"{path}.stops.high"]
+
+
+def _contacts(mechanism: Mechanism, q: Any, v: Any, inertias: Any, length: Any, drift: Any, last: bool) -> Contacts:
+    """Return which free joints press against a stop, by the velocities without it; see `kick_at_stops`."""
+    stiffnesses, dampings, places = [], [], []
+    for k, j in enumerate(mechanism.free):
+        if not mechanism.bodies[j].has_stops:
+            stiffnesses, dampings, places = [*stiffnesses, 0], [*dampings, 0], [*places, 0]
+            continue
+        stiffness, damping, low, high = _stop(mechanism, j)
+        end = q[k] if last else q[k] + drift * v[k]
+        at_high, at_low = end > high, end < low
+        if not last:
+            at_high = ca.logic_and(at_high, stiffness * (end - high) + damping * v[k] > 0)
+            at_low = ca.logic_and(at_low, stiffness * (end - low) + damping * v[k] < 0)
+        touching = ca.logic_or(at_high, at_low)
+        share = ca.if_else(stiffness * drift * drift / inertias[k] <= 1, 0.5, 1)
+        stiffnesses.append(touching * length * stiffness)
+        dampings.append(touching * length * (share * stiffness * drift + damping))
+        places.append(ca.if_else(at_high, high, low))
+    return Contacts(ca.vertcat(*stiffnesses), ca.vertcat(*dampings), ca.vertcat(*places))
+
+
+def _bounced(
+    mechanism: Mechanism, motion: tuple[Any, ...], system: tuple[Any, ...], contacts: Contacts, inertias: Any, length: Any, drift: Any
+) -> tuple[Any, Any]:
+    """Return speeds and angles with the joints that bounce off their stops; the others answer to that blow."""
+    at, before, alone, kicked, moved = motion
+    matrix, load, slip, up, down = system
+    bounces, speeds, places = [], [], []
+    for k, j in enumerate(mechanism.free):
+        if not mechanism.bodies[j].has_stops:
+            bounces, speeds, places = [*bounces, ca.SX(0)], [*speeds, ca.SX(0)], [*places, ca.SX(0)]
+            continue
+        stiffness, damping, _, high = _stop(mechanism, j)
+        unresolved = stiffness * drift * drift / inertias[k] > 1
+        rebound = ca.if_else(unresolved, restitution(stiffness, damping, inertias[k]), 0)
+        touching, at_high = contacts.damping[k] > 0, contacts.place[k] == high
+        flies, after, place = bounce(
+            rebound, at_high, contacts.place[k], alone[k], at[k], before[k], length, drift
+        )
+        bounces.append(ca.logic_and(touching, flies))
+        speeds.append(after)
+        places.append(place)
+    bouncing, after = ca.vertcat(*bounces), ca.vertcat(*speeds)
+    given = bouncing * after
+    others = slip.moving * (1 - bouncing)
+    rest = load - slip.friction(up, down) - ca.mtimes(matrix, given)
+    answered = given + solver(matrix, others)(rest)
+    velocities = [ca.if_else(ca.sum1(bouncing) > 0, answered[k], kicked[k]) for k in range(len(bounces))]
+    angles = [ca.if_else(bounces[k], places[k], at[k] + drift * velocities[k]) for k in range(len(bounces))]
+    return ca.vertcat(*velocities), ca.vertcat(*angles)
+
+
+def spread_of(ratios: np.ndarray) -> Any:
+    """Return a constant matrix for CasADi, zeros left out."""
+    return ca.sparsify(ca.DM(ratios))

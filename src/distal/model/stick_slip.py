@@ -1,0 +1,162 @@
+"""Coupled stick–slip, exact: joints that carry one another, each held by its own friction.
+
+The velocity v⁺ of A v⁺ + f = r with f_j = u_j where v_j⁺ > 0, −d_j where v_j⁺ < 0, and −d_j ≤ f_j ≤ u_j where v_j⁺ = 0 is unique
+for a symmetric positive definite A: it is the minimum of ½ vᵀA v − rᵀv + Σ friction. Which joints slip is followed along a
+straight line from a load r₀ for which it is known to r (parametric pivoting; Cottle, Pang, Stone, The Linear
+Complementarity Problem, 1992, section 4.5): at each event one joint stops or breaks loose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+SWEEPS = 2
+
+NEVER = 2.0
+"""Share of the load's change at which an event comes that does not come."""
+
+EVENTS = 2
+"""So many events per joint are followed; docs/numerics.md: ten million random loads needed no more."""
+
+
+@dataclass(frozen=True)
+class Slip:
+    """Which joints slip, and which way, (n,) each.
+
+    Args:
+        forward: 1 where a joint slips to +.
+        back: 1 where it slips to −.
+    """
+
+    forward: Any
+    back: Any
+
+    @property
+    def moving(self) -> Any:
+        """1 where a joint slips at all."""
+        return self.forward + self.back
+
+    def friction(self, up: Any, down: Any) -> Any:
+        """Return the friction of the joints that slip, 0 for the others, (n,).
+
+        Args:
+            up: limits against + motion, (n,).
+            down: limits against − motion, (n,).
+        """
+        return self.forward * up - self.back * down
+
+
+def solver(matrix: Any, weight: Any) -> Callable[[Any], Any]:
+    """Return b → x with A_SS x_S = b_S for the joints S whose weight is 1, x = 0 for those whose weight is 0, by L D Lᵀ.
+
+    A weight w between 0 and 1 stands between both: x = w (w A w with the diagonal of A)⁻¹ w b.
+
+    Args:
+        matrix: A, symmetric positive definite, (n, n).
+        weight: w of each joint, (n,).
+    """
+    n = matrix.size1()
+    pivots, scaled = list[list[Any]](), list[list[Any]]()  # columns of L D, and of L
+    for j in range(n):
+        column = [matrix[j, j] if i == j else weight[i] * matrix[i, j] * weight[j] for i in range(n)]
+        for k in range(j):
+            for i in range(j, n):
+                column[i] -= pivots[k][i] * scaled[k][j]
+        pivots.append(column)
+        scaled.append([column[i] / column[j] if i > j else ca.SX(0) for i in range(n)])
+
+    def solve(b: Any) -> Any:
+        x = [weight[i] * b[i] for i in range(n)]
+        for k in range(n):
+            for i in range(k + 1, n):
+                x[i] -= scaled[k][i] * x[k]
+        x = [x[i] / pivots[i][i] for i in range(n)]
+        for k in reversed(range(n)):
+            for i in range(k + 1, n):
+                x[k] -= scaled[k][i] * x[i]
+        return ca.vertcat(*(weight[i] * x[i] for i in range(n)))
+
+    return solve
+
+
+def slipping(matrix: Any, load: Any, up: Any, down: Any, start: Any = None, events: int | None = None) -> Slip:
+    """Return which joints slip under a load.
+
+    Args:
+        matrix: A, symmetric positive definite, (n, n).
+        load: r, (n,).
+        up: friction limits against + motion, (n,).
+        down: against − motion, (n,).
+        start: velocities near the solution, (n,); default those of each joint alone.
+        events: how many are followed; default `EVENTS` for each joint.
+    """
+    n = matrix.size1()
+    if n == 1:
+        # without friction, or where no time passes, a load of 0 is slip: what does not hold does not stop either
+        return Slip(load[0] >= up[0], load[0] < -down[0])
+    v = _swept(matrix, load, up, down) if start is None else start
+    forward, back = [v[j] > 0 for j in range(n)], [v[j] < 0 for j in range(n)]
+    rest = load - ca.mtimes(matrix, v)
+    held = [ca.if_else(forward[j], up[j], ca.if_else(back[j], -down[j], 0)) for j in range(n)]
+    bounded = [ca.fmin(ca.fmax(rest[j], -down[j]), up[j]) for j in range(n)]
+    g = ca.vertcat(*(ca.if_else(ca.logic_or(forward[j], back[j]), held[j], bounded[j]) for j in range(n)))
+    slip, left = Slip(ca.vertcat(*forward), ca.vertcat(*back)), ca.SX(1)
+    change = load - ca.mtimes(matrix, v) - g
+    for _ in range(EVENTS * n if events is None else events):
+        slip, v, g, left = _event(matrix, change, up, down, (slip, v, g, left))
+    return slip
+
+
+def _swept(matrix: Any, load: Any, up: Any, down: Any) -> Any:
+    """Return velocities near the solution, (n,): `SWEEPS` of projected Gauss–Seidel from rest."""
+    n, v = matrix.size1(), [ca.SX(0)] * matrix.size1()
+    for _ in range(SWEEPS):
+        for j in range(n):
+            left = load[j] - sum((matrix[j, i] * v[i] for i in range(n) if i != j), ca.SX(0))
+            v[j] = (ca.fmax(left - up[j], 0) + ca.fmin(left + down[j], 0)) / matrix[j, j]
+    return ca.vertcat(*v)
+
+
+def _event(matrix: Any, change: Any, up: Any, down: Any, now: tuple[Slip, Any, Any, Any]) -> tuple[Slip, Any, Any, Any]:
+    """Return (slip, velocity, friction, share of the load's change that is left) after the next event, or the last ones."""
+    slip, v, g, left = now
+    n, moving = matrix.size1(), slip.moving
+    dv = solver(matrix, moving)(change)
+    dg = change - ca.mtimes(matrix, dv)
+    soonest, times = left, []
+    for j in range(n):
+        stops = ca.logic_and(moving[j], (slip.forward[j] - slip.back[j]) * dv[j] < 0)
+        # a joint that is held breaks loose towards where its friction grows
+        distance = ca.if_else(moving[j], -v[j], ca.if_else(dg[j] > 0, up[j], -down[j]) - g[j])
+        rate = ca.if_else(moving[j], dv[j], dg[j])
+        loosens = ca.logic_and(1 - moving[j], dg[j] != 0)
+        happens = ca.logic_or(stops, loosens)
+        time = ca.if_else(happens, ca.fmax(distance / ca.if_else(happens, rate, 1), 0), NEVER)
+        times.append(time)
+        soonest = ca.fmin(soonest, time)
+    forward, back, found = [], [], ca.SX(0)
+    for j in range(n):
+        mine = ca.logic_and(ca.logic_and(times[j] <= soonest, soonest < left), 1 - found)
+        found = ca.logic_or(found, mine)
+        free = 1 - moving[j]
+        forward.append(ca.if_else(mine, ca.logic_and(free, dg[j] > 0), slip.forward[j]))
+        back.append(ca.if_else(mine, ca.logic_and(free, dg[j] < 0), slip.back[j]))
+    after = Slip(ca.vertcat(*forward), ca.vertcat(*back))
+    return after, v + soonest * dv, g + soonest * dg, left - soonest
+
+
+def velocities(matrix: Any, load: Any, up: Any, down: Any) -> Any:
+    """Return v⁺, (n,), of joints under a load; see the head of this module.
+
+    Args:
+        matrix: A, symmetric positive definite, (n, n).
+        load: r, (n,).
+        up: friction limits against + motion, (n,).
+        down: against − motion, (n,).
+    """
+    slip = slipping(matrix, load, up, down)
+    return solver(matrix, slip.moving)(load - slip.friction(up, down))
