@@ -22,13 +22,12 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Row = tuple[float, ...]
 Rows = tuple[Row, ...]
+Commands = tuple[Floats, Floats, tuple[float, float]]
 
-STEP = 1e-4
-EVERY = 50
-SAMPLES = 2400
-SETTLING = 10000
-TURN = 2 * np.pi / 4096
-LAG = 0.03
+# steps of the simulation [s], a sample of the log every so many of them, and steps before the log begins
+STEP, EVERY, SAMPLES, SETTLING = 1e-4, 50, 2400, 10000
+# one count of a motor's encoder [rad], and the lag with which a step is commanded [s]
+COUNT, LAG = 2 * np.pi / 4096, 0.03
 KINDS = ("servo", "step", "contact")
 
 
@@ -52,7 +51,7 @@ class Joint(NamedTuple):
 
 
 class Drives(NamedTuple):
-    """The drives of a chain and the nominal gains of their position controllers."""
+    """The drives of a chain."""
 
     kind: Literal["slider", "motor"]
     names: tuple[str, ...]
@@ -64,8 +63,6 @@ class Drives(NamedTuple):
     """dc [N or N m]"""
     friction_share: float
     """mus"""
-    gain: float
-    gain_damping: float
 
 
 @dataclass(frozen=True)
@@ -77,9 +74,11 @@ class Plant:
     pretensions: Row
     arms: Rows
     drives: Drives
+    gains: tuple[float, float]
+    """of the position controllers: effort per place and per speed of the drive"""
     sweeps_degrees: dict[str, tuple[float, float]]
-    """least and greatest motion wanted of a joint (with one flexor: of the first), from peak to peak; for `step` the ends of
-    the levels, from `init_degrees`; the last of three joints with tendons of their own moves 70 % of that"""
+    """least and greatest motion wanted of a joint (with one flexor: of the first), from peak to peak; for `step` the ends
+    of the levels, from `init_degrees`; the last of three joints with tendons of their own moves 70 % of that"""
     torque: float
     """the greatest unmeasured torque on a joint but the last, which gets 60 % of it"""
 
@@ -103,18 +102,9 @@ PLANTS: dict[str, Plant] = {
         stiffness=2500.0,
         pretensions=(0.0,) * 4,
         arms=_pairs(((0.008, 0.0), (0.007, 0.006))),
-        drives=Drives(
-            "slider",
-            ("mcp_f", "mcp_e", "pip_f", "pip_e"),
-            _single(4),
-            0.02,
-            4.0,
-            0.1,
-            0.1,
-            gain=3000.0,
-            gain_damping=8.0,
-        ),
-        sweeps_degrees={"servo": (45, 65), "step": (-45, 38), "contact": (35, 58)},
+        drives=Drives("slider", ("mcp_f", "mcp_e", "pip_f", "pip_e"), _single(4), 0.02, 4.0, 0.1, 0.1),
+        gains=(3000.0, 6.0),
+        sweeps_degrees={"servo": (45, 65), "step": (-55, 45), "contact": (35, 58)},
         torque=0.07,
     ),
     "finger_n1": Plant(
@@ -126,9 +116,8 @@ PLANTS: dict[str, Plant] = {
         stiffness=10000.0,
         pretensions=(0.0,) * 4,
         arms=((0.008, 0.007, 0.006), (0.0075, -0.0065, -0.0055), (-0.008, 0.007, 0.0), (-0.0075, -0.007, 0.0)),
-        drives=Drives(
-            "slider", ("t1", "t2", "t3", "t4"), _single(4), 0.02, 4.0, 0.1, 0.05, gain=3000.0, gain_damping=8.0
-        ),
+        drives=Drives("slider", ("t1", "t2", "t3", "t4"), _single(4), 0.02, 4.0, 0.1, 0.05),
+        gains=(3000.0, 6.0),
         sweeps_degrees={"servo": (35, 55), "step": (-34, 30), "contact": (30, 50)},
         torque=0.07,
     ),
@@ -141,8 +130,9 @@ PLANTS: dict[str, Plant] = {
         stiffness=8000.0,
         pretensions=(0.0,),
         arms=((0.009, 0.007, 0.005),),
-        drives=Drives("motor", ("flexor",), ((0.006,),), 5e-6, 0.002, 0.001, 0.05, gain=2.0, gain_damping=0.002),
-        sweeps_degrees={"servo": (42, 58), "step": (-8, 54), "contact": (42, 58)},
+        drives=Drives("motor", ("flexor",), ((0.006,),), 5e-6, 0.002, 0.001, 0.05),
+        gains=(2.0, 0.002),
+        sweeps_degrees={"servo": (36, 50), "step": (-8, 56), "contact": (34, 50)},
         torque=0.05,
     ),
     "wrist_instrument": Plant(
@@ -154,18 +144,9 @@ PLANTS: dict[str, Plant] = {
         stiffness=18000.0,
         pretensions=(8.0,) * 6,
         arms=_pairs(((0.005, 0.0, 0.0), (0.0035, 0.0045, 0.0), (0.0035, 0.0032, 0.0045))),
-        drives=Drives(
-            "motor",
-            ("pitch", "yaw", "jaw"),
-            _pairs(_single(3, 0.006)),
-            5e-6,
-            0.001,
-            0.002,
-            0.05,
-            gain=2.0,
-            gain_damping=0.002,
-        ),
-        sweeps_degrees={"servo": (75, 120), "step": (-42, 42), "contact": (25, 60)},
+        drives=Drives("motor", ("pitch", "yaw", "jaw"), _pairs(_single(3, 0.006)), 5e-6, 0.001, 0.002, 0.05),
+        gains=(2.0, 0.002),
+        sweeps_degrees={"servo": (75, 120), "step": (-46, 46), "contact": (25, 60)},
         torque=0.035,
     ),
 }
@@ -208,7 +189,7 @@ def build_model(plant: Plant, springs: Floats) -> mujoco.MjModel:
             f'<inertial pos="{joint.length / 2} 0 0" mass="{joint.mass}" diaginertia="{1e-3 * across} {across} {across}"/>'
             f'<joint type="hinge" axis="{"0 1 0" if joint.axis == "y" else "0 0 1"}" damping="{joint.damping}"'
             f' armature="{joint.armature}" stiffness="{spring}" springref="{np.radians(joint.rest_degrees)}" {dry}'
-            f' range="{low} {high}" solreflimit="0.004 1" solimplimit="0.95 0.99 0.001"/>'
+            f' range="{low} {high}" solreflimit="0.002 1" solimplimit="0.95 0.99 0.001"/>'
         )
         ends, base = ends + "</body>", joint.length
     size, way = plant.drives.inertia, "slide" if plant.drives.kind == "slider" else "hinge"
@@ -236,7 +217,7 @@ def draw_wave(rng: np.random.Generator, times: Floats, fastest: float) -> Floats
     rates, weights = rng.uniform(0.1, fastest, count), rng.uniform(0.4, 1.0, count)
     phases = rng.uniform(0, 2 * np.pi, count)
     wave = np.sin(2 * np.pi * np.outer(times, rates) + phases) @ weights
-    wave = (wave - wave[0]) * smooth_step(times / 0.6)
+    wave = (wave - wave[0]) * smooth_step(times / 0.25)
     return np.asarray(wave / np.ptp(wave))
 
 
@@ -253,22 +234,13 @@ def draw_holds(rng: np.random.Generator, times: Floats, start: Floats, low: Floa
     return values
 
 
-class Commands(NamedTuple):
-    """What the controllers are told at each step (k, d); with no gains they command effort alone."""
-
-    places: Floats
-    efforts: Floats
-    gain: float
-    gain_damping: float
-
-
 def draw_wish(
     plant: Plant, kind: str, start: Floats, load: Floats, rng: np.random.Generator, times: Floats
 ) -> tuple[Floats, Floats]:
     """Return the angles wanted (k, n) and the tensions wanted with them (k, m) from a start with its load on the joints."""
     arms = np.array(plant.arms)
     least, greatest = plant.sweeps_degrees[kind]
-    fastest = 0.9 if kind == "servo" else 0.5
+    fastest = 1.0 if kind == "servo" else 0.5
     if len(arms) == 1:
         # one flexor against springs: its tension sets the posture
         compliance = arms[0] / np.array([joint.spring for joint in plant.joints])
@@ -277,20 +249,20 @@ def draw_wish(
             ends = first + np.radians([[least], [greatest]]) / compliance[0]
             tensions = draw_holds(rng, times, np.array([first]), np.maximum(ends[0], 1.5), ends[1])
         else:
-            wave = draw_wave(rng, times, fastest) * np.radians(rng.uniform(least, greatest)) / compliance[0]
-            wave = wave if wave.max() > -wave.min() else -wave
-            tensions = np.maximum(first + wave, 1.5)[:, np.newaxis]
+            wave = draw_wave(rng, times, fastest)
+            closing = (wave - wave.min() * smooth_step(times / 0.8))[:, np.newaxis]
+            tensions = np.maximum(first + closing * np.radians(rng.uniform(least, greatest)) / compliance[0], 1.5)
         return start + (tensions - first) * compliance, tensions
     # tensions that turn no joint: equal ones, less what would turn them
     ones = np.ones(len(arms))
     balance = ones - arms @ (np.linalg.pinv(arms) @ ones)
-    pull = rng.uniform(5.5, 8.5)
+    pull = rng.uniform(6.0, 8.5)
     shares = np.ones(len(start))
     shares[2:] = 0.7
     if kind == "step":
         middle = np.radians([joint.init_degrees for joint in plant.joints])
         low = np.append(middle + shares * np.radians(least), 4.5)
-        high = np.append(middle + shares * np.radians(greatest), 11.0)
+        high = np.append(middle + shares * np.radians(greatest), 10.5)
         held = draw_holds(rng, times, np.append(start, pull), low, high)
         return held[:, :-1], held[:, -1:] * balance / balance.mean()
     angles = np.empty((len(times), len(start)))
@@ -309,16 +281,20 @@ def draw_torques(plant: Plant, rng: np.random.Generator, times: Floats) -> Float
     while at < times[-1]:
         joint, length, onset = int(rng.integers(len(plant.joints))), rng.uniform(0.6, 1.6), rng.uniform(0.02, 0.05)
         share = 0.6 if joint == len(plant.joints) - 1 else 1.0
-        size = share * plant.torque * rng.uniform(0.3, 1.0) * rng.choice((-1.0, 1.0))
+        size = share * plant.torque * rng.uniform(0.4, 1.0) * rng.choice((-1.0, 1.0))
         torques[:, joint] += size * smooth_step((times - at) / onset) * smooth_step((at + length - times) / onset)
         at += float(length + rng.uniform(0.4, 1.4))
     return torques
 
 
 def simulate(
-    plant: Plant, truth: Truth, model: mujoco.MjModel, start: Floats, commands: Commands, torques: Floats
+    plant: Plant, truth: Truth, model: mujoco.MjModel, data: mujoco.MjData, commands: Commands, torques: Floats
 ) -> tuple[Floats, Floats]:
-    """Return angles and drives (samples, n + d) and the drives' efforts (samples, d), begun at rest after a settling."""
+    """Return angles and drives (samples, n + d) and the drives' efforts (samples, d), begun at rest after a settling.
+
+    The commands are places and efforts for the drives (k, d) and the gains that tie the drives to these places; `torques`
+    (k, n) act on the joints besides.
+    """
     n, winding = len(plant.joints), np.array(plant.drives.winding)
     stretching = np.hstack([-truth.arms, winding])
     loosening = -stretching.T.copy()
@@ -328,15 +304,14 @@ def simulate(
     constant = factors * np.append([joint.friction_constant for joint in plant.joints], drives)
     per_joint = np.array([joint.friction_radius for joint in plant.joints]) * (truth.arms != 0)
     per_tension = factors[:, np.newaxis] * np.hstack([per_joint, plant.drives.friction_share * np.abs(winding)]).T
-    data = mujoco.MjData(model)
-    data.qpos[:] = np.append(start, commands.places[0])
+    goals, pulls, (gain, gain_damping) = commands
+    data.qpos[n:] = goals[0]
     places, speeds, forces, limits = data.qpos, data.qvel, data.qfrc_applied, model.dof_frictionloss
-    gain, gain_damping = commands.gain, commands.gain_damping
     states, efforts = np.empty((SAMPLES, len(places))), np.empty((SAMPLES, winding.shape[1]))
     for k in range(-SETTLING, (SAMPLES - 1) * EVERY + 1):
         at = max(k, 0)
         tensions = truth.stiffness * np.maximum(stretching @ places + slack, 0.0)
-        effort = commands.efforts[at] + gain * (commands.places[at] - places[n:]) - gain_damping * speeds[n:]
+        effort = pulls[at] + gain * (goals[at] - places[n:]) - gain_damping * speeds[n:]
         if k >= 0 and k % EVERY == 0:
             states[k // EVERY], efforts[k // EVERY] = places, effort
         forces[:] = loosening @ tensions
@@ -350,7 +325,7 @@ def simulate(
 def sense(plant: Plant, drives: Floats, efforts: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Return what the sensors of the drives' places and efforts (k, d) read."""
     if plant.drives.kind == "motor":
-        return TURN * np.round(drives / TURN), efforts + rng.normal(0.0, 1.2e-3, efforts.shape)
+        return COUNT * np.round(drives / COUNT), efforts + rng.normal(0.0, 1.2e-3, efforts.shape)
     read = drives + rng.normal(0.0, 5e-6, drives.shape)
     for d in range(drives.shape[1]):
         # linearity: waves of 40, 20 and 10 mm, within 0.1 mm over the 20 mm around the motion
@@ -371,18 +346,18 @@ def make_log(plant: str, kind: str, seed: int) -> tuple[dict[str, Floats], dict[
     truth = draw_truth(of, rng)
     model = build_model(of, truth.springs)
     start = np.radians([joint.init_degrees + rng.normal(0.0, 3.0) for joint in of.joints])
-    times = np.arange((SAMPLES - 1) * EVERY + 1) * STEP
-    rest = mujoco.MjData(model)
-    rest.qpos[:n] = start
-    mujoco.mj_forward(model, rest)
-    load = (rest.qfrc_bias - rest.qfrc_passive)[:n]
+    times = np.asarray(np.arange((SAMPLES - 1) * EVERY + 1) * STEP, dtype=np.float64)
+    data = mujoco.MjData(model)
+    data.qpos[:n] = start
+    mujoco.mj_forward(model, data)
+    load = (data.qfrc_bias - data.qfrc_passive)[:n]
     angles, tensions = draw_wish(of, kind, start, load, rng, times)
     winding = np.array(of.drives.winding)
     places = (angles @ np.array(of.arms).T + tensions / of.stiffness) @ np.linalg.pinv(winding).T
     # steps of a flexor are steps of its motor's torque
-    gains = (0.0, 0.0) if kind == "step" and len(of.arms) == 1 else (of.drives.gain, of.drives.gain_damping)
+    gains = (0.0, 0.0) if kind == "step" and len(of.arms) == 1 else of.gains
     torques = draw_torques(of, rng, times) if kind == "contact" else np.zeros((len(times), n))
-    states, efforts = simulate(of, truth, model, start, Commands(places, tensions @ winding, *gains), torques)
+    states, efforts = simulate(of, truth, model, data, (places, tensions @ winding, gains), torques)
     read, measured = sense(of, states[:, n:], efforts, rng)
     at = times[::EVERY]
     place, effort = ("x", "F") if of.drives.kind == "slider" else ("phi", "tau")

@@ -103,12 +103,14 @@ class Witness:
         there: 1 where a force is read.
         stiffness: change of the drive's pull with its place, ∂F/∂s.
         variance: of how far both may differ where there was no jump: noise, friction, and what is not known of the pull.
+        least: smallest share of the change of the pull that a real jump may show.
     """
 
     missing: Any
     there: Any
     stiffness: Any
     variance: Any
+    least: float = 0.5
 
 
 def tracking(states: StateVector) -> ca.Function:
@@ -139,7 +141,8 @@ def tracking(states: StateVector) -> ca.Function:
             transmitted = states.transmitted(i)
             if transmitted is not None:  # the play takes up as much as its limit
                 spread += transmitted[1].limit ** 2
-            witness = Witness(setup.value(x, force) - pull, setup.mask(x, force), slopes[nj + i, nj + i], spread)
+            missing, least = setup.value(x, force) - pull, 0.0 if setup.joints_follow else 0.5
+            witness = Witness(missing, setup.mask(x, force), slopes[nj + i, nj + i], spread, least)
         drives.append(track(remembered, reading, there, setup.noise(sensor), x[0], setup.robustness, witness))
     kept = [getattr(drive, name) for drive in drives for name in REMEMBERED]
     vector = ca.vertcat(*kept, *(drive.bend for drive in drives), *(drive.variance for drive in drives))
@@ -179,7 +182,7 @@ def track(
     evidence: Any = ca.SX(0)
     if witness is not None:
         judged = witness.there > 0
-        evidence = jump_evidence(witness.missing, witness.stiffness * jump, witness.variance)
+        evidence = jump_evidence(witness.missing, witness.stiffness * jump, witness.variance, witness.least)
     # (2) the chance that a jump is real
     real = ca.if_else(far, chance_of_jump(robustness, doubt, evidence, judged), 1)
     # a gap is crossed in a straight line to the reading that ends it

@@ -33,6 +33,9 @@ Floats = NDArray[np.float64]
 LONGEST_SUBSTEP = 2.5e-3
 """Longest sub-step of the joints alone [s]: their own modes are slow (docs/numerics.md)."""
 
+MOST_SCALARS = 24
+"""With more states than this the update is a function of matrices: as fast, and compiled in seconds (docs/performance.md)."""
+
 MOST_JOINT_SUBSTEPS = 50
 """More sub-steps than this would cost more than they bring: a stiffer joint follows its tendons."""
 
@@ -81,13 +84,18 @@ class AdaptiveFilter(KernelEstimator):
         super().__init__(
             name,
             rig,
-            Kernel(self._corrected(adaptive_function(self._states, self._count, trace=trace)), compiled),
+            Kernel(self._corrected(adaptive_function(self._states, self._count, self._as_matrices, trace)), compiled),
             values,
             channels.names,
             tuple(sensor.name for sensor in channels.compared),
             self._states.names,
             channels.interval,
         )
+
+    @property
+    def _as_matrices(self) -> bool:
+        """Whether the update stays a function of matrices: it is faster where there are many states."""
+        return len(self._states) > MOST_SCALARS
 
     def _check_sensors(self, channels: Channels) -> None:
         learned, read = self._discrepancy, channels.names[: len(channels.names) - len(channels.angles)]

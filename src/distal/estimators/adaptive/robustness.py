@@ -135,18 +135,20 @@ MOST_EVIDENCE = 50.0
 """Logarithm of odds beyond which nothing becomes likelier: e⁵⁰ is certain."""
 
 
-def jump_evidence(change: Any, expected: Any, variance: Any) -> Any:
+def jump_evidence(change: Any, expected: Any, variance: Any, least: float = 0.5) -> Any:
     """Return the logarithm of the likelihood ratio of a real jump to a wild reading, from the change of its force: (2).
 
-    A light slider rings after a jump: it may be seen anywhere from half to twice as far as its force says.
+    A light slider rings after a jump: it may be seen anywhere from half to twice as far as its force says. A joint that
+    follows within one interval leaves no force behind: then from none of it to twice as far.
 
     Args:
         change: of the force since the last place that was believed [N, N m].
         expected: change that the jump would make, ∂F/∂s times it.
         variance: of the difference of both.
+        least: smallest share of the expected change that a real jump may show.
     """
     ratio = change * expected / ca.fmax(expected * expected, 1e-300)
-    explained = ca.fmin(ca.fmax(ratio, 0.5), 2) * expected
+    explained = ca.fmin(ca.fmax(ratio, least), 2) * expected
     return ca.fmin(ca.fmax((change - explained / 2) * explained / variance, -MOST_EVIDENCE), MOST_EVIDENCE)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -11,11 +12,15 @@ import numpy as np
 from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.adaptive.travel import travel
 from distal.estimators.channels import Channels, sensor_for
-from distal.model import Mechanism
+from distal.model import Mechanism, joint_frequency
 from distal.rig import Sensor, gain_of
 
 FARTHEST = 20.0
 """A drive is never this many times its travel away from the middle of it."""
+
+
+FOLLOWS = 2.0
+"""A joint with so many radians of its own oscillation in one interval follows a jump within it; a quarter turn is π/2."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,11 @@ class Setup:
     def width(self) -> int:
         """Numbers in a sample x = (dt, values, mask)."""
         return 1 + 2 * len(self.channels.names)
+
+    @cached_property
+    def joints_follow(self) -> bool:
+        """Whether a joint follows a jump of its drive within one interval: its own frequency times that is large."""
+        return joint_frequency(self.mechanism) * self.channels.interval > FOLLOWS
 
     def position_sensor(self, drive: int) -> Sensor | None:
         """Return the sensor of a drive's position, or None.
