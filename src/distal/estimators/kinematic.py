@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from distal.estimators.channels import Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
+from distal.estimators.low_pass import low_passed
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Rig, angle_names, gain_of, tendon_angle_name
@@ -15,17 +16,14 @@ from distal.sensors import systematic_variance, variance
 
 Floats = NDArray[np.float64]
 
-CUT_OFF = 5.0
-"""Cut-off of the low-pass on measured forces in `elastic` [Hz]."""
-
 
 def kinematic_function(
     mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool
 ) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of a kinematic estimator.
 
-    Each tendon gives the angle at which its length, ℓ − l = e_0 + (F − F_0)/k, fits the drive's displacement; a joint's
-    angle is the mean over its tendons. `inextensible` leaves the stretch (F − F_0)/k out. e_0 is the length at the first
+    Each tendon gives the angle at which its length, ℓ − l = e_0 + (F − F_0)/k, fits the drive's displacement; the joint's
+    angle is the mean over them (several joints: `kinematic_chain`). `inextensible` leaves the stretch (F − F_0)/k out. e_0 is the length at the first
     sample, with the joints at their `initial` angles; F is a tendon's share of its drive's pull, low-passed, and F_0 that
     at the first sample.
 
@@ -46,7 +44,6 @@ def kinematic_function(
     mean, rest = carry[:n], carry[n + n * n :]
     lengths, drives, pulls, first = ca.vertsplit(rest, [int(i) for i in np.cumsum([0, k, nd, nd, nd])])
     dt, values, mask = x[0], x[1 : 1 + width], x[1 + width :]
-    forget = ca.exp(-2 * ca.pi * CUT_OFF * dt)
 
     positions, filtered = [drives[i] for i in range(nd)], [pulls[i] for i in range(nd)]
     for sensor in channels.positions:
@@ -55,7 +52,7 @@ def kinematic_function(
     for sensor in channels.forces:
         i, j = places.index(sensor.of), channels.names.index(sensor.name)
         read = (values[j] - sensor.bias.value) / gain_of(sensor).value
-        filtered[i] = ca.if_else(mask[j], read + forget * (pulls[i] - read), pulls[i])
+        filtered[i] = ca.if_else(mask[j], low_passed(pulls[i], read, dt), pulls[i])
     q = ca.vertcat(mean[:nj], *positions)
     angles = []
     for row, tendon in enumerate(tendons):
@@ -67,8 +64,7 @@ def kinematic_function(
         angles.append(mechanism.angle_at(tendon, length, q))
     joints = []
     for j in range(nj):
-        own = [angle for angle, tendon in zip(angles, tendons) if mechanism.joint_of[tendon] == j]
-        joints.append(sum(own) / len(own) if own else mean[j])
+        joints.append(sum(angles) / len(angles) if angles else mean[j])
     following = ca.vertcat(
         *joints, *angles, carry[n : n + n * n], lengths, ca.vertcat(*positions), ca.vertcat(*filtered), first
     )
@@ -136,9 +132,9 @@ class KinematicEstimator(KernelEstimator):
         for i in self._tendons:
             sensor = sensor_for(channels.positions, rig.tendons[i].drive)
             error = 0.0 if sensor is None else 2.0 * (variance(sensor) + systematic_variance(sensor))
-            slope = jacobian[i, m.drive_of[i]] / jacobian[i, m.joint_of[i]]
+            slope = jacobian[i, m.drive_of[i]] / jacobian[i, 0]
             own.append(float(slope) ** 2 * error)
-        k, joints = len(self._tendons), np.array([m.joint_of[i] for i in self._tendons])
+        k, joints = len(self._tendons), np.zeros(len(self._tendons), dtype=int)
         of_joint = joints[:, None] == np.arange(m.n_joints)
         mixing = np.vstack([(of_joint / np.maximum(of_joint.sum(axis=0), 1)).T, np.eye(k)])
         zeros = np.vstack([np.eye(m.n_joints), of_joint]) @ np.diag([joint.initial.std for joint in rig.joints])

@@ -10,13 +10,21 @@ from distal.estimators.affine import AffineEstimator
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.full_state import FullStateFilter, paper_noise, rig_noise
 from distal.estimators.kinematic import KinematicEstimator
+from distal.estimators.kinematic_chain import ChainKinematics
 from distal.rig import Rig
+
+
+
+def _kinematic(name: str, rig: Rig, elastic: bool, compiled: bool) -> KernelEstimator:
+    kind = KinematicEstimator if len(rig.joints) == 1 else ChainKinematics
+    return kind(name, rig, elastic=elastic, compiled=compiled)
+
 
 ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
     "adaptive": lambda rig, compiled: AdaptiveFilter(rig, compiled),
     "affine": lambda rig, compiled: AffineEstimator(rig, compiled),
-    "inextensible": lambda rig, compiled: KinematicEstimator("inextensible", rig, elastic=False, compiled=compiled),
-    "elastic": lambda rig, compiled: KinematicEstimator("elastic", rig, elastic=True, compiled=compiled),
+    "inextensible": lambda rig, compiled: _kinematic("inextensible", rig, False, compiled),
+    "elastic": lambda rig, compiled: _kinematic("elastic", rig, True, compiled),
     "ekf-2008": lambda rig, compiled: FullStateFilter("ekf-2008", rig, paper_noise(rig), compiled),
     "ekf": lambda rig, compiled: FullStateFilter("ekf", rig, rig_noise(rig), compiled),
 }

@@ -70,6 +70,19 @@ class Mechanism(Tendons):
         phase = part.cogging.periods * q[self.n_joints + drive]
         return p[f"{path}.cosine"] * ca.cos(phase) + p[f"{path}.sine"] * ca.sin(phase)
 
+    def passive_springs(self, q: Any) -> Any:
+        """Return the torque of each joint's return spring and its stiffness there, (n_joints, 2) [N m, N m/rad].
+
+        Args:
+            q: coordinates, (n_bodies,) [rad, m].
+        """
+        at, rows = ca.SX.sym("q", self.n_bodies), []
+        for i, joint in enumerate(self.rig.joints):
+            torque = self._passive_torque(i, joint.model_copy(update={"gravity": None}), at)
+            rows.append(ca.horzcat(torque, -ca.jacobian(torque, at[i])))
+        found = ca.Function("springs", [at, self.parameters.symbols], [ca.vertcat(*rows)])
+        return found(q, self.parameters.symbols)
+
     def _passive_torque(self, index: int, joint: Joint, q: Any) -> Any:
         p, path, torque = self.parameters, f"joints.{index}", ca.SX(0)
         if joint.spring is not None:

@@ -1,0 +1,146 @@
+"""Estimates of several joints without dynamics: least squares over all tendons, inextensible or stretched by the force."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators.channels import Channels, channels_of, sensor_for
+from distal.estimators.contract import KernelEstimator
+from distal.estimators.low_pass import low_passed
+from distal.kernels import Kernel
+from distal.model import Mechanism, solver
+from distal.rig import Rig, angle_names, gain_of
+from distal.sensors import systematic_variance, variance
+
+Floats = NDArray[np.float64]
+
+ITERATIONS = 3
+"""Gauss–Newton steps per sample: lengths are nearly straight lines in the angles."""
+
+RIDGE = 1e-9
+"""Directions that no tendon sees stay where they were: this share of the tendons' weight holds them."""
+
+CONSTRAINT = 1e3
+"""Where springs decide with fewer tendons than joints, tendons weigh so many times their stiffness: lengths come first."""
+
+
+def stretches(mechanism: Mechanism, pulls: ca.SX, elastic: bool) -> list[ca.SX]:
+    """Return by how much each tendon is longer than at its pre-tension, (T − T_pre)/k [m]; 0 if not `elastic`.
+
+    A drive's pull F is shared so that it is balanced with the smallest changes: T = T_pre + h (F − Σ h T_pre)/Σ h².
+
+    Args:
+        mechanism: the rig's equations.
+        pulls: of the drives, (n_drives,) [N, N m].
+        elastic: whether tendons stretch.
+    """
+    p, q = mechanism.parameters, ca.SX.sym("q", mechanism.n_bodies)
+    levers = [ca.jacobian(mechanism.displacement(i, q), q[d]) for i, d in enumerate(mechanism.drive_of)]
+    found = []
+    for i, drive in enumerate(mechanism.drive_of):
+        own = [j for j in range(mechanism.n_tendons) if mechanism.drive_of[j] == drive]
+        standing = sum((levers[j] * p[f"tendons.{j}.pretension"] for j in own), ca.SX(0))
+        share = levers[i] / sum((levers[j] ** 2 for j in own), ca.SX(0))
+        change = share * (pulls[drive - mechanism.n_joints] - standing)
+        found.append(change / p[f"tendons.{i}.stiffness"] if elastic else ca.SX(0))
+    return found
+
+
+def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y): the angles that fit the lengths of all tendons best, by least squares.
+
+    min_θ Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)², and where there are fewer tendons than joints + the springs' energy,
+    which then says which of the postures that fit it is. Zero is the rig's own: θ = 0 and s = 0 at pre-tension.
+
+    Args:
+        mechanism: the rig's equations.
+        channels: the sensors it reads.
+        tendons: those whose drive has a position sensor.
+        elastic: remove the stretch.
+    """
+    nd, nj, free = mechanism.n_drives, mechanism.n_joints, mechanism.free
+    n, width, p = nj, len(channels.names), mechanism.parameters
+    carry, x = ca.SX.sym("carry", n + n * n + 2 * nd), ca.SX.sym("x", 1 + 2 * width)
+    names = [drive.name for drive in mechanism.rig.drives]
+    places, pulls = carry[n + n * n : n + n * n + nd], carry[n + n * n + nd :]
+    dt, values, mask = x[0], x[1 : 1 + width], x[1 + width :]
+    positions, filtered = [places[i] for i in range(nd)], [pulls[i] for i in range(nd)]
+    errors = [ca.SX(0)] * nd
+    for sensor in channels.positions:
+        i, j = names.index(sensor.of), channels.names.index(sensor.name)
+        positions[i] = ca.if_else(mask[j], values[j] - sensor.bias.value, places[i])
+        errors[i] = ca.SX(variance(sensor) + systematic_variance(sensor))
+    for sensor in channels.forces:
+        i, j = names.index(sensor.of), channels.names.index(sensor.name)
+        read = (values[j] - sensor.bias.value) / gain_of(sensor).value
+        filtered[i] = ca.if_else(mask[j], low_passed(pulls[i], read, dt), pulls[i])
+    wanted = stretches(mechanism, ca.vertcat(*filtered), elastic)
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    lengths, jacobian = mechanism.elongations(q), mechanism.length_jacobian(q)
+    few = len(tendons) < len(free)
+    rows = list(tendons)
+    look = ca.Function("lengths", [q, p.symbols], [lengths[rows], jacobian[rows, :], mechanism.passive_springs(q)])
+    weights = ca.diag(ca.vertcat(*(p[f"tendons.{i}.stiffness"] * (CONSTRAINT if few else 1) for i in rows)))
+    angles = carry[:nj]
+    for _ in range(ITERATIONS):
+        length, slopes, springs = look(ca.vertcat(angles, *positions), p.symbols)
+        arms = ca.mtimes(slopes[:, :nj], mechanism.spread)
+        along = ca.mtimes(arms.T, weights)
+        matrix = ca.mtimes(along, arms)
+        push = ca.mtimes(along, ca.vertcat(*(wanted[i] for i in rows)) - length)
+        if few:
+            torque, stiffness = springs[:, 0], ca.diag(springs[:, 1])
+            push += ca.mtimes(mechanism.spread.T, torque)
+            matrix += ca.mtimes([mechanism.spread.T, stiffness, mechanism.spread])
+        matrix += RIDGE * ca.trace(matrix) * ca.SX.eye(len(free))
+        solve = solver(matrix, ca.SX.ones(len(free)))
+        moved = angles[free] + solve(push)
+        angles = ca.mtimes(mechanism.spread, moved) + mechanism.offsets
+    gain = ca.horzcat(*(solve(along[:, k]) for k in range(len(rows))))
+    spread = ca.diag(ca.vertcat(*(slopes[k, mechanism.drive_of[i]] ** 2 * errors[mechanism.drive_of[i] - nj] for k, i in enumerate(rows))))
+    whole = ca.mtimes(mechanism.spread, gain)
+    covariance = ca.mtimes([whole, spread, whole.T])
+    following = ca.vertcat(angles, ca.densify(ca.vec(covariance)), *positions, *filtered)
+    function = ca.Function("kinematic", [carry, x, p.symbols], [ca.cse(following), ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"])
+    return function
+
+
+class ChainKinematics(KernelEstimator):
+    """Angles of several joints from the drives' displacements and the tendons' lengths; see `chain_function`.
+
+    Its std knows the position sensors only: not stretch (or, if `elastic`, not friction).
+
+    Args:
+        name: of the estimator.
+        rig: the description.
+        elastic: remove the stretch with the measured forces.
+        compiled: compile its kernel where possible.
+
+    Raises:
+        EstimationError: the sensors do not suffice.
+    """
+
+    def __init__(self, name: str, rig: Rig, elastic: bool, compiled: bool = True) -> None:
+        self._mechanism, self._channels = Mechanism(rig), channels_of(rig, name)
+        measured = [sensor.of for sensor in self._channels.positions]
+        tendons = tuple(i for i, tendon in enumerate(rig.tendons) if tendon.drive in measured)
+        function = chain_function(self._mechanism, self._channels, tendons, elastic)
+        names, channels = angle_names([joint.name for joint in rig.joints]), self._channels
+        p = self._mechanism.parameters.values
+        super().__init__(name, rig, Kernel(function, compiled), p, channels.names, (), names, channels.interval)
+
+    def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
+        rig, channels, m = self.rig, self._channels, self._mechanism
+        places, pulls = np.zeros(m.n_drives), np.array([d.nominal_force.value for d in rig.drives])
+        for values, sensors in ((places, channels.positions), (pulls, channels.forces)):
+            for i, drive in enumerate(rig.drives):
+                sensor = sensor_for(sensors, drive.name)
+                read = np.nan
+                if sensor is not None:
+                    read = (sample[channels.names.index(sensor.name)] - sensor.bias.value) / gain_of(sensor).value
+                values[i] = read if np.isfinite(read) else values[i]
+        angles = np.array([joint.initial.value for joint in rig.joints])
+        stds = np.array([joint.initial.std for joint in rig.joints])
+        return angles, np.diag(stds**2), np.concatenate([places, pulls])
