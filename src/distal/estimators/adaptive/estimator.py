@@ -46,7 +46,7 @@ class AdaptiveFilter(KernelEstimator):
     Args:
         rig: the description.
         compiled: compile its kernel where possible.
-        robustness: the guards against a wrong model and bad sensors.
+        robustness: the guards against a wrong model and bad sensors; default `Robustness.usual`.
         name: of the estimator.
         references: sensors of joints' angles that are read too, while they are known (homing, fitting).
         given: numbers of the description that are inputs of its kernel and no states (fitting).
@@ -62,7 +62,7 @@ class AdaptiveFilter(KernelEstimator):
         self,
         rig: Rig,
         compiled: bool = True,
-        robustness: Robustness = Robustness(),  # noqa: B008  (frozen)
+        robustness: Robustness | None = None,
         name: str = "adaptive",
         references: Sequence[Sensor] = (),
         given: Sequence[str] = (),
@@ -71,7 +71,8 @@ class AdaptiveFilter(KernelEstimator):
         kinds: Sequence[Kind] = KINDS,
     ) -> None:
         mechanism, channels = Mechanism(rig, given, remembers=True), channels_of(rig, name, references)
-        self._states = StateVector(Setup(mechanism, channels, robustness), kinds)
+        guards = Robustness.usual(len(rig.joints)) if robustness is None else robustness
+        self._states = StateVector(Setup(mechanism, channels, guards), kinds)
         longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
         self._count = min(max(1, int(np.ceil(channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
         # a smoother goes back over the filter's own states

@@ -28,6 +28,7 @@ class Robustness:
         stop_margin: a drive nearer to a stop than this times its sensor's linearity may touch it [1].
         sticking_time: for so long friction of a drive that sticks is the same [s].
         turning_time: the same while a drive turns back [s].
+        beyond_time: for so long what a force tells that is beyond its drive's friction counts as one sample [s]; 0: each does.
         unknown_friction: std of friction that the rig does not declare, in those of the drive's force sensor [1]; 0: not
             looked for.
         unknown_friction_walk: its random walk, in the same unit per √s.
@@ -62,6 +63,8 @@ class Robustness:
     """docs/guards.md; 50 samples of the paper's rig"""
     turning_time: float = 0.1
     """docs/guards.md; 10 samples of the paper's rig"""
+    beyond_time: float = 0.0
+    """docs/chains.md: of a joint with its own drives one mean residual is compared anyway"""
     unknown_friction: float = 0.7
     """docs/guards.md, and `python -m benchmarks.sensitivity`, table sensitivity-priors"""
     unknown_friction_walk: float = 0.6
@@ -106,6 +109,19 @@ class Robustness:
             creep_learning_time=0.0,
             unmodelled=0.0,
         )
+
+    @classmethod
+    def usual(cls, n_joints: int) -> Robustness:
+        """Return the guards that a rig gets unless others are given.
+
+        In a chain several forces speak of each joint, so that one sample of each may count more (docs/chains.md).
+
+        Args:
+            n_joints: number of joints.
+        """
+        if n_joints == 1:
+            return cls()
+        return cls(sticking_time=0.1, turning_time=0.05, learning_time=0.05, beyond_time=0.2)
 
     @classmethod
     def fitting(cls) -> Robustness:

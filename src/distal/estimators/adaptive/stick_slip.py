@@ -184,9 +184,10 @@ def _declared(setup: Setup, motion: Motion, residual: Residual, interval: float,
     bound = (STICK_STD * residual.limit) ** 2 + residual.variance + residual.limit_variance
     within = 1 / ca.fmax(1 / bound - 1 / ca.fmax(residual.value_variance, 1e-12), 1e-9)
     sticks = stuck > 0.5
+    standing = max(1.0, robustness.beyond_time / interval)
     return Comparison(
         ca.if_else(sticks, ca.if_else(beyond, mean - sign * allowed, 0), innovation),
-        ca.if_else(sticks, ca.if_else(beyond, residual.variance, within), variance),
+        ca.if_else(sticks, ca.if_else(beyond, standing * residual.variance, within), variance),
         mean,
         ca.if_else(sticks, ca.if_else(beyond, sign, 0), direction),
         ca.if_else(sticks, ca.if_else(beyond, 1, 0), ca.fabs(direction)),
