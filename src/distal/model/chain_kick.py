@@ -1,7 +1,7 @@
 """One kick of joints that carry one another: all of their velocities at once, with exact friction and their stops.
 
 In impulses over a kick of length h: A v⁺ + h f = r with A = M(q) + h (D̃ + D), r = (M + h D̃ − h C) v + h (F − c − g), friction f.
-C holds the joints' viscous dampings; D̃_j = (M_jj/h)(φ(x) − 1), φ(x) = x/(1 − e^{−x}), x = C_j h/M_jj, makes the response of a joint
+The Coriolis torques c are those in the middle of the kick. C holds the joints' viscous dampings; D̃_j = (M_jj/h)(φ(x) − 1), φ(x) = x/(1 − e^{−x}), x = C_j h/M_jj, makes the response of a joint
 alone the exact one of `free_response`; D is what is taken implicitly.
 """
 
@@ -144,12 +144,16 @@ def chain_kick(
     assert assembled is not None
     inertias, dampings = ca.diag(matrix), mechanism.dampings()[:nj]
     added = _implicit_inertias(mechanism, inertias, length)
-    bias = assembled.torques(q, v, ca.SX(nj, 1))
-    load = ca.mtimes(matrix, v) + (added - length * dampings) * v + length * (loads.force - bias)
+    load = ca.mtimes(matrix, v) + (added - length * dampings) * v + length * loads.force
     matrix += ca.diag(added + length * loads.implicit)
     share = ca.fabs(spread).T
     up, down = length * ca.mtimes(share, loads.up), length * ca.mtimes(share, loads.down)
     matrix, load = ca.mtimes([spread.T, matrix, spread]), ca.mtimes(spread.T, load)
+    bias = ca.mtimes(spread.T, assembled.torques(q, v, ca.SX(nj, 1)))
+    if nj > 1:
+        middle = _middle(matrix, load - length * bias, v[free], up, down)
+        bias = ca.mtimes(spread.T, assembled.torques(q, ca.mtimes(spread, middle), ca.SX(nj, 1)))
+    load -= length * bias
     inertias = inertias[free]
 
     slip = slipping(matrix, load, up, down)
@@ -179,6 +183,23 @@ def chain_kick(
         )
     whole = ca.mtimes(spread, moved) + mechanism.offsets
     return Kicked(whole, ca.mtimes(spread, kicked), slip, contacts, matrix, load, up, down)
+
+
+def _middle(matrix: Any, load: Any, v: Any, up: Any, down: Any) -> Any:
+    """Return the speeds in the middle of a kick, (n_free,): Coriolis and centrifugal torques taken there keep its order at two.
+
+    Joints that move go on in their direction; those that stand still stay.
+
+    Args:
+        matrix: A, (n_free, n_free).
+        load: r with these torques at the start, (n_free,).
+        v: speeds before, (n_free,).
+        up: friction impulses against + motion, (n_free,).
+        down: against − motion, (n_free,).
+    """
+    ahead = Slip(v > 0, v < 0)
+    after = solver(matrix, ahead.moving)(load - ahead.friction(up, down))
+    return (v + after) / 2
 
 
 def _stop(mechanism: Mechanism, joint: int) -> tuple[Any, ...]:
