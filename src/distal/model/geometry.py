@@ -75,7 +75,10 @@ def elongation(insertion: Insertion, angle: Any, displacement: Any) -> Any:
 
 
 def polynomial_excursion(polynomial: Polynomial, coefficients: Sequence[Any], angles: Sequence[Any]) -> Any:
-    """Return e(θ) = Σ c Π θ_j^{n_j}; outside its range e(θ_c) + ∂e/∂θ (θ − θ_c), with θ_c at the end of the range.
+    """Return e(θ) = Σ c Π θ_j^{n_j}; outside its range e(θ_c) + Σ a_j (θ_j − θ_c,j), with θ_c at the end of the range.
+
+    a_j is the arm at the end of θ_j's own range with the other angles in the middle of theirs: no length jumps, and no arm
+    grows beyond what it is somewhere in the range.
 
     Args:
         polynomial: its terms and its range.
@@ -86,10 +89,21 @@ def polynomial_excursion(polynomial: Polynomial, coefficients: Sequence[Any], an
     total = ca.SX(0)
     for term, coefficient in zip(polynomial.terms, coefficients):
         total += coefficient * _product(kept, term.powers)
-        for j, power in enumerate(term.powers):
-            if power > 0:
-                lower = tuple(p - (i == j) for i, p in enumerate(term.powers))
-                total += coefficient * power * _product(kept, lower) * (angles[j] - kept[j])
+    middle = [(low + high) / 2 for low, high in polynomial.range]
+    for j, (low, high) in enumerate(polynomial.range):
+        ends = [_slope(polynomial, coefficients, [*middle[:j], end, *middle[j + 1 :]], j) for end in (low, high)]
+        total += ends[0] * ca.fmin(angles[j] - low, 0) + ends[1] * ca.fmax(angles[j] - high, 0)
+    return total
+
+
+def _slope(polynomial: Polynomial, coefficients: Sequence[Any], at: Sequence[Any], joint: int) -> Any:
+    """Return ∂e/∂θ_j at given angles."""
+    total = ca.SX(0)
+    for term, coefficient in zip(polynomial.terms, coefficients):
+        power = term.powers[joint]
+        if power > 0:
+            lower = tuple(p - (i == joint) for i, p in enumerate(term.powers))
+            total += coefficient * power * _product(at, lower)
     return total
 
 

@@ -131,7 +131,7 @@ def number_at(rig: Rig, path: str) -> float:
 
 
 def _walk(rig: Rig) -> Iterator[tuple[str, Parameter]]:
-    if any(joint.link is not None for joint in rig.joints):
+    if rig.is_chain:
         yield from _walk_part(rig.base, "base")
     for kind in ("joints", "drives", "tendons"):
         for i, part in enumerate(getattr(rig, kind)):

@@ -80,7 +80,7 @@ class Term(Description):
     """One term of a polynomial: coefficient · Π θ_j^{power_j}."""
 
     powers: tuple[int, ...] = Field(min_length=1, description="power of each joint's angle [rad]")
-    coefficient: Annotated[float, In("m")] = Field(description="metres, per radian to the sum of the powers")
+    coefficient: Annotated[Parameter, In("m")] = Field(description="metres, per radian to the sum of the powers")
 
 
 HIGHEST_POWER = 9
@@ -89,7 +89,7 @@ HIGHEST_POWER = 9
 class Polynomial(Description):
     """A crossing whose excursion is a polynomial in the angles of several joints: ℓ = l + x − scale · e(θ).
 
-    Outside `range` the angles count as at its end, and the tendon goes on in a straight line: e(θ_c) + ∂e/∂θ (θ − θ_c).
+    Outside `range` the tendon goes on in a straight line, with the arm that it has at the end of it.
     """
 
     kind: Literal["polynomial"]
@@ -126,7 +126,7 @@ class Polynomial(Description):
         found = dict.fromkeys(self.joints, 0.0)
         for term in self.terms:
             for j, name in enumerate(self.joints):
-                slope = term.coefficient * term.powers[j]
+                slope = term.coefficient.value * term.powers[j]
                 for i, power in enumerate(term.powers):
                     slope *= at[i] ** max(power - (i == j), 0)
                 found[name] += self.scale.value * slope

@@ -92,10 +92,16 @@ def _all_at_once(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed: S
     count, length, free = len(mechanism.free), kick.length, mechanism.free
     weight, forward, back = ca.vertsplit(kicked.slip.moving), *(ca.vertsplit(x) for x in (kicked.slip.forward, kicked.slip.back))
     after, rest = kicked.v[free], [ca.SX(0)] * nj
+    matrix, load = ca.SX(kicked.matrix), kicked.load
+    stiffness, damping = ca.SX(kicked.contacts.stiffness), ca.SX(kicked.contacts.damping)
     for k in (k for k, j in enumerate(free) if j in pushed):
+        # a hand may take the joint off its stop: the expectation does without it
+        pressing = stiffness[k] * (kick.q[free[k]] - kicked.contacts.place[k])
+        matrix[k, k] -= damping[k]
+        stiffness[k], damping[k] = 0, 0
         # what a joint feels beside its own inertia: the others move as they do
-        own = kicked.matrix[k, k]
-        felt = kicked.load[k] - sum((kicked.matrix[k, i] * after[i] for i in range(count) if i != k), ca.SX(0))
+        own = matrix[k, k]
+        felt = load[k] + pressing - sum((matrix[k, i] * after[i] for i in range(count) if i != k), ca.SX(0))
         limit = Limit(kicked.up[k] / own, kicked.down[k] / own)
         moments = soft_moments(felt / own, limit, length * spreads[free[k]] / own + TINY_SPREAD)
         share = ca.fmax(moments.slope, 1e-12)
@@ -109,9 +115,9 @@ def _all_at_once(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed: S
     )
     by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
     found = [after, ca.vertcat(*forward), ca.vertcat(*back)]
-    found += [kicked.contacts.stiffness, kicked.contacts.damping, kicked.contacts.place]
+    found += [stiffness, damping, kicked.contacts.place]
     slopes = ca.substitute([ca.jacobian(equation, each) for each in by], list(symbols.values()), found)
-    solve = solver(kicked.matrix, ca.vertcat(*weight))
+    solve = solver(matrix, ca.vertcat(*weight))
     answers = [ca.mtimes(mechanism.spread, -_columns(solve, slope)) for slope in slopes]
     q = ca.vertcat(kicked.q, kick.q[nj:] + kick.drift * kick.v[nj:])
     return Moving(q, ca.vertcat(kicked.v, kick.v[nj:]), *answers, ca.SX(nj, 2 * nj), ca.vertcat(*rest))

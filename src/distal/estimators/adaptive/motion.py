@@ -57,9 +57,17 @@ def moved(
     nj, acting = setup.n_joints, _acting(states)
     starts, rates, torques, places, *constant = _interval(states, count)(mean, covariance, memory, tracks, x, p)
     step, h = _substep(states), x[0] / count
-    q, v = ca.vertcat(mean[:nj], starts), ca.vertcat(mean[nj : 2 * nj], rates)
-    identity = ca.DM.eye(2 * nj + len(acting) + setup.n_drives)
-    angle_slopes, speed_slopes = (ca.MX(ca.densify(identity[i * nj : (i + 1) * nj, :])) for i in (0, 1))
+    mechanism, identity = setup.mechanism, ca.DM.eye(2 * nj + len(acting) + setup.n_drives)
+    angles, speeds, own = mean[:nj], mean[nj : 2 * nj], ca.DM.eye(nj)
+    if len(mechanism.free) < nj:
+        # coupled joints are where the others say, from the start
+        own = ca.DM(nj, nj)
+        own[:, mechanism.free] = mechanism.spread
+        angles, speeds = ca.mtimes(own, angles) + mechanism.offsets, ca.mtimes(own, speeds)
+    q, v = ca.vertcat(angles, starts), ca.vertcat(speeds, rates)
+    angle_slopes, speed_slopes = (
+        ca.MX(ca.densify(ca.mtimes(own, identity[i * nj : (i + 1) * nj, :]))) for i in (0, 1)
+    )
     rest = ca.MX(ca.DM.zeros(nj))
     for _ in range(count):
         q, v, angle_slopes, speed_slopes, added = step(q, v, torques, h, angle_slopes, speed_slopes, *constant)
@@ -185,7 +193,9 @@ def _substep(states: StateVector) -> ca.Function:
         arguments.append(ca.SX.sym("S_response", 2 * nj, len(responding)))
         at = [2 * nj + acting.index(i) for i in responding]
         along[:, at] += ca.mtimes(step.by_response, arguments[-1])
-    outputs = [step.q, step.v, angle_slopes + h * along, along, step.rest]
+    free, spread = mechanism.free, mechanism.spread
+    turned = ca.mtimes(spread, (angle_slopes + h * along)[free, :])
+    outputs = [step.q, step.v, turned, along, step.rest]
     return ca.Function("substep", arguments, ca.cse([ca.densify(entry) for entry in outputs]))
 
 

@@ -67,13 +67,17 @@ def _corner(setup: Setup, pairs: Sequence[tuple[int, int]]) -> ca.Function:
     rest, vector = ca.SX.sym("rest", nj), ca.SX.sym("tracks", Tracks.size(nd))
     memory, x = ca.SX.sym("memory", MEMORY * nd), ca.SX.sym("x", setup.width)
     variances, entries = Tracks(vector, nd).variances, []
+    # to the angles and to the speeds of the joints that are free; coupled ones err as these
+    free, spread = setup.mechanism.free, setup.mechanism.spread
+    added = (
+        [followed_variance(setup, j, vector, memory) for j in free],
+        [rest[j] + setup.unmodelled(j) ** 2 * x[0] for j in free],
+    )
     for at, (i, j) in enumerate(pairs):
         one, other = (of_places[k * nd : (k + 1) * nd] for k in (i, j))
         entry = products[at] + ca.sum1(one * other * variances)
-        if i == j and i < nj:
-            entry += followed_variance(setup, i, vector, memory)
-        elif i == j:
-            entry += rest[i - nj] + setup.unmodelled(i - nj) ** 2 * x[0]
+        if (i < nj) == (j < nj):
+            entry += sum((spread[i % nj, k] * spread[j % nj, k] * added[i // nj][k] for k in range(len(free))), ca.SX(0))
         entries.append(entry)
     arguments = [products, of_places, rest, vector, memory, x, setup.mechanism.parameters.symbols]
     return ca.Function("corner", arguments, ca.cse([ca.densify(ca.vertcat(*entries))]))
