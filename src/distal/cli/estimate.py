@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from distal.cli.console import failure, say, table
-from distal.cli.options import MemoryOption, PlotOption, RigOption, SetOption, TruthOption, angle, seconds
+from distal.cli.options import MemoryOption, PlotOption, RigOption, SetOption, TruthOption, joint_angle, seconds
 from distal.cli.outputs import check_outputs, to_file
 from distal.errors import DistalError, EstimationError
 
@@ -69,9 +69,10 @@ def estimate_command(
         typer.Option("--homing", help="Use the reference for so long (e.g. 3s), then only check against it."),
     ] = None,
     homing_angle: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
-            "--homing-angle", help=("Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg'.")
+            "--homing-angle",
+            help="Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg', or 'pip: 0 deg'.",
         ),
     ] = None,
     what_if: Annotated[
@@ -94,7 +95,7 @@ def estimate_command(
 
     if len(logs) > 1:
         asked = {
-            "--homing-angle": homing_angle is not None,
+            "--homing-angle": bool(homing_angle),
             "--plot": plot is not None,
             "--smooth": smooth,
             "--passes": passes > 1,
@@ -126,15 +127,15 @@ def estimate_command(
             make_estimator(name, description)  # says what is allowed
     names = list(dict.fromkeys(estimator or ([DEFAULT, *ESTIMATORS] if known else [DEFAULT])))
     home = seconds(homing) if homing is not None else None
-    if homing_angle is not None:
+    for known_place in homing_angle or ():
         if home is None:
             raise EstimationError(
                 "--homing-angle says where the joint stands while homing; give --homing too, e.g. 0.5s"
             )
-        place = angle(homing_angle)
-        data, description = at_known_angle(data, description, home, *place)
+        joint, place = joint_angle(known_place)
+        data, description = at_known_angle(data, description, home, *place, joint)
         about, off = np.rad2deg(place)
-        say(f"home: the joint stands at {about:g}° ± {off:g}° for the first {home:g} s")
+        say(f"home: {joint or 'the joint'} stands at {about:g}° ± {off:g}° for the first {home:g} s")
     # in a comparison that nobody chose, what cannot run is a row that says what it needs
     missing = estimator is None and description.affine is None and home is None
     lost: DistalError | None = None
@@ -165,7 +166,7 @@ def estimate_command(
         made[plot] = figure_bytes(figure, plot)
     write_together(made)
     if known:
-        read = "not read" if homing_angle is not None else "used"
+        read = "not read" if homing_angle else "used"
         used = f"; {read} for the first {home:g} s, compared with afterwards" if home is not None else ""
         say(f"truth: {origin}{used}")
         _compare(results, failed)
@@ -175,13 +176,17 @@ def estimate_command(
     final = results[0]
     for joint in range(len(final.joint_names)):
         say(final.in_words(joint))
-    for note in dict.fromkeys(note for result in results for note in result.notes):
-        say(note)
+    notes = list(dict.fromkeys(note for result in results for note in result.notes))
+    for note in notes:
+        if note != final.unseen:
+            say(note)
     # a smoothed estimate is of the same log and rig, and its innovations are the filter's
     say(diagnose(final, data, description, home, what_if=what_if).text)
     for path in (out, plot):
         if path is not None:
             say(f"wrote {path}")
+    if final.unseen is not None:
+        say(final.unseen)
 
 
 def _describe(log: Log, rig: Rig) -> None:

@@ -82,6 +82,19 @@ def angle(text: str) -> tuple[float, float]:
     return values[0], values[1] if len(values) > 1 else 0.0
 
 
+def joint_angle(text: str) -> tuple[str | None, tuple[float, float]]:
+    """Return the joint, None if none is named, and its angle with std: ``pip: 0 deg ± 1 deg`` or ``0 deg`` (see `angle`).
+
+    Args:
+        text: as typed.
+
+    Raises:
+        UnitError: it is no angle.
+    """
+    name, colon, rest = text.partition(":")
+    return (name.strip(), angle(rest)) if colon else (None, angle(text))
+
+
 def seconds(text: str) -> float:
     """Return a time given as ``3s``, ``200 ms`` or a bare number [s].
 

@@ -1,7 +1,8 @@
-"""`distal rigs`, `distal rig check`, `distal rig show`, `distal rig new`."""
+"""`distal rigs`, `distal rig check`, `distal rig draw`, `distal rig show`, `distal rig new`."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,9 @@ from distal.cli.console import say, table, warn
 from distal.cli.options import SetOption
 from distal.cli.outputs import check_outputs, to_file
 from distal.errors import OutputError
+
+GEOMETRY = re.compile(r"\.(offset|link\.centre|link\.inertia)\.\d$|\.friction\.reference$")
+"""Numbers that are drawn, or follow from others: nobody doubts them one by one."""
 
 app = typer.Typer(help="Look at rig files and make new ones.", no_args_is_help=True)
 
@@ -64,11 +68,28 @@ def check_command(
     exact = [
         name
         for name, value, std in zip(mechanism.parameters.names, mechanism.parameters.values, mechanism.parameters.stds)
-        if std == 0.0 and value != 0.0 and not name.startswith("sensors.")
+        if std == 0.0 and value != 0.0 and not name.startswith(("sensors.", "base.")) and not GEOMETRY.search(name)
     ]
     say(f"  taken as exact: {', '.join(exact) if exact else 'nothing'}")
     for doubt in doubts(description):
         warn(doubt)
+
+
+@app.command("draw")
+def draw_command(
+    rig: Annotated[str, typer.Argument(help="A TOML file, or a shipped rig's name.")],
+    out: Annotated[Path, typer.Option("--out", help="Where to save it (.png, .svg or .pdf).")] = Path("rig.png"),
+    set_: SetOption = None,
+) -> None:
+    """Draw a rig: joints, tendons and moment arms."""
+    from distal.reports.rig_drawing import draw_rig
+    from distal.results import plot_kind, save_figure
+    from distal.rig import load_rig
+
+    plot_kind(out)
+    check_outputs(to_file("--out", out), rig=rig)
+    save_figure(draw_rig(load_rig(rig, set_ or ())), out)
+    say(f"wrote {out}")
 
 
 @app.command("show")

@@ -13,8 +13,10 @@ from distal.estimators.contract import (
     KernelEstimator,
     check_time,
 )
+from distal.estimators.directions import Directions, directions
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise, state_units
 from distal.estimators.kinematic import KinematicEstimator
+from distal.estimators.kinematic_chain import ChainKinematics
 from distal.estimators.moved import __getattr__
 from distal.estimators.registry import DEFAULT, ESTIMATORS, RIVALS, make_estimator
 
@@ -28,7 +30,9 @@ __all__ = [
     "AdaptiveFilter",
     "AffineEstimator",
     "Belief",
+    "ChainKinematics",
     "Channels",
+    "Directions",
     "Estimator",
     "FullStateFilter",
     "Innovation",
@@ -38,6 +42,7 @@ __all__ = [
     "Robustness",
     "__getattr__",
     "channels_of",
+    "directions",
     "check_time",
     "make_estimator",
     "paper_noise",

@@ -99,11 +99,17 @@ def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int,
         moved = angles[free] + solve(push)
         angles = ca.mtimes(mechanism.spread, moved) + mechanism.offsets
     gain = ca.horzcat(*(solve(along[:, k]) for k in range(len(rows))))
-    spread = ca.diag(ca.vertcat(*(slopes[k, mechanism.drive_of[i]] ** 2 * errors[mechanism.drive_of[i] - nj] for k, i in enumerate(rows))))
+    spread = ca.diag(
+        ca.vertcat(
+            *(slopes[k, mechanism.drive_of[i]] ** 2 * errors[mechanism.drive_of[i] - nj] for k, i in enumerate(rows))
+        )
+    )
     whole = ca.mtimes(mechanism.spread, gain)
     covariance = ca.mtimes([whole, spread, whole.T])
     following = ca.vertcat(angles, ca.densify(ca.vec(covariance)), *positions, *filtered)
-    function = ca.Function("kinematic", [carry, x, p.symbols], [ca.cse(following), ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"])
+    function = ca.Function(
+        "kinematic", [carry, x, p.symbols], [ca.cse(following), ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"]
+    )
     return function
 
 

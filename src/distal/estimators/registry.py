@@ -14,7 +14,6 @@ from distal.estimators.kinematic_chain import ChainKinematics
 from distal.rig import Rig
 
 
-
 def _kinematic(name: str, rig: Rig, elastic: bool, compiled: bool) -> KernelEstimator:
     kind = KinematicEstimator if len(rig.joints) == 1 else ChainKinematics
     return kind(name, rig, elastic=elastic, compiled=compiled)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError
-from distal.estimators import AdaptiveFilter
+from distal.estimators import AdaptiveFilter, Directions, directions
 from distal.logs import Log
 from distal.results import BAND, COLOURS, DASHES, Estimate, figure, from_start, legend_above, save_figure, time_label
 from distal.rig import Rig, Sensor
@@ -43,6 +43,7 @@ class Observability:
         window: length of the windows [s].
         estimate: that it was computed along.
         joint: index of the joint.
+        directions: of joint space that the sensors see, and those that they miss.
     """
 
     time: Floats
@@ -51,6 +52,7 @@ class Observability:
     window: float
     estimate: Estimate
     joint: int = 0
+    directions: Directions | None = None
 
     def table(self, rows: int = 10) -> list[tuple[float, float, float, float, str]]:
         """Return (from [s], to [s], std [rad], std found from lost [rad], word) of equal parts of the log.
@@ -117,7 +119,7 @@ def observability(
         rig: the description.
         window: length of the windows [s].
         homing: as for `estimate`.
-        joint: name of the joint; default the only one.
+        joint: name of the joint that is lost; default the first.
 
     Raises:
         FitError: the window does not fit the log, or it is not clear which joint is meant.
@@ -129,8 +131,8 @@ def observability(
     if not 0.0 < window < span:
         raise FitError(f"the window must be longer than 0 s and shorter than the log ({span:g} s), {window:g} s came")
     joints = [each.name for each in rig.joints]
-    if (joint is None and len(joints) > 1) or (joint is not None and joint not in joints):
-        raise FitError(f"observability is of one joint; name one of {', '.join(joints)}, {joint!r} came")
+    if joint is not None and joint not in joints:
+        raise FitError(f"observability: no joint is called {joint!r}; the rig has {', '.join(joints)}")
     at = 0 if joint is None else joints.index(joint)
     known = estimate(log, rig, homing=homing)
     references: tuple[Sensor, ...] = ()
@@ -159,4 +161,4 @@ def observability(
         covariance[at, at] = LOST**2
         after, _ = runner.kernel.scan(carry, rows[start : last[own[-1]] + 1], runner.numbers)
         found[own] = np.sqrt(np.maximum(after[last[own] - start, n + at * (n + 1)], 0.0))
-    return Observability(log.time, np.maximum(found, std), std, window, known, at)
+    return Observability(log.time, np.maximum(found, std), std, window, known, at, directions(rig))

@@ -95,7 +95,9 @@ def _implicit_inertias(mechanism: Mechanism, inertias: Any, length: Any) -> Any:
     return ca.vertcat(*(inertias[j] * (_growth(dampings[j], inertias[j], length) - 1) for j in range(nj)))
 
 
-def residual(mechanism: Mechanism, q: Any, v: Any, after: Any, loads: Loads, slip: Slip, contacts: Contacts, h: Any) -> Any:
+def residual(
+    mechanism: Mechanism, q: Any, v: Any, after: Any, loads: Loads, slip: Slip, contacts: Contacts, h: Any
+) -> Any:
     """Return A v⁺ + h f − r of the free joints, (n_free,): zero where they slip; its slopes are those of the kick.
 
     Args:
@@ -169,7 +171,9 @@ def chain_kick(
         kicked = solver(pressed, after.moving)(pressing - after.friction(up, down))
         if last:
             # a stop only pushes: one that would pull lets go
-            pushes = (contacts.stiffness * (at - contacts.place) + contacts.damping * kicked) * (at - contacts.place) > 0
+            pushes = (contacts.stiffness * (at - contacts.place) + contacts.damping * kicked) * (
+                at - contacts.place
+            ) > 0
             contacts = Contacts(contacts.stiffness * pushes, contacts.damping * pushes, contacts.place)
             pressed = matrix + ca.diag(contacts.damping)
             pressing = load - contacts.stiffness * (at - contacts.place)
@@ -179,7 +183,13 @@ def chain_kick(
     moved = at + drift * kicked
     if stopped and rebounds and not last:
         kicked, moved = _bounced(
-            mechanism, (at, v[free], alone, kicked, moved), (matrix, load, slip, up, down), contacts, inertias, length, drift
+            mechanism,
+            (at, v[free], alone, kicked, moved),
+            (matrix, load, slip, up, down),
+            contacts,
+            inertias,
+            length,
+            drift,
         )
     whole = ca.mtimes(spread, moved) + mechanism.offsets
     return Kicked(whole, ca.mtimes(spread, kicked), slip, contacts, matrix, load, up, down)
@@ -229,7 +239,13 @@ def _contacts(mechanism: Mechanism, q: Any, v: Any, inertias: Any, length: Any, 
 
 
 def _bounced(
-    mechanism: Mechanism, motion: tuple[Any, ...], system: tuple[Any, ...], contacts: Contacts, inertias: Any, length: Any, drift: Any
+    mechanism: Mechanism,
+    motion: tuple[Any, ...],
+    system: tuple[Any, ...],
+    contacts: Contacts,
+    inertias: Any,
+    length: Any,
+    drift: Any,
 ) -> tuple[Any, Any]:
     """Return speeds and angles with the joints that bounce off their stops; the others answer to that blow."""
     at, before, alone, kicked, moved = motion
@@ -243,9 +259,7 @@ def _bounced(
         unresolved = stiffness * drift * drift / inertias[k] > 1
         rebound = ca.if_else(unresolved, restitution(stiffness, damping, inertias[k]), 0)
         touching, at_high = contacts.damping[k] > 0, contacts.place[k] == high
-        flies, after, place = bounce(
-            rebound, at_high, contacts.place[k], alone[k], at[k], before[k], length, drift
-        )
+        flies, after, place = bounce(rebound, at_high, contacts.place[k], alone[k], at[k], before[k], length, drift)
         bounces.append(ca.logic_and(touching, flies))
         speeds.append(after)
         places.append(place)

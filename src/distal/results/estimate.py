@@ -66,6 +66,11 @@ class Estimate:
     stamps: NDArray[np.int64] | None = None
     torque_truths: Floats | None = None
 
+    @property
+    def unseen(self) -> str | None:
+        """What the sensors cannot tell of the joints, a sentence of `notes`; None where they see every direction."""
+        return next((note for note in self.notes if note.startswith("seen is ")), None)
+
     def __len__(self) -> int:
         return len(self.time)
 

@@ -54,10 +54,12 @@ class Base(Description):
     """
 
     gravity: Annotated[Vector, In("m/s^2")] = Field(
-        (0.0, 0.0, -9.80665), description="acceleration of free fall, in the world's frame (the base's while it is upright)"
+        (0.0, 0.0, -9.80665),
+        description="acceleration of free fall, in the world's frame (the base's while it is upright)",
     )
     orientation: Annotated[Vector, In("rad")] = Field(
-        (0.0, 0.0, 0.0), description="how the base is turned: roll, pitch, yaw about the world's x, y and z, in this order"
+        (0.0, 0.0, 0.0),
+        description="how the base is turned: roll, pitch, yaw about the world's x, y and z, in this order",
     )
 
 

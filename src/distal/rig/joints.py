@@ -110,7 +110,7 @@ class Joint(Description):
 
     name: Name
     parent: str | None = Field(
-        None, description="the joint on whose link it sits, or \"base\"; default: the joint before it in the file"
+        None, description='the joint on whose link it sits, or "base"; default: the joint before it in the file'
     )
     axis: Axis = Field(AXES["y"], description='its axis in its own frame: "x", "y", "z", "-x", … or three numbers')
     offset: Annotated[Vector, In("m")] = Field(

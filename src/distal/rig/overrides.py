@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from copy import deepcopy
 from collections.abc import MutableMapping
 from typing import Any
 
@@ -12,6 +13,9 @@ from distal.rig.quantities import KEYS
 
 DEEPEST = 12
 """So many parts has a path at most."""
+
+ALL = "*"
+"""Stands for all items of a list in a path."""
 
 _LOOSE_QUANTITY = re.compile(r"^[-+]?[0-9.][0-9.eE+-]*\s*[A-Za-z%°µμ][^\"'\[\]{}=]*$")
 
@@ -46,7 +50,8 @@ def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
 def set_value(raw: Any, path: str, value: object, error: type[DistalError]) -> None:
     """Replace the value at `path` in `raw`, in place.
 
-    A bare value that replaces ``{ value, std }`` keeps the std. Items of a list are named by index or by their name.
+    A bare value that replaces ``{ value, std }`` keeps the std. Items of a list are named by index or by their name; ``*``
+    stands for all of them.
 
     Args:
         raw: nested tables and lists, as read from TOML.
@@ -60,6 +65,9 @@ def set_value(raw: Any, path: str, value: object, error: type[DistalError]) -> N
     keys = path.split(".")
     if len(keys) > DEEPEST:
         raise error(f"--set '{path[:40]}…': has {len(keys)} parts; no value of a rig has more than {DEEPEST}")
+    if ALL in keys:
+        _set_all(raw, keys, path, value, error)
+        return
     parent, where = raw, ""
     for key in keys[:-1]:
         parent = _descend(parent, key, where, path, error)
@@ -74,6 +82,19 @@ def set_value(raw: Any, path: str, value: object, error: type[DistalError]) -> N
         parent[last] = _merged(parent.get(last), value)
     else:
         raise error(f"--set '{path}': '{where}' is a plain value and has no '{last}'")
+
+
+def _set_all(raw: Any, keys: list[str], path: str, value: object, error: type[DistalError]) -> None:
+    """Replace the value in every item of the list that ``*`` stands for."""
+    at = keys.index(ALL)
+    parent, where = raw, ".".join(keys[:at])
+    for key in keys[:at]:
+        parent = parent.get(key) if isinstance(parent, MutableMapping) else _descend(parent, key, where, path, error)
+    if not isinstance(parent, (list, tuple)) or not parent:
+        raise error(f"--set '{path}': '{where or ALL}' is no list with items that '{ALL}' could stand for")
+    for index in range(len(parent)):
+        # a table is changed in place: each item gets one of its own
+        set_value(raw, ".".join([*keys[:at], str(index), *keys[at + 1 :]]), deepcopy(value), error)
 
 
 def _merged(old: object, new: object) -> object:

@@ -49,7 +49,9 @@ Insertion = Annotated[Pinned | Pulley | Linkage, Field(discriminator="kind")]
 class Guide(Description):
     """Friction of a tendon where it crosses a joint, by the capstan equation; see `Path`."""
 
-    friction: Annotated[Parameter, In("", "nonnegative")] = Field(description="friction coefficient against its guide, μ")
+    friction: Annotated[Parameter, In("", "nonnegative")] = Field(
+        description="friction coefficient against its guide, μ"
+    )
     wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="angle that it wraps at θ = 0, β")
     wrap_slope: Annotated[Parameter, In("")] = Field(
         Parameter(value=0.0), description="change of β per radian of the joint"
@@ -108,10 +110,14 @@ class Polynomial(Description):
             if self.joints.count(name) > 1:
                 raise ValueError(f"joints: '{name}' stands more than once")
         if len(self.range) != len(self.joints):
-            raise ValueError(f"range: one [low, high] for each of {len(self.joints)} joints is needed, {len(self.range)} came")
+            raise ValueError(
+                f"range: one [low, high] for each of {len(self.joints)} joints is needed, {len(self.range)} came"
+            )
         for i, term in enumerate(self.terms):
             if len(term.powers) != len(self.joints):
-                raise ValueError(f"terms.{i}.powers: one for each of {len(self.joints)} joints is needed, {len(term.powers)} came")
+                raise ValueError(
+                    f"terms.{i}.powers: one for each of {len(self.joints)} joints is needed, {len(term.powers)} came"
+                )
             if min(term.powers) < 0 or max(term.powers) > HIGHEST_POWER:
                 raise ValueError(f"terms.{i}.powers: must be from 0 to {HIGHEST_POWER}, {list(term.powers)} came")
         return self
@@ -133,9 +139,7 @@ class Polynomial(Description):
         return found
 
 
-Crossing = Annotated[
-    CrossedPinned | CrossedPulley | CrossedLinkage | Polynomial, Field(discriminator="kind")
-]
+Crossing = Annotated[CrossedPinned | CrossedPulley | CrossedLinkage | Polynomial, Field(discriminator="kind")]
 """How a tendon meets one joint (a polynomial: several), where it crosses more than one."""
 
 

@@ -61,7 +61,20 @@ def explain(problem: ValidationError, source: str, root: type[BaseModel]) -> str
 
 
 def _finding(finding: Any, root: type[BaseModel]) -> str:
-    tags = {"slider", "capstan", "pinned", "pulley", "linkage", "polynomial", "m", "rad", "N", "N m", "SliderServo", "CapstanServo"}
+    tags = {
+        "slider",
+        "capstan",
+        "pinned",
+        "pulley",
+        "linkage",
+        "polynomial",
+        "m",
+        "rad",
+        "N",
+        "N m",
+        "SliderServo",
+        "CapstanServo",
+    }
     location = list(finding["loc"])
     # a tag of a union follows an index or stands for the union itself; it is no key of the user's
     keys = [k for i, k in enumerate(location) if not (k in tags and i > 0)]

@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 TRUTH_NOISE = np.deg2rad(0.1)
 """Standard deviation of a truth that is no sensor of the rig [rad]."""
 
+AT_HOME = " at home"
+
 
 def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
     """Return a rig in which the log's truth is a sensor of each joint whose angle is known, and these sensors.
@@ -74,36 +76,49 @@ def added_reference(rig: Rig, rate: float, joint: str | None = None) -> tuple[Ri
     return described, described.sensors[-1]
 
 
-def at_known_angle(log: Log, rig: Rig, homing: float, angle: float, std: float = 0.0) -> tuple[Log, Rig]:
+def at_known_angle(
+    log: Log, rig: Rig, homing: float, angle: float, std: float = 0.0, joint: str | None = None
+) -> tuple[Log, Rig]:
     """Return a log and a rig with which a filter homes where the joint is known to be: at a mark, or against a hard stop.
 
-    The rig gets a sensor ``home`` of the joint's angle, with an offset of ``std``, and the log's truth is `angle` over the
-    window. Afterwards it is what it was, NaN where there was none.
+    The rig gets a sensor ``home`` of the joint's angle (``home_JOINT`` where there are several), with an offset of ``std``,
+    and the log's truth is `angle` over the window. Afterwards it is what it was, NaN where there was none. For several
+    joints it is called once for each that stands somewhere known; the truth of the others is not used.
 
     Args:
         log: the log.
-        rig: the description, of one joint.
+        rig: the description.
         homing: for how long the joint is there [s].
         angle: where [rad].
         std: how far it may be from there, all of the time by the same [rad].
+        joint: its name; default the only one.
 
     Raises:
-        EstimationError: the rig has several joints, or a number is out of bounds.
+        EstimationError: it is not clear which joint is meant, or a number is out of bounds.
     """
-    joints = [joint.name for joint in rig.joints]
-    if len(joints) > 1:
-        raise EstimationError(f"a homing angle is of one joint; the rig has {', '.join(joints)}")
+    joints = [each.name for each in rig.joints]
+    if (joint is None and len(joints) > 1) or (joint is not None and joint not in joints):
+        raise EstimationError(f"a homing angle is of one joint; name one of {', '.join(joints)}, {joint!r} came")
+    which = joints[0] if joint is None else joint
     if not abs(angle) <= LARGEST_ANGLE or not 0.0 <= std <= LARGEST_ANGLE:
         raise EstimationError(f"a homing angle is at most {LARGEST_ANGLE:g} rad, {angle:g} ± {std:g} rad came")
     raw, taken = rig.model_dump(), {sensor.name for sensor in rig.sensors}
-    name = next(n for n in ("home", "home_angle", "home_angle_2") if n not in taken)
+    stem = "home" if len(joints) == 1 else f"home_{which}"
+    name = next(n for n in (stem, f"{stem}_angle", f"{stem}_angle_2") if n not in taken)
     rate = float(np.clip(log.rate, 1e-3, 1e6)) if len(log) > 1 else 100.0
-    home = {"name": name, "measures": "angle", "of": joints[0], "noise": TRUTH_NOISE, "rate": rate}
+    home = {"name": name, "measures": "angle", "of": which, "noise": TRUTH_NOISE, "rate": rate}
     raw["sensors"] = [{**home, "bias": {"value": 0.0, "std": std}}, *raw["sensors"]]
-    (column,), early = angle_names(joints), log.time - log.time[0] < homing
-    before = log.truth.get(column, np.full(len(log), np.nan))
-    truth = {**log.truth, column: np.where(early, angle, before)}
-    said = f"{np.rad2deg(angle):g}° ± {np.rad2deg(std):g}° at home, {FROM_SENSOR}"
+    columns, early = dict(zip(joints, angle_names(joints))), log.time - log.time[0] < homing
+    homed_before = log.truth_source if AT_HOME in log.truth_source else ""
+    truth = dict(log.truth)
+    if not homed_before:
+        # of the joints that nobody says anything of, the truth is not used
+        truth |= {name: np.where(early, np.nan, truth[name]) for name in columns.values() if name in truth}
+    column = columns[which]
+    truth[column] = np.where(early, angle, truth.get(column, np.full(len(log), np.nan)))
+    at = f"{np.rad2deg(angle):g}° ± {np.rad2deg(std):g}°{AT_HOME}"
+    at = at if len(joints) == 1 else f"{which} {at}"
+    said = f"{homed_before.removesuffix(FROM_SENSOR)}{at}, {FROM_SENSOR}"
     return replace(log, truth=truth, truth_source=said), build_rig(raw, rig.name)
 
 

@@ -22,6 +22,7 @@ from distal.estimators.adaptive.states import KINDS, Begin, Kind, StateVector
 from distal.estimators.affine import start_of
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of
 from distal.estimators.contract import KernelEstimator
+from distal.estimators.directions import directions
 from distal.estimators.discrepancy import corrected_function, first_memory, numbers_of
 from distal.kernels import Kernel
 from distal.logs import frozen
@@ -191,6 +192,20 @@ class AdaptiveFilter(KernelEstimator):
         if self._contact is not None:
             memory = ca.vertcat(memory, contact.first_memory(self._contact, values, mask))
         return ca.Function("prior", [values, given], [mean, variances, memory])
+
+    def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
+        """Return which directions of joint space the sensors do not see, where there are any.
+
+        Args:
+            means: states over the log, (k, n).
+            samples: values of `channels`, (k, n_channels).
+        """
+        return () if self._unseen is None else (self._unseen,)
+
+    @cached_property
+    def _unseen(self) -> str | None:
+        found = directions(self.rig)
+        return found.text if len(found.missed) and len(self.rig.joints) > 1 else None
 
     @property
     def bridged(self) -> int:

@@ -90,7 +90,10 @@ def _all_at_once(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed: S
     mechanism, nj = setup.mechanism, setup.n_joints
     kicked = kicked_chain(mechanism, kick, rebounds=False)
     count, length, free = len(mechanism.free), kick.length, mechanism.free
-    weight, forward, back = ca.vertsplit(kicked.slip.moving), *(ca.vertsplit(x) for x in (kicked.slip.forward, kicked.slip.back))
+    weight, forward, back = (
+        ca.vertsplit(kicked.slip.moving),
+        *(ca.vertsplit(x) for x in (kicked.slip.forward, kicked.slip.back)),
+    )
     after, rest = kicked.v[free], [ca.SX(0)] * nj
     matrix, load = ca.SX(kicked.matrix), kicked.load
     stiffness, damping = ca.SX(kicked.contacts.stiffness), ca.SX(kicked.contacts.damping)
@@ -130,4 +133,3 @@ def _columns(solve: Any, matrix: Any) -> Any:
     for k in nonzero:
         result[:, k] = solve(matrix[:, k])
     return result
-

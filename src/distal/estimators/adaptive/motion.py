@@ -65,9 +65,7 @@ def moved(
         own[:, mechanism.free] = mechanism.spread
         angles, speeds = ca.mtimes(own, angles) + mechanism.offsets, ca.mtimes(own, speeds)
     q, v = ca.vertcat(angles, starts), ca.vertcat(speeds, rates)
-    angle_slopes, speed_slopes = (
-        ca.MX(ca.densify(ca.mtimes(own, identity[i * nj : (i + 1) * nj, :]))) for i in (0, 1)
-    )
+    angle_slopes, speed_slopes = (ca.MX(ca.densify(ca.mtimes(own, identity[i * nj : (i + 1) * nj, :]))) for i in (0, 1))
     rest = ca.MX(ca.DM.zeros(nj))
     for _ in range(count):
         q, v, angle_slopes, speed_slopes, added = step(q, v, torques, h, angle_slopes, speed_slopes, *constant)

@@ -77,7 +77,9 @@ def _corner(setup: Setup, pairs: Sequence[tuple[int, int]]) -> ca.Function:
         one, other = (of_places[k * nd : (k + 1) * nd] for k in (i, j))
         entry = products[at] + ca.sum1(one * other * variances)
         if (i < nj) == (j < nj):
-            entry += sum((spread[i % nj, k] * spread[j % nj, k] * added[i // nj][k] for k in range(len(free))), ca.SX(0))
+            entry += sum(
+                (spread[i % nj, k] * spread[j % nj, k] * added[i // nj][k] for k in range(len(free))), ca.SX(0)
+            )
         entries.append(entry)
     arguments = [products, of_places, rest, vector, memory, x, setup.mechanism.parameters.symbols]
     return ca.Function("corner", arguments, ca.cse([ca.densify(ca.vertcat(*entries))]))

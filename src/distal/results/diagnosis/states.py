@@ -83,7 +83,8 @@ def undeclared_friction(estimate: Estimate) -> list[Finding]:
     for i, name in enumerate(estimate.state_names):
         value, std = estimate.means[-1, i], np.sqrt(estimate.variances[-1, i])
         prior = np.sqrt(estimate.variances[0, i])
-        if name.startswith("friction_") and value > 0.25 * prior and value > 3.0 * std:
+        # what follows a dot is a name of the rig file, not of a drive
+        if name.startswith("friction_") and "." not in name and value > 0.25 * prior and value > 3.0 * std:
             drive = name.removeprefix("friction_")
             size = f"friction that the rig does not have: {value:.2g} at '{drive}' [SI]"
             text = f"{size} (set drives.*.friction, or a hand acts)"

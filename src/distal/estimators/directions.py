@@ -1,0 +1,103 @@
+"""Which directions of joint space the sensors see at all, and which only springs or nothing hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.model import Mechanism
+from distal.rig import Rig
+
+Floats = NDArray[np.float64]
+
+SMALLEST = 1e-3
+"""A direction along which no tendon moves by this share of what the strongest one does is not seen."""
+
+SEEN_IS = "seen is "
+"""How the sentence about directions that are not seen begins."""
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Directions of joint space at a posture.
+
+    Args:
+        joints: names of the joints, (n,).
+        seen: sums of the angles that the sensors tell, a row each, (r, n) [m]: the moment arms of tendons, or combinations.
+        missed: orthonormal directions along which no measured tendon moves, (m, n).
+        sprung: whether springs hold all of the missed ones.
+    """
+
+    joints: tuple[str, ...]
+    seen: Floats
+    missed: Floats
+    sprung: bool
+
+    @property
+    def text(self) -> str:
+        """What is seen and what is not, in a sentence: ``seen is 9·mcp + 7·pip + 5·dip; two directions are not``."""
+        if len(self.missed) == 0:
+            return f"all directions of {', '.join(self.joints)} are seen"
+        sums = " and ".join(_sum(row, self.joints) for row in self.seen) or "nothing"
+        words = {1: "one direction is", 2: "two directions are", 3: "three directions are"}
+        missed = words.get(len(self.missed), f"{len(self.missed)} directions are")
+        held = "springs hold them, as long as nothing touches the joints" if self.sprung else "the bands say how far"
+        return f"{SEEN_IS}{sums}; {missed} not: {held}"
+
+
+def _sum(row: Floats, joints: tuple[str, ...]) -> str:
+    """Return a sum of angles in words, in millimetres of tendon per radian."""
+    parts = []
+    for arm, joint in zip(1e3 * row * np.sign(row[np.argmax(np.abs(row))]), joints):
+        if abs(arm) > 1e3 * SMALLEST * np.abs(row).max():
+            parts.append(f"{'-' if arm < 0 else '+'} {abs(arm):.3g}·{joint}")
+    return " ".join(parts).removeprefix("+ ").replace("- ", "-", 1) if parts[0][0] == "-" else " ".join(parts)[2:]
+
+
+def directions(rig: Rig, angles: Floats | None = None) -> Directions:
+    """Return which directions of joint space the sensors of a rig see at a posture.
+
+    A tendon whose drive has a position sensor, or which is measured itself, tells ∂ℓ/∂θ · δθ. What lies across all of these
+    rows is not seen (singular values below `SMALLEST` of the largest). Coupled joints move with theirs.
+
+    Args:
+        rig: the description.
+        angles: of the joints [rad], (n_joints,); default their `initial` ones.
+    """
+    mechanism = Mechanism(rig)
+    q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
+    look = ca.Function("arms", [q, p.symbols], [mechanism.length_jacobian(q), mechanism.passive_springs(q)[:, 1]])
+    at = np.array([joint.initial.value for joint in rig.joints]) if angles is None else np.asarray(angles, dtype=float)
+    jacobian, springs = (np.array(part) for part in look(np.append(at, np.zeros(mechanism.n_drives)), p.values))
+    placed = {sensor.of for sensor in rig.sensors_of("position")}
+    told = {sensor.of for sensor in rig.sensors_of("tension")}
+    rows = [i for i, tendon in enumerate(rig.tendons) if tendon.drive in placed or tendon.name in told]
+    spread = mechanism.spread.full()
+    arms = -jacobian[rows, : mechanism.n_joints]
+    free = arms @ spread
+    _, values, across = np.linalg.svd(free)
+    rank = int(np.sum(values > SMALLEST * max(values.max(initial=0.0), 1e-300)))
+    missed = (spread @ across[rank:].T).T
+    missed = missed / np.maximum(np.linalg.norm(missed, axis=1, keepdims=True), 1e-300)
+    whole = spread.T @ np.diag(springs.ravel()) @ spread
+    held = (
+        np.linalg.eigvalsh(across[rank:] @ whole @ across[rank:].T)
+        if rank < len(values) or rank < free.shape[1]
+        else []
+    )
+    names = tuple(joint.name for joint in rig.joints)
+    return Directions(names, _independent(arms, rank), missed, bool(np.all(np.asarray(held) > 0.0)))
+
+
+def _independent(arms: Floats, rank: int) -> Floats:
+    """Return the first rows that are independent, as a person would choose them, (rank, n)."""
+    kept: list[Floats] = []
+    for row in arms:
+        if len(kept) < rank and np.linalg.matrix_rank(np.array([*kept, row]), tol=SMALLEST * np.abs(arms).max()) > len(
+            kept
+        ):
+            kept.append(row)
+    return np.array(kept).reshape(len(kept), arms.shape[1])
