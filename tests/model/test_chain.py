@@ -59,7 +59,8 @@ def urdf(rig: Rig) -> str:
         ixx, iyy, izz = link.inertia
         numbers = [" ".join(map(repr, vector)) for vector in (link.centre, joint.offset, joint.axis)]
         parts.append(
-            f"<link name='{joint.name}_link'><inertial><origin xyz='{numbers[0]}' rpy='0 0 0'/><mass value='{link.mass.value!r}'/>"
+            f"<link name='{joint.name}_link'><inertial><origin xyz='{numbers[0]}' rpy='0 0 0'/>"
+            f"<mass value='{link.mass.value!r}'/>"
             f"<inertia ixx='{ixx!r}' iyy='{iyy!r}' izz='{izz!r}' ixy='0' ixz='0' iyz='0'/></inertial></link>"
             f"<joint name='{joint.name}' type='revolute'><parent link='{before}'/><child link='{joint.name}_link'/>"
             f"<origin xyz='{numbers[1]}' rpy='0 0 0'/><axis xyz='{numbers[2]}'/>"

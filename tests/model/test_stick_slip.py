@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from distal.kernels import Kernel
-from distal.model import Slip, slipping, soft, solver
+from distal.model import slipping, soft, solver
 from distal.model.stick_slip import EVENTS, velocities
 
 

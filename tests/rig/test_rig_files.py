@@ -24,6 +24,10 @@ def test_shipped_rigs_load() -> None:
         "pulley-antagonist",
         "capstan-joint",
         "da-vinci-grasper",
+        "finger-2n",
+        "finger-n-plus-1",
+        "finger-underactuated",
+        "wrist-instrument",
     }
     for name in shipped_rigs():
         assert isinstance(load_rig(name), Rig)
@@ -144,13 +148,13 @@ def test_wrong_values_are_refused_by_name(assignment: str, said: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_chains_are_refused_by_name(tmp_path: Path) -> None:
+def test_a_joint_that_no_tendon_crosses_is_refused_by_name(tmp_path: Path) -> None:
     text = edited_text("paper-2008-printed").replace(
         "[[drives]]", '[[joints]]\nname = "tip"\ninertia = 1e-4\n\n[[drives]]', 1
     )
     file = tmp_path / "chain.toml"
     file.write_text(text, encoding="utf-8")
-    with pytest.raises(RigError, match="2 joints came; serial chains of joints are not supported yet"):
+    with pytest.raises(RigError, match="no tendon crosses 'tip', so nothing tells where it is"):
         load_rig(file)
 
 

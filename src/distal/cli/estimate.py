@@ -132,10 +132,10 @@ def estimate_command(
             raise EstimationError(
                 "--homing-angle says where the joint stands while homing; give --homing too, e.g. 0.5s"
             )
-        joint, place = joint_angle(known_place)
-        data, description = at_known_angle(data, description, home, *place, joint)
+        which, place = joint_angle(known_place)
+        data, description = at_known_angle(data, description, home, *place, which)
         about, off = np.rad2deg(place)
-        say(f"home: {joint or 'the joint'} stands at {about:g}° ± {off:g}° for the first {home:g} s")
+        say(f"home: {which or 'the joint'} stands at {about:g}° ± {off:g}° for the first {home:g} s")
     # in a comparison that nobody chose, what cannot run is a row that says what it needs
     missing = estimator is None and description.affine is None and home is None
     lost: DistalError | None = None

@@ -83,13 +83,11 @@ def directions(rig: Rig, angles: Floats | None = None) -> Directions:
     missed = (spread @ across[rank:].T).T
     missed = missed / np.maximum(np.linalg.norm(missed, axis=1, keepdims=True), 1e-300)
     whole = spread.T @ np.diag(springs.ravel()) @ spread
-    held = (
-        np.linalg.eigvalsh(across[rank:] @ whole @ across[rank:].T)
-        if rank < len(values) or rank < free.shape[1]
-        else []
-    )
+    held: Floats = np.zeros(0)
+    if rank < free.shape[1]:
+        held = np.linalg.eigvalsh(across[rank:] @ whole @ across[rank:].T)
     names = tuple(joint.name for joint in rig.joints)
-    return Directions(names, _independent(arms, rank), missed, bool(np.all(np.asarray(held) > 0.0)))
+    return Directions(names, _independent(arms, rank), missed, bool(np.all(held > 0.0)))
 
 
 def _independent(arms: Floats, rank: int) -> Floats:

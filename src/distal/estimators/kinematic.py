@@ -23,9 +23,9 @@ def kinematic_function(
     """Return (carry, x, p) → (carry⁺, y) of a kinematic estimator.
 
     Each tendon gives the angle at which its length, ℓ − l = e_0 + (F − F_0)/k, fits the drive's displacement; the joint's
-    angle is the mean over them (several joints: `kinematic_chain`). `inextensible` leaves the stretch (F − F_0)/k out. e_0 is the length at the first
-    sample, with the joints at their `initial` angles; F is a tendon's share of its drive's pull, low-passed, and F_0 that
-    at the first sample.
+    angle is the mean over them (several joints: `kinematic_chain`). `inextensible` leaves the stretch (F − F_0)/k out. e_0
+    is the length at the first sample, with the joints at their `initial` angles; F is a tendon's share of its drive's pull,
+    low-passed, and F_0 that at the first sample.
 
     Args:
         mechanism: the rig's equations.

@@ -51,8 +51,8 @@ def stretches(mechanism: Mechanism, pulls: ca.SX, elastic: bool) -> list[ca.SX]:
 def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y): the angles that fit the lengths of all tendons best, by least squares.
 
-    min_θ Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)², and where there are fewer tendons than joints + the springs' energy,
-    which then says which of the postures that fit it is. Zero is the rig's own: θ = 0 and s = 0 at pre-tension.
+    min_θ Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)², and with fewer tendons than joints + the springs' energy, which
+    then says which of the postures that fit it is. Zero is the rig's own: θ = 0 and s = 0 at pre-tension.
 
     Args:
         mechanism: the rig's equations.
@@ -107,10 +107,9 @@ def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int,
     whole = ca.mtimes(mechanism.spread, gain)
     covariance = ca.mtimes([whole, spread, whole.T])
     following = ca.vertcat(angles, ca.densify(ca.vec(covariance)), *positions, *filtered)
-    function = ca.Function(
+    return ca.Function(
         "kinematic", [carry, x, p.symbols], [ca.cse(following), ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"]
     )
-    return function
 
 
 class ChainKinematics(KernelEstimator):

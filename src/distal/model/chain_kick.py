@@ -1,8 +1,9 @@
 """One kick of joints that carry one another: all of their velocities at once, with exact friction and their stops.
 
-In impulses over a kick of length h: A v⁺ + h f = r with A = M(q) + h (D̃ + D), r = (M + h D̃ − h C) v + h (F − c − g), friction f.
-The Coriolis torques c are those in the middle of the kick. C holds the joints' viscous dampings; D̃_j = (M_jj/h)(φ(x) − 1), φ(x) = x/(1 − e^{−x}), x = C_j h/M_jj, makes the response of a joint
-alone the exact one of `free_response`; D is what is taken implicitly.
+In impulses over a kick of length h: A v⁺ + h f = r with A = M(q) + h (D̃ + D), r = (M + h D̃ − h C) v + h (F − c − g), f
+being friction. The Coriolis torques c are those in the middle of the kick. C holds the joints' viscous dampings; D̃_j =
+(M_jj/h)(φ(x) − 1), φ(x) = x/(1 − e^{−x}), x = C_j h/M_jj, makes the response of a joint alone the exact one of
+`free_response`; D is what is taken implicitly.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ import numpy as np
 from distal.model.mechanism import Mechanism
 from distal.model.stick_slip import Slip, slipping, solver
 from distal.model.stops import bounce, restitution
-
 
 SHORTEST = 1e-15
 """A kick is taken to last at least this [s]."""
@@ -184,7 +184,7 @@ def chain_kick(
     if stopped and rebounds and not last:
         kicked, moved = _bounced(
             mechanism,
-            (at, v[free], alone, kicked, moved),
+            (at, v[free], alone, kicked),
             (matrix, load, slip, up, down),
             contacts,
             inertias,
@@ -196,7 +196,7 @@ def chain_kick(
 
 
 def _middle(matrix: Any, load: Any, v: Any, up: Any, down: Any) -> Any:
-    """Return the speeds in the middle of a kick, (n_free,): Coriolis and centrifugal torques taken there keep its order at two.
+    """Return the speeds in the middle of a kick, (n_free,): with Coriolis torques taken there its order is two.
 
     Joints that move go on in their direction; those that stand still stay.
 
@@ -219,7 +219,7 @@ def _stop(mechanism: Mechanism, joint: int) -> tuple[Any, ...]:
 
 def _contacts(mechanism: Mechanism, q: Any, v: Any, inertias: Any, length: Any, drift: Any, last: bool) -> Contacts:
     """Return which free joints press against a stop, by the velocities without it; see `kick_at_stops`."""
-    stiffnesses, dampings, places = [], [], []
+    stiffnesses, dampings, places = list[Any](), list[Any](), list[Any]()
     for k, j in enumerate(mechanism.free):
         if not mechanism.bodies[j].has_stops:
             stiffnesses, dampings, places = [*stiffnesses, 0], [*dampings, 0], [*places, 0]
@@ -248,9 +248,9 @@ def _bounced(
     drift: Any,
 ) -> tuple[Any, Any]:
     """Return speeds and angles with the joints that bounce off their stops; the others answer to that blow."""
-    at, before, alone, kicked, moved = motion
+    at, before, alone, kicked = motion
     matrix, load, slip, up, down = system
-    bounces, speeds, places = [], [], []
+    bounces, speeds, places = list[Any](), list[Any](), list[Any]()
     for k, j in enumerate(mechanism.free):
         if not mechanism.bodies[j].has_stops:
             bounces, speeds, places = [*bounces, ca.SX(0)], [*speeds, ca.SX(0)], [*places, ca.SX(0)]

@@ -24,8 +24,8 @@ class Mechanism(Tendons):
         joints:  J θ̈ + b θ̇ + friction(θ̇, T) = −(∂ℓ/∂θ)ᵀ T + spring + gravity + τ_ext
         drives:  m s̈ + b ṡ + friction(ṡ, T) = −(∂ℓ/∂s)ᵀ T + U − F_stop(s)
 
-    Joints with links carry one another: J + M(q), Coriolis and gravity of their `chain`. A coupled joint is no coordinate of
-    its own: θ = `spread` θ_free + `offsets`.
+    Joints with links carry one another: J + M(q), Coriolis and gravity of their `chain`. A coupled joint has no coordinate
+    of its own: θ = `spread` θ_free + `offsets`.
 
     On the paper's rig the virtual work −(∂ℓ/∂q)ᵀT gives its equations (2), (3), (10) and (11), with the mend that
     (11) has "+": cos θ cos φ2 + sin θ sin φ2. Mend: tension has a max(·, 0) (8, 9); a thread cannot push.

@@ -12,6 +12,8 @@ from typing import Any
 
 import casadi as ca
 
+from distal.rig import Rig
+
 NEWTON_STEPS = 3
 """Steps to the place at which tendons balance: their pull is made of straight lines, with a bend where one goes slack."""
 
@@ -158,3 +160,29 @@ class Sheath:
         springs = self.springs()
         near, far = springs[0] * (drive - points[0]), springs[-1] * (points[-1] - joint)
         return ca.fmax(near, 0), ca.fmax(far, 0)
+
+
+def plays_of(rig: Rig) -> tuple[str, ...]:
+    """Return the names of what moves inside a rig as a play: far sides of drives' backlashes, then points in sheaths.
+
+    Args:
+        rig: the description.
+    """
+    backlashes = [f"drives.{i}.backlash.place" for i, drive in enumerate(rig.drives) if drive.backlash is not None]
+    counts = [0 if tendon.path is None else tendon.path.nodes for tendon in rig.tendons]
+    return (*backlashes, *(f"tendons.{i}.path.point.{k}" for i, count in enumerate(counts) for k in range(count)))
+
+
+def strains_of(rig: Rig) -> tuple[str, ...]:
+    """Return the names of the slow stretches of a rig's tendons.
+
+    Args:
+        rig: the description.
+    """
+    kinds = ("creep", "slow_creep")
+    return tuple(
+        f"tendons.{i}.{kind}.strain"
+        for i, t in enumerate(rig.tendons)
+        for kind in kinds
+        if getattr(t, kind) is not None
+    )

@@ -229,7 +229,7 @@ def _frequency(mechanism: Mechanism, at: Floats, bodies: range) -> float:
 
 
 def _postures(mechanism: Mechanism) -> list[Floats]:
-    """Return coordinates at which a rig's frequencies are looked at: all zero; a chain also where it starts and at its stops."""
+    """Return coordinates at which frequencies are looked at: zero; of a chain also where it starts, and its stops."""
     at = [np.zeros(mechanism.n_bodies)]
     if mechanism.chain is not None:
         joints = mechanism.rig.joints

@@ -1,7 +1,7 @@
 """Coupled stick–slip, exact: joints that carry one another, each held by its own friction.
 
-The velocity v⁺ of A v⁺ + f = r with f_j = u_j where v_j⁺ > 0, −d_j where v_j⁺ < 0, and −d_j ≤ f_j ≤ u_j where v_j⁺ = 0 is unique
-for a symmetric positive definite A: it is the minimum of ½ vᵀA v − rᵀv + Σ friction. Which joints slip is followed along a
+The velocity v⁺ of A v⁺ + f = r with f_j = u_j where v_j⁺ > 0, −d_j where v_j⁺ < 0, and −d_j ≤ f_j ≤ u_j where v_j⁺ = 0 is
+unique for a symmetric positive definite A: it is the minimum of ½ vᵀA v − rᵀv + Σ friction. Which joints slip is followed along a
 straight line from a load r₀ for which it is known to r (parametric pivoting; Cottle, Pang, Stone, The Linear
 Complementarity Problem, 1992, section 4.5): at each event one joint stops or breaks loose.
 """
@@ -15,12 +15,13 @@ from typing import Any
 import casadi as ca
 
 SWEEPS = 2
+"""Sweeps of projected Gauss–Seidel before: they save events."""
 
 NEVER = 2.0
 """Share of the load's change at which an event comes that does not come."""
 
 EVENTS = 2
-"""So many events per joint are followed; docs/numerics.md: ten million random loads needed no more."""
+"""So many events per joint are followed: a hundred thousand random loads needed no more (docs/numerics.md)."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import casadi as ca
 from distal.model.elasticity import stretched
 from distal.model.geometry import Insertion, angle_at, elongation, polynomial_excursion
 from distal.model.parameters import Parameters
-from distal.model.plays import Bounds, Sheath, balanced, gap
+from distal.model.plays import Bounds, Sheath, balanced, gap, plays_of, strains_of
 from distal.rig import Meeting, Polynomial, Rig
 
 
@@ -389,29 +389,3 @@ class Tendons:
                 taut = ca.if_else(tensions[i] > 0, self.parameters[f"tendons.{i}.damping"], 0)
                 total += taut * (jacobian[i, :] ** 2).T
         return total
-
-
-def plays_of(rig: Rig) -> tuple[str, ...]:
-    """Return the names of what moves inside a rig as a play: far sides of drives' backlashes, then points in sheaths.
-
-    Args:
-        rig: the description.
-    """
-    backlashes = [f"drives.{i}.backlash.place" for i, drive in enumerate(rig.drives) if drive.backlash is not None]
-    counts = [0 if tendon.path is None else tendon.path.nodes for tendon in rig.tendons]
-    return (*backlashes, *(f"tendons.{i}.path.point.{k}" for i, count in enumerate(counts) for k in range(count)))
-
-
-def strains_of(rig: Rig) -> tuple[str, ...]:
-    """Return the names of the slow stretches of a rig's tendons.
-
-    Args:
-        rig: the description.
-    """
-    kinds = ("creep", "slow_creep")
-    return tuple(
-        f"tendons.{i}.{kind}.strain"
-        for i, t in enumerate(rig.tendons)
-        for kind in kinds
-        if getattr(t, kind) is not None
-    )

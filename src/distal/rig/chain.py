@@ -70,7 +70,7 @@ class Link(Description):
     centre: Annotated[Vector, In("m")] = Field(description="centre of mass, from the joint's axis, at θ = 0")
     inertia: Annotated[Vector, In("kg m^2")] = Field(
         (0.0, 0.0, 0.0),
-        description="moments of inertia about the centre of mass, about x, y and z of the joint's frame (products are zero)",
+        description="moments of inertia about the centre of mass, about x, y, z of the joint's frame (no products)",
     )
 
 

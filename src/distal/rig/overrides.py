@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 import tomllib
-from copy import deepcopy
 from collections.abc import MutableMapping
+from copy import deepcopy
 from typing import Any
 
 from distal.errors import DistalError, did_you_mean

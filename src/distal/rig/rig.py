@@ -144,6 +144,13 @@ class Rig(Description):
         for drive in self.drives:
             if not any(tendon.drive == drive.name for tendon in self.tendons):
                 raise ValueError(f"drives: '{drive.name}' pulls no tendon; remove it or name it in a tendon's 'drive'")
+        crossed = {name for tendon in self.tendons for name in tendon.joints}
+        for joint in self.joints:
+            if joint.name not in crossed and joint.coupled is None:
+                raise ValueError(
+                    f"joints: no tendon crosses '{joint.name}', so nothing tells where it is; name it in a tendon, or give "
+                    "'coupled'"
+                )
         columns = [sensor.log_column for sensor in self.sensors]
         for column in columns:
             if column.startswith("true_"):

@@ -153,7 +153,7 @@ class Twin:
         own = [i for i, t in enumerate(self.rig.tendons) if t.drive == part.name]
         radius = part.radius.value if part.kind == "capstan" else 1.0
         tension = sum(self.rig.tendons[i].pretension.value for i in own)
-        joint = self.rig.joints[self.mechanism.joint_of[own[0]]]
+        joint = self.rig.joints[self.mechanism.joints_of[own[0]][0]]
         play = part.hysteresis
         return max(
             (play.constant.value + play.load.value * radius * tension) * (1 + play.slope.value * joint.initial.value), 0

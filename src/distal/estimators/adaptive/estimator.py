@@ -35,7 +35,7 @@ LONGEST_SUBSTEP = 2.5e-3
 """Longest sub-step of the joints alone [s]: their own modes are slow (docs/numerics.md)."""
 
 MOST_SCALARS = 24
-"""With more states than this the update is a function of matrices: as fast, and compiled in seconds (docs/performance.md)."""
+"""With more states than this the update stays a function of matrices: as fast, built in seconds (docs/performance.md)."""
 
 MOST_JOINT_SUBSTEPS = 50
 """More sub-steps than this would cost more than they bring: a stiffer joint follows its tendons."""

@@ -1,4 +1,4 @@
-"""One sub-step of the joints and the slopes of their speeds: joint by joint, or all at once where they carry one another."""
+"""One sub-step of the joints, and the slopes of their speeds: one by one, or all at once where they carry one another."""
 
 from __future__ import annotations
 
@@ -81,8 +81,9 @@ def _joint_by_joint(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed
             speeds[j], rest[j] = moments.mean / held, moments.rest / held**2
     speed = ca.vertcat(*speeds)
     by_response = ca.horzcat(*(ca.jacobian(speed, kick.response[:nj, k]) for k in range(2)))
-    slopes = [ca.jacobian(speed, by) for by in (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)]
-    return Moving(q, v, *slopes, by_response, ca.vertcat(*rest))
+    by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
+    place, own, parameter, torque = (ca.jacobian(speed, each) for each in by)
+    return Moving(q, v, place, own, parameter, torque, by_response, ca.vertcat(*rest))
 
 
 def _all_at_once(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed: Sequence[int]) -> Moving:
@@ -103,10 +104,10 @@ def _all_at_once(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed: S
         matrix[k, k] -= damping[k]
         stiffness[k], damping[k] = 0, 0
         # what a joint feels beside its own inertia: the others move as they do
-        own = matrix[k, k]
+        mass = matrix[k, k]
         felt = load[k] + pressing - sum((matrix[k, i] * after[i] for i in range(count) if i != k), ca.SX(0))
-        limit = Limit(kicked.up[k] / own, kicked.down[k] / own)
-        moments = soft_moments(felt / own, limit, length * spreads[free[k]] / own + TINY_SPREAD)
+        limit = Limit(kicked.up[k] / mass, kicked.down[k] / mass)
+        moments = soft_moments(felt / mass, limit, length * spreads[free[k]] / mass + TINY_SPREAD)
         share = ca.fmax(moments.slope, 1e-12)
         weight[k], forward[k], back[k] = ca.sqrt(share), moments.forward / share, moments.back / share
         rest[free[k]] = moments.rest
@@ -121,9 +122,10 @@ def _all_at_once(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed: S
     found += [stiffness, damping, kicked.contacts.place]
     slopes = ca.substitute([ca.jacobian(equation, each) for each in by], list(symbols.values()), found)
     solve = solver(matrix, ca.vertcat(*weight))
-    answers = [ca.mtimes(mechanism.spread, -_columns(solve, slope)) for slope in slopes]
+    place, own, parameter, torque = (ca.mtimes(mechanism.spread, -_columns(solve, slope)) for slope in slopes)
     q = ca.vertcat(kicked.q, kick.q[nj:] + kick.drift * kick.v[nj:])
-    return Moving(q, ca.vertcat(kicked.v, kick.v[nj:]), *answers, ca.SX(nj, 2 * nj), ca.vertcat(*rest))
+    v = ca.vertcat(kicked.v, kick.v[nj:])
+    return Moving(q, v, place, own, parameter, torque, ca.SX(nj, 2 * nj), ca.vertcat(*rest))
 
 
 def _columns(solve: Any, matrix: Any) -> Any:

@@ -28,7 +28,7 @@ class Robustness:
         stop_margin: a drive nearer to a stop than this times its sensor's linearity may touch it [1].
         sticking_time: for so long friction of a drive that sticks is the same [s].
         turning_time: the same while a drive turns back [s].
-        beyond_time: for so long what a force tells that is beyond its drive's friction counts as one sample [s]; 0: each does.
+        beyond_time: for so long what a force beyond its drive's friction tells counts as one sample [s]; 0: each does.
         unknown_friction: std of friction that the rig does not declare, in those of the drive's force sensor [1]; 0: not
             looked for.
         unknown_friction_walk: its random walk, in the same unit per √s.
