@@ -48,11 +48,13 @@ reliability: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks.stepping
 	$(BIN)/python -m benchmarks.speed
+	$(BIN)/python -m benchmarks.chains cost stick-slip
 	$(BIN)/python -m benchmarks.microcontroller
 
 accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.strangers
 	$(BIN)/python -m benchmarks.accuracy
+	$(BIN)/python -m benchmarks.chains accuracy
 	$(BIN)/python -m benchmarks.fitting
 	$(BIN)/python -m benchmarks.parts
 	$(BIN)/python -m benchmarks.sheaths

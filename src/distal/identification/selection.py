@@ -96,8 +96,8 @@ def _uncertain(rig: Rig, references: Sequence[Sensor], per_log: Sequence[str], s
     free = [part for part in _biases(rig, several) if not own.intersection(part.paths)]
     for state in uncertain_parameters(Setup(mechanism, channels_of(rig, "fit", references), Robustness.fitting())):
         paths = [mechanism.parameters.names[i] for i in state.indices]
-        if own.intersection(paths):
-            continue
+        if own.intersection(paths) or (len(paths) == 1 and any(paths[0] in part.paths for part in free)):
+            continue  # what shares its error with nothing, and errs alone too, is varied once
         numbers = [number(rig, path) for path in paths]
         if state.acts == "factor" and len(paths) > 1:
             # what also errs alone is varied alone, with the spread of both

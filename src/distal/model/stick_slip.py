@@ -1,9 +1,9 @@
 """Coupled stick–slip, exact: joints that carry one another, each held by its own friction.
 
-The velocity v⁺ of A v⁺ + f = r with f_j = u_j where v_j⁺ > 0, −d_j where v_j⁺ < 0, and −d_j ≤ f_j ≤ u_j where v_j⁺ = 0 is
-unique for a symmetric positive definite A: it is the minimum of ½ vᵀA v − rᵀv + Σ friction. Which joints slip is followed along a
-straight line from a load r₀ for which it is known to r (parametric pivoting; Cottle, Pang, Stone, The Linear
-Complementarity Problem, 1992, section 4.5): at each event one joint stops or breaks loose.
+The velocity v⁺ of A v⁺ + f = r with f_j = u_j where v_j⁺ > 0, −d_j where v_j⁺ < 0, and −d_j ≤ f_j ≤ u_j where v_j⁺ = 0
+is unique for a symmetric positive definite A: it is the minimum of ½ vᵀA v − rᵀv + Σ friction. Which joints slip is
+followed along a straight line from a load r₀ for which it is known to r (parametric pivoting; Cottle, Pang, Stone, The
+Linear Complementarity Problem, 1992, section 4.5): at each event one joint stops or breaks loose.
 """
 
 from __future__ import annotations

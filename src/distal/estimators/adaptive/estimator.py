@@ -265,6 +265,11 @@ class AdaptiveFilter(KernelEstimator):
         return other
 
     @property
+    def substeps(self) -> int:
+        """Sub-steps of the joints in one interval."""
+        return self._count
+
+    @property
     def states(self) -> StateVector:
         """The state vector: its blocks, their priors and what they do."""
         return self._states

@@ -1,0 +1,296 @@
+"""Chains of joints: accuracy on plants in another simulator, what a step costs, how the coupled stick–slip is solved.
+
+`python -m benchmarks.chains` prints all; `python -m benchmarks.chains accuracy --first-seed 500 --seeds 5` one table. The
+logs of `$DISTAL_DATA/finger` are read where they are there; the other plants are those of `strangers/chain_plants`.
+Logs with a contact are read with a torque that may occur.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from benchmarks.report import table
+from benchmarks.strangers.chain_plants import make_log
+from distal import Log, Rig, estimate, load_rig, read_log
+from distal.errors import DistalWarning
+from distal.estimators import AdaptiveFilter
+from distal.model import slipping, solver
+from distal.model import stick_slip as coupled
+from distal.results import BAND, Estimate
+from distal.rig import build_rig
+from distal.running import first_values, samples_of
+
+PLANTS = {
+    "finger-2n": ("finger2N", "0.04 N m"),
+    "finger-n-plus-1": ("finger_n1", "0.04 N m"),
+    "finger-underactuated": ("finger_under", "0.03 N m"),
+    "wrist-instrument": ("wrist_instrument", "0.02 N m"),
+}
+"""Shipped rig → name of the plant, and the torque that a user says may occur in a contact."""
+
+KINDS = ("servo", "step", "contact")
+BEGIN = 0.5
+"""The first half second is left out [s]."""
+
+COLUMNS = (
+    "plant",
+    "log",
+    "estimator",
+    "RMS of the joints [°]",
+    "mean [°]",
+    "inside [%]",
+    "half-width/RMS",
+    "seen sum [°]",
+)
+
+
+@dataclass(frozen=True)
+class Score:
+    """Errors of one estimate [°]: of each joint, the share inside, half-width over RMS, and of what the tendons see."""
+
+    rms: np.ndarray
+    inside: float
+    width: float
+    seen: float
+
+
+def score(result: Estimate, arms: np.ndarray) -> Score:
+    """Return the errors of an estimate after `BEGIN`; `arms` weigh the joints in the sum that is seen."""
+    assert result.truths is not None
+    late = result.time - result.time[0] >= BEGIN
+    errors, half = np.rad2deg(result.angles - result.truths)[late], np.rad2deg(BAND * result.angle_stds)[late]
+    rms = np.sqrt(np.mean(errors**2, axis=0))
+    seen = float(np.sqrt(np.mean((errors @ arms / arms.sum()) ** 2)))
+    return Score(rms, float(np.mean(np.abs(errors) <= half)), float(half.mean() / rms.mean()), seen)
+
+
+def without_forces(rig: Rig) -> Rig:
+    """Return the rig without its sensors of force, nothing being known of the pulls: the filter's prediction alone."""
+    raw = rig.model_dump()
+    raw["sensors"] = [sensor for sensor in raw["sensors"] if sensor["measures"] != "force"]
+    for drive in raw["drives"]:
+        drive["nominal_force"] = {"value": drive["nominal_force"]["value"], "std": 0.0}
+    return build_rig(raw, rig.name)
+
+
+def described(name: str, kind: str) -> Rig:
+    """Return a shipped rig as its user runs it on logs of a kind."""
+    rig = load_rig(name)
+    return rig.with_values({"joints.*.external_torque.std": PLANTS[name][1]}) if kind == "contact" else rig
+
+
+def simulated(name: str, kind: str, seed: int) -> Log:
+    """Return a log of a plant of our own, in another simulator."""
+    columns, truth = make_log(PLANTS[name][0], kind, seed)
+    channels = {sensor.name: columns[sensor.log_column] for sensor in load_rig(name).sensors}
+    known = {key: values for key, values in truth.items() if key.startswith("theta")}
+    return Log(columns["time"], channels, known, f"{name} {kind} {seed}", "the simulation")
+
+
+def recorded(folder: Path, name: str, kind: str) -> Log:
+    """Return a log of a plant that others wrote."""
+    stem = f"{PLANTS[name][0]}_{kind}"
+    return read_log(folder / f"{stem}.csv", load_rig(name), folder / f"{stem}.truth.csv")
+
+
+def rows_of(logs: Sequence[Log], name: str, kind: str) -> list[list[str]]:
+    """Return a row for each estimator, means over the logs."""
+    rig, bare = described(name, kind), without_forces(load_rig(name))
+    arms = np.abs([load_rig(name).tendons[0].arms().get(joint.name, 0.0) for joint in rig.joints])
+    runs: dict[str, tuple[Rig, Any]] = {
+        "adaptive": (rig, AdaptiveFilter(rig)),
+        "without forces": (bare, AdaptiveFilter(bare)),
+        "elastic": (rig, "elastic"),
+        "inextensible": (rig, "inextensible"),
+    }
+    rows = []
+    for label, (used, estimator) in runs.items():
+        scores = [score(estimate(log, used, estimator), arms) for log in logs]
+        rms = np.mean([one.rms for one in scores], axis=0)
+        rows.append(
+            [
+                name,
+                kind,
+                label,
+                " ".join(f"{each:.2f}" for each in rms),
+                f"{rms.mean():.2f}",
+                f"{100 * np.mean([one.inside for one in scores]):.0f}",
+                f"{np.mean([one.width for one in scores]):.1f}",
+                f"{np.mean([one.seen for one in scores]):.2f}",
+            ]
+        )
+    return rows
+
+
+def accuracy(first: int, count: int) -> None:
+    """Print the tables of accuracy."""
+    data = os.environ.get("DISTAL_DATA")
+    folder = Path(data, "finger") if data else None
+    pairs = [(name, kind) for name in PLANTS for kind in KINDS]
+    if folder is not None and folder.is_dir():
+        rows = [row for name, kind in pairs for row in rows_of([recorded(folder, name, kind)], name, kind)]
+        table("chains-data", "Chains: logs of plants that others wrote (data/finger)", COLUMNS, rows)
+    rows = []
+    for name, kind in pairs:
+        rows += rows_of([simulated(name, kind, first + seed) for seed in range(count)], name, kind)
+    table("chains", f"Chains: plants in MuJoCo, seeds {first} to {first + count - 1}", COLUMNS, rows)
+
+
+def straight_chain(joints: int) -> Rig:
+    """Return a finger of so many joints with two tendons each, as finger-2n has them."""
+    raw = load_rig("finger-2n").model_dump()
+    first, last = raw["joints"]
+    raw["joints"] = [
+        {**(first if i == 0 else last), "name": f"j{i}", "parent": None if i == 0 else f"j{i - 1}"}
+        for i in range(joints)
+    ]
+    drive, sensors = raw["drives"][0], {sensor["measures"]: sensor for sensor in raw["sensors"]}
+    parts: dict[str, list[dict[str, Any]]] = {"drives": [], "tendons": [], "sensors": []}
+    for i in range(joints):
+        for side, word in ((1, "f"), (-1, "e")):
+            name = f"j{i}_{word}"
+            friction = {key: {**drive["friction"][key], "shared": None, "std": 0.0} for key in ("constant", "load")}
+            parts["drives"].append({**drive, "name": name, "friction": friction})
+            radii = [("j" + str(j), 7e-3 if j < i else 6e-3) for j in range(i + 1)]
+            crossings = [
+                {"joint": j, "kind": "pulley", "radius": {"value": r, "std": 1e-4}, "side": side} for j, r in radii
+            ]
+            parts["tendons"].append({**raw["tendons"][0], "name": name, "drive": name, "crossings": crossings})
+            for measures, column in (("position", "x"), ("force", "F")):
+                sensor = {**sensors[measures], "name": f"{column}_{name}", "of": name, "column": None}
+                parts["sensors"].append({key: value for key, value in sensor.items() if key != "si"})
+    return build_rig({**raw, **parts}, f"chain of {joints}")
+
+
+def step_time(rig: Rig, repeats: int = 9) -> tuple[AdaptiveFilter, float, float]:
+    """Return the filter, its time per sample over a log [µs], and how long it took to build [s]."""
+    begun = time.perf_counter()
+    runner = AdaptiveFilter(rig)
+    rng = np.random.default_rng(0)
+    count, n = 1000, len(rig.sensors)
+    moved = 1e-4 * rng.normal(size=(count, n)).cumsum(axis=0)
+    channels = {
+        s.name: (8.0 + moved[:, i] if s.measures == "force" else 1e-3 + moved[:, i]) for i, s in enumerate(rig.sensors)
+    }
+    log = Log(np.arange(count) / rig.sensors[0].rate, channels, {}, "noise", "")
+    samples = samples_of(log, runner.channels)
+    belief = runner.initial(0.0, first_values(samples))
+    runner.scan(belief, log.time, samples)
+    built, best = time.perf_counter() - begun, np.inf
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        runner.scan(belief, log.time, samples)
+        best = min(best, time.perf_counter() - begun)
+    return runner, 1e6 * best / count, built
+
+
+def cost() -> None:
+    """Print what a compiled step of adaptive costs, beside the paper's rig in the same run."""
+    step_time(load_rig("paper-2008"))  # the processor wakes up
+    _, paper, _ = step_time(load_rig("paper-2008"))
+    rigs = [load_rig(name) for name in ("paper-2008", *PLANTS)] + [straight_chain(n) for n in range(1, 7)]
+    rows = []
+    for rig in rigs:
+        runner, each, built = step_time(rig)
+        rows.append(
+            [
+                rig.name,
+                f"{len(rig.joints)}",
+                f"{len(runner.states)}",
+                f"{runner.substeps}",
+                f"{each:.2f}",
+                f"{each / paper:.1f}",
+                f"{built:.1f}",
+            ]
+        )
+    title = "Chains: one step of adaptive, compiled"
+    table(
+        "chains-cost",
+        title,
+        ("rig", "joints", "states", "sub-steps", "µs", "ratio to the paper's rig", "built in [s]"),
+        rows,
+    )
+
+
+def stick_slip(cases: int = 20_000) -> None:
+    """Print in how many random loads the coupled stick–slip is not solved, by sweeps before and by events followed."""
+    from tests.model.test_stick_slip import random_case
+
+    rows = []
+    for n in range(2, 7):
+        rng = np.random.default_rng(n)
+        drawn = [random_case(rng, n) for _ in range(cases)]
+        matrices = np.hstack([case[0] for case in drawn])
+        loads, ups, downs = (np.column_stack([case[k] for case in drawn]) for k in (1, 2, 3))
+        for sweeps in (0, 2, 4):
+            failures = []
+            for events in (0, n - 1, n, 2 * n):
+                wrong = _violation(n, sweeps, events).map(cases)(matrices, loads, ups, downs).full()
+                failures.append(f"{int((wrong > 1e-9).sum())}")
+            rows.append([str(n), str(sweeps), *failures, str(_operations(n, sweeps, 2 * n))])
+    title = f"Coupled stick–slip: {cases} random loads, how many are not solved to 1e-9"
+    columns = ("joints", "sweeps", "no event", "n − 1 events", "n", "2n (in use)", "operations at 2n")
+    table("chains-stick-slip", title, columns, rows)
+
+
+def _solved(n: int, sweeps: int, events: int) -> tuple[list[ca.SX], Any, ca.SX]:
+    """Return the arguments (A, r, up, down), which joints slip, and their velocities."""
+    matrix, load, up, down = ca.SX.sym("A", n, n), ca.SX.sym("r", n), ca.SX.sym("u", n), ca.SX.sym("d", n)
+    before, coupled.SWEEPS = coupled.SWEEPS, sweeps
+    try:
+        slip = slipping(matrix, load, up, down, events=events)
+    finally:
+        coupled.SWEEPS = before
+    return [matrix, load, up, down], slip, solver(matrix, slip.moving)(load - slip.friction(up, down))
+
+
+def _violation(n: int, sweeps: int, events: int) -> ca.Function:
+    (matrix, load, up, down), slip, v = _solved(n, sweeps, events)
+    held, worst = load - ca.mtimes(matrix, v), ca.SX(0)
+    for j in range(n):
+        stuck = ca.fmax(held[j] - up[j], 0) + ca.fmax(-down[j] - held[j], 0)
+        wrong = ca.if_else(slip.forward[j], ca.fmax(-v[j], 0), ca.if_else(slip.back[j], ca.fmax(v[j], 0), 0))
+        broken = ca.if_else(slip.moving[j], wrong * matrix[j, j], stuck)
+        worst = ca.fmax(worst, broken / (ca.fabs(load[j]) + up[j]))
+    return ca.Function("violation", [matrix, load, up, down], [ca.cse(worst)])
+
+
+def _operations(n: int, sweeps: int, events: int) -> int:
+    arguments, _, v = _solved(n, sweeps, events)
+    function = ca.Function("solve", arguments, [ca.cse(v)])
+    return int(function.n_instructions()) - sum(function.numel_in(i) for i in range(4)) - n
+
+
+def main() -> None:
+    """Print the tables that are asked for."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.chains", description=__doc__)
+    parser.add_argument("tables", nargs="*", metavar="TABLE", help="of accuracy, cost, stick-slip; default all")
+    parser.add_argument("--first-seed", type=int, default=500, help="of the plants")
+    parser.add_argument("--seeds", type=int, default=6, help="how many")
+    arguments = parser.parse_args()
+    asked = arguments.tables or ["cost", "stick-slip", "accuracy"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DistalWarning)
+        for name in asked:
+            if name == "accuracy":
+                accuracy(arguments.first_seed, arguments.seeds)
+            elif name == "cost":
+                cost()
+            elif name == "stick-slip":
+                stick_slip()
+            else:
+                parser.error(f"unknown table {name}; there are accuracy, cost, stick-slip")
+
+
+if __name__ == "__main__":
+    main()
