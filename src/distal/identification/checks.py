@@ -161,6 +161,22 @@ def warn_of(fitted: Sequence[Fitted], likelihood: Likelihood) -> None:
             )
 
 
+def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:
+    """Return the names of the joints whose angle is known in none of the logs.
+
+    Args:
+        logs: with a truth.
+        rig: the description.
+    """
+    names = [joint.name for joint in rig.joints]
+    known = np.zeros(len(names), dtype=bool)
+    for log in logs:
+        angles = true_angles(log, names)
+        if angles is not None:
+            known |= np.isfinite(angles).any(axis=0)
+    return [name for name, there in zip(names, known) if not there]
+
+
 def _span(values: Floats) -> float:
     there = values[np.isfinite(values)]
     return float(np.quantile(there, 0.99) - np.quantile(there, 0.01)) if len(there) else 0.0

@@ -14,7 +14,7 @@ from distal.errors import FitError, RigError
 from distal.identification.affine import AffineFit, learn_affine
 from distal.identification.agreement import FEW_ITERATIONS, disagreement, staged
 from distal.identification.angle_errors import angle_error, mean_rms, surprise_of
-from distal.identification.checks import check_logs, doubts_of, warn_of
+from distal.identification.checks import check_logs, doubts_of, unknown_joints, warn_of
 from distal.identification.contact import ContactFit, contact_of
 from distal.identification.curves import curves as curves_of
 from distal.identification.discrepancy import DiscrepancyFit, filtered, learned_from, widened
@@ -181,6 +181,13 @@ def fit(
     nis_after = _nis(final, found.z)
     if not found.interrupted:
         doubts += doubts_of(final, found.z, nis_after)
+    unknown = unknown_joints(with_truth, rig) if with_truth else []
+    if unknown:
+        # nothing says how far those joints are off: the band stays as wide as the rig file makes it
+        doubts.append(
+            f"the angle of {', '.join(unknown)} is known in no log: numbers of the rig are fitted, but no straight line "
+            "(affine) and no correction (discrepancy), which are of all joints"
+        )
     unsure = found.interrupted or bool(doubts)
     fitted = _fitted(final, found.z, uncertainty, unsure) + [_kept(part) for part in kept]
     warn_of(fitted, final)
@@ -195,7 +202,7 @@ def fit(
     if added:
         result = written(values)
     affine, discrepancy, compared, left = None, None, tuple[Compared, ...](), 1.0
-    if with_truth:
+    if with_truth and not unknown:
         affine = learn_affine(with_truth, result, homing)
         data, refused = filtered(with_truth, result, homing, compiled)
         if unsure and data and not found.interrupted:

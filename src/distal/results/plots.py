@@ -69,20 +69,35 @@ def plot_estimates(
     heights = [2.2, *([1.1] if below else []), *(0.8 if panel == "health" else 1.1 for panel in panels)]
     size = (6.5 if joints == 1 else 4.0 * joints, 0.9 + 1.25 * sum(heights))
     with figure(len(heights), joints, size, sharex=True, height_ratios=heights) as (made, axes):
+        own = 2 if below else 1
         for joint, name in enumerate(first.joint_names):
             column = axes[joint::joints]
-            _draw_joint(column, estimates, joint, bands, below)
+            _draw_joint(column[:own], estimates, joint, bands, below, joints > 1)
             if joints > 1:
                 column[0].set_ylabel(f"{plain(name[:40])} [°]")
-            rest = column[2 if below else 1 :]
-            for place, panel in zip(rest, panels):
-                _draw_panel(place, panel, first, log, rig, health)
-            column[-1].set_xlabel(time_label(first.time))
+            if not panels or joints > 1:
+                column[own - 1].set_xlabel(time_label(first.time))
+                column[own - 1].tick_params(labelbottom=True)
+        for row, panel in enumerate(panels, start=own):
+            place = axes[row * joints] if joints == 1 else _across(made, axes, row, joints)
+            _draw_panel(place, panel, first, log, rig, health)
+            if row == len(heights) - 1:
+                place.set_xlabel(time_label(first.time))
         made.align_ylabels()
         title_above(made, title or first.rig)
     if path is not None:
         save_figure(made, path)
     return made
+
+
+def _across(made: Figure, axes: Sequence[Axes], row: int, columns: int) -> Axes:
+    """Return axes over all columns of a row, in place of its own: what is drawn there is of all joints."""
+    for each in axes[row * columns : (row + 1) * columns]:
+        each.remove()
+    grid = axes[0].get_gridspec()
+    assert grid is not None
+    across: Axes = made.add_subplot(grid[row, :], sharex=axes[0])
+    return across
 
 
 def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
@@ -138,8 +153,10 @@ def time_label(time: Floats) -> str:
     return "time [s]" if abs(time[0]) < 1e-9 else f"time [s] from the first sample on, which has t = {time[0]:.10g} s"
 
 
-def _draw_joint(axes: Sequence[Axes], estimates: Sequence[Curves], joint: int, bands: bool, below: str) -> None:
-    """Draw one joint: angles above, errors or the width of the band below."""
+def _draw_joint(
+    axes: Sequence[Axes], estimates: Sequence[Curves], joint: int, bands: bool, below: str, several: bool
+) -> None:
+    """Draw one joint: angles above, errors or the width of the band below. Of several, the first one has the legend."""
     top, truth = axes[0], truth_of(estimates[0], joint)
     entries: list[tuple[Any, str]] = []
     if truth is not None:
@@ -150,7 +167,10 @@ def _draw_joint(axes: Sequence[Axes], estimates: Sequence[Curves], joint: int, b
         entries.append((handle, result.estimator + (", 95 % band" if bands else "")))
     _limit_angles(top, estimates, joint)
     top.set_ylabel("joint angle θ [°]")
-    legend_above(top, entries)
+    if not several:
+        legend_above(top, entries)
+    elif joint == 0:
+        legend_above(top, entries, most=2)
     if below == "errors":
         draw_errors(axes[1], estimates, joint, bands)
     elif below == "bands":
