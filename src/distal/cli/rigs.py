@@ -82,7 +82,7 @@ def draw_command(
     set_: SetOption = None,
 ) -> None:
     """Draw a rig: joints, tendons and moment arms."""
-    from distal.reports.rig_drawing import draw_rig
+    from distal.reports import draw_rig
     from distal.results import plot_kind, save_figure
     from distal.rig import load_rig
 

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.errors import EstimationError
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.kalman import predict_covariance, update
@@ -130,6 +131,11 @@ class FullStateFilter(KernelEstimator):
     """
 
     def __init__(self, name: str, rig: Rig, noise: Noise, compiled: bool = True) -> None:
+        coupled = [joint.name for joint in rig.joints if joint.coupled is not None]
+        if coupled:
+            raise EstimationError(
+                f"{name}: a coupled joint ({', '.join(coupled)}) has no state of its own here; use adaptive, elastic or affine"
+            )
         self._mechanism, self._channels, self._noise = Mechanism(rig), channels_of(rig, name), noise
         self._count = count = substeps(self._mechanism, self._channels.interval)
         function = full_state_function(self._mechanism, self._channels, count)

@@ -70,7 +70,7 @@ def _corner(setup: Setup, pairs: Sequence[tuple[int, int]]) -> ca.Function:
     # to the angles and to the speeds of the joints that are free; coupled ones err as these
     free, spread = setup.mechanism.free, setup.mechanism.spread
     added = (
-        [followed_variance(setup, j, vector, memory) for j in free],
+        [followed_variance(setup, j, vector, memory) + setup.robustness.angle_walk**2 * x[0] for j in free],
         [rest[j] + setup.unmodelled(j) ** 2 * x[0] for j in free],
     )
     for at, (i, j) in enumerate(pairs):

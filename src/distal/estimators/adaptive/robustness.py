@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, isfinite, log
+from math import inf, isfinite, log, radians
 from typing import Any
 
 import casadi as ca
@@ -38,6 +38,7 @@ class Robustness:
         creep_learning_time: the same for the creep of a tendon, of all forces [s].
         parameter_walk: random walk of a parameter without a `drift`, in its standard deviations per √s.
         unmodelled: share of the rig's `unmodelled` torque that is added [1].
+        angle_walk: random walk of the joints' angles, which a stuck joint's model does not have [rad/√s].
         moving_only: count only forces of drives that clearly move where friction is declared, as a fit does.
     """
 
@@ -81,6 +82,8 @@ class Robustness:
     """docs/model.md, "Creep": two tendons that creep against each other look like a joint that turns"""
     unmodelled: float = 1.0
     """the rig file says how much (docs/rig-files.md); without it the band is too narrow: docs/guards.md"""
+    angle_walk: float = 0.0
+    """docs/chains.md: of one joint, `unmodelled` does the same"""
     moving_only: bool = False
     """docs/identification.md, "Friction that the rig does not declare\""""
 
@@ -121,7 +124,9 @@ class Robustness:
         """
         if n_joints == 1:
             return cls()
-        return cls(sticking_time=0.1, turning_time=0.05, learning_time=0.05, beyond_time=0.2)
+        return cls(
+            sticking_time=0.1, turning_time=0.05, learning_time=0.05, beyond_time=0.2, angle_walk=radians(0.3)
+        )
 
     @classmethod
     def fitting(cls) -> Robustness:
