@@ -24,7 +24,7 @@ from benchmarks.strangers.chain_plants import make_log
 from distal import Log, Rig, estimate, load_rig, read_log
 from distal.errors import DistalWarning
 from distal.estimators import AdaptiveFilter
-from distal.model import slipping, solver
+from distal.model import Mechanism, chain_kick, interval_step, slipping, solver
 from distal.model import stick_slip as coupled
 from distal.results import BAND, Estimate
 from distal.rig import build_rig
@@ -222,6 +222,38 @@ def cost() -> None:
     )
 
 
+def energy() -> None:
+    """Print how the energy of three links that swing freely changes in 3 s, by where Coriolis torques are taken."""
+    raw = load_rig("finger-n-plus-1").model_dump()
+    for joint in raw["joints"]:
+        joint.update(friction=None, damping=0.0, stops=None)
+    for tendon in raw["tendons"]:
+        tendon["slack"] = 50.0
+    raw["base"] = {"gravity": (0.0, 0.0, 0.0)}
+    mechanism = Mechanism(build_rig(raw, "free"))
+    n, p = mechanism.n_bodies, mechanism.parameters
+    q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
+    kinetic = ca.Function("E", [q, v, p.symbols], [ca.bilin(mechanism.mass_matrix(q), v[:3], v[:3]) / 2])
+    own, rows = chain_kick._middle, []
+    for label, middle in (("before the kick", lambda matrix, load, v, up, down: v), ("in the middle (in use)", own)):
+        cells = []
+        for count in (5, 10, 20, 40):
+            chain_kick._middle = middle
+            try:
+                step = interval_step(mechanism, count)
+            finally:
+                chain_kick._middle = own
+            at, speed, still = np.zeros(n), np.zeros(n), np.zeros(n)
+            at[:3], speed[:3] = (0.3, 0.5, 0.2), (12.0, -20.0, 30.0)
+            first = float(kinetic(at, speed, p.values))
+            for _ in range(300):
+                at, speed = step(at, speed, still, still, np.zeros((n, 3)), 0.01, p.values)
+            cells.append(f"{100 * (float(kinetic(at, speed, p.values)) / first - 1):+.2f} %")
+        rows.append([label, *cells])
+    title = "Three links swing freely: change of their energy in 3 s, by the sub-step"
+    table("chains-energy", title, ("Coriolis torques", "2 ms", "1 ms", "0.5 ms", "0.25 ms"), rows)
+
+
 def stick_slip(cases: int = 20_000) -> None:
     """Print in how many random loads the coupled stick–slip is not solved, by sweeps before and by events followed."""
     from tests.model.test_stick_slip import random_case
@@ -274,11 +306,11 @@ def _operations(n: int, sweeps: int, events: int) -> int:
 def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.chains", description=__doc__)
-    parser.add_argument("tables", nargs="*", metavar="TABLE", help="of accuracy, cost, stick-slip; default all")
+    parser.add_argument("tables", nargs="*", metavar="TABLE", help="of accuracy, cost, stick-slip, energy; default all")
     parser.add_argument("--first-seed", type=int, default=500, help="of the plants")
     parser.add_argument("--seeds", type=int, default=6, help="how many")
     arguments = parser.parse_args()
-    asked = arguments.tables or ["cost", "stick-slip", "accuracy"]
+    asked = arguments.tables or ["cost", "stick-slip", "energy", "accuracy"]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DistalWarning)
         for name in asked:
@@ -288,8 +320,10 @@ def main() -> None:
                 cost()
             elif name == "stick-slip":
                 stick_slip()
+            elif name == "energy":
+                energy()
             else:
-                parser.error(f"unknown table {name}; there are accuracy, cost, stick-slip")
+                parser.error(f"unknown table {name}; there are accuracy, cost, stick-slip, energy")
 
 
 if __name__ == "__main__":

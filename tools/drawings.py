@@ -1,4 +1,4 @@
-"""Drawings of the documentation: `python -m tools.drawings` writes docs/figures/frames.png and docs/figures/finger.png."""
+"""Drawings of the documentation: `python -m tools.drawings` writes frames.png, finger.png and finger-angles.png in docs/figures."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from distal import load_rig
+from distal import estimate, load_rig, plot_estimates, simulate
 from distal.reports import draw_rig
 from distal.results import COLOURS, figure, save_figure
 
@@ -79,6 +79,9 @@ def main() -> None:
     """Write all drawings."""
     frames()
     save_figure(draw_rig(load_rig("finger-n-plus-1")), FOLDER / "finger.png")
+    rig = load_rig("finger-2n")
+    log = simulate(rig, "finger")
+    plot_estimates([estimate(log, rig, name) for name in ("adaptive", "inextensible")], FOLDER / "finger-angles.png")
 
 
 if __name__ == "__main__":

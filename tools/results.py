@@ -80,6 +80,11 @@ TABLES = {
     "accuracy-mujoco": lambda: bench("accuracy-mujoco"),
     "accuracy-rivals": lambda: bench("accuracy-rivals"),
     "speed": lambda: bench("speed"),
+    "chains-data": lambda: bench("chains-data"),
+    "chains": lambda: bench("chains"),
+    "chains-cost": lambda: bench("chains-cost"),
+    "chains-energy": lambda: bench("chains-energy"),
+    "chains-stick-slip": lambda: bench("chains-stick-slip"),
     **{
         name: partial(bench, name)
         for name in (

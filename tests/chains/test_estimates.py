@@ -147,9 +147,11 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
         found = step(q, v, np.zeros(nj), h, identity[:nj], identity[nj : 2 * nj], np.zeros(nj), values, prepared)
         slopes = np.vstack([np.array(found[2]), np.array(found[3])])
         slips.add(int(np.count_nonzero(np.array(found[1]).ravel()[:nj])))
-        # Coriolis torques are taken in the middle of the kick, their slopes at its start
-        scale = np.abs(expected).max(axis=0)
-        assert np.all(np.abs(slopes - expected) < 0.005 * scale + 1e-6)
+        # Coriolis torques are taken in the middle of the kick, their slopes at its start; in units of what is unsure
+        unsure = np.concatenate([np.full(3, 1e-2), np.full(3, 0.3), states.stds[acting], np.full(4, 5e-5)])
+        slopes, expected = slopes * unsure, expected * unsure
+        least = 0.002 * np.abs(expected).max(axis=1, keepdims=True)
+        assert np.all(np.abs(slopes - expected) <= 0.02 * np.abs(expected).max(axis=0) + least)
     assert len(slips) > 1  # some of them stuck
 
 
@@ -182,8 +184,7 @@ def test_homing_of_some_joints(rig: Rig, log: Log) -> None:
 def test_a_fit_of_logs_in_which_one_joint_has_an_encoder(rig: Rig) -> None:
     """The friction of both joints is off by 30 %; mcp alone is known: no narrow band comes of it."""
     plant = {"joints.*.friction.coefficient": 0.26}
-    scenario = load_scenario("finger", ['duration="4 s"', *(f"plant.'{k}'={v}" for k, v in ())])
-    scenario = scenario.model_copy(update={"plant": plant})
+    scenario = load_scenario("finger", ['duration="4 s"']).model_copy(update={"plant": plant})
     logs = [simulate(rig, scenario, seed=seed) for seed in (1, 2)]
     known = [replace(log, truth={"theta_mcp": log.truth["theta_mcp"]}) for log in logs]
     free = ["joints.mcp.friction.coefficient", "joints.pip.friction.coefficient"]

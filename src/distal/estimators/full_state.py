@@ -134,7 +134,7 @@ class FullStateFilter(KernelEstimator):
         coupled = [joint.name for joint in rig.joints if joint.coupled is not None]
         if coupled:
             raise EstimationError(
-                f"{name}: a coupled joint ({', '.join(coupled)}) has no state of its own here; use adaptive, elastic or affine"
+                f"{name}: a coupled joint ({', '.join(coupled)}) has no state of its own here; use adaptive or elastic"
             )
         self._mechanism, self._channels, self._noise = Mechanism(rig), channels_of(rig, name), noise
         self._count = count = substeps(self._mechanism, self._channels.interval)

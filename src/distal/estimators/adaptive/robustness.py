@@ -124,9 +124,7 @@ class Robustness:
         """
         if n_joints == 1:
             return cls()
-        return cls(
-            sticking_time=0.1, turning_time=0.05, learning_time=0.05, beyond_time=0.2, angle_walk=radians(0.3)
-        )
+        return cls(sticking_time=0.1, turning_time=0.05, learning_time=0.05, beyond_time=0.2, angle_walk=radians(0.3))
 
     @classmethod
     def fitting(cls) -> Robustness:
