@@ -1,4 +1,4 @@
-"""Drawings of the documentation: `python -m tools.drawings` writes frames.png, finger.png and finger-angles.png in docs/figures."""
+"""Drawings of the documentation: `python -m tools.drawings` writes frames, finger and finger-angles to docs/figures."""
 
 from __future__ import annotations
 

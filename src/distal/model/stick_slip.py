@@ -100,16 +100,18 @@ def slipping(matrix: Any, load: Any, up: Any, down: Any, start: Any = None, even
         # without friction, or where no time passes, a load of 0 is slip: what does not hold does not stop either
         return Slip(load[0] >= up[0], load[0] < -down[0])
     v = _swept(matrix, load, up, down) if start is None else start
-    forward, back = [v[j] > 0 for j in range(n)], [v[j] < 0 for j in range(n)]
-    rest = load - ca.mtimes(matrix, v)
-    held = [ca.if_else(forward[j], up[j], ca.if_else(back[j], -down[j], 0)) for j in range(n)]
-    bounded = [ca.fmin(ca.fmax(rest[j], -down[j]), up[j]) for j in range(n)]
-    g = ca.vertcat(*(ca.if_else(ca.logic_or(forward[j], back[j]), held[j], bounded[j]) for j in range(n)))
-    slip, left = Slip(ca.vertcat(*forward), ca.vertcat(*back)), ca.SX(1)
-    change = load - ca.mtimes(matrix, v) - g
+    # direction of each joint that slips, 0 for one that sticks
+    signs = [(v[j] > 0) - (v[j] < 0) for j in range(n)]
+    rest, held = load - ca.mtimes(matrix, v), list[Any]()
+    for j in range(n):
+        high = ca.if_else(v[j] < 0, -down[j], up[j])
+        low = ca.if_else(v[j] > 0, up[j], -down[j])
+        held.append(ca.fmin(ca.fmax(rest[j], low), high))
+    g, left = ca.vertcat(*held), ca.SX(1)
+    change = rest - g
     for _ in range(EVENTS * n if events is None else events):
-        slip, v, g, left = _event(matrix, change, up, down, (slip, v, g, left))
-    return slip
+        signs, v, g, left = _event(matrix, change, up, down, (signs, v, g, left))
+    return Slip(ca.vertcat(*(sign > 0 for sign in signs)), ca.vertcat(*(sign < 0 for sign in signs)))
 
 
 def _swept(matrix: Any, load: Any, up: Any, down: Any) -> Any:
@@ -122,32 +124,35 @@ def _swept(matrix: Any, load: Any, up: Any, down: Any) -> Any:
     return ca.vertcat(*v)
 
 
-def _event(matrix: Any, change: Any, up: Any, down: Any, now: tuple[Slip, Any, Any, Any]) -> tuple[Slip, Any, Any, Any]:
-    """Return (slip, velocity, friction, share of the load's change that is left) after the next event, or the last ones."""
-    slip, v, g, left = now
-    n, moving = matrix.size1(), slip.moving
+def _event(
+    matrix: Any, change: Any, up: Any, down: Any, now: tuple[list[Any], Any, Any, Any]
+) -> tuple[list[Any], Any, Any, Any]:
+    """Return (signs, velocity, friction, share of the load's change that is left) after the next event, or the last ones.
+
+    While the load changes in a straight line, velocities of the joints that slip and friction of those that stick do, too: a
+    joint stops where its velocity comes to zero, and breaks loose where its friction comes to a limit.
+    """
+    signs, v, g, left = now
+    n, moving = matrix.size1(), ca.vertcat(*(sign * sign for sign in signs))
+    held, span = 1 - moving, up + down
     dv = solver(matrix, moving)(change)
-    dg = change - ca.mtimes(matrix, dv)
+    dg = held * (change - ca.mtimes(matrix, dv))
     soonest, times = left, []
     for j in range(n):
-        stops = ca.logic_and(moving[j], (slip.forward[j] - slip.back[j]) * dv[j] < 0)
-        # a joint that is held breaks loose towards where its friction grows
-        distance = ca.if_else(moving[j], -v[j], ca.if_else(dg[j] > 0, up[j], -down[j]) - g[j])
-        rate = ca.if_else(moving[j], dv[j], dg[j])
-        loosens = ca.logic_and(1 - moving[j], dg[j] != 0)
-        happens = ca.logic_or(stops, loosens)
-        time = ca.if_else(happens, ca.fmax(distance / ca.if_else(happens, rate, 1), 0), NEVER)
-        times.append(time)
-        soonest = ca.fmin(soonest, time)
-    forward, back, found = [], [], ca.SX(0)
+        # of a joint that slips dg is zero, of one that sticks v and dv are
+        distance, rate = held[j] * ((dg[j] > 0) * span[j] - down[j] - g[j]) - v[j], dv[j] + dg[j]
+        happens = ca.logic_or(signs[j] * dv[j] < 0, dg[j] != 0)
+        time = ca.fmax(distance / (rate + (rate == 0)), 0)
+        times.append(NEVER + happens * (time - NEVER))
+        soonest = ca.fmin(soonest, times[-1])
+    after, found = list[Any](), ca.SX(soonest >= left)
     for j in range(n):
-        mine = ca.logic_and(ca.logic_and(times[j] <= soonest, soonest < left), 1 - found)
-        found = ca.logic_or(found, mine)
-        free = 1 - moving[j]
-        forward.append(ca.if_else(mine, ca.logic_and(free, dg[j] > 0), slip.forward[j]))
-        back.append(ca.if_else(mine, ca.logic_and(free, dg[j] < 0), slip.back[j]))
-    after = Slip(ca.vertcat(*forward), ca.vertcat(*back))
-    return after, v + soonest * dv, g + soonest * dg, left - soonest
+        mine = ca.logic_and(times[j] <= soonest, 1 - found)
+        found = found + mine
+        after.append(signs[j] + mine * (ca.sign(dg[j]) - signs[j]))
+    # one that has stopped stands still
+    stands = ca.vertcat(*(sign * sign for sign in after))
+    return after, stands * (v + soonest * dv), g + soonest * dg, left - soonest
 
 
 def velocities(matrix: Any, load: Any, up: Any, down: Any) -> Any:

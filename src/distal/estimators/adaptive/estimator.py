@@ -34,6 +34,9 @@ Floats = NDArray[np.float64]
 LONGEST_SUBSTEP = 2.5e-3
 """Longest sub-step of the joints alone [s]: their own modes are slow (docs/numerics.md)."""
 
+CHAIN_RESOLUTION = 1.5
+"""The same as `RESOLUTION` for joints that carry one another: of their fastest mode nothing is seen (docs/chains.md)."""
+
 MOST_SCALARS = 24
 """With more states than this the update stays a function of matrices: as fast, built in seconds (docs/performance.md)."""
 
@@ -51,7 +54,8 @@ class AdaptiveFilter(KernelEstimator):
         name: of the estimator.
         references: sensors of joints' angles that are read too, while they are known (homing, fitting).
         given: numbers of the description that are inputs of its kernel and no states (fitting).
-        resolution: largest product of sub-step and a joint's own frequency.
+        resolution: largest product of sub-step and a joint's own frequency; default `RESOLUTION`, on a chain
+            `CHAIN_RESOLUTION`.
         trace: let the kernel put out what a smoother needs.
         kinds: kinds of states that there may be; each returns the blocks of a rig.
 
@@ -67,13 +71,15 @@ class AdaptiveFilter(KernelEstimator):
         name: str = "adaptive",
         references: Sequence[Sensor] = (),
         given: Sequence[str] = (),
-        resolution: float = RESOLUTION,
+        resolution: float | None = None,
         trace: bool = False,
         kinds: Sequence[Kind] = KINDS,
     ) -> None:
         mechanism, channels = Mechanism(rig, given, remembers=True), channels_of(rig, name, references)
         guards = Robustness.usual(len(rig.joints)) if robustness is None else robustness
         self._states = StateVector(Setup(mechanism, channels, guards), kinds)
+        if resolution is None:
+            resolution = RESOLUTION if mechanism.chain is None or len(rig.joints) == 1 else CHAIN_RESOLUTION
         longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
         self._count = min(max(1, int(np.ceil(channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
         # a smoother goes back over the filter's own states
