@@ -129,8 +129,8 @@ def _event(
 ) -> tuple[list[Any], Any, Any, Any]:
     """Return (signs, velocity, friction, share of the load's change that is left) after the next event, or the last ones.
 
-    While the load changes in a straight line, velocities of the joints that slip and friction of those that stick do, too: a
-    joint stops where its velocity comes to zero, and breaks loose where its friction comes to a limit.
+    While the load changes in a straight line, velocities of the joints that slip and friction of those that stick do,
+    too: a joint stops where its velocity comes to zero, and breaks loose where its friction comes to a limit.
     """
     signs, v, g, left = now
     n, moving = matrix.size1(), ca.vertcat(*(sign * sign for sign in signs))
