@@ -60,3 +60,33 @@ def test_adaptive_servo(data: Path) -> None:
     result = estimate(read, rig, "adaptive")
     assert np.rad2deg(result.rms_error()) < 0.35
     assert result.inside_band() >= 0.88
+
+
+CHAINS = {
+    "finger-2n": ("finger2N", "0.04 N m", {"servo": 0.69, "step": 1.0, "contact": 0.83}),
+    "finger-n-plus-1": ("finger_n1", "0.04 N m", {"servo": 0.29, "step": 0.52, "contact": 0.78}),
+    "finger-underactuated": ("finger_under", "0.03 N m", {"servo": 0.52, "step": 1.77, "contact": 3.8}),
+    "wrist-instrument": ("wrist_instrument", "0.02 N m", {"servo": 0.24, "step": 0.41, "contact": 0.29}),
+}
+"""Shipped rig → name of its logs, the torque that may occur in a contact, and bounds as above: mean RMS of the joints."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["servo", "step", "contact"])
+@pytest.mark.parametrize("name", CHAINS)
+def test_chains_of_others(data: Path, name: str, kind: str) -> None:
+    """docs/chains.md has what is measured; the sum that one flexor tells, and bands that hold, stand beside the mean."""
+    stem, torque, bounds = CHAINS[name]
+    rig, folder = load_rig(name), data / "finger"
+    log = read_log(folder / f"{stem}_{kind}.csv", rig, folder / f"{stem}_{kind}.truth.csv")
+    if kind == "contact":
+        rig = rig.with_values({"joints.*.external_torque.std": torque})
+    result = estimate(log, rig)
+    assert result.truths is not None
+    late = result.time >= 0.5
+    errors = np.rad2deg(result.angles - result.truths)[late]
+    inside = np.mean(np.abs(errors) <= 1.96 * np.rad2deg(result.angle_stds)[late])
+    assert np.sqrt(np.mean(errors**2, axis=0)).mean() < bounds[kind]
+    assert inside > (0.75 if (name, kind) == ("finger-underactuated", "step") else 0.9)
+    if name == "finger-underactuated":
+        assert np.sqrt(np.mean((errors @ [9.0, 7.0, 5.0] / 21.0) ** 2)) < 0.4
