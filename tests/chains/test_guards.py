@@ -1,0 +1,86 @@
+"""What guards the filter of a chain: standing forces, walking angles, drives that are lost, drives that jump."""
+
+from __future__ import annotations
+
+from math import radians
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from distal import Log, estimate, load_rig
+from distal.estimators import AdaptiveFilter
+from distal.estimators.adaptive import Robustness
+from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, Drive, Tracks
+from distal.estimators.adaptive.prediction import followed_variance
+from distal.estimators.adaptive.robustness import followed_share, jump_evidence
+from distal.estimators.adaptive.stick_slip import Residual, compared
+from distal.rig import build_rig
+
+
+def test_a_chain_has_guards_of_its_own() -> None:
+    one, three = Robustness.usual(1), Robustness.usual(3)
+    assert one == Robustness()
+    assert (three.sticking_time, three.turning_time, three.learning_time, three.beyond_time) == (0.1, 0.05, 0.05, 0.2)
+    assert three.angle_walk == pytest.approx(radians(0.3))
+
+
+@pytest.mark.parametrize(("time", "factor"), [(0.0, 1.0), (0.2, 40.0)])
+def test_a_force_beyond_friction_counts_once_in_a_while(time: float, factor: float) -> None:
+    """At 200 Hz 0.2 s are 40 samples: each has 40 times its variance."""
+    rig = load_rig("wrist-instrument")
+    setup = AdaptiveFilter(rig, compiled=False, robustness=Robustness(beyond_time=time)).states.setup
+    still = Drive(*(ca.SX(x) for x in (0, 0, 0, 0, 0, 0, 0, 1e-9)))
+    residual = Residual(*(ca.SX(x) for x in (0.5, 0.01, 0.0, 1e-6, 0.0, 1e-3, 0.5, 1.0)))
+    found = compared(setup, 0, still, residual, ca.SX(0.005))
+    assert float(ca.evalf(found.variance)) == pytest.approx(factor * 1e-6, rel=1e-9)
+    assert float(ca.evalf(found.innovation)) == pytest.approx(0.49, rel=1e-9)
+
+
+def test_angles_walk() -> None:
+    """An interval of 5 ms adds (0.3°)² · 5 ms to the variance of each angle."""
+    rig = load_rig("finger-2n")
+    sample = np.array([5e-3, 1e-3, 7e-3, -1e-3, np.nan, np.nan, np.nan, np.nan])
+    variances = []
+    for walk in (0.0, radians(0.3)):
+        runner = AdaptiveFilter(rig, compiled=False, robustness=Robustness(angle_walk=walk))
+        belief = runner.initial(0.0, sample)
+        for time in (0.0, 0.005):
+            belief, _ = runner.step(belief, time, sample)
+        variances.append(np.diag(belief.covariance)[:2])
+    np.testing.assert_allclose(variances[1] - variances[0], radians(0.3) ** 2 * 0.005, rtol=1e-6)
+
+
+def test_a_joint_follows_a_lost_drive_by_its_share_of_the_arms() -> None:
+    """Of all motions that follow the drive the smallest: δθ_j = r_j δx/Σ r²."""
+    setup = AdaptiveFilter(load_rig("finger-n-plus-1"), compiled=False).states.setup
+    vector, memory = ca.SX.zeros(Tracks.size(4)), ca.SX.zeros(MEMORY * 4)
+    lost, grown = 0.1, 4e-8
+    vector[REMEMBERED.index("lost")], vector[REMEMBERED.index("unknown")] = lost, grown
+    arms = np.array([8e-3, 7e-3, 6e-3])
+    share = float(followed_share(setup.robustness, lost))
+    for j in range(3):
+        found = float(ca.evalf(followed_variance(setup, j, vector, memory)))
+        assert found == pytest.approx(share * grown * (arms[j] / np.sum(arms**2)) ** 2, rel=1e-9)
+
+
+def test_a_joint_that_follows_at_once_leaves_no_force_behind() -> None:
+    """A quick joint: no change of force speaks neither for nor against a jump; a slow one: against."""
+    assert float(jump_evidence(ca.DM(0.0), 1.0, 0.01, least=0.0)) == 0.0
+    assert float(jump_evidence(ca.DM(0.0), 1.0, 0.01)) < -10.0
+    rigs = {"wrist-instrument": True, "finger-2n": False, "capstan-joint": False}
+    for name, follows in rigs.items():
+        assert AdaptiveFilter(load_rig(name), compiled=False).states.setup.joints_follow is follows
+
+
+def test_elastic_counts_from_the_pretension() -> None:
+    """A flexor that pulls with its pre-tension at zero: no stretch is removed there, (T − T_pre)/k elsewhere."""
+    raw = load_rig("finger-underactuated").model_dump()
+    raw["tendons"][0]["pretension"] = 4.0
+    finger = build_rig(raw, "pulled")
+    n = 100
+    for tension in (4.0, 7.0):
+        places = np.full(n, (tension - 4.0) / 8000.0 / 6e-3)
+        log = Log(0.005 * np.arange(n), {"phi_flexor": places, "tau_flexor": np.full(n, 6e-3 * tension)})
+        angles = estimate(log, finger, "elastic").angles[-1]
+        assert abs(angles @ [9.0, 7.0, 5.0]) < 21.0 * np.deg2rad(0.2)
