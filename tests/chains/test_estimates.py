@@ -204,6 +204,7 @@ def test_what_is_not_seen_is_named() -> None:
     assert found.text == (
         "seen is 9·mcp + 7·pip + 5·dip; two directions are not: springs hold them, as long as nothing touches the joints"
     )
+    np.testing.assert_allclose(found.seen, [[9e-3, 7e-3, 5e-3]], rtol=1e-12)
     np.testing.assert_allclose(found.missed @ [9, 7, 5], 0, atol=1e-12)
     np.testing.assert_allclose(found.missed @ found.missed.T, np.eye(2), atol=1e-12)
     assert directions(load_rig("finger-2n")).text == "all directions of mcp, pip are seen"

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+import distal.model.mechanism
 from distal import estimate, load_rig, simulate
 from distal.errors import RigError
 from distal.model import Mechanism, interval_step, joint_frequency
@@ -245,9 +246,13 @@ SWING = {
 }
 
 
+@pytest.mark.parametrize("fewest", [1, 2])
 @pytest.mark.parametrize("touched", [0.0, 0.05])
-def test_one_joint_as_a_chain_of_one_gives_the_same_numbers(touched: float) -> None:
-    """Motion with stops, adaptive with and without an external torque, ekf: 1e-10."""
+def test_one_joint_as_a_chain_of_one_gives_the_same_numbers(
+    touched: float, fewest: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Motion with stops, adaptive with and without an external torque, ekf: 1e-10; also moved as a chain is moved."""
+    monkeypatch.setattr(distal.model.mechanism, "FEWEST", fewest)
     more = {"external_torque": {"std": touched}}
     lumped, chain = pendulum(False, **more), pendulum(True, **more)
     logs = [simulate(rig, build_scenario(SWING), seed=1) for rig in (lumped, chain)]

@@ -13,6 +13,9 @@ from distal.model.friction import Limit, capstan_limit, load_dependent_limit, st
 from distal.model.tendons import Tendons
 from distal.rig import Joint, Rig
 
+FEWEST = 2
+"""So many joints or more move one another. The link of one joint alone is a constant inertia and a weight."""
+
 GRAVITY = 9.80665
 """Standard acceleration of free fall [m/s²]."""
 
@@ -39,7 +42,9 @@ class Mechanism(Tendons):
 
     def __init__(self, rig: Rig, given: Sequence[str] = (), remembers: bool = False) -> None:
         super().__init__(rig, given, remembers)
-        self.chain = Chain(rig, self.parameters) if rig.is_chain else None
+        links = Chain(rig, self.parameters) if rig.is_chain else None
+        carried = links is not None and self.n_joints >= FEWEST
+        self.chain, self._lone = (links, None) if carried else (None, links)
         self.free = [i for i, joint in enumerate(rig.joints) if joint.coupled is None]
         self.spread, self.offsets = ca.DM(self.n_joints, len(self.free)), ca.DM.zeros(self.n_joints)
         for i, joint in enumerate(rig.joints):
@@ -78,12 +83,12 @@ class Mechanism(Tendons):
         """
         at, rows = ca.SX.sym("q", self.n_bodies), []
         for i, joint in enumerate(self.rig.joints):
-            torque = self._passive_torque(i, joint.model_copy(update={"gravity": None}), at)
+            torque = self._spring_torque(i, joint, at)
             rows.append(ca.horzcat(torque, -ca.jacobian(torque, at[i])))
         found = ca.Function("springs", [at, self.parameters.symbols], [ca.vertcat(*rows)])
         return found(q, self.parameters.symbols)
 
-    def _passive_torque(self, index: int, joint: Joint, q: Any) -> Any:
+    def _spring_torque(self, index: int, joint: Joint, q: Any) -> Any:
         p, path, torque = self.parameters, f"joints.{index}", ca.SX(0)
         if joint.spring is not None:
             away = q[index] - p[f"{path}.spring.rest_angle"]
@@ -93,6 +98,12 @@ class Mechanism(Tendons):
             spring = f"{path}.extension_spring"
             parts = [p[f"{spring}.{name}"] for name in ("stiffness", "free_length", "radius", "distance", "preload")]
             torque += extension_torque(q[index] - p[f"{spring}.line_angle"], *parts)
+        return torque
+
+    def _passive_torque(self, index: int, joint: Joint, q: Any) -> Any:
+        p, path, torque = self.parameters, f"joints.{index}", self._spring_torque(index, joint, q)
+        if self._lone is not None:
+            torque -= self._lone.torques(q, ca.SX.zeros(1), ca.SX.zeros(1))[0]
         if joint.gravity is not None:
             moment = p[f"{path}.gravity.mass"] * GRAVITY * p[f"{path}.gravity.distance"]
             torque -= moment * ca.sin(q[index] - p[f"{path}.gravity.hanging_angle"])
@@ -193,13 +204,14 @@ class Mechanism(Tendons):
         return self.parameters[path] if path in self.parameters else ca.SX(1)
 
     def inertias(self) -> Any:
-        """Return mass or moment of inertia of all bodies, (n_bodies,)."""
-        return ca.vertcat(
-            *(
-                self.parameters[f"{b.path}.mass" if f"{b.path}.mass" in self.parameters else f"{b.path}.inertia"]
-                for b in self.bodies
-            )
-        )
+        """Return mass or moment of inertia of all bodies, (n_bodies,); links that a chain carries are not among them."""
+        own = [
+            self.parameters[f"{b.path}.mass" if f"{b.path}.mass" in self.parameters else f"{b.path}.inertia"]
+            for b in self.bodies
+        ]
+        if self._lone is not None:
+            own[0] += self._lone.mass_matrix(ca.SX.zeros(1))[0, 0]
+        return ca.vertcat(*own)
 
     def dampings(self) -> Any:
         """Return the viscous damping of all bodies, (n_bodies,)."""
