@@ -43,8 +43,8 @@ class Mechanism(Tendons):
     def __init__(self, rig: Rig, given: Sequence[str] = (), remembers: bool = False) -> None:
         super().__init__(rig, given, remembers)
         links = Chain(rig, self.parameters) if rig.is_chain else None
-        carried = links is not None and self.n_joints >= FEWEST
-        self.chain, self._lone = (links, None) if carried else (None, links)
+        carried = self.n_joints >= FEWEST
+        self.chain, self._lone = links if carried else None, None if carried else links
         self.free = [i for i, joint in enumerate(rig.joints) if joint.coupled is None]
         self.spread, self.offsets = ca.DM(self.n_joints, len(self.free)), ca.DM.zeros(self.n_joints)
         for i, joint in enumerate(rig.joints):

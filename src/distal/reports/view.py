@@ -72,14 +72,21 @@ def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, said: Se
         template="plotly_white",
         hovermode="x unified",
         height=900,
-        margin={"l": 70, "r": 30, "t": 40, "b": 50},
-        legend={"orientation": "h", "yanchor": "bottom", "y": 1.01, "x": 0.0, "traceorder": "normal"},
+        margin={"l": 70, "r": 30, "t": 40 if joints == 1 else 70, "b": 50},
+        legend={
+            "orientation": "h",
+            "yanchor": "bottom",
+            "y": 1.01 if joints == 1 else 1.035,  # names of joints stand between
+            "x": 0.0,
+            "traceorder": "normal",
+        },
     )
     kinds = len(set(words))
     made.update_yaxes(type="category", range=[-0.7, kinds - 0.3], row=len(names), col=1)
     curves = made.to_html(include_plotlyjs=True, full_html=False, config=PAGE)
     lines = [*said, *([f"Drawn is one sample of {step}."] if step > 1 else [])]
-    write_whole(path, page(shown(Path(log.source).name), estimate.in_words(), [*map(paragraph, lines), curves]))
+    words_of = "; ".join(estimate.in_words(joint) for joint in range(joints))
+    write_whole(path, page(shown(Path(log.source).name), words_of, [*map(paragraph, lines), curves]))
     return Path(path)
 
 

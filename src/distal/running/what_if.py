@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distal.estimators import AdaptiveFilter
 from distal.logs import Log
@@ -90,20 +91,24 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
     time = rerun.log.time
     settled = time >= time[0] + min(SETTLED, 0.1 * float(np.ptp(time)))
     width = np.mean(base.variances[settled, :joints], axis=0)
-    moved: dict[str, float] = {}
+    moved: dict[str, NDArray[np.float64]] = {}
     for i, name in enumerate(runner.state_names):
         if states.stds[i] > 0.0 and (states.lasting[i] or i < joints):
-            moved[name] = 0.0
+            moved[name] = np.zeros(joints)
             for sign in (1.0, -1.0):
                 away = rerun(Change(shifts={name: sign * float(states.stds[i])}))
                 shift = (away.means - base.means)[settled, :joints]
                 if away.bounded:
                     weight = float(np.exp(min(0.0, away.log_likelihood - base.log_likelihood)))
-                    moved[name] += 0.5 * weight * float(np.max(np.mean(shift**2, axis=0) / width))
-    spread = float(np.sqrt(sum(moved.values())))
+                    moved[name] += 0.5 * weight * np.mean(shift**2, axis=0) / width
+    if not moved:
+        return []
+    total = np.sum(list(moved.values()), axis=0)
+    worst = int(np.argmax(total))
+    spread = float(np.sqrt(total[worst]))
     if spread <= HANGS:
         return []
-    most = max(moved, key=lambda name: moved[name])
+    most = max(moved, key=lambda name: float(moved[name][worst]))
     what = f"where {most}" if most in runner.state_names[:joints] else f"what {most}"
     text = f"the band is too narrow: the angle hangs {spread:.1f}× as much as it allows on {what} begins with"
     return [Finding("overconfident", most, text)]
