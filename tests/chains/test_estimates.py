@@ -176,7 +176,9 @@ def test_homing_of_some_joints(rig: Rig, log: Log) -> None:
     assert marked.truth_source.startswith("pip 25° ± 0.5° at home, mcp 20° ± 0.5° at home")
     both = estimate(marked, described, homing=0.5)
     assert np.rad2deg(both.angle_stds[50]).max() < 0.7
-    with pytest.raises(EstimationError, match="a homing angle is of one joint; name one of mcp, pip, None came"):
+    with pytest.raises(
+        EstimationError, match=r"a homing angle is of one joint; name one of mcp, pip \('pip: 0 deg'\); none was named"
+    ):
         at_known_angle(log, rig, 0.5, 0.0)
 
 
@@ -292,7 +294,7 @@ def test_the_drawing_has_joints_tendons_and_arms(tmp_path: Path) -> None:
 
 def test_coupled_joints_and_the_full_filters() -> None:
     raw = load_rig("finger-n-plus-1").model_dump()
-    raw["joints"][2].update(coupled={"joint": "pip", "ratio": 0.8}, stops=None)
+    raw["joints"][2].update(coupled={"joint": "pip", "ratio": 0.8}, stops=None, initial=0.0)
     with pytest.raises(EstimationError, match=r"ekf: a coupled joint \(dip\) has no state of its own here"):
         make_estimator("ekf", build_rig(raw, "coupled"))
 

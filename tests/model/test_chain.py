@@ -267,7 +267,7 @@ def test_one_joint_as_a_chain_of_one_gives_the_same_numbers(
 def coupled(ratio: float) -> Rig:
     """Return a finger whose last joint follows the one before it."""
     raw = load_rig(FINGER).model_dump()
-    raw["joints"][2].update(coupled={"joint": "pip", "ratio": ratio, "offset": 0.1}, stops=None)
+    raw["joints"][2].update(coupled={"joint": "pip", "ratio": ratio, "offset": 0.1}, stops=None, initial=0.0)
     return build_rig(raw, "coupled")
 
 
@@ -276,7 +276,14 @@ def test_a_coupled_joint_follows_and_loads_the_other() -> None:
     raw = load_rig("pulley-antagonist").model_dump()
     raw["joints"][0].update(friction=None)
     alone = {**raw["joints"][0]}
-    follower = {**alone, "name": "tip", "coupled": {"joint": "link", "ratio": 0.8}, "inertia": 2e-4, "damping": 3e-3}
+    follower = {
+        **alone,
+        "name": "tip",
+        "coupled": {"joint": "link", "ratio": 0.8},
+        "initial": 0.0,
+        "inertia": 2e-4,
+        "damping": 3e-3,
+    }
     both = build_rig({**raw, "joints": [alone, follower]}, "coupled")
     alone.update(inertia=alone["inertia"]["value"] + 0.64 * 2e-4, damping=alone["damping"]["value"] + 0.64 * 3e-3)
     one = build_rig({**raw, "joints": [alone]}, "one")

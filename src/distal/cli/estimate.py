@@ -172,7 +172,7 @@ def estimate_command(
         _compare(results, failed)
     else:
         for name, why in failed.items():
-            failure(f"{name}: {why}")
+            failure(why if why.startswith(f"{name}:") else f"{name}: {why}")
     final = results[0]
     for joint in range(len(final.joint_names)):
         say(final.in_words(joint))
@@ -230,4 +230,4 @@ def _compare(results: list[Estimate], failed: dict[str, str]) -> None:
     rows += [(name, "–", "–", "–", "–") for name in failed]
     table("error against truth", ["estimator", "RMS [°]", "maximum [°]", "inside 95 % band", "median band [°]"], rows)
     for name, why in failed.items():
-        say(f"{name} {why}" if why.startswith("needs") else f"{name}: {why}")
+        say(f"{name} {why}" if why.startswith("needs") else why if why.startswith(f"{name}:") else f"{name}: {why}")

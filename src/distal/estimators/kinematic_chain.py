@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from distal.estimators.channels import Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
+from distal.estimators.directions import directions
 from distal.estimators.low_pass import low_passed
 from distal.kernels import Kernel
 from distal.model import Mechanism, solver
@@ -21,6 +22,9 @@ ITERATIONS = 3
 
 RIDGE = 1e-9
 """Directions that no tendon sees stay where they were: this share of the tendons' weight holds them."""
+
+UNSEEN = np.deg2rad(3.0)
+"""Standard deviation along a direction that no tendon sees, at least [rad]: only springs and friction say where it is."""
 
 CONSTRAINT = 1e3
 """Where springs decide with fewer tendons than joints, tendons weigh so many times their stiffness: lengths come first."""
@@ -46,6 +50,18 @@ def stretches(mechanism: Mechanism, pulls: ca.SX, elastic: bool) -> list[ca.SX]:
         change = share * (pulls[drive - mechanism.n_joints] - standing)
         found.append(change / p[f"tendons.{i}.stiffness"] if elastic else ca.SX(0))
     return found
+
+
+def unseen_covariance(rig: Rig) -> Floats:
+    """Return what is not known of the joints along directions that no tendon sees, (n_joints, n_joints): as at the start.
+
+    Args:
+        rig: the description.
+    """
+    missed = directions(rig).missed
+    stds = np.array([max(joint.initial.std, UNSEEN) for joint in rig.joints if joint.coupled is None])
+    covariance: Floats = float(np.mean(stds) ** 2) * missed.T @ missed
+    return covariance
 
 
 def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool) -> ca.Function:
@@ -105,7 +121,7 @@ def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int,
         )
     )
     whole = ca.mtimes(mechanism.spread, gain)
-    covariance = ca.mtimes([whole, spread, whole.T])
+    covariance = ca.mtimes([whole, spread, whole.T]) + ca.DM(unseen_covariance(mechanism.rig))
     following = ca.vertcat(angles, ca.densify(ca.vec(covariance)), *positions, *filtered)
     return ca.Function(
         "kinematic", [carry, x, p.symbols], [ca.cse(following), ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"]

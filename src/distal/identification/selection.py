@@ -160,7 +160,23 @@ def _paths(rig: Rig, wanted: str) -> list[str]:
     parts = getattr(rig, head, None)
     if not isinstance(parts, tuple):
         raise FitError(f"'{wanted}': '*' stands for all joints, drives, tendons or sensors, e.g. tendons.*.stiffness")
-    return [number(rig, f"{head}.{i}.{tail}").path for i in range(len(parts))]
+    found = list[str]()
+    for i in range(len(parts)):
+        found += _each(rig, f"{head}.{i}.{tail}")
+    return found
+
+
+def _each(rig: Rig, path: str) -> list[str]:
+    """Return the paths that one with further ``*`` names: below a part, as for the crossings of a tendon."""
+    before, star, after = path.partition(".*.")
+    if not star:
+        return [number(rig, path).path]
+    part: object = rig
+    for key in before.split("."):
+        part = part[int(key)] if isinstance(part, tuple) else getattr(part, key, None)
+    if not isinstance(part, tuple):
+        raise FitError(f"'{path}': '{before}' is no list that '*' could stand for")
+    return [found for i in range(len(part)) for found in _each(rig, f"{before}.{i}.{after}")]
 
 
 def _asked(rig: Rig, wanted: str, per_log: bool) -> Free:

@@ -187,7 +187,7 @@ def _warn_of_units(log: Log, rig: Rig) -> None:
         if drive.stops is not None:
             _warn_beyond_stops(log, sensor, values, drive.stops)
         # a joint turns by a few radians at most, and a tendon stretches by less than that
-        travel = span * lever / max(radii)
+        travel = span * lever / max(max(radii), 1e-12)
         unit = sensor.unit or sensor.si
         reading = f"{log.source}: '{sensor.log_column}' spans {span:.3g} {sensor.si} when read in '{unit}'"
         if travel > 50.0:

@@ -106,7 +106,9 @@ class Tendons:
             if isinstance(meeting.shape, Polynomial):
                 path = f"tendons.{tendon}.{meeting.path}"
                 coefficients = [p[f"{path}.terms.{k}.coefficient"] for k in range(len(meeting.shape.terms))]
-                left = left - p[f"{path}.scale"] * polynomial_excursion(meeting.shape, coefficients, angles)
+                zero = polynomial_excursion(meeting.shape, coefficients, [ca.SX(0)] * len(angles))
+                drawn = polynomial_excursion(meeting.shape, coefficients, angles) - zero
+                left = left - p[f"{path}.scale"] * drawn
             else:
                 left = elongation(self._insertion(tendon, meeting), angles[0], left)
         return left

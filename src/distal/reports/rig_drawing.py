@@ -117,7 +117,7 @@ def _draw_row(axes: Axes, rig: Rig, arms: Floats) -> None:
     # from top to bottom as they meet their first joint
     order = sorted(range(len(rig.tendons)), key=lambda i: float(arms[i, names.index(rig.tendons[i].joints[0])]))
     for i, tendon in enumerate(rig.tendons):
-        crossed = [names.index(name) for name in tendon.joints]
+        crossed = sorted(names.index(name) for name in tendon.joints)
         xs, ys = [begin], [_lane(order.index(i), len(order), unit)]
         for j in crossed:
             xs.append(at[j])

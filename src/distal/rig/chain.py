@@ -68,7 +68,7 @@ class Link(Description):
 
     mass: Annotated[Parameter, In("kg", "nonnegative")] = Field(description="mass")
     centre: Annotated[Vector, In("m")] = Field(description="centre of mass, from the joint's axis, at θ = 0")
-    inertia: Annotated[Vector, In("kg m^2")] = Field(
+    inertia: Annotated[Vector, In("kg m^2", "nonnegative")] = Field(
         (0.0, 0.0, 0.0),
         description="moments of inertia about the centre of mass, about x, y, z of the joint's frame (no products)",
     )

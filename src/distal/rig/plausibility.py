@@ -17,6 +17,10 @@ USUAL: dict[str, tuple[float, float, str]] = {
 """Between which values such numbers are in hands, instruments and benches, SI."""
 
 
+FARTHEST = 2.0
+"""Offsets and centres of links beyond this are probably without their unit [m]."""
+
+
 def doubts(rig: Rig) -> list[str]:
     """Return what is allowed in a rig and yet probably a mistake, a sentence each.
 
@@ -28,6 +32,21 @@ def doubts(rig: Rig) -> list[str]:
         low, high, unit = USUAL[name]
         if not low <= value <= high:
             said.append(f"{path} is {value:g} {unit}; between {low:g} and {high:g} is usual: is its unit there?")
+    for joint in rig.joints:
+        away = max(abs(part) for part in (*joint.offset, *(joint.link.centre if joint.link is not None else ())))
+        if away > FARTHEST:
+            said.append(f"joints.{joint.name} sits or weighs {away:g} m away; is its unit there?")
+        if (
+            rig.is_chain
+            and len(rig.joints) > 1
+            and joint.coupled is None
+            and joint.damping.absent
+            and joint.friction is None
+        ):
+            said.append(f"joints.{joint.name} has neither friction nor damping: nothing stops it from swinging")
+    for drive in rig.drives:
+        if not any(sensor.measures == "position" and sensor.of == drive.name for sensor in rig.sensors):
+            said.append(f"drives.{drive.name} has no position sensor: where it is has to be guessed from forces")
     for joint in rig.joints:
         arms = [tendon.arms().get(joint.name, 0.0) for tendon in rig.tendons]
         sides = {1 if arm > 0.0 else -1 for arm in arms if arm != 0.0}

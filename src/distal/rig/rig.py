@@ -145,6 +145,7 @@ class Rig(Description):
             if not any(tendon.drive == drive.name for tendon in self.tendons):
                 raise ValueError(f"drives: '{drive.name}' pulls no tendon; remove it or name it in a tendon's 'drive'")
         crossed = {name for tendon in self.tendons for name in tendon.joints}
+        crossed |= {joint.coupled.joint for joint in self.joints if joint.coupled is not None and joint.name in crossed}
         for joint in self.joints:
             if joint.name not in crossed and joint.coupled is None:
                 raise ValueError(
@@ -264,6 +265,7 @@ def _check_coupling(index: int, joint: Joint, before: Sequence[Joint]) -> None:
         ("stops", joint.stops is not None),
         ("backlash", joint.backlash is not None),
         ("external_torque", joint.external_torque.std > 0.0),
+        ("initial", joint.initial.value != 0.0 or joint.initial.std > 0.0),
     ):
         if given:
             raise ValueError(f"{index}.{name}: is not supported on a coupled joint; give it to '{joint.coupled.joint}'")

@@ -89,7 +89,7 @@ HIGHEST_POWER = 9
 
 
 class Polynomial(Description):
-    """A crossing whose excursion is a polynomial in the angles of several joints: ℓ = l + x − scale · e(θ).
+    """A crossing whose excursion is a polynomial in several angles: ℓ = l + x − scale · (e(θ) − e(0)).
 
     Outside `range` the tendon goes on in a straight line, with the arm that it has at the end of it.
     """
@@ -120,6 +120,9 @@ class Polynomial(Description):
                 )
             if min(term.powers) < 0 or max(term.powers) > HIGHEST_POWER:
                 raise ValueError(f"terms.{i}.powers: must be from 0 to {HIGHEST_POWER}, {list(term.powers)} came")
+        for j, name in enumerate(self.joints):
+            if not any(term.powers[j] > 0 and term.coefficient.value != 0.0 for term in self.terms):
+                raise ValueError(f"joints: '{name}' has no term with a power of it; leave it out, or add one")
         return self
 
     def arms(self, angles: dict[str, float]) -> dict[str, float]:
@@ -304,8 +307,17 @@ class Tendon(Description):
 
     @property
     def total_arm(self) -> float:
-        """The sum of its moment arms, without their signs: how far it moves as all its joints turn by a radian [m]."""
-        return sum(abs(arm) for arm in self.arms().values())
+        """The sum of its moment arms, without their signs: how far it moves as all its joints turn by a radian [m].
+
+        At zero, or where they are largest at the ends of a polynomial's range: arms may be zero at zero.
+        """
+        places: list[dict[str, float]] = [{}]
+        for meeting in self.meetings:
+            if isinstance(meeting.shape, Polynomial):
+                for end in (0, 1):
+                    places.append({name: ends[end] for name, ends in zip(meeting.joints, meeting.shape.range)})
+        totals = [sum(abs(arm) for arm in self.arms(at).values()) for at in places]
+        return totals[0] or max(totals)
 
     def shapes(self) -> Iterator[tuple[str, Pinned | Pulley | Linkage]]:
         """Return path and shape of each crossing that has a radius."""

@@ -98,7 +98,8 @@ def at_known_angle(
     """
     joints = [each.name for each in rig.joints]
     if (joint is None and len(joints) > 1) or (joint is not None and joint not in joints):
-        raise EstimationError(f"a homing angle is of one joint; name one of {', '.join(joints)}, {joint!r} came")
+        came = "none was named" if joint is None else f"{joint!r} came"
+        raise EstimationError(f"a homing angle is of one joint; name one of {', '.join(joints)} ('pip: 0 deg'); {came}")
     which = joints[0] if joint is None else joint
     if not abs(angle) <= LARGEST_ANGLE or not 0.0 <= std <= LARGEST_ANGLE:
         raise EstimationError(f"a homing angle is at most {LARGEST_ANGLE:g} rad, {angle:g} ± {std:g} rad came")

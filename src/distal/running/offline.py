@@ -209,13 +209,25 @@ def runner_for(
     if not isinstance(estimator, (str, Estimator)):
         raise EstimationError(f"an estimator is a name or one from make_estimator, {estimator!r} came")
     if homing is not None:
-        rig, references = with_references(rig, log)
+        rig, references = with_references(rig, known_early(log, homing))
         check_homing(homing, log, [joint.name for joint in rig.joints])
         if isinstance(estimator, str) and estimator in HOMED:
             return AdaptiveFilter(rig, compiled, references=references)
         if estimator == "affine":
             return AffineEstimator(rig, compiled, homing=True)
     return make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
+
+
+def known_early(log: Log, homing: float) -> Log:
+    """Return the log with the truth of those joints alone that have a value while homing.
+
+    Args:
+        log: the log.
+        homing: for how long the truth is used [s].
+    """
+    early = log.time - log.time[0] < homing
+    known = {name: values for name, values in log.truth.items() if np.isfinite(values[early]).any()}
+    return replace(log, truth=known) if known else log
 
 
 def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:

@@ -113,8 +113,13 @@ def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
     _known(scenario.initial, names, "initial", "joint")
     angles = np.array([joint.initial.value for joint in mechanism.rig.joints])
     for name, raw in scenario.initial.items():
+        coupled = mechanism.rig.joints[names.index(name)].coupled
+        if coupled is not None:
+            raise ScenarioError(f"initial.{name}: it follows '{coupled.joint}'; give the angle of that joint")
         try:
             angles[names.index(name)] = to_si(raw, "rad")
         except ValueError as problem:
             raise ScenarioError(f"initial.{name}: {problem}") from None
-    return angles
+    # coupled joints stand where the others say
+    placed: Floats = (mechanism.spread.full() @ angles[mechanism.free]) + mechanism.offsets.full().ravel()
+    return placed
