@@ -34,6 +34,7 @@ from distal.cli.app import app
 from distal.errors import EstimationError, RigError
 from distal.estimators import AdaptiveFilter, directions
 from distal.estimators.adaptive.motion import _acting, _substep
+from distal.estimators.kinematic_chain import unseen_covariance
 from distal.logs import write_log
 from distal.model import responses
 from distal.reports import draw_rig
@@ -308,3 +309,22 @@ def test_a_stream_of_a_finger(rig: Rig, log: Log, tmp_path: Path) -> None:
     header, *lines = done.stdout.splitlines()
     assert len(lines) == 20
     assert {"theta_mcp", "theta_mcp_std", "theta_pip", "theta_pip_std"} <= set(header.split(","))
+
+
+def test_homing_at_one_joint_of_a_log_that_knows_all(rig: Rig, log: Log) -> None:
+    """pip stands at a mark; the truth of mcp, which the log has too, is compared with and not read."""
+    marked, described = at_known_angle(log, rig, 0.5, np.deg2rad(25), np.deg2rad(1.0), joint="pip")
+    result = estimate(marked, described, homing=0.5)
+    assert result.truths is not None
+    late = log.time >= 0.5
+    assert np.isfinite(result.truths[late]).all()
+    assert rms(result).max() < 1.0
+
+
+def test_elastic_says_what_it_cannot_know() -> None:
+    """Two directions of an underactuated finger are not seen: at least 3° there, next to nothing along the sum."""
+    covariance = unseen_covariance(load_rig("finger-underactuated"))
+    weights = np.array([9.0, 7.0, 5.0])
+    assert weights @ covariance @ weights < 1e-14
+    assert np.rad2deg(np.sqrt(np.trace(covariance) / 2)) == pytest.approx(3.0, rel=1e-6)
+    assert not unseen_covariance(load_rig("finger-2n")).any()

@@ -22,6 +22,7 @@ def test_a_chain_has_guards_of_its_own() -> None:
     one, three = Robustness.usual(1), Robustness.usual(3)
     assert one == Robustness()
     assert (three.sticking_time, three.turning_time, three.learning_time, three.beyond_time) == (0.1, 0.05, 0.05, 0.2)
+    assert three.reference_time == 0.5
     assert three.angle_walk == pytest.approx(radians(0.3))
 
 
@@ -84,3 +85,14 @@ def test_elastic_counts_from_the_pretension() -> None:
         log = Log(0.005 * np.arange(n), {"phi_flexor": places, "tau_flexor": np.full(n, 6e-3 * tension)})
         angles = estimate(log, finger, "elastic").angles[-1]
         assert abs(angles @ [9.0, 7.0, 5.0]) < 21.0 * np.deg2rad(0.2)
+
+
+def test_a_reference_teaches_slowly_in_a_chain() -> None:
+    """At 200 Hz half a second is 100 samples: arms and curves take a hundredth of the gain, angles all of it."""
+    states = AdaptiveFilter(load_rig("finger-2n"), compiled=False).states
+    shares = states.gain_shares(None, reference=True)
+    names = {states.names[i] for i in shares}
+    assert {"tendons.0.crossings.0.radius", "rope.factor", "linearity_x_mcp_f_0"} <= names
+    assert set(shares.values()) == {0.005 / 0.5}
+    assert not names & {"theta_mcp", "theta_pip", "theta_mcp_dot"}
+    assert AdaptiveFilter(load_rig("paper-2008"), compiled=False).states.gain_shares(None, reference=True) == {}

@@ -11,7 +11,7 @@ import pytest
 
 import distal.model.mechanism
 from distal import estimate, load_rig, simulate
-from distal.errors import RigError
+from distal.errors import RigError, ScenarioError
 from distal.model import Mechanism, interval_step, joint_frequency
 from distal.rig import Rig, build_rig
 from distal.simulation import build_scenario
@@ -437,3 +437,23 @@ def test_what_a_chain_cannot_be_is_said(path: str, value: object, said: str) -> 
     with pytest.raises(RigError) as problem:
         load_rig(FINGER).with_values({path: value})
     assert said in str(problem.value)
+
+
+def test_a_coupled_joint_starts_where_the_other_says() -> None:
+    rig, still = coupled(0.8), {"rig": FINGER, "duration": "0.1 s", "initial": {"pip": "30 deg"}}
+    truth = simulate(rig, build_scenario(still)).truth
+    assert truth["theta_dip"][0] == pytest.approx(0.8 * np.deg2rad(30) + 0.1, rel=1e-12)
+    with pytest.raises(ScenarioError, match=r"initial\.dip: it follows 'pip'; give the angle of that joint"):
+        simulate(rig, build_scenario({**still, "initial": {"dip": "30 deg"}}))
+
+
+def test_a_polynomial_counts_from_zero() -> None:
+    """A constant term, as published lengths have one, changes nothing."""
+    terms = [{"powers": [1, 0], "coefficient": 7e-3}, {"powers": [0, 1], "coefficient": 6e-3}]
+    bounds = [(-0.5, 1.0), (-0.5, 1.5)]
+    plain = lengths(with_crossings([polynomial(terms, bounds)]))
+    shifted = lengths(with_crossings([polynomial([*terms, {"powers": [0, 0], "coefficient": 0.05}], bounds)]))
+    for angles in ((0.0, 0.0), (0.4, 0.6)):
+        np.testing.assert_allclose(plain(*angles)[0], shifted(*angles)[0], atol=1e-15)
+    with pytest.raises(RigError, match="'pip' has no term with a power of it"):
+        with_crossings([polynomial(terms[:1], bounds)])

@@ -36,6 +36,7 @@ class Robustness:
         learning_time: for so long what a force tells of a parameter counts as one sample [s] (24).
         learning_time_guarded: the same of a force whose drive declares no friction [s].
         creep_learning_time: the same for the creep of a tendon, of all forces [s].
+        reference_time: the same of a joint's own angle and the numbers of the rig [s]; 0: each does.
         parameter_walk: random walk of a parameter without a `drift`, in its standard deviations per √s.
         unmodelled: share of the rig's `unmodelled` torque that is added [1].
         angle_walk: random walk of the joints' angles, which a stuck joint's model does not have [rad/√s].
@@ -72,6 +73,8 @@ class Robustness:
     """as above"""
     declared_friction: float = 0.1
     """a third of a load cell's σ on the paper's rig: less cannot be told from noise"""
+    reference_time: float = 0.0
+    """docs/chains.md, "Homing": of one joint a reference teaches as fast as it comes"""
     parameter_walk: float = 0.02
     """docs/guards.md: nothing on logs of 12 s; on a long log a parameter that drifts is followed"""
     learning_time: float = 0.3
@@ -124,7 +127,14 @@ class Robustness:
         """
         if n_joints == 1:
             return cls()
-        return cls(sticking_time=0.1, turning_time=0.05, learning_time=0.05, beyond_time=0.2, angle_walk=radians(0.3))
+        return cls(
+            sticking_time=0.1,
+            turning_time=0.05,
+            learning_time=0.05,
+            beyond_time=0.2,
+            reference_time=0.5,
+            angle_walk=radians(0.3),
+        )
 
     @classmethod
     def fitting(cls) -> Robustness:

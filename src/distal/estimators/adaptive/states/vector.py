@@ -71,6 +71,7 @@ class StateVector:
         self.lasting = np.isin(np.arange(len(self.names)), lasting)
         self._considered = {i: 0.0 for block in blocks if block.considered for i in self.indices(block)}
         self._parameters = [i for b in blocks if isinstance(b, SLOW) for i in self.indices(b)]
+        self._curves = [i for b in blocks if isinstance(b, Linearity) for i in self.indices(b)]
         self._strains = [i for b in blocks if isinstance(b, Strained) for i in self.indices(b)]
 
     def __len__(self) -> int:
@@ -88,6 +89,10 @@ class StateVector:
         time = guards.learning_time if declared else guards.learning_time_guarded
         share = min(1.0, self.setup.channels.interval / time) if time > 0.0 and not reference else 1.0
         slow = {} if share == 1.0 else dict.fromkeys(self._parameters, share)
+        if reference and guards.reference_time > 0.0:
+            # a joint that rests shows one posture for a long time
+            share = min(1.0, self.setup.channels.interval / guards.reference_time)
+            slow = dict.fromkeys([*self._parameters, *self._curves], share)
         if guards.creep_learning_time > 0.0 and not reference:
             share = min(1.0, self.setup.channels.interval / guards.creep_learning_time)
             slow |= dict.fromkeys(self._strains, share)
