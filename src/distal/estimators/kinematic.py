@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from distal.estimators.channels import Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
-from distal.estimators.low_pass import low_passed
+from distal.estimators.drive_readings import first_drives, read_drives, tension_share
 from distal.kernels import Kernel
 from distal.model import Mechanism
-from distal.rig import Rig, angle_names, gain_of, tendon_angle_name
+from distal.rig import Rig, angle_names, tendon_angle_name
 from distal.sensors import systematic_variance, variance
 
 Floats = NDArray[np.float64]
@@ -35,7 +35,6 @@ def kinematic_function(
     """
     k, nd, nj = len(tendons), mechanism.n_drives, mechanism.n_joints
     n, width = nj + k, len(channels.names)
-    places = [drive.name for drive in mechanism.rig.drives]
     carry, x, p = (
         ca.SX.sym("carry", n + n * n + k + 3 * nd),
         ca.SX.sym("x", 1 + 2 * width),
@@ -43,17 +42,8 @@ def kinematic_function(
     )
     mean, rest = carry[:n], carry[n + n * n :]
     lengths, drives, pulls, first = ca.vertsplit(rest, [int(i) for i in np.cumsum([0, k, nd, nd, nd])])
-    dt, values, mask = x[0], x[1 : 1 + width], x[1 + width :]
-
-    positions, filtered = [drives[i] for i in range(nd)], [pulls[i] for i in range(nd)]
-    for sensor in channels.positions:
-        i, j = places.index(sensor.of), channels.names.index(sensor.name)
-        positions[i] = ca.if_else(mask[j], values[j] - sensor.bias.value, drives[i])
-    for sensor in channels.forces:
-        i, j = places.index(sensor.of), channels.names.index(sensor.name)
-        read = (values[j] - sensor.bias.value) / gain_of(sensor).value
-        filtered[i] = ca.if_else(mask[j], low_passed(pulls[i], read, dt), pulls[i])
-    q = ca.vertcat(mean[:nj], *positions)
+    positions, filtered = read_drives(mechanism.rig, channels, drives, pulls, x)
+    q = ca.vertcat(mean[:nj], positions)
     angles = []
     for row, tendon in enumerate(tendons):
         drive = mechanism.drive_of[tendon] - mechanism.n_joints
@@ -62,28 +52,16 @@ def kinematic_function(
             change = _share(mechanism, tendon) * (filtered[drive] - first[drive])
             length += change / mechanism.parameters[f"tendons.{tendon}.stiffness"]
         angles.append(mechanism.angle_at(tendon, length, q))
-    joints = []
-    for j in range(nj):
-        joints.append(sum(angles) / len(angles) if angles else mean[j])
-    following = ca.vertcat(
-        *joints, *angles, carry[n : n + n * n], lengths, ca.vertcat(*positions), ca.vertcat(*filtered), first
-    )
+    joints = [sum(angles) / len(angles)]
+    following = ca.vertcat(*joints, *angles, carry[n : n + n * n], lengths, positions, filtered, first)
     return ca.Function("kinematic", [carry, x, p], [following, ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"])
 
 
 def _share(mechanism: Mechanism, tendon: int) -> ca.SX:
-    """Return the tension of a tendon per unit of its drive's pull, the smallest that balances it: h_i/Σ h².
-
-    h is a tendon's displacement per displacement of the drive: 1 for a slider, side · R for a capstan.
-    """
-    drive = mechanism.drive_of[tendon]
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    levers = {
-        i: ca.jacobian(mechanism.displacement(i, q), q[drive])
-        for i in range(mechanism.n_tendons)
-        if mechanism.drive_of[i] == drive
-    }
-    return levers[tendon] / sum((lever**2 for lever in levers.values()), ca.SX(0))
+    """Return `tension_share` of a tendon."""
+    q, drive = ca.SX.sym("q", mechanism.n_bodies), mechanism.drive_of[tendon]
+    levers = [ca.jacobian(mechanism.displacement(i, q), q[d]) for i, d in enumerate(mechanism.drive_of)]
+    return tension_share(levers, [i for i, d in enumerate(mechanism.drive_of) if d == drive], tendon)
 
 
 class KinematicEstimator(KernelEstimator):
@@ -119,12 +97,7 @@ class KinematicEstimator(KernelEstimator):
     def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
         rig, channels, m = self.rig, self._channels, self._mechanism
         initial = np.array([joint.initial.value for joint in rig.joints])
-        places, pulls = np.zeros(m.n_drives), np.array([d.nominal_force.value for d in rig.drives])
-        for values, sensors in ((places, channels.positions), (pulls, channels.forces)):
-            for i, drive in enumerate(rig.drives):
-                sensor = sensor_for(sensors, drive.name)
-                read = np.nan if sensor is None else sample[channels.names.index(sensor.name)] - sensor.bias.value
-                values[i] = read if np.isfinite(read) else values[i]
+        places, pulls = first_drives(rig, channels, sample)
         q = np.concatenate([initial, places])
         lengths, jacobian = (np.array(part) for part in self._lengths(q, self._mechanism.parameters.values))
         # one zero for all tendons: its error is shared; the sensors' errors count twice, then and now

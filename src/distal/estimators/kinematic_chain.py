@@ -6,13 +6,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators.channels import Channels, channels_of, sensor_for
+from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
-from distal.estimators.low_pass import low_passed
+from distal.estimators.drive_readings import first_drives, read_drives, tension_share
 from distal.kernels import Kernel
 from distal.model import Mechanism, solver
-from distal.rig import Rig, angle_names, gain_of
+from distal.rig import Rig, angle_names
 from distal.sensors import systematic_variance, variance
 
 Floats = NDArray[np.float64]
@@ -46,8 +46,7 @@ def stretches(mechanism: Mechanism, pulls: ca.SX, elastic: bool) -> list[ca.SX]:
     for i, drive in enumerate(mechanism.drive_of):
         own = [j for j in range(mechanism.n_tendons) if mechanism.drive_of[j] == drive]
         standing = sum((levers[j] * p[f"tendons.{j}.pretension"] for j in own), ca.SX(0))
-        share = levers[i] / sum((levers[j] ** 2 for j in own), ca.SX(0))
-        change = share * (pulls[drive - mechanism.n_joints] - standing)
+        change = tension_share(levers, own, i) * (pulls[drive - mechanism.n_joints] - standing)
         found.append(change / p[f"tendons.{i}.stiffness"] if elastic else ca.SX(0))
     return found
 
@@ -79,20 +78,13 @@ def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int,
     nd, nj, free = mechanism.n_drives, mechanism.n_joints, mechanism.free
     n, width, p = nj, len(channels.names), mechanism.parameters
     carry, x = ca.SX.sym("carry", n + n * n + 2 * nd), ca.SX.sym("x", 1 + 2 * width)
-    names = [drive.name for drive in mechanism.rig.drives]
     places, pulls = carry[n + n * n : n + n * n + nd], carry[n + n * n + nd :]
-    dt, values, mask = x[0], x[1 : 1 + width], x[1 + width :]
-    positions, filtered = [places[i] for i in range(nd)], [pulls[i] for i in range(nd)]
+    positions, filtered = read_drives(mechanism.rig, channels, places, pulls, x)
     errors = [ca.SX(0)] * nd
     for sensor in channels.positions:
-        i, j = names.index(sensor.of), channels.names.index(sensor.name)
-        positions[i] = ca.if_else(mask[j], values[j] - sensor.bias.value, places[i])
-        errors[i] = ca.SX(variance(sensor) + systematic_variance(sensor))
-    for sensor in channels.forces:
-        i, j = names.index(sensor.of), channels.names.index(sensor.name)
-        read = (values[j] - sensor.bias.value) / gain_of(sensor).value
-        filtered[i] = ca.if_else(mask[j], low_passed(pulls[i], read, dt), pulls[i])
-    wanted = stretches(mechanism, ca.vertcat(*filtered), elastic)
+        drive = [drive.name for drive in mechanism.rig.drives].index(sensor.of)
+        errors[drive] = ca.SX(variance(sensor) + systematic_variance(sensor))
+    wanted = stretches(mechanism, filtered, elastic)
     q = ca.SX.sym("q", mechanism.n_bodies)
     lengths, jacobian = mechanism.elongations(q), mechanism.length_jacobian(q)
     few = len(tendons) < len(free)
@@ -101,7 +93,7 @@ def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int,
     weights = ca.diag(ca.vertcat(*(p[f"tendons.{i}.stiffness"] * (CONSTRAINT if few else 1) for i in rows)))
     angles = carry[:nj]
     for _ in range(ITERATIONS):
-        length, slopes, springs = look(ca.vertcat(angles, *positions), p.symbols)
+        length, slopes, springs = look(ca.vertcat(angles, positions), p.symbols)
         arms = ca.mtimes(slopes[:, :nj], mechanism.spread)
         along = ca.mtimes(arms.T, weights)
         matrix = ca.mtimes(along, arms)
@@ -122,7 +114,7 @@ def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int,
     )
     whole = ca.mtimes(mechanism.spread, gain)
     covariance = ca.mtimes([whole, spread, whole.T]) + ca.DM(unseen_covariance(mechanism.rig))
-    following = ca.vertcat(angles, ca.densify(ca.vec(covariance)), *positions, *filtered)
+    following = ca.vertcat(angles, ca.densify(ca.vec(covariance)), positions, filtered)
     return ca.Function(
         "kinematic", [carry, x, p.symbols], [ca.cse(following), ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"]
     )
@@ -153,15 +145,8 @@ class ChainKinematics(KernelEstimator):
         super().__init__(name, rig, Kernel(function, compiled), p, channels.names, (), names, channels.interval)
 
     def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
-        rig, channels, m = self.rig, self._channels, self._mechanism
-        places, pulls = np.zeros(m.n_drives), np.array([d.nominal_force.value for d in rig.drives])
-        for values, sensors in ((places, channels.positions), (pulls, channels.forces)):
-            for i, drive in enumerate(rig.drives):
-                sensor = sensor_for(sensors, drive.name)
-                read = np.nan
-                if sensor is not None:
-                    read = (sample[channels.names.index(sensor.name)] - sensor.bias.value) / gain_of(sensor).value
-                values[i] = read if np.isfinite(read) else values[i]
+        rig = self.rig
+        places, pulls = first_drives(rig, self._channels, sample)
         angles = np.array([joint.initial.value for joint in rig.joints])
         stds = np.array([joint.initial.std for joint in rig.joints])
         return angles, np.diag(stds**2), np.concatenate([places, pulls])

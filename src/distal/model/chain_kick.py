@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from distal.model.mechanism import Mechanism
 from distal.model.stick_slip import Slip, slipping, solver
@@ -165,20 +164,13 @@ def chain_kick(
     stopped = [k for k, j in enumerate(free) if mechanism.bodies[j].has_stops]
     if stopped:
         contacts = _contacts(mechanism, at, alone, inertias, length, drift, last)
-        pressed = matrix + ca.diag(contacts.damping)
-        pressing = load - contacts.stiffness * (at - contacts.place)
-        after = slipping(pressed, pressing, up, down, start=alone, events=len(free))
-        kicked = solver(pressed, after.moving)(pressing - after.friction(up, down))
+        pressed, pressing, after, kicked = _pressed(contacts, at, alone, matrix, load, up, down)
         if last:
             # a stop only pushes: one that would pull lets go
-            pushes = (contacts.stiffness * (at - contacts.place) + contacts.damping * kicked) * (
-                at - contacts.place
-            ) > 0
+            inside = at - contacts.place
+            pushes = (contacts.stiffness * inside + contacts.damping * kicked) * inside > 0
             contacts = Contacts(contacts.stiffness * pushes, contacts.damping * pushes, contacts.place)
-            pressed = matrix + ca.diag(contacts.damping)
-            pressing = load - contacts.stiffness * (at - contacts.place)
-            after = slipping(pressed, pressing, up, down, start=alone, events=len(free))
-            kicked = solver(pressed, after.moving)(pressing - after.friction(up, down))
+            pressed, pressing, after, kicked = _pressed(contacts, at, alone, matrix, load, up, down)
         slip, matrix, load = after, pressed, pressing
     moved = at + drift * kicked
     if stopped and rebounds and not last:
@@ -238,6 +230,15 @@ def _contacts(mechanism: Mechanism, q: Any, v: Any, inertias: Any, length: Any, 
     return Contacts(ca.vertcat(*stiffnesses), ca.vertcat(*dampings), ca.vertcat(*places))
 
 
+def _pressed(
+    contacts: Contacts, at: Any, alone: Any, matrix: Any, load: Any, up: Any, down: Any
+) -> tuple[Any, Any, Slip, Any]:
+    """Return A and r with the stops in them, which free joints slip then, and their speeds."""
+    pressed, pressing = matrix + ca.diag(contacts.damping), load - contacts.stiffness * (at - contacts.place)
+    slip = slipping(pressed, pressing, up, down, start=alone, events=matrix.size1())
+    return pressed, pressing, slip, solver(pressed, slip.moving)(pressing - slip.friction(up, down))
+
+
 def _bounced(
     mechanism: Mechanism,
     motion: tuple[Any, ...],
@@ -271,8 +272,3 @@ def _bounced(
     velocities = [ca.if_else(ca.sum1(bouncing) > 0, answered[k], kicked[k]) for k in range(len(bounces))]
     angles = [ca.if_else(bounces[k], places[k], at[k] + drift * velocities[k]) for k in range(len(bounces))]
     return ca.vertcat(*velocities), ca.vertcat(*angles)
-
-
-def spread_of(ratios: np.ndarray) -> Any:
-    """Return a constant matrix for CasADi, zeros left out."""
-    return ca.sparsify(ca.DM(ratios))

@@ -1,0 +1,69 @@
+"""What the kinematic estimators read of the drives: places, held while they are missing, and pulls behind a low-pass."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators.channels import Channels, sensor_for
+from distal.rig import Rig, gain_of
+
+Floats = NDArray[np.float64]
+
+CUT_OFF = 5.0
+"""Cut-off of the low-pass on measured forces in `elastic` [Hz]."""
+
+
+def read_drives(rig: Rig, channels: Channels, places: ca.SX, pulls: ca.SX, x: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return places and pulls of the drives after a sample, (n_drives,) each: F⁺ = U + e^{−2π f dt} (F − U), f = `CUT_OFF`.
+
+    Args:
+        rig: the description.
+        channels: the sensors that are read.
+        places: before, (n_drives,) [m, rad].
+        pulls: before, F, (n_drives,) [N, N m].
+        x: the sample (dt, values, mask).
+    """
+    names, width = [drive.name for drive in rig.drives], len(channels.names)
+    dt, values, mask = x[0], x[1 : 1 + width], x[1 + width :]
+    forget = ca.exp(-2 * ca.pi * CUT_OFF * dt)
+    held, filtered = ca.vertsplit(places), ca.vertsplit(pulls)
+    for sensor in channels.positions:
+        i, j = names.index(sensor.of), channels.names.index(sensor.name)
+        held[i] = ca.if_else(mask[j], values[j] - sensor.bias.value, places[i])
+    for sensor in channels.forces:
+        i, j = names.index(sensor.of), channels.names.index(sensor.name)
+        read = (values[j] - sensor.bias.value) / gain_of(sensor).value
+        filtered[i] = ca.if_else(mask[j], read + forget * (pulls[i] - read), pulls[i])
+    return ca.vertcat(*held), ca.vertcat(*filtered)
+
+
+def first_drives(rig: Rig, channels: Channels, sample: Floats) -> tuple[Floats, Floats]:
+    """Return places and pulls of the drives at the first sample, (n_drives,) each; 0 and the nominal pull if missing.
+
+    Args:
+        rig: the description.
+        channels: the sensors that are read.
+        sample: values of the channels, NaN where missing.
+    """
+    places, pulls = np.zeros(len(rig.drives)), np.array([drive.nominal_force.value for drive in rig.drives])
+    for values, sensors in ((places, channels.positions), (pulls, channels.forces)):
+        for i, drive in enumerate(rig.drives):
+            sensor = sensor_for(sensors, drive.name)
+            if sensor is None:
+                continue
+            read = (sample[channels.names.index(sensor.name)] - sensor.bias.value) / gain_of(sensor).value
+            values[i] = read if np.isfinite(read) else values[i]
+    return places, pulls
+
+
+def tension_share(levers: list[ca.SX], own: list[int], tendon: int) -> ca.SX:
+    """Return the tension of a tendon per unit of its drive's pull, the smallest that balances it: h_i/Σ h².
+
+    Args:
+        levers: h, a tendon's displacement per displacement of its drive: 1 for a slider, side · R for a capstan.
+        own: the tendons of the drive.
+        tendon: one of them.
+    """
+    return levers[tendon] / sum((levers[i] ** 2 for i in own), ca.SX(0))
