@@ -204,11 +204,6 @@ def _middle(matrix: Any, load: Any, v: Any, up: Any, down: Any) -> Any:
     return (v + after) / 2
 
 
-def _stop(mechanism: Mechanism, joint: int) -> tuple[Any, ...]:
-    p, path = mechanism.parameters, mechanism.bodies[joint].path
-    return p[f"{path}.stop_stiffness"], p[f"{path}.stop_damping"], p[f"{path}.stops.low"], p[f"{path}.stops.high"]
-
-
 def _contacts(mechanism: Mechanism, q: Any, v: Any, inertias: Any, length: Any, drift: Any, last: bool) -> Contacts:
     """Return which free joints press against a stop, by the velocities without it; see `kick_at_stops`."""
     stiffnesses, dampings, places = list[Any](), list[Any](), list[Any]()
@@ -216,7 +211,7 @@ def _contacts(mechanism: Mechanism, q: Any, v: Any, inertias: Any, length: Any, 
         if not mechanism.bodies[j].has_stops:
             stiffnesses, dampings, places = [*stiffnesses, 0], [*dampings, 0], [*places, 0]
             continue
-        stiffness, damping, low, high = _stop(mechanism, j)
+        stiffness, damping, low, high = mechanism.stop(j)
         end = q[k] if last else q[k] + drift * v[k]
         at_high, at_low = end > high, end < low
         if not last:
@@ -256,7 +251,7 @@ def _bounced(
         if not mechanism.bodies[j].has_stops:
             bounces, speeds, places = [*bounces, ca.SX(0)], [*speeds, ca.SX(0)], [*places, ca.SX(0)]
             continue
-        stiffness, damping, _, high = _stop(mechanism, j)
+        stiffness, damping, _, high = mechanism.stop(j)
         unresolved = stiffness * drift * drift / inertias[k] > 1
         rebound = ca.if_else(unresolved, restitution(stiffness, damping, inertias[k]), 0)
         touching, at_high = contacts.damping[k] > 0, contacts.place[k] == high

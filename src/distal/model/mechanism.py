@@ -213,6 +213,15 @@ class Mechanism(Tendons):
             own[0] += self._lone.mass_matrix(ca.SX.zeros(1))[0, 0]
         return ca.vertcat(*own)
 
+    def stop(self, body: int) -> tuple[Any, Any, Any, Any]:
+        """Return stiffness, damping, low and high end of a body's stops.
+
+        Args:
+            body: its index.
+        """
+        p, path = self.parameters, self.bodies[body].path
+        return p[f"{path}.stop_stiffness"], p[f"{path}.stop_damping"], p[f"{path}.stops.low"], p[f"{path}.stops.high"]
+
     def dampings(self) -> Any:
         """Return the viscous damping of all bodies, (n_bodies,)."""
         return ca.vertcat(*(self.parameters[f"{b.path}.damping"] for b in self.bodies))

@@ -42,17 +42,12 @@ def responses(mechanism: Mechanism, length: Any, drift: Any, added_inertia: Any 
         a, b = free_response(dampings[i], inertia, length)
         rebound, implicitness = ca.SX(0), ca.SX(0)
         if body.has_stops:
-            k_s, b_s, _, _ = _stop_parameters(mechanism, i)
+            k_s, b_s, _, _ = mechanism.stop(i)
             resolved = k_s * drift * drift / inertia <= 1
             rebound = ca.if_else(resolved, 0, restitution(k_s, b_s, inertia)) if rebounds else ca.SX(0)
             implicitness = ca.if_else(resolved, 0.5, 1)
         rows.append(ca.horzcat(a, b, rebound, implicitness))
     return ca.vertcat(*rows)
-
-
-def _stop_parameters(mechanism: Mechanism, body: int) -> tuple[Any, ...]:
-    p, path = mechanism.parameters, mechanism.bodies[body].path
-    return p[f"{path}.stop_stiffness"], p[f"{path}.stop_damping"], p[f"{path}.stops.low"], p[f"{path}.stops.high"]
 
 
 @dataclass(frozen=True)
@@ -129,7 +124,7 @@ def kicked_chain(mechanism: Mechanism, kick: Kick, rebounds: bool = True, last: 
 
 
 def _stop(mechanism: Mechanism, body: int, response: Any, rebounds: bool) -> Stop:
-    k_s, b_s, low, high = _stop_parameters(mechanism, body)
+    k_s, b_s, low, high = mechanism.stop(body)
     return Stop(low, high, k_s, b_s, response[body, 2] if rebounds else 0.0, response[body, 3])
 
 
