@@ -48,7 +48,7 @@ reliability: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks.stepping
 	$(BIN)/python -m benchmarks.speed
-	$(BIN)/python -m benchmarks.chains cost stick-slip energy
+	$(BIN)/python -m benchmarks.chains cost stick-slip energy stepping
 	$(BIN)/python -m benchmarks.microcontroller
 
 accuracy: $(STAMP)

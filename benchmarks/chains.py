@@ -25,10 +25,14 @@ from benchmarks.strangers.chain_plants import make_log
 from distal import Log, Rig, estimate, load_rig, read_log
 from distal.errors import DistalWarning
 from distal.estimators import AdaptiveFilter
-from distal.model import Mechanism, chain_kick, interval_step, slipping, solver
+from distal.kernels import Kernel
+from distal.model import Mechanism, chain_kick, interval_step, slipping, solver, stiffest_frequency
 from distal.model import stick_slip as coupled
 from distal.results import BAND, Estimate
 from distal.rig import build_rig
+from distal.simulation import build_scenario
+from distal.simulation.plant import plant_function, run_plant, run_plants
+from distal.simulation.simulate import prepare
 
 PLANTS = {
     "finger-2n": ("finger2N", "0.04 N m"),
@@ -216,6 +220,37 @@ def cost() -> None:
     )
 
 
+def stepping() -> None:
+    """Print the error of a finger's motion with stick and slip, and its cost, by the sub-step."""
+    rig, arms = load_rig("finger-n-plus-1"), np.array([[8, 7, 6], [7.5, -6.5, -5.5], [-8, 7, 0], [-7.5, -7, 0]])
+    stamps = [f"{t:g} s" for t in (0.0, 0.3, 0.9, 1.2, 1.6, 2.0)]
+    postures = np.deg2rad([(20, 25, 15), (20, 25, 15), (50, 60, 35), (50, 60, 35), (10, 70, 20), (10, 70, 20)])
+    drives = {}
+    for i, row in enumerate(arms):
+        points = [[stamp, f"{row @ posture:.4f} mm"] for stamp, posture in zip(stamps, postures)]
+        servo = {"position": {"points": points}, "stiffness": "20000 N/m", "damping": "30 kg/s"}
+        drives[f"t{i + 1}"] = {"force": "8 N", "servo": servo}
+    ready = prepare(rig, build_scenario({"rig": "finger-n-plus-1", "duration": "2 s", "drives": drives}))
+    fastest = stiffest_frequency(ready.plant)
+    known = run_plant(ready.plant, ready.inputs, ready.start, ready.dt, 128)["q"][:, :3]
+    cells: list[list[str]] = [[], [], []]
+    counts = (1, 2, 4, 8, 16)
+    for count in counts:
+        kernel, run = Kernel(plant_function(ready.plant, count)), [(ready.inputs, ready.start)]
+        run_plants(ready.plant, run, ready.dt, kernel)  # compiles it
+        begun = time.perf_counter()
+        found = run_plants(ready.plant, run, ready.dt, kernel)[0]["q"][:, :3]
+        taken = time.perf_counter() - begun
+        away = np.rad2deg(found - known)
+        cells[0].append(f"{np.sqrt(np.mean(away**2)):.4f}")
+        cells[1].append(f"{np.abs(away).max():.4f}")
+        cells[2].append(f"{1e6 * taken / len(found):.1f}")
+    names = ("RMS error [°]", "largest error [°]", "µs per millisecond")
+    title = "finger-n-plus-1, 2 s through three postures: error against 128 sub-steps per millisecond"
+    columns = ["h ω of the stiffest mode", *(f"{ready.dt / count * fastest:.2f}" for count in counts)]
+    table("chains-stepping", title, columns, [[name, *row] for name, row in zip(names, cells)])
+
+
 def energy() -> None:
     """Print how the energy of three links that swing freely changes in 3 s, by where Coriolis torques are taken."""
     raw = load_rig("finger-n-plus-1").model_dump()
@@ -300,11 +335,13 @@ def _operations(n: int, sweeps: int, events: int) -> int:
 def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.chains", description=__doc__)
-    parser.add_argument("tables", nargs="*", metavar="TABLE", help="of accuracy, cost, stick-slip, energy; default all")
+    parser.add_argument(
+        "tables", nargs="*", metavar="TABLE", help="accuracy, cost, stick-slip, energy, stepping; default all"
+    )
     parser.add_argument("--first-seed", type=int, default=500, help="of the plants")
     parser.add_argument("--seeds", type=int, default=6, help="how many")
     arguments = parser.parse_args()
-    asked = arguments.tables or ["cost", "stick-slip", "energy", "accuracy"]
+    asked = arguments.tables or ["cost", "stick-slip", "energy", "stepping", "accuracy"]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DistalWarning)
         for name in asked:
@@ -316,8 +353,10 @@ def main() -> None:
                 stick_slip()
             elif name == "energy":
                 energy()
+            elif name == "stepping":
+                stepping()
             else:
-                parser.error(f"unknown table {name}; there are accuracy, cost, stick-slip, energy")
+                parser.error(f"unknown table {name}; there are accuracy, cost, stick-slip, energy, stepping")
 
 
 if __name__ == "__main__":

@@ -83,6 +83,7 @@ TABLES = {
     "chains-data": lambda: bench("chains-data"),
     "chains": lambda: bench("chains"),
     "chains-cost": lambda: bench("chains-cost"),
+    "chains-stepping": lambda: bench("chains-stepping"),
     "chains-energy": lambda: bench("chains-energy"),
     "chains-stick-slip": lambda: bench("chains-stick-slip"),
     **{
