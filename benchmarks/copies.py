@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 STAGES = (
-    ("tests/estimators/adaptive/test_twin*.py", "tests/running/test_smoothing.py"),
+    ("tests/estimators/adaptive/test_twin*.py", "tests/run/test_smoothing.py"),
     ("tests/estimators",),
     ("tests",),
 )

@@ -17,12 +17,12 @@ from benchmarks.fitting import FREE, drawn_plant, logs_of, start_rig
 from benchmarks.report import table
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.filter import adaptive_function
-from distal.identification import likelihood as criterion
-from distal.identification.likelihood import Likelihood
-from distal.identification.search import search
-from distal.identification.selection import choose
+from distal.fitting import likelihood as criterion
+from distal.fitting.likelihood import Likelihood
+from distal.fitting.search import search
+from distal.fitting.selection import choose
+from distal.homing import added_reference
 from distal.kernels import Kernel
-from distal.running import added_reference
 
 Floats = NDArray[np.float64]
 ROWS = 2000

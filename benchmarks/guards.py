@@ -28,8 +28,8 @@ from benchmarks.strangers import glitches, poses, rigs, scoring, series, steps  
 from benchmarks.strangers.scoring import Record  # noqa: E402
 from distal import DistalError, Log, Rig, estimate  # noqa: E402
 from distal.estimators import AdaptiveFilter, Robustness  # noqa: E402
+from distal.homing import with_references  # noqa: E402
 from distal.rig import build_rig  # noqa: E402
-from distal.running import with_references  # noqa: E402
 
 WITHOUT: dict[str, float] = {
     "wild_displacement": inf,

@@ -18,7 +18,7 @@ from distal.estimators import KernelEstimator
 from distal.kernels import LaneKernel, find_compiler
 from distal.kernels.compiler import FLAGS
 from distal.rig import Rig
-from distal.running import LiveEstimator, samples_of
+from distal.run import LiveEstimator, samples_of
 
 HANDWRITTEN = Path(__file__).parent / "handwritten" / "ekf.c"
 REPEATS = 25

@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.report import table
 from distal import LiveEstimator, Monitor, load_scenario, make_estimator, scenario_rig, simulate
 from distal.logs import MessageReader
-from distal.running import samples_of
+from distal.run import samples_of
 
 CHUNK = 100_000
 

@@ -30,7 +30,7 @@ from distal import load_rig, load_scenario, make_estimator, scenario_rig, simula
 from distal.kernels import Kernel, find_compiler, lanes_here
 from distal.logs import write_log
 from distal.model import Mechanism, substeps
-from distal.running import samples_of
+from distal.run import samples_of
 from distal.simulation.plant import plant_function
 
 SAMPLES = 800

@@ -23,7 +23,7 @@ from distal import (
 )
 from distal.errors import EstimationError
 from distal.estimators import KernelEstimator
-from distal.running import samples_of
+from distal.run import samples_of
 from tests.helpers import rms_degrees
 
 QUICK: dict[str, Callable[[Rig], KernelEstimator]] = {

@@ -12,7 +12,7 @@ from pathlib import Path
 import tomlkit
 
 from distal import learn_affine, learn_discrepancy, load_rig, read_log
-from distal.identification.fitted_file import plain
+from distal.fitting.fitted_file import plain
 
 DIGITS = 6
 

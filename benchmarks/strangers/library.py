@@ -16,7 +16,8 @@ from distal import (
     shipped_rigs,
     simulate,
 )
-from distal.results import Diagnosis, Estimate
+from distal.diagnosis import Diagnosis
+from distal.results import Estimate
 from distal.rig import build_rig
 from distal.simulation import build_scenario
 

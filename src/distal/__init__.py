@@ -1,9 +1,10 @@
 """Where a tendon-driven joint is, without a sensor in the joint."""
 
+from distal.diagnosis import diagnose
 from distal.errors import DistalError, DistalWarning
 from distal.estimators import ESTIMATORS, Belief, Estimator, Innovation, make_estimator
 from distal.export import export_c
-from distal.identification import (
+from distal.fitting import (
     Fit,
     cross_validate,
     fit,
@@ -12,19 +13,11 @@ from distal.identification import (
     learn_discrepancy,
     observability,
 )
+from distal.homing import at_known_angle
 from distal.logs import Log, read_log, write_log
 from distal.results import Estimate, plot_estimates
 from distal.rig import Rig, load_rig, shipped_rigs
-from distal.running import (
-    LiveEstimator,
-    Monitor,
-    at_known_angle,
-    diagnose,
-    estimate,
-    estimate_batch,
-    log_health,
-    smooth,
-)
+from distal.run import LiveEstimator, Monitor, estimate, estimate_batch, log_health, smooth
 from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate, simulate_batch
 
 __all__ = [

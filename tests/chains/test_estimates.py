@@ -40,7 +40,7 @@ from distal.model import responses
 from distal.reports import draw_rig
 from distal.reports.rig_drawing import moment_arms
 from distal.rig import build_rig
-from distal.running import samples_of
+from distal.run import samples_of
 from distal.simulation import build_scenario
 from tests.export.test_export import build, c_filter, needs_compiler, replayed
 from tests.helpers import finite_difference

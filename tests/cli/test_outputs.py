@@ -17,10 +17,10 @@ from pathlib import Path
 import pytest
 
 import distal.export
-import distal.identification
+import distal.fitting
 import distal.logs
 import distal.reports
-import distal.running
+import distal.run
 import distal.simulation
 from distal.export import export_files
 from distal.rig import rig_text
@@ -112,9 +112,9 @@ def _no_work(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) ->
 
     for module, names in (
         (distal.logs, ("read_log", "write_whole")),
-        (distal.running, ("LiveEstimator", "estimate", "estimate_batch", "smooth")),
+        (distal.run, ("LiveEstimator", "estimate", "estimate_batch", "smooth")),
         (distal.simulation, ("simulate", "simulate_batch")),
-        (distal.identification, ("cross_validate", "fit")),
+        (distal.fitting, ("cross_validate", "fit")),
         (distal.reports, ("fit_report", "reproduce")),
         (distal.export, ("export_c",)),
     ):

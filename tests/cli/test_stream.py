@@ -19,7 +19,7 @@ import pytest
 from distal import Log, Rig, estimate, load_scenario, read_log, scenario_rig, simulate
 from distal.cli import main
 from distal.logs import write_log
-from distal.running import HEALTH
+from distal.run import HEALTH
 
 Run = Callable[..., tuple[str, str, int]]
 COMMAND = [sys.executable, "-m", "distal", "stream", "--rig", "paper-2008-printed"]

@@ -25,7 +25,7 @@ from distal.estimators.affine import (
 )
 from distal.estimators.affine.kernel import affine_function
 from distal.rig import build_rig, parse_toml
-from distal.running import samples_of
+from distal.run import samples_of
 
 OFFSET, SLOPE, COMPLIANCE = 0.4, 0.9, -1.5
 """[rad], [rad/rad], [rad/(N m)] of the linear rig."""

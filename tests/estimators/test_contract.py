@@ -19,7 +19,7 @@ from distal import (
     simulate,
 )
 from distal.errors import EstimationError
-from distal.running import samples_of
+from distal.run import samples_of
 from distal.simulation import build_scenario
 
 NAMES = tuple(ESTIMATORS)

@@ -13,11 +13,11 @@ from distal.errors import EstimationError, RigError
 from distal.estimators import AdaptiveFilter
 from distal.estimators.discrepancy import Samples, design, homed
 from distal.export.source import c_filter
-from distal.identification.fitted_file import fitted_text
-from distal.identification.fitted_file import plain as table_of
+from distal.fitting.fitted_file import fitted_text
+from distal.fitting.fitted_file import plain as table_of
 from distal.logs import write_log
 from distal.rig import AffineJoint, Discrepancy, build_rig, parse_toml
-from distal.running import samples_of
+from distal.run import samples_of
 from tests.export.test_export import build, needs_compiler, replayed
 
 Floats = NDArray[np.float64]

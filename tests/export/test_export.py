@@ -23,7 +23,7 @@ from distal.export.names import c_name
 from distal.kernels import find_compiler
 from distal.logs import write_log
 from distal.rig import build_rig, set_value
-from distal.running import first_values, samples_of
+from distal.run import first_values, samples_of
 from distal.simulation import build_scenario
 from tests.export.helpers import spoiled
 

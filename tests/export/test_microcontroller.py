@@ -15,7 +15,7 @@ import pytest
 from distal import Rig, estimate, load_scenario, scenario_rig, simulate
 from distal.estimators import make_estimator
 from distal.export import Exported, c_filter
-from distal.running import samples_of
+from distal.run import samples_of
 from distal.simulation import Scenario, build_scenario
 from tests.export.helpers import missing_tools
 

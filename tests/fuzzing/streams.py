@@ -16,7 +16,7 @@ from distal.errors import DistalError
 from distal.estimators import LARGEST_ANGLE
 from distal.logs import MessageReader
 from distal.rig import Rig
-from distal.running import HEALTH, LiveEstimator, Monitor
+from distal.run import HEALTH, LiveEstimator, Monitor
 from tests.fuzzing.outcome import TAKEN, Outcome, broken, refusal
 
 NUMBERS = (

@@ -16,7 +16,7 @@ from distal import Rig, load_scenario, make_estimator, scenario_rig, simulate
 from distal.errors import KernelWarning
 from distal.kernels import Kernel, c_source, find_compiler, kernel, probe
 from distal.kernels.cache import Cache, digest
-from distal.running import samples_of
+from distal.run import samples_of
 
 pytestmark = pytest.mark.compiled
 needs_compiler = pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler on this machine")

@@ -11,7 +11,7 @@ from distal.estimators import FullStateFilter, Noise, paper_noise
 from distal.logs import Log
 from distal.results import Estimate
 from distal.rig import Rig
-from distal.running import estimate
+from distal.run import estimate
 from distal.simulation import Scenario, load_scenario, scenario_rig, simulate
 
 SERIES_1 = ("series-1-soft", "series-1")

@@ -71,10 +71,11 @@ def estimate_many(
         homing: for how long the truth is used [s].
         out: folder for the estimates, or None.
     """
+    from distal.diagnosis import diagnose_estimate
     from distal.estimators import ESTIMATORS
     from distal.logs import write_columns
-    from distal.results import BAND, diagnose
-    from distal.running import estimate_batch
+    from distal.results import BAND
+    from distal.run import estimate_batch
 
     if estimator not in ESTIMATORS:
         raise EstimationError(f"unknown estimator '{estimator}'{did_you_mean(estimator, ESTIMATORS)}")
@@ -101,7 +102,9 @@ def estimate_many(
             error, inside = "–", "–"
             if result.truths is not None:
                 error, inside = f"{np.rad2deg(result.rms_error()):.3f}", f"{100 * result.inside_band():.0f} %"
-            rows.append((path, f"{len(result)}", f"±{half:.2f}", error, inside, diagnose(result).text.split(":")[0]))
+            rows.append(
+                (path, f"{len(result)}", f"±{half:.2f}", error, inside, diagnose_estimate(result).text.split(":")[0])
+            )
     if rows:
         named = [(path.name, *rest) for path, *rest in rows]
         table(

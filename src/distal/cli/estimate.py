@@ -85,13 +85,15 @@ def estimate_command(
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
+    from distal.diagnosis import diagnose
     from distal.estimators import DEFAULT, ESTIMATORS, make_estimator
     from distal.estimators.affine import NEEDS
+    from distal.homing import at_known_angle
     from distal.logs import file_of, read_log, true_angles, write_together
     from distal.results import PANELS, check_panels, figure_bytes, plot_estimates, plot_kind
     from distal.rig import load_rig
-    from distal.running import at_known_angle, diagnose, estimate, log_health
-    from distal.running import smooth as smoothed
+    from distal.run import estimate, log_health
+    from distal.run import smooth as smoothed
 
     if len(logs) > 1:
         asked = {

@@ -17,7 +17,7 @@ from distal.cli.outputs import check_outputs, to_file, to_folder
 from distal.errors import DistalWarning, FitError, OutputError
 
 if TYPE_CHECKING:
-    from distal.identification import CrossValidation, Fit, Score
+    from distal.fitting import CrossValidation, Fit, Score
 
 
 EVERY = 5.0
@@ -86,8 +86,8 @@ def fit_command(
     """Fit a rig's parameters and noise to logs, say what they can tell, and write a rig that estimates well on the next."""
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from distal.identification import cross_validate, groups_of
-    from distal.identification import fit as fitted_to
+    from distal.fitting import cross_validate, groups_of
+    from distal.fitting import fit as fitted_to
     from distal.logs import read_log
     from distal.reports import FIT_PAGES, fit_report
     from distal.rig import edited_text, load_rig

@@ -26,7 +26,7 @@ from distal.errors import LogError, OutputError, printable
 
 if TYPE_CHECKING:
     from distal.logs import MessageReader, Recorder
-    from distal.running import Reading
+    from distal.run import Reading
 
 LONGEST_LINE = 1 << 20
 """A line is no longer than this [bytes]: a stream without line ends must not fill the memory."""
@@ -60,7 +60,7 @@ def stream_command(
     """
     from distal.logs import MessageReader, Recorder
     from distal.rig import load_rig
-    from distal.running import LiveEstimator, Monitor
+    from distal.run import LiveEstimator, Monitor
 
     if idle is not None and udp is None:
         raise OutputError("--idle is for --udp; standard input ends by itself")
@@ -135,7 +135,7 @@ class Session:
             raise KeyboardInterrupt
 
     def _take(self, line: bytes) -> None:
-        from distal.running import Reading
+        from distal.run import Reading
 
         # a tab at the end of a line may be an empty last cell
         text = line.decode("utf-8", "replace").strip("\r\n ").removeprefix("\ufeff").strip("\r\n ")

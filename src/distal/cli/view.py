@@ -34,11 +34,12 @@ def view_command(
     set_: SetOption = None,
 ) -> None:
     """Estimate over a log and show it in the browser: zoom with the wheel, point at a curve to read it."""
+    from distal.diagnosis import diagnose
     from distal.errors import OutputError
     from distal.logs import read_log
     from distal.reports import check_plotly, view_page
     from distal.rig import load_rig
-    from distal.running import diagnose, estimate
+    from distal.run import estimate
 
     check_plotly()
     if out is not None and out.suffix.lower() not in (".html", ".htm"):

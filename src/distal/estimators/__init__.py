@@ -17,14 +17,12 @@ from distal.estimators.directions import Directions, directions
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise, state_units
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.kinematic_chain import ChainKinematics
-from distal.estimators.moved import __getattr__
-from distal.estimators.registry import DEFAULT, ESTIMATORS, RIVALS, make_estimator
+from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
 
 __all__ = [
     "DEFAULT",
     "ESTIMATORS",
     "LARGEST_ANGLE",
-    "RIVALS",
     "SHORTEST",
     "WILD",
     "AdaptiveFilter",
@@ -40,7 +38,6 @@ __all__ = [
     "KinematicEstimator",
     "Noise",
     "Robustness",
-    "__getattr__",
     "channels_of",
     "check_time",
     "directions",

@@ -29,9 +29,6 @@ ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
 }
 """Name → maker (rig, compiled)."""
 
-RIVALS = ("iterated", "particle", "unscented")
-"""Names of release 0.1 that are no choices any more; `benchmarks.rivals` has them for comparison."""
-
 DEFAULT = "adaptive"
 
 
@@ -48,11 +45,6 @@ def make_estimator(name: str, rig: Rig, compiled: bool = True) -> KernelEstimato
     """
     if not isinstance(name, str) or not isinstance(rig, Rig):
         raise EstimationError(f"make_estimator takes a name and a Rig, {name!r} and {type(rig).__name__} came")
-    if name in RIVALS:
-        raise EstimationError(
-            f"'{name}' is no estimator to choose since release 0.2: it gave the numbers of adaptive, or worse ones, at a "
-            f"multiple of the time; use adaptive ({', '.join(ESTIMATORS)} are there)"
-        )
     if name not in ESTIMATORS:
         raise EstimationError(f"unknown estimator '{name}'{did_you_mean(name, ESTIMATORS)}")
     return ESTIMATORS[name](rig, compiled)

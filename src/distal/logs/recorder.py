@@ -47,7 +47,7 @@ def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[
     for name in torques:
         properties[name] = number | {"description": "torque on the joint from outside [N m]; null where it was skipped"}
         properties[std_name(name)] = number | {"description": "standard deviation of its error [N m]"}
-    properties["health"] = {"type": "string", "description": "one word: see distal.running.HEALTH"}
+    properties["health"] = {"type": "string", "description": "one word: see distal.run.HEALTH"}
     properties["detail"] = {"type": "string", "description": "which sensor, how long"}
     return {
         "title": "distal.Estimate",

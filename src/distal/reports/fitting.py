@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.identification import CrossValidation, Fit, Observability, Score, observability
+from distal.fitting import CrossValidation, Fit, Observability, Score, observability
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.reports.reproduction import make_folder
 from distal.results import Estimate
-from distal.running import estimate
+from distal.run import estimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from distal.logs import Log, shown, true_angles
 from distal.results import COLOURS, DASHES, PANELS, Estimate, figure, legend_above, plot_estimates
 from distal.rig import Rig
-from distal.running import log_health
+from distal.run import log_health
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

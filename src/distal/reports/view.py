@@ -14,7 +14,7 @@ from distal.logs import Log, shown, write_whole
 from distal.reports.page import page, paragraph
 from distal.results import BAND, COLOURS, HEALTH_COLOURS, Estimate, from_start, time_label
 from distal.rig import Rig
-from distal.running import log_health
+from distal.run import log_health
 
 Floats = NDArray[np.float64]
 

@@ -1,7 +1,6 @@
 """What an estimator made of a log: angles, bands, innovations, what they say of the rig, and plots."""
 
 from distal.results.curves import BAND
-from distal.results.diagnosis import LARGE_PRIOR, SMALL, Diagnosis, Finding, Kind, diagnose
 from distal.results.estimate import Estimate
 from distal.results.panels import HEALTH_COLOURS
 from distal.results.plots import (
@@ -24,6 +23,7 @@ from distal.results.style import (
     save_figure,
     title_above,
 )
+from distal.results.thresholds import LARGE_PRIOR, SMALL
 
 __all__ = [
     "BAND",
@@ -33,12 +33,8 @@ __all__ = [
     "LARGE_PRIOR",
     "PANELS",
     "SMALL",
-    "Diagnosis",
     "Estimate",
-    "Finding",
-    "Kind",
     "check_panels",
-    "diagnose",
     "draw_errors",
     "draw_estimate",
     "figure",

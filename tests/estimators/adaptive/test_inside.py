@@ -12,7 +12,7 @@ from benchmarks.parts import NOISE, PARTS, Part, rig_of
 from distal import LiveEstimator, Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
-from distal.running import smooth
+from distal.run import smooth
 from distal.simulation import build_scenario
 
 NAMES = (

@@ -7,7 +7,7 @@ import pytest
 
 from distal import Log
 from distal.estimators import AdaptiveFilter
-from distal.running import smooth
+from distal.run import smooth
 from tests.estimators.adaptive import rigs
 from tests.estimators.adaptive.agreement import TOLERANCE
 from tests.estimators.adaptive.rigs import sliders

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 
 import distal
 from distal.rig import log_factor
-from distal.running import HEALTH
+from distal.run import HEALTH
 
 LEVELS = {
     "ok": DiagnosticStatus.OK,

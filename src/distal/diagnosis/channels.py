@@ -1,0 +1,167 @@
+"""What the innovations of each channel are like: how large, how correlated, from when on, and how often compared."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.diagnosis.finding import Finding
+from distal.results.estimate import Estimate
+from distal.results.thresholds import SMALL
+
+Floats = NDArray[np.float64]
+
+LARGE = 1.7
+"""Mean of ν²/S of a channel from which on it is larger than expected."""
+
+WINDOW = 1.0
+"""Length of the windows in which a channel is looked at [s]."""
+
+SELDOM = 0.5
+"""Share of a channel's samples that are compared, below which that is said."""
+
+NEVER = 0.1
+"""Share of a channel's samples that are compared, below which it tests nothing."""
+
+MOST = 0.5
+"""Share of the windows since then in which a channel that disagrees is larger than expected."""
+
+WHITE = 0.5
+"""Correlation of neighbouring innovations of all channels from which on something acts that the rig does not have."""
+
+COLOURED = 0.3
+"""Correlation of a channel's neighbouring innovations from which on its rig or its sensor is doubted.
+
+On right rigs it is below 0.13 where ν²/S is above `WHOLE`; a moment arm 20 % wrong on one side of two gives 0.3 to 0.7.
+"""
+
+WHOLE = 0.5
+"""Mean of ν²/S above which a channel's innovations are mostly noise.
+
+Below it S is mostly what is not known of the rig's numbers, whose errors last: correlation is then expected.
+"""
+
+
+@dataclass(frozen=True)
+class Channels:
+    """What the innovations of each channel are like.
+
+    Args:
+        names: of the channels with an innovation.
+        ratios: mean of ν²/S, NaN where nothing was compared.
+        correlations: of neighbouring normalised innovations.
+        since: the time from which on it disagrees to the end [s], or NaN.
+        shares: share of the samples that were compared.
+    """
+
+    names: tuple[str, ...]
+    ratios: tuple[float, ...]
+    correlations: tuple[float, ...]
+    since: tuple[float, ...]
+    shares: tuple[float, ...]
+
+    @property
+    def tested(self) -> tuple[str, ...]:
+        """Names of the channels that could have disagreed."""
+        every = zip(self.names, self.ratios, self.shares)
+        return tuple(name for name, ratio, share in every if ratio >= SMALL and share >= NEVER)
+
+    def findings(self) -> list[Finding]:
+        """Return what the innovations say."""
+        return self._disagreeing() + self._untested()
+
+    def _disagreeing(self) -> list[Finding]:
+        names, ratios = self.names, self.ratios
+        large = [i for i, ratio in enumerate(ratios) if ratio > LARGE]
+        drifting = [names[i] for i, value in enumerate(self.correlations) if value > WHITE and ratios[i] > WHOLE]
+        if drifting and len(drifting) == len(names) and not large:
+            several = ", ".join(drifting)
+            why = "something acts that the rig does not have (a hand: external_torque; friction at a drive)"
+            return [Finding("drifts", several, f"innovations of {several} drift: {why}")]
+        late = [i for i, start in enumerate(self.since) if np.isfinite(start)]
+        if len(late) == 1:
+            i = late[0]
+            others = [ratio for j, ratio in enumerate(ratios) if j != i and np.isfinite(ratio)]
+            if len(large) <= 1 or ratios[i] > 4 * max(others, default=0.0):
+                since = f"from {self.since[i]:.1f} s on: its innovations are too large to the end"
+                return [Finding("disagrees", names[i], f"sensor {names[i]} disagrees {since}")]
+        if len(large) == 1 and len(names) > 1:
+            i = large[0]
+            size = f"innovations {np.sqrt(ratios[i]):.1f}× larger than expected"
+            return [Finding("too large", names[i], f"sensor {names[i]} disagrees: {size}")]
+        if large:
+            factor = np.sqrt(np.mean([ratios[i] for i in large]))
+            text = f"innovations {factor:.1f}× larger than expected: the rig's stiffness, friction or geometry is off"
+            return [Finding("too large", ", ".join(names[i] for i in large), text)]
+        pairs = zip(names, ratios, self.correlations)
+        coloured = [(name, value) for name, ratio, value in pairs if value > COLOURED and ratio > WHOLE]
+        if coloured:
+            most = max(value for _, value in coloured)
+            several = ", ".join(each for each, _ in coloured)
+            text = f"innovations of {several} are not white (correlation {most:.1f})"
+            return [Finding("drifts", several, f"{text}: geometry, stiffness or friction is off")]
+        return []
+
+    def _untested(self) -> list[Finding]:
+        found = []
+        for name, ratio, share in zip(self.names, self.ratios, self.shares):
+            if share < SELDOM:
+                text = f"only {100 * share:.0f} % of {name} could be compared (missing, or the slider at a stop)"
+                found.append(Finding("hardly compared", name, text))
+            if share >= NEVER and ratio < SMALL:
+                text = f"not tested by {name}: its innovations are {np.sqrt(ratio):.2f} of what is allowed"
+                found.append(Finding("not tested", name, text))
+        return found
+
+
+def channels_of(estimate: Estimate) -> Channels:
+    """Return what the innovations of an estimate are like.
+
+    Args:
+        estimate: over a log.
+    """
+    scaled = estimate.innovations / np.sqrt(estimate.innovation_variances)
+    # the first moments still settle what the prior left open
+    settled = estimate.time >= estimate.time[0] + min(0.5, 0.1 * float(np.ptp(estimate.time)))
+    each = range(len(estimate.measured))
+    return Channels(
+        estimate.measured,
+        tuple(_mean(scaled[settled, i] ** 2) for i in each),
+        tuple(_neighbours(scaled[settled, i]) for i in each),
+        tuple(_since(estimate.time, scaled[:, i]) for i in each),
+        tuple(float(np.mean(np.isfinite(scaled[:, i]))) for i in each),
+    )
+
+
+def _mean(values: Floats) -> float:
+    there = values[np.isfinite(values)]
+    return float(np.mean(there)) if len(there) else float("nan")
+
+
+def _neighbours(values: Floats) -> float:
+    there = values[np.isfinite(values)]
+    if len(there) < 20 or float(np.std(there)) == 0.0:
+        return 0.0
+    return float(np.clip(np.mean(there[1:] * there[:-1]) / np.mean(there**2), -1, 1))
+
+
+def _since(time: Floats, scaled: Floats) -> float:
+    """Return from when on a channel is large to the end: in the last window, and in most of all since then."""
+    edges = np.arange(time[0], time[-1] + WINDOW, WINDOW)
+    starts, large = [], []
+    for start, end in itertools.pairwise(edges):
+        inside = scaled[(time >= start) & (time < end)]
+        inside = inside[np.isfinite(inside)]
+        if len(inside) >= 5:
+            starts.append(float(start))
+            large.append(bool(np.median(np.abs(inside)) > 1.35))  # twice the median of a normal distribution
+    if not large or not large[-1]:
+        return float("nan")
+    first = next(start for k, start in enumerate(starts) if large[k] and np.mean(large[k:]) >= MOST)
+    if first == time[0]:
+        return float("nan")
+    inside = np.flatnonzero((time >= first - WINDOW) & (np.abs(scaled) > 3.0))
+    return float(time[inside[0]]) if len(inside) else first

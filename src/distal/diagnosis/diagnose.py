@@ -1,0 +1,126 @@
+"""The whole diagnosis of an estimate: what it says itself, and what its log and its rig say when they are asked again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from distal.diagnosis.comparison import disagreement, disagreement_with_map
+from distal.diagnosis.explanations import explanations
+from distal.diagnosis.finding import Finding
+from distal.diagnosis.of_estimate import Diagnosis, diagnose_estimate
+from distal.diagnosis.rerun import Rerun
+from distal.diagnosis.what_if import overconfidence, untestable
+from distal.errors import EstimationError
+from distal.estimators import AdaptiveFilter
+from distal.logs import Log
+from distal.model import Mechanism
+from distal.results import Estimate
+from distal.rig import Rig
+from distal.run.offline import runner_for
+from distal.run.places import place_range
+
+OUTSIDE = 0.05
+"""Share of a log outside of where it can be, or of what a fit has seen, from which on that is said."""
+
+
+def diagnose(
+    result: Estimate,
+    log: Log | None = None,
+    rig: Rig | None = None,
+    homing: float | None = None,
+    compiled: bool = True,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
+    what_if: bool = True,
+) -> Diagnosis:
+    """Return what was tested, what disagrees, and what no sensor there can test.
+
+    From the result alone: its innovations, and states that left their priors. With log and rig also: displacements where
+    no drive can be, a kinematic estimate that excludes this one, a band that hangs on the start, and, by running
+    `adaptive` again with one thing changed, what would explain a disagreement, or else what cannot be tested.
+
+    Args:
+        result: an estimate.
+        log: that it is of.
+        rig: the description.
+        homing: for how long the truth was used [s], or None.
+        compiled: compile the kernel where possible.
+        ranges: channel → lowest and highest value that a fit has seen, SI; default those of the rig's `[affine]`, if any.
+        what_if: run the filter again with one thing changed; it costs 20 to 80 runs of the log's first 2000 samples.
+
+    Raises:
+        EstimationError: only one of log and rig is given.
+    """
+    if (log is None) != (rig is None):
+        raise EstimationError("diagnose needs both the log and the rig, or neither; one of them came")
+    if log is None or rig is None:
+        return diagnose_estimate(result)
+    further = [*elsewhere(log, rig), *out_of_range(log, _learned_range(rig) if ranges is None else ranges)]
+    if result.estimator != "adaptive":
+        return diagnose_estimate(result, further)
+    runner = runner_for(log, rig, "adaptive", compiled, homing)
+    assert isinstance(runner, AdaptiveFilter)
+    rerun = Rerun(log, runner, homing)
+    further += disagreement(result, log, rig, homing) + disagreement_with_map(result, log, rig, homing)
+    first = diagnose_estimate(result, further)
+    if not any(one.contradicts for one in first.findings):  # of a rig that is wrong the band says nothing anyway
+        further += overconfidence(rerun)
+        first = diagnose_estimate(result, further)
+    if not what_if:
+        return first
+    against = [one for one in first.findings if one.contradicts]
+    if any(one.kind != "overconfident" for one in against):
+        return diagnose_estimate(result, [*explanations(rerun), *further])
+    if against:
+        return first
+    return diagnose_estimate(result, [*further, *untestable(rerun)])
+
+
+def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:
+    """Return what the logs that taught a rig's map have seen, each channel by a tenth of its range more."""
+    learned = rig.affine
+    if learned is None:
+        return {}
+    ends = zip(learned.channels, learned.low, learned.high)
+    return {name: (low - 0.1 * (high - low), high + 0.1 * (high - low)) for name, low, high in ends}
+
+
+def elsewhere(log: Log, rig: Rig) -> list[Finding]:
+    """Return the displacements that are where their drives cannot be.
+
+    Args:
+        log: the log.
+        rig: the description.
+    """
+    found, mechanism = [], Mechanism(rig)
+    for sensor in rig.sensors_of("position"):
+        values = log.channels.get(sensor.name)
+        if values is None:
+            continue
+        low, high = place_range(mechanism, sensor)
+        there = values[np.isfinite(values)]
+        if len(there) and np.mean((there < low) | (there > high)) > OUTSIDE:
+            text = f"{sensor.name} is where its drive cannot be: unit, zero or side?"
+            found.append(Finding("cannot be there", sensor.name, text))
+    return found
+
+
+def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Finding]:
+    """Return the channels that left what a fit has seen.
+
+    Args:
+        log: the log.
+        ranges: channel → lowest and highest value of the fit, SI.
+    """
+    found = []
+    for name, (low, high) in ranges.items():
+        values = log.channels.get(name, np.zeros(0))
+        there = values[np.isfinite(values)]
+        share = float(np.mean((there < low) | (there > high))) if len(there) else 0.0
+        if share > OUTSIDE:
+            text = (
+                f"{name} is outside the range of the fit for {100 * share:.0f} % of the log ({low:.3g} to {high:.3g})"
+            )
+            found.append(Finding("out of range", name, text))
+    return found

@@ -1,0 +1,83 @@
+"""Signs, units and gears that would explain what is seen: tried one at a time on a log that disagrees with its rig."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from distal.diagnosis.finding import Finding
+from distal.diagnosis.of_estimate import diagnose_estimate
+from distal.diagnosis.rerun import Change, Outcome, Rerun
+from distal.diagnosis.what_if import as_estimate
+from distal.rig import REFERENCES
+
+FACTORS: dict[float, dict[str, str]] = {
+    -1.0: {"": "as if its sign were wrong"},
+    1 / 57.295779513: {"rad": "like degrees", "": "57.3 times too large (degrees?)"},
+    57.295779513: {"": "57.3 times too small (converted from degrees twice?)"},
+    1e-3: {"m": "like millimetres", "N": "like millinewtons", "N m": "like N mm", "": "1000 times too large"},
+    1e3: {"": "1000 times too small"},
+    4.4482216: {"N": "like pounds", "": "4.45 times too small"},
+    1 / 4.4482216: {"": "4.45 times too large (pounds converted twice?)"},
+}
+"""Factor on a channel → in words by the sensor's unit, what the channel looks like if the factor mends it."""
+
+GEARS = tuple(float(n) for n in np.geomspace(2.0, 200.0, 14))
+"""Ratios of a gear that are tried, and their inverses."""
+
+GAIN = 0.5
+"""Gain in ln p per compared value that a change must bring to explain something."""
+
+TIE = 0.05
+"""Gains that differ by less are alike: nothing tells which of two signs is wrong."""
+
+
+def explanations(rerun: Rerun) -> list[Finding]:
+    """Return the change of a sign, a unit or a gear that makes the log agree with the rig, if there is one.
+
+    Where a change of another sensor does so as well, both are named.
+
+    Args:
+        rerun: the filter over the log.
+    """
+    base = _likelihood(rerun.base)
+    explain: list[tuple[float, Finding]] = []
+    for finding, change in _candidates(rerun):
+        outcome = rerun(change)
+        gain = _likelihood(outcome) - base
+        near = max((known for known, _ in explain), default=GAIN) - TIE
+        if outcome.bounded and gain > max(GAIN, near) and _agrees(rerun, outcome):
+            explain.append((gain, finding))
+    explain.sort(key=lambda one: -one[0])
+    alike = {one.subject: one.text for gain, one in explain if gain > explain[0][0] - TIE}
+    return [Finding("looks like", explain[0][1].subject, ", or ".join(list(alike.values())[:2]))] if explain else []
+
+
+def _candidates(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
+    rig, channels = rerun.runner.rig, rerun.runner.channels
+    for sensor in rig.sensors:
+        if sensor.name in channels and sensor.measures not in REFERENCES:
+            for factor, words in FACTORS.items():
+                text = f"{sensor.name} looks {words.get(sensor.si, words[''])}"
+                yield Finding("looks like", sensor.name, text), Change(channels={sensor.name: factor})
+    for drive in rig.drives:
+        own = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive.name}
+        if drive.kind == "capstan" and own.get("position") in channels:
+            for ratio in (*GEARS, *(1 / gear for gear in GEARS)):
+                change = {own["position"]: 1 / ratio}
+                if own.get("force") in channels:
+                    change[own["force"]] = ratio
+                text = f"{drive.name} looks as if a gear of about {ratio:.2g}:1 were forgotten"
+                yield Finding("looks like", drive.name, text), Change(channels=change)
+
+
+def _likelihood(outcome: Outcome) -> float:
+    """Return ln p per compared value."""
+    there = int(np.isfinite(outcome.innovations).sum())
+    return outcome.log_likelihood / there if outcome.bounded and there else -np.inf
+
+
+def _agrees(rerun: Rerun, outcome: Outcome) -> bool:
+    """Return whether nothing is left that contradicts."""
+    return not any(one.contradicts for one in diagnose_estimate(as_estimate(rerun, outcome)).findings)

@@ -1,0 +1,110 @@
+"""Self-diagnosis in one line: what disagrees, else what was tested, and what could not be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from distal.diagnosis.channels import channels_of
+from distal.diagnosis.finding import Finding
+from distal.diagnosis.states import left_their_priors, turning_too_far, undeclared_friction
+from distal.results.estimate import Estimate
+
+LONGEST = 200
+"""Characters of the line, about."""
+
+NOTHING = "not checked: no sensor is compared (this estimator has no innovations, or the rig no force sensor)"
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a log says of the rig, the sensors and the band.
+
+    Args:
+        channels: names of the channels with an innovation.
+        ratios: mean of ν²/S per channel; 1 is expected, less where a force tells little.
+        correlations: of neighbouring normalised innovations, per channel.
+        since: per channel, the time from which on it disagrees to the end [s], or NaN.
+        text: one plain line.
+        findings: all that was found, the weightiest first.
+        tested: names of the channels that could have disagreed.
+    """
+
+    channels: tuple[str, ...]
+    ratios: tuple[float, ...]
+    correlations: tuple[float, ...]
+    since: tuple[float, ...]
+    text: str
+    findings: tuple[Finding, ...] = ()
+    tested: tuple[str, ...] = ()
+
+    @property
+    def consistent(self) -> bool:
+        """Whether something was tested, and nothing was found that contradicts."""
+        return bool(self.tested) and not any(one.contradicts for one in self.findings)
+
+
+def diagnose_estimate(estimate: Estimate, further: Sequence[Finding] = ()) -> Diagnosis:
+    """Return what an estimate's innovations and states say, and what else was found.
+
+    Args:
+        estimate: over a log.
+        further: what was found by other means, see `distal.diagnose`.
+    """
+    channels = channels_of(estimate)
+    states = [*left_their_priors(estimate), *turning_too_far(estimate), *undeclared_friction(estimate)]
+    # what would explain it comes right after what disagrees, before what follows from it
+    looks = [one for one in further if one.kind == "looks like"]
+    found = [*channels.findings(), *looks, *states, *(one for one in further if one.kind != "looks like")]
+    contradicting = [one for one in found if one.contradicts]
+    silent = [one for one in found if not one.contradicts]
+    text = _text(contradicting, silent, channels.names, channels.tested, channels.shares)
+    return Diagnosis(
+        channels.names,
+        channels.ratios,
+        channels.correlations,
+        channels.since,
+        text,
+        (*contradicting, *silent),
+        channels.tested,
+    )
+
+
+def _text(
+    contradicting: Sequence[Finding],
+    silent: Sequence[Finding],
+    names: Sequence[str],
+    tested: Sequence[str],
+    shares: Sequence[float],
+) -> str:
+    hardly = [one.text for one in silent if one.kind == "hardly compared"]
+    if contradicting:
+        return _joined([one.text for one in contradicting] + hardly)
+    beyond = [one.subject for one in silent if one.kind == "cannot test"]
+    cannot = [f"cannot test: {', '.join(beyond)}"] if beyond else []
+    if not names:
+        return _joined([NOTHING, *cannot])
+    if not tested:
+        small = [one.text for one in silent if one.kind == "not tested"]
+        return _joined([*(small or ["not tested: hardly anything could be compared"]), *hardly, *cannot])
+    least = min(share for name, share in zip(names, shares) if name in tested)
+    agree = (
+        f"consistent: {', '.join(tested)} agree{'s' * (len(tested) == 1)} with the rig, {100 * least:.0f} % compared"
+    )
+    untested = [one.subject for one in silent if one.kind == "not tested"]
+    silence = [f"not tested by {', '.join(untested)}"] if untested else []
+    return _joined([agree, *hardly, *silence, *cannot])
+
+
+def _joined(parts: Sequence[str]) -> str:
+    """Return the parts as one line, those that do not fit left out and counted; a long last one is cut at a comma."""
+    line = parts[0]
+    for k, part in enumerate(parts[1:], 1):
+        if len(line) + len(part) + 2 > LONGEST:
+            room = LONGEST - len(line) - 10
+            cut = part[: max(room, 0)].rpartition(", ")[0]
+            if cut and part.startswith("cannot test"):
+                return f"{line}; {cut}, …"
+            return f"{line}; and {len(parts) - k} more"
+        line = f"{line}; {part}"
+    return line

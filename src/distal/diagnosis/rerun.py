@@ -1,0 +1,123 @@
+"""The filter over the same log again, with one thing changed: a channel, a number of the rig, or where a state begins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators import AdaptiveFilter, Robustness
+from distal.logs import Log
+from distal.run.offline import out_of_bounds, prepared
+
+Floats = NDArray[np.float64]
+
+MOST = 2000
+"""So many samples of a log are run again, the first ones: 60 compiled runs of them take about a second."""
+
+OUTLIER = Robustness().wild_force
+"""ν²/S beyond which an innovation is an outlier."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What is changed in a run.
+
+    Args:
+        channels: channel → factor on its values.
+        numbers: path in the rig → factor on the number, a parameter that is not estimated.
+        shifts: state → what is added to where it begins.
+    """
+
+    channels: Mapping[str, float] = field(default_factory=dict)
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    shifts: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run gave.
+
+    Args:
+        means: of all states, (k, n).
+        variances: of all states, (k, n).
+        innovations: (k, m), NaN where nothing was compared.
+        innovation_variances: (k, m).
+        bounded: whether the filter stayed within all bounds.
+    """
+
+    means: Floats
+    variances: Floats
+    innovations: Floats
+    innovation_variances: Floats
+    bounded: bool
+
+    @property
+    def squares(self) -> Floats:
+        """ν²/S, (k, m)."""
+        squares: Floats = self.innovations**2 / self.innovation_variances
+        return squares
+
+    @property
+    def log_likelihood(self) -> float:
+        """ln p of all that was compared, less a constant; beyond ν² = 9 S an outlier counts as in the filter."""
+        there = np.isfinite(self.innovations)
+        squares, variances = self.squares[there], self.innovation_variances[there]
+        inflation = np.maximum(1.0, squares / OUTLIER)
+        return float(-0.5 * np.sum(squares / inflation + np.log(variances * inflation)))
+
+
+class Rerun:
+    """Runs the adaptive filter over a log, as it is and with changes; its kernel is built once.
+
+    Args:
+        log: as it was estimated; of a long one the first `MOST` samples are used.
+        runner: the filter, see `runner_for`.
+        homing: for how long the truth is used [s], or None.
+    """
+
+    def __init__(self, log: Log, runner: AdaptiveFilter, homing: float | None = None) -> None:
+        if len(log) > MOST:
+            log = Log(
+                log.time[:MOST],
+                {name: values[:MOST] for name, values in log.channels.items()},
+                {name: values[:MOST] for name, values in log.truth.items()},
+                log.source,
+                log.truth_source,
+            )
+            homing = None if homing is None or homing >= float(np.ptp(log.time)) else homing
+        self.log, self.runner = log, runner
+        self._run = prepared(log, runner, homing)
+        self.base = self(Change())
+
+    def __call__(self, change: Change) -> Outcome:
+        """Return what the filter gives with a change.
+
+        Args:
+            change: what is different.
+        """
+        runner, run = self.runner, self._run
+        samples = run.samples.copy()
+        for name, factor in change.channels.items():
+            samples[:, runner.channels.index(name)] *= factor
+        begin = run.start
+        if change.channels:
+            there = np.isfinite(samples)
+            first = samples[there.argmax(axis=0), np.arange(samples.shape[1])]
+            begin = runner.initial(self.log.time[0], first)
+        carry, n = np.array(begin.carry), begin.size
+        for name, shift in change.shifts.items():
+            i = runner.state_names.index(name)
+            carry[i] = max(carry[i] + shift, runner.states.lowest[i])
+        p = np.array(runner.numbers)
+        for path, factor in change.numbers.items():
+            p[runner.parameter_names.index(path)] *= factor
+        rows, last = runner.checked_rows(begin, self.log.time, samples)
+        carries, ys = runner.kernel.scan(carry, rows, p)
+        carries = carries[last]
+        values, spreads = runner.innovations_of(ys[last], samples)
+        means, diagonal = carries[:, :n].copy(), carries[:, n : n + n * n : n + 1].copy()
+        bounded = len(out_of_bounds(means, diagonal, len(runner.rig.joints))) == 0
+        return Outcome(means, diagonal, values, spreads, bounded)

@@ -1,0 +1,96 @@
+"""What the states say: friction that the rig does not have, and numbers that left what the rig says of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from distal.diagnosis.finding import Finding
+from distal.results.estimate import Estimate
+from distal.results.thresholds import LARGE_PRIOR
+
+WALKS = 8.0
+"""Change over the second half of a log, in standard deviations that the filter allows it, that is no settling.
+
+On right rigs the 95th percentile is 3 to 6 (friction is not normal, and a start is not linear); on wrong ones 10 to 30.
+"""
+
+FARTHEST = float(np.deg2rad(270.0))
+"""An angle that covers more than this is of no joint that tendons pull [rad]; fingers and wrists turn by 180° at most."""
+
+BEGUN = 1.0
+"""Share of its prior std that a state's change must exceed to count as walking."""
+
+
+def left_their_priors(estimate: Estimate) -> list[Finding]:
+    """Return the states that end, or go on walking, where their priors say that they are not.
+
+    Args:
+        estimate: with the priors of its states, else nothing is found.
+    """
+    means, stds = estimate.prior_means, estimate.prior_stds
+    if means is None or stds is None or len(estimate) < 4:
+        return []
+    worst: dict[str, tuple[float, Finding]] = {}
+    middle = len(estimate) // 2
+    for i, name in enumerate(estimate.state_names):
+        if not stds[i] > 0.0:  # NaN: a state that is meant to move
+            continue
+        prior, value, std = means[i], estimate.means[-1, i], float(np.sqrt(estimate.variances[-1, i]))
+        away = (value - prior) / stds[i]
+        # what has been learned since the middle is how far it may have moved since
+        learned = max(float(estimate.variances[middle, i]) - std * std, (0.01 * stds[i]) ** 2)
+        change = value - estimate.means[middle, i]
+        subject = _subject(name)
+        if abs(value - prior) - std > LARGE_PRIOR * stds[i]:
+            said = f"{subject} is {value:.3g} ± {std:.1g}, its prior {prior:.3g} ± {stds[i]:.1g}"
+            found = Finding("left its prior", subject, said)
+        elif abs(change) > WALKS * np.sqrt(learned) and abs(change) > BEGUN * stds[i]:
+            found = Finding("left its prior", subject, f"{subject} does not settle: it moves by {change:.2g} late")
+        else:
+            continue
+        size = max(abs(away), 0.0)
+        if subject not in worst or size > worst[subject][0]:
+            worst[subject] = (size, found)
+    return [found for _, found in sorted(worst.values(), key=lambda each: -each[0])]
+
+
+def turning_too_far(estimate: Estimate) -> list[Finding]:
+    """Return the joints whose angle covers more than any joint that tendons pull turns by.
+
+    Args:
+        estimate: over a log.
+    """
+    found = []
+    for joint, angles in zip(estimate.joint_names, estimate.angles.T):
+        if float(np.ptp(angles)) > FARTHEST:
+            covered = np.rad2deg(float(np.ptp(angles)))
+            text = (
+                f"the angle of {joint} covers {covered:.0f}°, which no joint does: is a gear, a unit or a radius wrong?"
+            )
+            found.append(Finding("cannot be there", joint, text))
+    return found
+
+
+def undeclared_friction(estimate: Estimate) -> list[Finding]:
+    """Return the drives at which the filter found friction that the rig does not declare.
+
+    Args:
+        estimate: over a log.
+    """
+    found = []
+    for i, name in enumerate(estimate.state_names):
+        value, std = estimate.means[-1, i], np.sqrt(estimate.variances[-1, i])
+        prior = np.sqrt(estimate.variances[0, i])
+        # what follows a dot is a name of the rig file, not of a drive
+        if name.startswith("friction_") and "." not in name and value > 0.25 * prior and value > 3.0 * std:
+            drive = name.removeprefix("friction_")
+            size = f"friction that the rig does not have: {value:.2g} at '{drive}' [SI]"
+            text = f"{size} (set drives.*.friction, or a hand acts)"
+            found.append(Finding("friction", drive, text))
+    return found
+
+
+def _subject(name: str) -> str:
+    """Return what a state is of: the weights of a sensor's linearity are one thing."""
+    stem, _, last = name.rpartition("_")
+    return stem if name.startswith("linearity_") and last.isdigit() else name

@@ -1,0 +1,65 @@
+"""What the angle errs by without its reference: how surprising that is to the filter, and how much it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators.discrepancy import Samples
+from distal.fitting.likelihood import Likelihood
+
+Floats = NDArray[np.float64]
+
+
+def surprise_of(likelihood: Likelihood, z: Floats) -> float:
+    """Return the mean of ν²/S of the references beyond their offsets, the largest of all; infinite where the filter left
+    all bounds.
+
+    An offset that is hardly known hides what the angle errs by beside it: each log's mean is taken off ν, and its variance
+    off S.
+
+    Args:
+        likelihood: of a fit in which references are compared and not used.
+        z: coordinates, (n,).
+    """
+    worst, measured = 0.0, likelihood.measured
+    innovations = likelihood.each(z, likelihood.run)
+    for sensor in likelihood.references:
+        k, ratios = measured.index(sensor.name), list[float]()
+        for values, variances in innovations:
+            away = values[:, k] - np.nanmean(values[:, k]) if np.isfinite(values[:, k]).any() else values[:, k]
+            own = np.maximum(variances[:, k] - sensor.bias.unsure**2, 0.1 * variances[:, k])
+            ratios += list((away**2 / own)[np.isfinite(away)])
+        if ratios:
+            worst = max(worst, float(np.mean(ratios)))
+    return worst
+
+
+def angle_error(likelihood: Likelihood, z: Floats) -> float:
+    """Return the RMS of what the angles err by without their references [rad], the mean over logs, the largest of all.
+
+    Args:
+        likelihood: of a fit in which references are compared and not used.
+        z: coordinates, (n,).
+    """
+    innovations = likelihood.each(z, likelihood.run)
+    columns = [likelihood.measured.index(sensor.name) for sensor in likelihood.references]
+    each = [
+        [np.sqrt(np.nanmean(values[:, k] ** 2)) for values, _ in innovations if _known(values[:, k])] for k in columns
+    ]
+    return max((float(np.mean(errors)) for errors in each if errors), default=0.0)
+
+
+def _known(values: Floats) -> bool:
+    return bool(np.isfinite(values).any())
+
+
+def mean_rms(data: Sequence[Samples]) -> float:
+    """Return the mean over logs of the RMS of what the filter's angle errs by [rad].
+
+    Args:
+        data: of the logs.
+    """
+    return float(np.mean([np.sqrt(np.nanmean((one.angles - one.truths) ** 2)) for one in data]))

@@ -1,0 +1,251 @@
+"""Logs that cannot be fitted, named before anything is computed or written."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import DistalWarning, FitError
+from distal.fitting.fitted import Fitted
+from distal.fitting.likelihood import Likelihood
+from distal.logs import Log, true_angles
+from distal.rig import REFERENCES, Capstan, Rig, Sensor
+from distal.run import estimate
+from distal.sensors import variance
+
+Floats = NDArray[np.float64]
+
+MOTION_TO_NOISE = 20.0
+"""A drive that moves by less than this times its sensor's noise does not move."""
+
+SMALLEST_TURN = np.deg2rad(2.0)
+"""A drive that moves by less than this turn of the joint does not move [rad]."""
+
+DEAD_TRUTH_TURN = np.deg2rad(20.0)
+"""A truth that is constant while the drives would turn the joint by more than this is dead [rad]: no friction holds so."""
+
+CLEAR_CORRELATION = 0.8
+"""Correlation of truth and drives from which on their ratio can be judged."""
+
+RATE_FACTOR = 20.0
+"""Stamps may be further apart, or closer, than the sensors' rate by this factor."""
+
+LARGEST_NIS = 5.0
+"""Mean ν²/S from which on a log does not look like its rig."""
+
+LARGEST_NOISE_GROWTH = 4.0
+"""A sensor's noise that has to grow by this factor is none of its own."""
+
+LARGEST_UNMODELLED_GROWTH = 10.0
+"""Unmodelled motion that has to grow by this factor is most of the motion."""
+
+FAR_FROM_PRIOR = 4.0
+"""A value this many standard deviations of its prior away is worth a word."""
+
+RATIO_RANGE = (1 / 12, 12.0)
+"""Ratio of the truth's motion to that which the drives make, within which units can be right."""
+
+
+def check_logs(logs: Sequence[Log], rig: Rig) -> None:
+    """Refuse logs without motion, dead sensors, and truths in a wrong unit or of a wrong sign.
+
+    Args:
+        logs: as read.
+        rig: the description.
+
+    Raises:
+        FitError: see above; names the log and the sensor.
+    """
+    if not logs:
+        raise FitError("no log came; a fit needs at least one")
+    for i, log in enumerate(logs):
+        _check_stamps(log, rig)
+        for other in logs[:i]:
+            if _same(log, other):
+                raise FitError(
+                    f"{log.source} holds the same as {other.source}; a log that counts twice makes a fit too sure of itself"
+                )
+        _check_motion(log, rig)
+        _check_sensors(log, rig)
+        joints = [joint.name for joint in rig.joints]
+        known = true_angles(log, joints)
+        if known is None:
+            continue
+        for j, joint in enumerate(joints):
+            if len(joints) == 1 or np.isfinite(known[:, j]).any():
+                _check_truth(log, rig, known[:, j], "the joint" if len(joints) == 1 else f"the joint {joint}", j)
+
+
+def _same(log: Log, other: Log) -> bool:
+    return np.array_equal(log.time, other.time) and all(
+        name in other.channels and np.array_equal(values, other.channels[name], equal_nan=True)
+        for name, values in log.channels.items()
+    )
+
+
+def _check_stamps(log: Log, rig: Rig) -> None:
+    rate = max(sensor.rate for sensor in rig.sensors)
+    step = float(np.median(np.diff(log.time)))
+    if not 1.0 / RATE_FACTOR < step * rate < RATE_FACTOR:
+        raise FitError(
+            f"{log.source}: the stamps are {step:g} s apart, the rig's sensors give a value every {1 / rate:g} s; is "
+            "the unit of time right (--set 'log.time.unit=\"ms\"'), or the sensors' rate?"
+        )
+
+
+def doubts_of(likelihood: Likelihood, z: Floats, nis: Sequence[float]) -> list[str]:
+    """Return what speaks against a fit, a sentence each: logs that still do not look like the rig.
+
+    Args:
+        likelihood: at its end.
+        z: coordinates there, (n,).
+        nis: mean ν²/S per channel there.
+    """
+    references = {sensor.name for sensor in likelihood.references}
+    doubts = []
+    for name, ratio in zip(likelihood.measured, nis):
+        if ratio > LARGEST_NIS and name not in references:
+            doubts.append(
+                f"the logs do not look like this rig: innovations of '{name}' are {np.sqrt(ratio):.3g} times larger than "
+                f"expected even after the fit; {ADVICE}"
+            )
+    for k, (part, _) in enumerate(likelihood.parts()):
+        if not (part.noise and part.has_prior):
+            continue
+        grown = part.value(float(z[k])) / part.start
+        if part.paths[0].endswith(".unmodelled") and grown > LARGEST_UNMODELLED_GROWTH:
+            doubts.append(
+                f"the logs do not look like this rig: {part.name} had to become {grown:.1f} times what the rig says, so "
+                f"that the joint hardly follows the model; {ADVICE}"
+            )
+        if part.paths[0].startswith("sensors.") and not part.kept_by_file and grown > LARGEST_NOISE_GROWTH:
+            doubts.append(
+                f"the logs do not look like this rig: {part.name} had to become {grown:.1f} times what the rig says; "
+                f"{ADVICE}"
+            )
+    return doubts
+
+
+ADVICE = (
+    "the rig lacks physics that these logs have, or a column, unit or sign of a sensor is wrong (distal estimate says "
+    "which disagrees)"
+)
+
+
+def warn_of(fitted: Sequence[Fitted], likelihood: Likelihood) -> None:
+    """Warn of values far from their priors, or at a bound.
+
+    Args:
+        fitted: the outcome.
+        likelihood: that it came from.
+    """
+    bounds = {part.name: (part.low, part.high) for part in likelihood.free}
+    for part in fitted:
+        low, high = bounds.get(part.name, (-np.inf, np.inf))
+        away = abs(part.value - part.start) / part.prior_std if part.prior_std > 0.0 else 0.0
+        if not part.noise and away > FAR_FROM_PRIOR:
+            warnings.warn(
+                f"{part.name} = {part.value:.4g} {part.si} is {away:.1f} standard deviations from what the rig file "
+                f"expected ({part.start:.4g} ± {part.prior_std:.2g}); is a unit or a radius wrong, or the std too small?",
+                DistalWarning,
+                stacklevel=3,
+            )
+        elif not part.noise and (part.value <= low or part.value >= high):
+            warnings.warn(
+                f"{part.name} = {part.value:.4g} {part.si} is at its bound; another number of the rig may be wrong",
+                DistalWarning,
+                stacklevel=3,
+            )
+
+
+def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:
+    """Return the names of the joints whose angle is known in none of the logs.
+
+    Args:
+        logs: with a truth.
+        rig: the description.
+    """
+    names = [joint.name for joint in rig.joints]
+    known = np.zeros(len(names), dtype=bool)
+    for log in logs:
+        angles = true_angles(log, names)
+        if angles is not None:
+            known |= np.isfinite(angles).any(axis=0)
+    return [name for name, there in zip(names, known) if not there]
+
+
+def _span(values: Floats) -> float:
+    there = values[np.isfinite(values)]
+    return float(np.quantile(there, 0.99) - np.quantile(there, 0.01)) if len(there) else 0.0
+
+
+def _joint_turn(rig: Rig, sensor: Sensor, span: float) -> float:
+    """Return by how much the joint turns when a drive moves by `span` [rad]."""
+    drive = next(drive for drive in rig.drives if drive.name == sensor.of)
+    tendon = next(tendon for tendon in rig.tendons if tendon.drive == sensor.of)
+    lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
+    return span * lever / tendon.total_arm
+
+
+def _check_motion(log: Log, rig: Rig) -> None:
+    moved = []
+    for sensor in rig.sensors_of("position"):
+        span = _span(log.channels[sensor.name])
+        noise = np.sqrt(variance(sensor))
+        moved.append(span > MOTION_TO_NOISE * noise and _joint_turn(rig, sensor, span) > SMALLEST_TURN)
+    if moved and not any(moved):
+        raise FitError(
+            f"{log.source}: nothing moves (no drive by more than {np.rad2deg(SMALLEST_TURN):g}° of the joint); a log "
+            "without motion tells nothing of friction and stiffness: leave it out"
+        )
+
+
+def _check_sensors(log: Log, rig: Rig) -> None:
+    for sensor in rig.sensors:
+        if sensor.measures in REFERENCES or sensor.name not in log.channels:
+            continue
+        values = log.channels[sensor.name]
+        there = values[np.isfinite(values)]
+        if len(there) > 20 and float(np.ptp(there)) == 0.0:
+            raise FitError(
+                f"{log.source}: sensor '{sensor.name}' is constant ({there[0]:g} {sensor.si}) over the whole log; "
+                "is it connected? Leave the log out, or remove the sensor from the rig"
+            )
+
+
+def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> None:
+    """Refuse a truth that has too few values, is dead, or has a wrong sign or unit."""
+    there = np.isfinite(truth)
+    if there.sum() < 10:
+        raise FitError(
+            f"{log.source}: the truth ({log.truth_source}) has {int(there.sum())} values; at least 10 are needed"
+        )
+    # stretch removed where forces are measured: soft tendons let drives and joint go different ways
+    baseline = "elastic" if rig.sensors_of("force") else "inextensible"
+    drives = estimate(Log(log.time, log.channels, {}, log.source), rig, baseline).angles[:, index]
+    a, b = drives[there] - drives[there].mean(), truth[there] - truth[there].mean()
+    if float(np.sqrt(np.mean(a**2))) < SMALLEST_TURN / 2:
+        return
+    if float(np.ptp(truth[there])) == 0.0 and float(np.ptp(a)) > DEAD_TRUTH_TURN:
+        raise FitError(
+            f"{log.source}: the truth ({log.truth_source}) is constant while the drives move; is the encoder connected?"
+        )
+    if float(b @ b) == 0.0:
+        return  # the joint sticks: nothing to judge by
+    correlation = float(a @ b / np.sqrt((a @ a) * (b @ b)))
+    ratio = float(np.sqrt((b @ b) / (a @ a)))
+    if correlation < -CLEAR_CORRELATION:
+        raise FitError(
+            f"{log.source}: the truth ({log.truth_source}) moves against the drives (correlation {correlation:.2f}); its "
+            "sign is wrong: set the angle sensor's sign = -1, or swap the tendons' sides"
+        )
+    if abs(correlation) > CLEAR_CORRELATION and not RATIO_RANGE[0] < ratio < RATIO_RANGE[1]:
+        near = "it looks like degrees read as radians" if 20.0 < ratio < 160.0 else "is the unit, or a radius, wrong?"
+        near = "it looks like radians read as degrees" if 1 / 160.0 < ratio < 1 / 20.0 else near
+        raise FitError(
+            f"{log.source}: the truth ({log.truth_source}) moves {ratio:.3g} times as far as the drives turn {joint}; "
+            f"{near} (set the angle sensor's unit)"
+        )

@@ -1,0 +1,259 @@
+"""Which numbers of a rig a fit varies: what has a std, what is asked for, and the noise."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from distal.errors import FitError, RigError
+from distal.estimators import Robustness, channels_of
+from distal.estimators.adaptive import Setup, uncertain_parameters
+from distal.fitting.free import NOISY, POINTS, Free
+from distal.model import Mechanism
+from distal.rig import REFERENCES, Number, Rig, Sensor, number
+
+NOISE_RANGE = 25.0
+"""A noise stays within this factor of where it starts: a model that is trusted wholly has standard errors of nothing."""
+
+NOISE_PRIOR = 1.0
+"""Standard deviation of a noise's prior, as a share of where it starts: a factor of two either way."""
+
+EXACT = np.deg2rad(0.02)
+"""No truth is taken as better than this [rad]: the model's own steps are not."""
+
+SMALLEST = 1e-3
+"""A positive parameter stays above this share of where it starts."""
+
+
+def choose(
+    rig: Rig,
+    references: Sequence[Sensor],
+    asked: Sequence[str],
+    per_log: Sequence[str],
+    noise: bool,
+    homing: bool,
+    several: bool = False,
+) -> tuple[Free, ...]:
+    """Return what a fit varies.
+
+    Without a wish it is every parameter with a std that has an effect on the joint, tendons that err together by one
+    factor (as the filter has them), and the noise of the sensors that are compared, of the unmodelled torque and of the
+    hysteresis.
+
+    Args:
+        rig: the description; must hold the references.
+        references: the sensors of joints' angles.
+        asked: paths, ``*`` for all parts of a kind; empty for every parameter with a std.
+        per_log: paths of which each log has its own.
+        noise: whether the noise is varied too.
+        homing: whether the fit is to what is predicted after homing: then sensors' own noise is left as it is.
+        several: whether there are several logs: each has sensors' offsets of its own then, and what they scatter by is
+            their std.
+
+    Raises:
+        FitError: nothing is free, or a path cannot be.
+    """
+    free = (
+        [_asked(rig, path, False) for path in asked] if asked else list(_uncertain(rig, references, per_log, several))
+    )
+    free += [_asked(rig, path, True) for path in per_log]
+    if noise:
+        own = {path for part in free for path in part.paths}
+        free += [part for part in _noises(rig, references, homing) if not own.intersection(part.paths)]
+    seen: dict[str, str] = {}
+    for part in free:
+        for path in part.paths:
+            if path in seen:
+                raise FitError(f"'{path}' is asked for twice, by '{seen[path]}' and '{part.name}'; name it once")
+            seen[path] = part.name
+    if not asked and not any(not part.noise for part in free):
+        raise FitError(
+            f"{rig.name}: no parameter that shows in these sensors has a std, so there is nothing to fit; give the "
+            "unknown ones one (--set joints.0.friction.coefficient.std=0.1) or name them with --free"
+        )
+    return tuple(_coarse(rig, part) for part in free)
+
+
+def _coarse(rig: Rig, part: Free) -> Free:
+    """Return what is varied with the share of it that the model leaves uncertain, where that is more than elsewhere."""
+    for path in part.paths:
+        kind, index, *rest = path.split(".")
+        if kind == "drives" and rest in (["damping"], ["backlash", "width"]):
+            return replace(part, coarse=NOISY)
+        if kind == "tendons" and rest[0] == "path":
+            along = rig.tendons[int(index)].path
+            if along is not None and along.nodes > 0:
+                return replace(part, coarse=POINTS / along.nodes)
+    return part
+
+
+def _uncertain(rig: Rig, references: Sequence[Sensor], per_log: Sequence[str], several: bool) -> list[Free]:
+    mechanism = Mechanism(rig)
+    own = {path for wanted in per_log for path in _paths(rig, wanted)}
+    free = [part for part in _biases(rig, several) if not own.intersection(part.paths)]
+    for state in uncertain_parameters(Setup(mechanism, channels_of(rig, "fit", references), Robustness.fitting())):
+        paths = [mechanism.parameters.names[i] for i in state.indices]
+        if own.intersection(paths) or (len(paths) == 1 and any(paths[0] in part.paths for part in free)):
+            continue  # what shares its error with nothing, and errs alone too, is varied once
+        numbers = [number(rig, path) for path in paths]
+        if state.acts == "factor" and len(paths) > 1:
+            # what also errs alone is varied alone, with the spread of both
+            together = [one for one in numbers if one.own == 0.0]
+            if together:
+                free.append(_free(_common_name([one.path for one in together]), together, False))
+        else:
+            free.append(_free(paths[0], numbers, False))
+    taken = {path for part in free for path in part.paths} | own
+    alike: dict[tuple[str, float, float], list[str]] = {}
+    for path in _held(rig):
+        if path not in taken:
+            held = number(rig, path)
+            # one pulley serves all its tendons: insertions with the same number are varied together
+            shared = re.sub(r"\.\d+\.", ".*.", path, count=1) if ".insertion." in path else path
+            key = (shared, held.value, held.std)
+            alike.setdefault(key, []).append(path)
+    for (name, _, _), paths in alike.items():
+        numbers = [number(rig, path) for path in paths]
+        free.append(_free(paths[0] if len(paths) == 1 else name, numbers, False))
+    return free
+
+
+def _common_name(paths: Sequence[str]) -> str:
+    """Return what to call numbers that are varied by one factor."""
+    kinds = {(path.split(".")[0], path.split(".", 2)[2]) for path in paths}
+    if len(paths) > 1 and len(kinds) == 1:
+        head, tail = kinds.pop()
+        return f"{head}.*.{tail}"
+    return "+".join(paths)
+
+
+def _biases(rig: Rig, several: bool) -> list[Free]:
+    """Return the offsets and gains of the sensors that estimators read, where they have a std; gains are no log's own."""
+    read = [(i, sensor) for i, sensor in enumerate(rig.sensors) if sensor.measures not in REFERENCES]
+    numbers = [(number(rig, f"sensors.{i}.bias"), several) for i, _ in read]
+    numbers += [(number(rig, f"sensors.{i}.gain"), False) for i, sensor in read if sensor.measures != "position"]
+    return [_free(one.path, [one], own) for one, own in numbers if one.std > 0.0 and not one.hold]
+
+
+def _held(rig: Rig) -> list[str]:
+    """Return the paths of what estimators take as it is, but a fit may vary: held parameters and hysteresis."""
+    names = Mechanism(rig, ()).parameters.all_names
+    held = []
+    for path in names:
+        try:
+            one = number(rig, path)
+        except RigError:
+            continue  # stops and what follows from other numbers
+        if one.std > 0.0 and (one.hold or ".hysteresis." in path):
+            held.append(path)
+    return held
+
+
+def _paths(rig: Rig, wanted: str) -> list[str]:
+    """Return the paths that a wish names; ``*`` stands for all parts of a kind."""
+    head, star, tail = wanted.partition(".*.")
+    if not star:
+        return [number(rig, wanted).path]
+    parts = getattr(rig, head, None)
+    if not isinstance(parts, tuple):
+        raise FitError(f"'{wanted}': '*' stands for all joints, drives, tendons or sensors, e.g. tendons.*.stiffness")
+    found = list[str]()
+    for i in range(len(parts)):
+        found += _each(rig, f"{head}.{i}.{tail}")
+    return found
+
+
+def _each(rig: Rig, path: str) -> list[str]:
+    """Return the paths that one with further ``*`` names: below a part, as for the crossings of a tendon."""
+    before, star, after = path.partition(".*.")
+    if not star:
+        return [number(rig, path).path]
+    part: object = rig
+    for key in before.split("."):
+        part = part[int(key)] if isinstance(part, tuple) else getattr(part, key, None)
+    if not isinstance(part, tuple):
+        raise FitError(f"'{path}': '{before}' is no list that '*' could stand for")
+    return [found for i in range(len(part)) for found in _each(rig, f"{before}.{i}.{after}")]
+
+
+def _asked(rig: Rig, wanted: str, per_log: bool) -> Free:
+    try:
+        numbers = [number(rig, path) for path in _paths(rig, wanted)]
+    except RigError as problem:
+        raise FitError(f"--free {problem}") from None
+    return _free(wanted, numbers, per_log)
+
+
+def _free(name: str, numbers: Sequence[Number], per_log: bool) -> Free:
+    first = numbers[0]
+    if not first.is_parameter:
+        return _noise(name, numbers)
+    if first.value == 0.0 and first.std == 0.0:
+        raise FitError(
+            f"'{first.path}' is zero without a std, so its size is unknown; give it one "
+            f"(--set {first.path}.std=…) to say how large it may be"
+        )
+    if per_log and first.std == 0.0:
+        raise FitError(f"'{first.path}' has no std; what differs from log to log needs one (--set {first.path}.std=…)")
+    low = {"any": -np.inf, "nonnegative": 0.0, "positive": SMALLEST * first.value}[first.quantity.bound]
+    if len(numbers) > 1 and any(one.value == 0.0 for one in numbers) and len({one.value for one in numbers}) > 1:
+        raise FitError(f"'{name}' varies its numbers by one factor, but some are zero; name them one by one")
+    scale = first.std if first.std > 0.0 else 0.1 * abs(first.value)
+    std = first.std if first.std > 0.0 else float("nan")
+    starts = tuple(one.value for one in numbers)
+    paths = tuple(one.path for one in numbers)
+    return Free(name, paths, starts, std, scale, low, np.inf, first.quantity.si, per_log=per_log)
+
+
+def _noise(name: str, numbers: Sequence[Number], prior: bool = True) -> Free:
+    first = numbers[0]
+    if first.value <= 0.0:
+        raise FitError(f"'{first.path}' is zero; a noise that is fitted needs a size to start from")
+    return Free(
+        name,
+        tuple(one.path for one in numbers),
+        tuple(one.value for one in numbers),
+        NOISE_PRIOR * first.value if prior else float("nan"),
+        first.value,
+        first.value / NOISE_RANGE,
+        first.value * NOISE_RANGE,
+        first.quantity.si,
+        logarithmic=True,
+        noise=True,
+    )
+
+
+def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
+    """Return the noises: of sensors alike by one factor, of the reference, of what no model knows.
+
+    Displacements are inputs: their noise shows only in what it shakes, and comes out too small; the file keeps what it had,
+    as it keeps what the model does not know. An effort that moves a play is smoothed and nothing that is compared: its
+    noise stays.
+    """
+    angles = {reference.name for reference in references}
+    playing = {drive.name for drive in rig.drives if drive.hysteresis is not None}
+    groups: dict[tuple[str, str, float], list[int]] = {}
+    for i, sensor in enumerate(rig.sensors):
+        smooth = sensor.measures == "force" and sensor.of in playing
+        if sensor.name not in angles and sensor.measures not in REFERENCES and sensor.noise > 0.0 and not smooth:
+            groups.setdefault((sensor.measures, sensor.si, sensor.noise), []).append(i)
+    if homing:
+        return []  # what is predicted after homing tells nothing of a sensor's own noise
+    free = []
+    for indices in groups.values():
+        paths = [f"sensors.{i}.noise" for i in indices]
+        name = paths[0] if len(paths) == 1 else f"noise of {', '.join(rig.sensors[i].name for i in indices)}"
+        place = rig.sensors[indices[0]].measures == "position"
+        free.append(replace(_noise(name, [number(rig, path) for path in paths]), kept_by_file=place))
+    for at, sensor in enumerate(rig.sensors):
+        if sensor.name in angles and sensor.noise > 0.0:
+            own = _noise(f"sensors.{at}.noise", [number(rig, f"sensors.{at}.noise")], prior=False)
+            free.append(replace(own, low=min(max(own.low, EXACT), own.start)))
+    paths = [f"drives.{i}.hysteresis.error" for i, d in enumerate(rig.drives) if d.hysteresis is not None]
+    paths = [path for path in paths if number(rig, path).value > 0.0]
+    paths += [f"joints.{j}.unmodelled" for j, joint in enumerate(rig.joints) if joint.unmodelled > 0.0]
+    free += [replace(_noise(path, [number(rig, path)]), kept_by_file=path.endswith(".unmodelled")) for path in paths]
+    return free

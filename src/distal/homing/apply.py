@@ -1,0 +1,154 @@
+"""Homing with a discrepancy: what the homing move tells of the rig's numbers first, then of what the model leaves."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators import AdaptiveFilter, Belief
+from distal.estimators import contact as contacts
+from distal.estimators.discrepancy import Samples, homed
+from distal.homing.map import most_likely
+from distal.homing.window import Window, plain_angles
+from distal.logs import Log, frozen, true_torques
+
+Floats = NDArray[np.float64]
+
+PASSES = 2
+"""So often is the window filtered: each pass begins where the last one left the rig's numbers, with their stds anew."""
+
+ASTRAY = 1.5
+"""Mean e²/P of an unaided angle over the window beyond which the numbers that the filter found are not believed."""
+
+
+def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats) -> Samples:
+    """Return what a filter makes of a log without a correction, and what it read.
+
+    Args:
+        runner: the filter.
+        start: what it believes before the first sample.
+        log: the log.
+        samples: values of its channels, (k, n_channels).
+        truths: true angles [rad], NaN where not known, (k, n_joints).
+    """
+    rows, last = runner.checked_rows(start, log.time, samples)
+    carries, _ = runner.kernel.scan(start.carry, rows, runner.numbers)
+    carries = carries[last]
+    angles, variances = plain_angles(runner, carries, start.size, truths.shape[1])
+    readings = [
+        carries[:, place] if place is not None else held(samples[:, i]) for i, place in enumerate(runner.places)
+    ]
+    interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
+    return Samples(log.source, log.time - log.time[0], np.column_stack(readings), angles, variances, truths, interval)
+
+
+def held(values: Floats) -> Floats:
+    """Return the values, each missing one replaced by the last before it, the first ones by the first that is there.
+
+    Args:
+        values: NaN where missing, (k,).
+    """
+    there = np.isfinite(values)
+    last = np.maximum.accumulate(np.where(there, np.arange(len(values)), -1))
+    kept: Floats = values[np.where(last >= 0, last, int(np.argmax(there)))]
+    return kept
+
+
+def numbers_homed(window: Window) -> Belief:
+    """Return a belief before the first sample with the rig's numbers as a homing move tells them.
+
+    They are the filter's own where it keeps to its band with them, else the `most_likely`.
+
+    Args:
+        window: see `Window`.
+    """
+    filtered = numbers_filtered(window)
+    return filtered if filtered is not None else most_likely(window)
+
+
+def begun_homed(window: Window) -> Belief:
+    """Return what a filter that reads the reference over the window begins with.
+
+    Where it keeps to its band with what it finds there, that is its prior: it finds it as it runs. Else it begins with the
+    `most_likely` numbers and their covariance.
+
+    Args:
+        window: see `Window`.
+    """
+    return window.start if numbers_filtered(window, passes=1) is not None else most_likely(window)
+
+
+def numbers_filtered(window: Window, passes: int = PASSES) -> Belief | None:
+    """Return a belief before the first sample with the rig's numbers as the filter finds them; None where it is led astray.
+
+    The filter reads the reference over the window. Where its numbers then are is where it begins again, so that
+    what it linearises is linearised there. Their covariance is that after the last pass. Without the reference, its
+    angle must keep to its band from there.
+
+    Args:
+        window: see `Window`.
+        passes: so often is the window filtered.
+    """
+    runner, start = window.runner, window.start
+    lasting, n = np.flatnonzero(runner.states.lasting), start.size
+    carry, after = start.carry.copy(), start.carry
+    for _ in range(passes):
+        done = window.scan(carry, window.samples)
+        if done is None:
+            return None
+        after = done[0][-1]
+        carry = start.carry.copy()
+        carry[lasting] = after[lasting]
+    square = np.ix_(lasting, lasting)
+    covariance = carry[n : n + n * n].reshape(n, n)
+    covariance[square] = after[n : n + n * n].reshape(n, n)[square]
+    return Belief(start.time, frozen(carry), n) if window.within(carry, ASTRAY) else None
+
+
+def calibrated(
+    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float
+) -> tuple[AdaptiveFilter, Belief, Floats, float]:
+    """Return filter, first belief and samples of a run after its homing move, and how surprising the move was.
+
+    The run itself reads no reference: over the window, what its angle errs by is what the discrepancy learns.
+
+    Args:
+        runner: a filter with a discrepancy, the reference among its channels.
+        start: what it believes before the first sample.
+        log: the log.
+        samples: values of its channels, the reference known within the window only, (k, n_channels).
+        truths: true angles [rad], NaN where not known, (k, n_joints).
+        homing: length of the window [s].
+    """
+    assert runner.discrepancy is not None
+    begun = numbers_homed(Window.of(runner, start, log, samples, truths, homing))
+    unaided = samples.copy()
+    unaided[:, len(runner.discrepancy.channels) :] = np.nan
+    early = log.time - log.time[0] < homing
+    plain = plain_samples(runner, begun, log, unaided, np.where(early[:, None], truths, np.nan))
+    discrepancy, surprise = homed(runner.discrepancy, plain, early)
+    taught = runner.with_discrepancy(discrepancy)
+    return taught, begun, unaided, surprise
+
+
+def touched(runner: AdaptiveFilter, log: Log, samples: Floats, homing: float) -> AdaptiveFilter:
+    """Return a filter whose contact is this run's: the torque is read over the window, where the log has it.
+
+    Args:
+        runner: a filter with a contact.
+        log: the log.
+        samples: values of its channels, (k, n_channels).
+        homing: length of the window [s].
+    """
+    assert runner.contact is not None
+    torques = true_torques(log, [joint.name for joint in runner.rig.joints])
+    if torques is None:
+        return runner
+    sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
+    readings = []
+    for i, name in enumerate(runner.contact.channels):
+        offset = sensors[name].bias.value if sensors[name].measures == "position" else 0.0
+        readings.append(held(samples[:, i]) - offset)
+    interval = float(np.median(np.diff(log.time)))
+    early = log.time - log.time[0] < homing
+    return runner.with_contact(contacts.homed(runner.contact, np.column_stack(readings), torques, early, interval))

@@ -1,0 +1,176 @@
+"""The numbers of a rig as a homing move tells them: a maximum a posteriori over the whole window, iterated.
+
+A filter that reads the angle as a sensor linearises at one moment what only the whole window tells: with wide priors it
+walks to numbers with which the joint would not stay where it is once the reference is gone. Here the numbers are constant
+over the window, the filter runs *unaided*, and its angle is compared with the reference, as it will be used afterwards:
+
+    minimise ½ Σ (θ_ref − θ̂(z))²/(w_θ s_θ²) + ½ Σ ν(z)²/(w_f S₀) + ½ |z|²,    numbers = mean + std · z
+
+Denominators are those at the prior's mean, so that no number can be bought by a wider band. w counts how many samples tell
+as much as one that is independent, and how much larger the errors are than the filter thinks; both are found again after
+each fit. Solved by Gauss–Newton in a trust region (Branch, Coleman and Li, SIAM J. Sci. Comput. 21, 1999;
+`scipy.optimize.least_squares`); the covariance is the inverse of its Hessian.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators import Belief
+from distal.estimators.affine import correlated_samples
+from distal.homing.window import Window
+from distal.logs import frozen
+
+Floats = NDArray[np.float64]
+
+ROUNDS = 3
+"""So often are the weights found again."""
+
+EVALUATIONS = 30
+"""At most so many points are tried in a round."""
+
+STEP = 0.02
+"""Change of a number by which its slope is found, in stds of its prior."""
+
+INDEPENDENT = 0.1
+"""Errors are taken to last at least so long [s]: 0.02 to 0.3 s gave the same, 1 s and more lost (docs/estimators.md)."""
+
+UNEXPLAINED = 10.0
+"""Errors of the angle begin with a variance of so many times what the filter thinks."""
+
+LARGEST = 1e3
+"""A residual counts as at most so many standard deviations."""
+
+KEPT = 0.3
+"""Share of the covariance that the filter goes on with: with all of it forces of a wrong model would teach it anew."""
+
+
+def most_likely(window: Window) -> Belief:
+    """Return a belief before the first sample: the numbers at their maximum a posteriori, with its covariance.
+
+    The first angle is the reference's own. Where nothing is uncertain, or the filter leaves all bounds with the prior's
+    mean, it is the belief as it was.
+
+    Args:
+        window: see `Window`.
+    """
+    from scipy.optimize import least_squares  # not needed before
+
+    search = _Search(window)
+    z, weights = np.zeros(len(search.at)), search.first_weights
+    if not len(z) or not search.begins():
+        return window.start
+    for _ in range(ROUNDS):
+        found = least_squares(
+            search.residuals,
+            z,
+            search.slopes,
+            bounds=(search.low, np.full(len(z), np.inf)),
+            max_nfev=EVALUATIONS,
+            xtol=1e-4,
+            ftol=1e-4,
+            args=(weights,),
+        )
+        z, weights = found.x, search.weights(found.x)
+    slopes = search.slopes(z, weights)
+    covariance = KEPT * np.linalg.inv(slopes.T @ slopes) * np.outer(search.stds, search.stds)
+    carry, n = search.carry(z), window.start.size
+    whole = carry[n : n + n * n].reshape(n, n)
+    whole[np.ix_(search.at, search.at)] = covariance
+    return Belief(window.start.time, frozen(carry), n)
+
+
+class _Search:
+    """The criterion as a function of the numbers, in stds of their prior."""
+
+    def __init__(self, window: Window) -> None:
+        self._window, self._unaided = window, window.unaided
+        runner, start, n = window.runner, window.start, window.start.size
+        spread = np.sqrt(np.diagonal(start.carry[n : n + n * n].reshape(n, n)))
+        lasting = np.flatnonzero(runner.states.lasting)
+        self.at = lasting[spread[lasting] > 0.0]
+        self.means, self.stds = start.carry[self.at], spread[self.at]
+        self.low = np.minimum((runner.states.lowest[self.at] - self.means) / self.stds, -1e-6)
+        self._begin = self._begun()
+        self._others = [
+            i for i, name in enumerate(runner.measured) if name not in {runner.channels[c] for c in window.references}
+        ]
+        interval = float(np.median(np.diff(window.time))) if len(window.time) > 1 else INDEPENDENT
+        self._least = max(1.0, INDEPENDENT / interval)
+        self.first_weights = (UNEXPLAINED * self._least, self._least)
+        self._bases: tuple[Floats, ...] = ()
+        self._last: tuple[bytes, tuple[Floats, Floats]] | None = None
+
+    def _begun(self) -> Floats:
+        """Return the carry before the first sample: numbers certain, the first angles those of the reference."""
+        window, n = self._window, self._window.start.size
+        carry = window.anchored(window.start.carry)
+        whole = carry[n : n + n * n].reshape(n, n)
+        whole[self.at, :] = whole[:, self.at] = 0.0
+        return carry
+
+    def carry(self, z: Floats) -> Floats:
+        """Return the carry before the first sample at some numbers."""
+        carry = self._begin.copy()
+        carry[self.at] = self.means + self.stds * z
+        return carry
+
+    def _ratios(self, z: Floats) -> tuple[Floats, Floats]:
+        """Return errors of the angles and innovations, each over its standard deviation at the prior's mean."""
+        if self._last is not None and self._last[0] == z.tobytes():
+            return self._last[1]
+        done = self._window.scan(self.carry(z), self._unaided)
+        if done is None:
+            ratios = tuple(np.full_like(base, LARGEST) for base in self._bases)
+        else:
+            errors, innovations = self._window.errors(done[0])[0], self._innovations(done[1])[0]
+            ratios = tuple(
+                np.clip(
+                    np.nan_to_num(part / np.sqrt(base), nan=0.0, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST
+                )
+                for part, base in zip((errors, innovations), self._bases)
+            )
+        self._last = (z.tobytes(), (ratios[0], ratios[1]))
+        return self._last[1]
+
+    def begins(self) -> bool:
+        """Return whether the filter has an answer at the prior's mean, and take its standard deviations from there."""
+        done = self._window.scan(self.carry(np.zeros(len(self.at))), self._unaided)
+        if done is None:
+            return False
+        errors, variances = self._window.errors(done[0])
+        self._bases = np.broadcast_to(np.mean(variances, axis=0), errors.shape), self._innovations(done[1])[1]
+        return True
+
+    def _innovations(self, outputs: Floats) -> tuple[Floats, Floats]:
+        """Return innovations and their variances of all but the references, (k, m) each."""
+        m = len(self._window.runner.measured)
+        return outputs[:, :m][:, self._others], outputs[:, m : 2 * m][:, self._others]
+
+    def residuals(self, z: Floats, weights: tuple[float, float]) -> Floats:
+        """Return what is squared and summed, (n_residuals,)."""
+        parts = [ratio.ravel() / np.sqrt(weight) for ratio, weight in zip(self._ratios(z), weights)]
+        return np.concatenate([*parts, z])
+
+    def slopes(self, z: Floats, weights: tuple[float, float]) -> Floats:
+        """Return the slopes of the residuals, (n_residuals, n_numbers)."""
+        base = self.residuals(z, weights)
+        columns = []
+        for i in range(len(z)):
+            other = z.copy()
+            other[i] += STEP
+            columns.append((self.residuals(other, weights) - base) / STEP)
+        self._last = None
+        return np.column_stack(columns) if columns else np.zeros((len(base), 0))
+
+    def weights(self, z: Floats) -> tuple[float, float]:
+        """Return by what the squares of errors and innovations are divided: samples per independent one, and their size."""
+        return _weight(self._ratios(z)[0], self._least), _weight(self._ratios(z)[1], self._least)
+
+
+def _weight(ratios: Floats, least: float) -> float:
+    """Return what sums of squares are divided by; a rig in which nothing is compared has no ratios."""
+    if not ratios.size:
+        return least
+    return max(1.0, float(np.mean(ratios**2))) * max(least, correlated_samples(ratios[:, 0]))

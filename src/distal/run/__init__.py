@@ -1,0 +1,23 @@
+"""An estimator over a log, over many, over a stream; smoothing, and a stream's health."""
+
+from distal.run.batch import estimate_batch
+from distal.run.health import log_health
+from distal.run.live import LiveEstimator
+from distal.run.monitor import HEALTH, Monitor, Reading
+from distal.run.offline import HOMED, estimate, first_values, samples_of, with_channel
+from distal.run.smoothing import smooth
+
+__all__ = [
+    "HEALTH",
+    "HOMED",
+    "LiveEstimator",
+    "Monitor",
+    "Reading",
+    "estimate",
+    "estimate_batch",
+    "first_values",
+    "log_health",
+    "samples_of",
+    "smooth",
+    "with_channel",
+]

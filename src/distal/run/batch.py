@@ -1,0 +1,227 @@
+"""Many logs at once: all cores, several runs side by side in vector lanes, and no more in memory than is in work."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from distal.errors import DistalError, EstimationError
+from distal.estimators import DEFAULT, Estimator, KernelEstimator
+from distal.homing.reference import check_homing
+from distal.kernels import LaneKernel, grouped
+from distal.logs import Log, read_log
+from distal.results import Estimate
+from distal.rig import Rig, load_rig
+from distal.run.offline import Run, check_bounds, finished, prepared, runner_for
+
+AHEAD = 2
+"""Groups of runs in work or ready, per worker."""
+
+Skip = Callable[[str, DistalError], None]
+
+
+def estimate_batch(
+    logs: Iterable[Any],
+    rig: Rig | str | Path,
+    estimator: str | Estimator = DEFAULT,
+    truth: str | Path | None = None,
+    homing: float | None = None,
+    workers: int | None = None,
+    compiled: bool = True,
+    progress: Callable[[int], None] | None = None,
+    skip: Skip | None = None,
+) -> Iterator[Estimate]:
+    """Estimate the joint angle over many logs and yield the estimates in their order, the numbers `estimate` gives.
+
+    Several runs go through the compiled kernel side by side, one in each vector lane, on all cores. Logs are read when
+    their turn comes, and only what is in work is in memory: covariances are not kept (`Estimate.covariances` is None).
+
+    Args:
+        logs: each as `estimate` takes it; may be a generator.
+        rig: the description, or a shipped rig's name, or a path.
+        estimator: a name (see `ESTIMATORS`) or a ready one.
+        truth: where logs are read: the true angle's column.
+        homing: for how long the truth is used [s].
+        workers: threads; default one per core.
+        compiled: compile kernels where possible.
+        progress: called with the number of logs that are done.
+        skip: called with source and problem of a log that cannot be estimated; None raises it.
+
+    Raises:
+        EstimationError: a log lacks a sensor, or the estimator cannot run on this rig.
+        LogError: a file cannot be read.
+        RigError: the rig is unknown or wrong.
+    """
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    workers = (os.cpu_count() or 1) if workers is None else workers
+    if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers < 1:
+        raise EstimationError(f"workers must be a whole number from 1, {workers!r} came")
+    if isinstance(logs, (Log, str, Path)) or not isinstance(logs, Iterable):
+        raise EstimationError("estimate_batch takes several logs; for one there is estimate")
+    return _batch(iter(logs), rig, estimator, truth, homing, workers, compiled, progress, skip)
+
+
+def _batch(
+    logs: Iterator[Any],
+    rig: Rig,
+    estimator: str | Estimator,
+    truth: str | Path | None,
+    homing: float | None,
+    workers: int,
+    compiled: bool,
+    progress: Callable[[int], None] | None,
+    skip: Skip | None,
+) -> Iterator[Estimate]:
+    def load(source: Any) -> Log | DistalError:
+        try:
+            return source if isinstance(source, Log) else read_log(source, rig, truth)
+        except DistalError as problem:
+            return problem
+
+    def work(sources: Sequence[Any]) -> list[Estimate | DistalError]:
+        read = [load(source) for source in sources]
+        assert runner is not None  # made before the first group is
+        runs = [one if isinstance(one, DistalError) else _ready(one, runner, homing) for one in read]
+        made = iter(run_all([run for run in runs if isinstance(run, Run)]))
+        return [run if isinstance(run, DistalError) else next(made) for run in runs]
+
+    done = 0
+
+    def refused(source: Any, problem: DistalError) -> None:
+        if skip is None:
+            raise problem
+        skip(_named(source), problem)
+
+    runner: Estimator | None = None
+    for source in logs:  # the first that can be estimated says how a reference is read
+        first = load(source)
+        try:
+            if isinstance(first, DistalError):
+                raise first
+            if homing is not None:
+                check_homing(homing, first, [joint.name for joint in rig.joints])
+        except DistalError as problem:
+            done += 1
+            if progress is not None:
+                progress(done)
+            refused(source, problem)
+            continue
+        runner = runner_for(first, rig, estimator, compiled, homing)
+        break
+    if runner is None:
+        return
+    lanes = _lanes(runner)
+    size = lanes.lanes if lanes is not None else 1
+    yield from _ahead(chain([first], logs), size, work, workers, refused, done, progress)
+
+
+def _ahead(
+    logs: Iterator[Any],
+    size: int,
+    work: Callable[[Sequence[Any]], list[Estimate | DistalError]],
+    workers: int,
+    refused: Callable[[Any, DistalError], None],
+    done: int,
+    progress: Callable[[int], None] | None,
+) -> Iterator[Estimate]:
+    """Yield estimates in order, with a few groups of logs in work; what came before an error is yielded before it."""
+    groups = grouped(logs, size)
+    waiting: deque[tuple[list[Any], Future[list[Estimate | DistalError]]]] = deque()
+    ended: BaseException | None = None
+    pool = ThreadPoolExecutor(workers)
+    try:
+        while True:
+            try:
+                while ended is None and len(waiting) < AHEAD * workers:
+                    group = next(groups, None)
+                    if group is None:
+                        break
+                    waiting.append((group, pool.submit(work, group)))
+            except Exception as problem:
+                ended = problem
+            if not waiting:
+                if ended is not None:
+                    raise ended
+                return
+            sources, future = waiting.popleft()
+            for source, result in zip(sources, future.result()):
+                done += 1
+                if progress is not None:
+                    progress(done)
+                if isinstance(result, Estimate):
+                    yield result
+                else:
+                    refused(source, result)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _lanes(runner: Estimator) -> LaneKernel | None:
+    """Return an estimator's kernel for several runs at once, None where it has none."""
+    return runner.kernel.lanes() if isinstance(runner, KernelEstimator) and runner.kernel is not None else None
+
+
+def _named(source: Any) -> str:
+    return source.source if isinstance(source, Log) else str(source) if isinstance(source, (str, Path)) else "the frame"
+
+
+def _ready(log: Log, runner: Estimator, homing: float | None) -> Run | DistalError:
+    try:
+        return prepared(log, runner, homing)
+    except DistalError as problem:
+        return problem
+
+
+def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
+    """Return the estimates of some runs of one estimator, side by side where there are lanes for that.
+
+    Args:
+        runs: at most as many as there are lanes.
+    """
+    if not runs:
+        return []
+    runner = runs[0].runner
+    lanes = _lanes(runner)
+    if lanes is None or len(runs) == 1 or not isinstance(runner, KernelEstimator):
+        return [_alone(run) for run in runs]
+    n = runs[0].start.size
+    rows = []
+    for run in runs:
+        try:
+            rows.append(runner.checked_rows(run.start, run.log.time, run.samples))
+        except DistalError:
+            return [_alone(each) for each in runs]
+    keep = [*range(n), *range(n, n + n * n, n + 1)]
+    # a homing move gives each run numbers of its own
+    numbers = [run.runner.numbers for run in runs if isinstance(run.runner, KernelEstimator)]
+    scanned = lanes.scan([run.start.carry for run in runs], [row for row, _ in rows], numbers, keep)
+    results: list[Estimate | DistalError] = []
+    for run, (_, last), (kept, ys) in zip(runs, rows, scanned):
+        if len(last) < len(kept):
+            kept, ys = kept[last], ys[last]
+        kept.flags.writeable = False
+        try:
+            check_bounds(run, kept[:, :n], kept[:, n:])
+            innovations, variances = runner.innovations_of(ys, run.samples)
+            results.append(finished(run, kept[:, :n], kept[:, n:], innovations, variances))
+        except DistalError as problem:
+            results.append(problem)
+    return results
+
+
+def _alone(run: Run) -> Estimate | DistalError:
+    try:
+        means, covariances, innovations, variances = run.runner.scan(run.start, run.log.time, run.samples)
+        spreads = np.diagonal(covariances, axis1=1, axis2=2)
+        check_bounds(run, means, spreads)
+    except DistalError as problem:
+        return problem
+    return replace(finished(run, means, spreads, innovations, variances), covariances=None)

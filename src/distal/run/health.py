@@ -1,0 +1,31 @@
+"""The words that a stream of a log would have for its health."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from distal.estimators import DEFAULT
+from distal.logs import Log
+from distal.rig import Rig
+from distal.run.live import LiveEstimator
+from distal.run.monitor import Monitor
+
+
+def log_health(log: Log, rig: Rig | str | Path, estimator: str = DEFAULT, compiled: bool = True) -> tuple[str, ...]:
+    """Return for each sample of a log the word that `distal stream` has for it: see `HEALTH`.
+
+    Args:
+        log: sensors over time; one that lacks a sensor has it missing.
+        rig: the description, or a shipped rig's name, or a path.
+        estimator: a name.
+        compiled: compile its kernel where possible.
+
+    Raises:
+        EstimationError: the estimator cannot run on this rig.
+    """
+    monitor = Monitor(LiveEstimator(rig, estimator, compiled))
+    absent = np.full(len(log), np.nan)
+    samples = np.column_stack([log.channels.get(name, absent) for name in monitor.channels])
+    return tuple(monitor.take(float(time), sample).health for time, sample in zip(log.time, samples))

@@ -1,0 +1,305 @@
+"""An estimator in a control loop: one belief that is carried along, one call per sample, no arrays made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import EstimationError
+from distal.estimators import (
+    DEFAULT,
+    LARGEST_ANGLE,
+    WILD,
+    Belief,
+    KernelEstimator,
+    check_time,
+    make_estimator,
+)
+from distal.estimators.gaps import MOST_BRIDGES, fill, predictions
+from distal.logs import LARGEST_READING
+from distal.rig import Rig, load_rig, torque_names
+from distal.run.offline import priors_of
+
+Floats = NDArray[np.float64]
+
+LATEST = 1e300
+"""No stamp is larger than this [s]: differences of stamps stay finite."""
+
+
+class LiveEstimator:
+    """Estimates the joints' angles sample by sample, with the numbers that `estimate` gives over the whole log.
+
+    ```python
+    live = distal.LiveEstimator("paper-2008")
+    angle = live.step(time, sample)  # sample: values of live.channels, SI, NaN where missing
+    print(live.angle_std, live.innovations)
+    ```
+
+    Args:
+        rig: the description, or a shipped rig's name, or a path.
+        estimator: a name (see `ESTIMATORS`) or a ready one that is a kernel.
+        compiled: compile its kernel where possible.
+
+    Raises:
+        EstimationError: the estimator cannot run on this rig.
+    """
+
+    def __init__(
+        self, rig: Rig | str | Path, estimator: str | KernelEstimator = DEFAULT, compiled: bool = True
+    ) -> None:
+        rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        runner = make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
+        if runner.kernel is None:
+            raise EstimationError(f"{runner.name} is for logs; live, use adaptive or another one with a kernel")
+        self._runner, self._n, self._m = runner, len(runner.state_names), len(runner.measured)
+        self._loop = runner.kernel.loop(runner.numbers)
+        self._carry, self._x, self._y = self._loop.carry, self._loop.x, self._loop.y
+        self._finite = np.ones(len(self._carry), dtype=bool)
+        width, self._angles = len(runner.channels), runner.angles
+        self._values, self._mask = self._x[1 : 1 + width], self._x[1 + width :]
+        self._sample = np.zeros(width)
+        self._there = np.zeros(width, dtype=bool)
+        self._read = [runner.channels.index(name) for name in runner.measured]
+        self._innovations = np.full(self._m, np.nan)
+        self._begin: tuple[Floats | None, float] = (None, 0.0)
+        self._time, self._samples = float("nan"), 0
+        self._joints, self._bridged, self._interval = self._carry[self._angles], runner.bridged, runner.interval
+        self._mean = _view(self._carry[: self._n])
+        # a strided view of the covariance's diagonal, which can be written
+        self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
+        self._covariance = _view(self._carry[self._n : self._n * (self._n + 1)].reshape(self._n, self._n))
+        joints = [joint.name for joint in rig.joints]
+        self._torque_names = tuple(name for name in torque_names(joints) if name in runner.state_names)
+        self._torques = [runner.state_names.index(name) for name in self._torque_names]
+        means, stds = priors_of(runner)
+        self._priors = None if means is None or stds is None else (means, stds)
+
+    def step(self, time: float, sample: Floats) -> float | Floats:
+        """Take in a sample and return the joint angle [rad], of several joints their `angles`.
+
+        Args:
+            time: of the sample [s], after the last one's.
+            sample: values of `channels`, SI, NaN where missing, (n_channels,).
+
+        Raises:
+            EstimationError: the stamp is late or repeats or follows too long a gap, the sample has the wrong shape or a
+                wild value: nothing has changed then. Or the filter left all bounds: call `reset`.
+        """
+        name = self._runner.name
+        if not isinstance(sample, np.ndarray) or sample.shape != self._sample.shape or sample.dtype.kind not in "fiu":
+            raise EstimationError(f"{name}: a sample is an array of {len(self._sample)} numbers for {self.channels}")
+        for value in sample.tolist():  # of a few numbers this is faster than arrays
+            if value > LARGEST_READING or value < -LARGEST_READING:
+                raise EstimationError(f"{name}: the sample {sample} is wild ({WILD})")
+        if (
+            not isinstance(time, (float, int, np.floating, np.integer))
+            or not -LATEST <= (time := _number(time)) <= LATEST
+        ):
+            raise EstimationError(f"{name}: the stamp is no time: a finite number of seconds is one")
+        if self._samples == 0:
+            self._start(time, sample)
+            dt = 0.0
+        else:
+            check_time(name, self._time, time, False)
+            dt = time - self._time
+        parts = predictions(dt, self._interval)
+        if parts > MOST_BRIDGES:
+            raise EstimationError(f"{name}: a gap of {dt:g} s is too long to bridge; call reset")
+        np.isfinite(sample, out=self._there)
+        self._sample[:] = sample
+        self._sample[~self._there] = 0.0
+        self._x[0] = dt / parts
+        for left in range(parts - 1, 0, -1):
+            fill(self._values, self._mask, self._sample, self._there, left, self._bridged)
+            self._loop.step()
+        self._values[:] = self._sample  # as `fill` does, without the call
+        self._mask[:] = self._there
+        self._loop.step()
+        self._time, self._samples = float(time), self._samples + 1
+        for i, k in enumerate(self._read):
+            self._innovations[i] = self._y[i] if self._there[k] else np.nan
+        angles = self._joints.tolist()
+        # a sum would warn of infinite terms; bytes are searched faster than an array is reduced
+        bounded = b"\0" not in np.isfinite(self._carry, out=self._finite).tobytes()
+        for angle in angles:
+            bounded = bounded and abs(angle) <= LARGEST_ANGLE
+        if not bounded:
+            raise EstimationError(f"{name}: left all bounds at {time:g} s; call reset")
+        return angles[0] if len(angles) == 1 else self.angles
+
+    def _start(self, time: float, sample: Floats) -> None:
+        """Begin with the prior, at the angles and with the std that `reset` was given."""
+        self._carry[:] = self._runner.initial(time, sample).carry
+        angles, std = self._begin
+        if angles is not None:
+            self._carry[self._angles] = angles
+        joints = np.arange(self._angles.stop)
+        self._diagonal[joints] = np.maximum(self._diagonal[joints], std * std)
+
+    def reset(self, angle: float | Sequence[float] | None = None, angle_std: float = 0.0) -> None:
+        """Forget everything: the next sample is the first.
+
+        Args:
+            angle: where the joint then probably is [rad], one number for each joint; default the rig's `initial`.
+            angle_std: how sure that is at best [rad]; the rig's own std where that is larger.
+
+        Raises:
+            EstimationError: there are more or fewer angles than joints.
+        """
+        given = None if angle is None else np.atleast_1d(np.asarray(angle, dtype=np.float64))
+        if given is not None and given.shape != (self._angles.stop,):
+            raise EstimationError(f"reset takes {self._angles.stop} angles, one for each joint, {angle!r} came")
+        self._begin = (given, angle_std)
+        self._samples, self._time = 0, float("nan")
+        self._innovations[:] = np.nan
+
+    @property
+    def rig(self) -> Rig:
+        """The description."""
+        return self._runner.rig
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the sensors in a sample."""
+        return self._runner.channels
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of those that have an innovation."""
+        return self._runner.measured
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the states."""
+        return self._runner.state_names
+
+    @property
+    def interval(self) -> float:
+        """Nominal time between samples [s]."""
+        return self._runner.interval
+
+    @property
+    def time(self) -> float:
+        """Stamp of the last sample [s]; NaN before the first."""
+        return self._time
+
+    @property
+    def samples(self) -> int:
+        """Number of samples since the first or the last `reset`."""
+        return self._samples
+
+    @property
+    def angle(self) -> float:
+        """Joint angle [rad].
+
+        Raises:
+            EstimationError: there are several joints.
+        """
+        return self._only(self._carry[self._angles], "angle")
+
+    @property
+    def angle_std(self) -> float:
+        """Standard deviation of its error [rad].
+
+        Raises:
+            EstimationError: there are several joints.
+        """
+        return self._only(self.angle_stds, "angle_std")
+
+    @property
+    def angles(self) -> Floats:
+        """Angles of the joints [rad], (n_joints,), a read-only view that changes with each step."""
+        return _view(self._carry[self._angles])
+
+    @property
+    def angle_stds(self) -> Floats:
+        """Standard deviations of their errors [rad], (n_joints,)."""
+        stds: Floats = np.sqrt(np.maximum(self._diagonal[self._angles], 0.0))
+        return stds
+
+    @property
+    def torque_names(self) -> tuple[str, ...]:
+        """Names of the torques from outside that are estimated: of each joint on which one can act."""
+        return self._torque_names
+
+    @property
+    def external_torques(self) -> Floats:
+        """Torques on these joints from outside [N m]."""
+        torques: Floats = self._carry[self._torques]
+        return torques
+
+    @property
+    def external_torque_stds(self) -> Floats:
+        """Standard deviations of their errors [N m]."""
+        stds: Floats = np.sqrt(np.maximum(self._diagonal[self._torques], 0.0))
+        return stds
+
+    def _only(self, values: Floats, name: str) -> float:
+        if len(values) != 1:
+            joints = ", ".join(joint.name for joint in self.rig.joints)
+            raise EstimationError(f"'{name}' is for rigs of one joint, this one has {joints}; use '{name}s'")
+        return float(values[0])
+
+    @property
+    def mean(self) -> Floats:
+        """State estimate, (n,), a read-only view that changes with each step."""
+        return self._mean
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of its error, (n, n), a read-only view that changes with each step."""
+        return self._covariance
+
+    @property
+    def innovations(self) -> Floats:
+        """Measured minus predicted, (m,), NaN where nothing was compared; a view that changes with each step."""
+        return _view(self._innovations)
+
+    @property
+    def innovation_variances(self) -> Floats:
+        """Their variances, (m,), a view that changes with each step."""
+        return _view(self._y[self._m : 2 * self._m])
+
+    def left_priors(self, far: float) -> tuple[str, ...]:
+        """Return the states that are numbers of the rig and now further from its values than their stds allow.
+
+        Args:
+            far: by so many prior standard deviations, their own doubt taken off.
+        """
+        if self._priors is None or self._samples == 0:
+            return ()
+        means, stds = self._priors
+        own = np.sqrt(np.maximum(self._diagonal, 0.0))
+        # NaN, of a state that is meant to move, compares as false
+        gone = np.abs(self._mean - means) - own > far * stds
+        return tuple(name for name, there in zip(self.state_names, gone & (stds > 0.0)) if there)
+
+    def belief(self) -> Belief:
+        """Return what is believed now, to keep: a copy.
+
+        Raises:
+            EstimationError: there was no sample yet.
+        """
+        if self._samples == 0:
+            raise EstimationError(f"{self._runner.name}: no sample was taken in yet")
+        carry = self._carry.copy()
+        carry.flags.writeable = False
+        return Belief(self._time, carry, self._n, self._samples)
+
+
+def _number(value: float) -> float:
+    """Return a number as Python's own; one that is too large is infinite."""
+    try:
+        return float(value)
+    except OverflowError:
+        return inf
+
+
+def _view(array: Floats) -> Floats:
+    view = array.view()
+    view.flags.writeable = False
+    return view

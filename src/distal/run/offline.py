@@ -1,0 +1,383 @@
+"""The one driver: an estimator, run over a whole log."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import DistalWarning, EstimationError
+from distal.estimators import (
+    DEFAULT,
+    LARGEST_ANGLE,
+    WILD,
+    AdaptiveFilter,
+    AffineEstimator,
+    Belief,
+    Estimator,
+    FullStateFilter,
+    KernelEstimator,
+    make_estimator,
+)
+from distal.homing.apply import begun_homed, calibrated, touched
+from distal.homing.reference import check_homing, homed, with_references
+from distal.homing.window import Window
+from distal.logs import LARGEST_READING, Log, frozen, read_log, true_angles, true_torques
+from distal.results import Estimate
+from distal.rig import Rig, load_rig
+
+Floats = NDArray[np.float64]
+
+
+def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Floats:
+    """Return the values of some channels of a log, (k, n_channels).
+
+    Args:
+        log: the log.
+        channels: names of sensors.
+        name: of the estimator, for messages.
+
+    Raises:
+        EstimationError: a channel is not in the log, has no value at all, or the log has fewer than two samples.
+    """
+    if len(log) < 2:
+        raise EstimationError(f"{log.source}: {len(log)} sample came; an estimate over time needs at least two")
+    columns = []
+    for channel in channels:
+        if channel not in log.channels:
+            known = ", ".join(log.channels) or "none"
+            raise EstimationError(
+                f"{log.source}: {name} needs the sensor '{channel}', which is not in the log (it has {known})"
+            )
+        if not np.any(np.isfinite(log.channels[channel])):
+            raise EstimationError(
+                f"{log.source}: sensor '{channel}' has no value at all; remove it from the rig, or mend the log"
+            )
+        columns.append(log.channels[channel])
+    samples = np.column_stack(columns)
+    return (
+        without_wild(log, channels, samples)
+        if np.fmax.reduce(np.abs(samples), axis=None) > LARGEST_READING
+        else samples
+    )
+
+
+def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
+    """Return the samples with wild values missing, and warn of each sensor that has them.
+
+    Args:
+        log: the log.
+        channels: names of sensors.
+        samples: their values, (k, n_channels).
+    """
+    wild = np.abs(samples) > LARGEST_READING
+    for channel, own in zip(channels, wild.T):
+        if own.any():
+            warnings.warn(
+                f"{log.source}: sensor '{channel}' has {int(own.sum())} wild value{'s' if own.sum() > 1 else ''}, the "
+                f"first at {log.time[own.argmax()]:g} s, taken as missing ({WILD})",
+                DistalWarning,
+                stacklevel=4,
+            )
+    return np.where(wild, np.nan, samples)
+
+
+def first_values(samples: Floats) -> Floats:
+    """Return the first value of each channel that is not missing, (n_channels,)."""
+    there = np.isfinite(samples)
+    values: Floats = samples[there.argmax(axis=0), np.arange(samples.shape[1])]
+    return values
+
+
+def estimate(
+    log: Any,
+    rig: Rig | str | Path,
+    estimator: str | Estimator = DEFAULT,
+    passes: int = 1,
+    truth: str | Path | None = None,
+    compiled: bool = True,
+    homing: float | None = None,
+) -> Estimate:
+    """Estimate the joint angle over a log.
+
+    Offline and online are the same calls: this is `Estimator.initial` with the first value of each channel, then
+    `Estimator.step` for every sample, in one loop.
+
+    Args:
+        log: sensors over time: a `Log`, the path of a CSV or Parquet file, or a polars or pandas frame (see `read_log`).
+        rig: the description, or a shipped rig's name, or a path.
+        estimator: a name (see `ESTIMATORS`), or anything that is an `Estimator`.
+        passes: how often to filter; each pass starts with the last covariance of the one before, as in the 2008 paper.
+        truth: where `log` is no `Log`: the true angle's column or file.
+        compiled: compile kernels where possible.
+        homing: for how long the truth is a reference that is used [s]; afterwards it is only compared with. Filters of
+            the displacement-driven kind read it as a sensor, `affine` learns from it, the others are shifted by their mean
+            error.
+
+    Raises:
+        EstimationError: the log lacks a sensor, the estimator cannot run on this rig, or there is nothing to home by.
+        LogError: the file cannot be read.
+        RigError: the rig is unknown or wrong.
+    """
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    if isinstance(log, Log) and truth is not None:
+        raise EstimationError("truth is for logs that are read; a Log has its own (Log(…, truth={'theta': …}))")
+    log = log if isinstance(log, Log) else read_log(log, rig, truth)
+    runner = runner_for(log, rig, estimator, compiled, homing)
+    if not isinstance(passes, int) or passes < 1:
+        raise EstimationError(f"passes must be at least 1, {passes!r} came")
+    if passes > 1 and not isinstance(runner, FullStateFilter):
+        raise EstimationError(
+            f"{runner.name} takes one pass; --passes is for the filters of the paper's kind (ekf-2008, ekf)"
+        )
+    run = prepared(log, runner, homing)
+    runner = run.runner
+    belief = run.start
+    for number in range(passes):
+        means, covariances, innovations, variances = runner.scan(belief, log.time, run.samples)
+        spreads = np.diagonal(covariances, axis1=1, axis2=2)
+        check_bounds(run, means, spreads)
+        if number < passes - 1:
+            belief = with_covariance(belief, covariances[-1])
+    return finished(run, means, spreads, innovations, variances, covariances)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A log, ready for an estimator.
+
+    Args:
+        log: as it came.
+        runner: the estimator.
+        samples: values of its channels, (k, n_channels).
+        start: what it believes before the first sample.
+        homing: for how long the truth is used [s], or None.
+    """
+
+    log: Log
+    runner: Estimator
+    samples: Floats
+    start: Belief
+    homing: float | None
+
+    @property
+    def reads_reference(self) -> bool:
+        """Whether homing is a sensor of the estimator."""
+        return self.homing is not None and reads_reference(self.runner)
+
+
+def reads_reference(runner: Estimator) -> bool:
+    """Return whether an estimator reads sensors of the joints' angles.
+
+    Args:
+        runner: the estimator.
+    """
+    return bool(references_of(runner))
+
+
+def references_of(runner: Estimator) -> dict[str, int]:
+    """Return channel → index of the joint, for each sensor of a joint's angle that an estimator reads.
+
+    Args:
+        runner: the estimator.
+    """
+    joints = [joint.name for joint in runner.rig.joints]
+    sensors = {sensor.name: joints.index(sensor.of) for sensor in runner.rig.sensors_of("angle")}
+    return {channel: sensors[channel] for channel in runner.channels if channel in sensors}
+
+
+def runner_for(
+    log: Log, rig: Rig, estimator: str | Estimator, compiled: bool = True, homing: float | None = None
+) -> Estimator:
+    """Return the estimator to run over a log, one that reads the reference where there is homing.
+
+    Args:
+        log: the log, or one like it.
+        rig: the description.
+        estimator: a name or a ready one.
+        compiled: compile kernels where possible.
+        homing: for how long the truth is used [s], or None.
+
+    Raises:
+        EstimationError: it is no estimator, or cannot run on this rig, or there is nothing to home by.
+    """
+    if not isinstance(estimator, (str, Estimator)):
+        raise EstimationError(f"an estimator is a name or one from make_estimator, {estimator!r} came")
+    if homing is not None:
+        rig, references = with_references(rig, known_early(log, homing))
+        check_homing(homing, log, [joint.name for joint in rig.joints])
+        if isinstance(estimator, str) and estimator in HOMED:
+            return AdaptiveFilter(rig, compiled, references=references)
+        if estimator == "affine":
+            return AffineEstimator(rig, compiled, homing=True)
+    return make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
+
+
+def known_early(log: Log, homing: float) -> Log:
+    """Return the log with the truth of those joints alone that have a value while homing.
+
+    Args:
+        log: the log.
+        homing: for how long the truth is used [s].
+    """
+    early = log.time - log.time[0] < homing
+    known = {name: values for name, values in log.truth.items() if np.isfinite(values[early]).any()}
+    return replace(log, truth=known) if known else log
+
+
+def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
+    """Return a log, ready for an estimator.
+
+    Args:
+        log: the log.
+        runner: the estimator; see `runner_for`.
+        homing: for how long the truth is used [s], or None.
+
+    Raises:
+        EstimationError: the log lacks a sensor.
+    """
+    read = log
+    if homing is not None:
+        if isinstance(runner, AffineEstimator):
+            runner = runner.after_homing(log, homing)
+        known = check_homing(homing, log, [joint.name for joint in runner.rig.joints])
+        early = log.time - log.time[0] < homing
+        for channel, joint in references_of(runner).items():
+            read = with_channel(read, channel, np.where(early, known[:, joint], np.nan))
+    samples = samples_of(read, runner.channels, runner.name)
+    start = runner.initial(log.time[0], first_values(samples))
+    if homing is not None and isinstance(runner, AdaptiveFilter) and references_of(runner):
+        if runner.discrepancy is not None:
+            runner, start, samples, _ = calibrated(runner, start, log, samples, known, homing)
+        else:
+            start = begun_homed(Window.of(runner, start, log, samples, known, homing))
+        if runner.contact is not None:
+            runner = touched(runner, log, samples, homing)
+    return Run(log, runner, samples, start, homing)
+
+
+def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
+    """Refuse an estimate that left all bounds.
+
+    Args:
+        run: of which.
+        means: (k, n).
+        spreads: variances, (k, n).
+
+    Raises:
+        EstimationError: see above; says from when on.
+    """
+    bad = out_of_bounds(means, spreads, len(run.runner.rig.joints))
+    if len(bad):
+        row = int(bad[0])
+        raise EstimationError(
+            f"{run.log.source}: {run.runner.name} left all bounds at {run.log.time[row]:g} s; check the units of the log "
+            "and the rig's stiffness and masses, or shorten stepping.largest_step"
+        )
+
+
+def finished(
+    run: Run, means: Floats, spreads: Floats, innovations: Floats, variances: Floats, covariances: Floats | None = None
+) -> Estimate:
+    """Return the estimate of a run.
+
+    Args:
+        run: of which.
+        means: (k, n).
+        spreads: variances of the states, (k, n).
+        innovations: (k, m).
+        variances: of the innovations, (k, m).
+        covariances: (k, n, n), or None where they are not kept.
+    """
+    log, runner = run.log, run.runner
+    joints = tuple(joint.name for joint in runner.rig.joints)
+    known, touched, early = true_angles(log, joints), true_torques(log, joints), None
+    if run.homing is not None and known is not None:
+        early = log.time - log.time[0] < run.homing
+        if not (run.reads_reference or isinstance(runner, AffineEstimator)):
+            means = means.copy()
+            means[:, : len(joints)] = homed(means[:, : len(joints)], known, early)
+        known = frozen(np.where(early[:, None], np.nan, known))
+    # a reference is no sensor of the estimate: what it said is in the states
+    references = references_of(runner)
+    columns = [i for i, name in enumerate(runner.measured) if name not in references]
+    if references:
+        innovations, variances = innovations[:, columns], variances[:, columns]
+    prior_means, prior_stds = priors_of(runner)
+    return Estimate(
+        runner.name,
+        runner.rig.name,
+        log.time,
+        runner.state_names,
+        frozen(means),
+        frozen(spreads),
+        tuple(runner.measured[i] for i in columns),
+        frozen(innovations),
+        frozen(variances),
+        known,
+        None if covariances is None else frozen(covariances),
+        joints,
+        runner.notes_of(means, run.samples) if isinstance(runner, KernelEstimator) else (),
+        prior_means,
+        prior_stds,
+        log.stamps,
+        frozen(np.where(early[:, None], np.nan, touched)) if touched is not None and early is not None else touched,
+    )
+
+
+def priors_of(runner: Estimator) -> tuple[Floats | None, Floats | None]:
+    """Return means and stds of the states that are numbers of the rig, before the first sample; NaN for the others.
+
+    Args:
+        runner: the estimator; None and None where it has no such states.
+    """
+    if not isinstance(runner, AdaptiveFilter):
+        return None, None
+    return runner.priors
+
+
+HOMED = frozenset({"adaptive"})
+"""Estimators that read a reference as a sensor; the others are shifted by their mean error."""
+
+
+def with_channel(log: Log, name: str, values: Floats) -> Log:
+    """Return the log with one more channel, or another one in its place.
+
+    Args:
+        log: the log.
+        name: of the channel.
+        values: SI, (k,).
+    """
+    return replace(log, channels={**log.channels, name: values})
+
+
+def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[np.intp]:
+    """Return the rows that are not finite, have a negative variance, or an angle that no joint has.
+
+    Args:
+        means: (k, n).
+        spreads: variances, (k, n).
+        n_joints: number of joints, whose angles come first.
+    """
+    angles = means[:, :n_joints]
+    # one pass where all is well: sums are finite only if all terms are
+    near = angles.max(initial=0.0) <= LARGEST_ANGLE and angles.min(initial=0.0) >= -LARGEST_ANGLE
+    with np.errstate(invalid="ignore", over="ignore"):
+        finite = np.isfinite(means.sum()) and np.isfinite(spreads.sum())
+    if near and finite and spreads.min() >= 0.0:
+        return np.zeros(0, dtype=np.intp)
+    far = np.any(np.abs(angles) > LARGEST_ANGLE, axis=1)
+    fine = np.isfinite(means).all(axis=1) & np.isfinite(spreads).all(axis=1) & (spreads >= 0.0).all(axis=1)
+    return np.flatnonzero(far | ~fine)
+
+
+def with_covariance(belief: Belief, covariance: Floats) -> Belief:
+    """Return the belief with another covariance, (n, n)."""
+    carry = np.array(belief.carry)
+    carry[belief.size : belief.size + belief.size**2] = covariance.ravel()
+    return Belief(belief.time, frozen(carry), belief.size, belief.samples)

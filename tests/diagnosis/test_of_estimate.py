@@ -1,0 +1,224 @@
+"""Self-diagnosis: what disagrees and from when on, what was tested, and what could not be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.cases import paper_log, paper_rig
+
+from distal import Estimate, Log, Rig, diagnose, estimate
+from distal.diagnosis import Finding
+from distal.diagnosis import diagnose_estimate as of_estimate
+from distal.diagnosis.of_estimate import LONGEST
+from distal.errors import EstimationError
+from distal.results import LARGE_PRIOR, SMALL
+
+
+def changed(log: Log, **channels: np.ndarray) -> Log:
+    return Log(log.time, {**log.channels, **channels}, dict(log.truth), log.source)
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return paper_rig("as the rig")
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return paper_log("servo", "as the rig", 0)
+
+
+def made(
+    innovations: np.ndarray | None = None,
+    end: float = 1.0,
+    std: float = 0.01,
+    middle: float | None = None,
+    friction: float = 0.0,
+    priors: bool = True,
+) -> Estimate:
+    """Return a constructed estimate: an angle, a factor with prior 1 ± 0.1 that is `end` ± `std` in the end, a friction."""
+    k = 1000
+    time = np.arange(k) / 100.0
+    factor = np.full(k, end) if middle is None else np.where(np.arange(k) <= k // 2, middle, end)
+    means = np.column_stack([np.zeros(k), factor, np.full(k, friction)])
+    variances = np.column_stack([np.full(k, 1e-4), np.full(k, std**2), np.full(k, 1e-4)])
+    variances[0, 2] = 1.0
+    values = np.random.default_rng(3).normal(size=(k, 2)) if innovations is None else innovations
+    return Estimate(
+        "adaptive",
+        "made",
+        time,
+        ("theta", "factor", "friction_left"),
+        means,
+        variances,
+        ("u1", "u2"),
+        values,
+        np.ones((k, 2)),
+        prior_means=np.array([np.nan, 1.0, np.nan]) if priors else None,
+        prior_stds=np.array([np.nan, 0.1, np.nan]) if priors else None,
+    )
+
+
+class TestConstructed:
+    """Each finding on an estimate that is made for it; white innovations of variance 1 are the reference."""
+
+    def test_white_innovations_are_consistent_and_say_what_was_tested(self) -> None:
+        found = diagnose(made())
+        assert found.consistent
+        assert found.tested == ("u1", "u2")
+        assert found.findings == ()
+        assert found.text.startswith("consistent: u1, u2 agree with the rig")
+
+    def test_a_state_far_from_its_prior(self) -> None:
+        """A stiffness of 0.065 ± 0.0006 of itself, prior 1 ± 0.1, was called consistent."""
+        found = diagnose(made(end=0.065, std=0.0006))
+        assert [one.kind for one in found.findings] == ["left its prior"]
+        assert found.findings[0].subject == "factor"
+        assert not found.consistent
+        assert "0.065 ± 0.0006" in found.text
+        assert "1 ± 0.1" in found.text
+
+    @pytest.mark.parametrize(("away", "left"), [(2.9, False), (3.2, True)])
+    def test_it_has_left_from_three_standard_deviations_on(self, away: float, left: bool) -> None:
+        assert diagnose(made(end=1.0 + 0.1 * away, std=0.01)).consistent is not left
+
+    def test_its_own_doubt_is_taken_off(self) -> None:
+        """3.2 standard deviations off, known to half of one: it may well be inside 3."""
+        assert diagnose(made(end=1.32, std=0.05)).consistent
+
+    def test_a_state_that_goes_on_walking(self) -> None:
+        """It moves by 1.5 prior stds where it has learned nothing since the middle: 150 times what it may."""
+        found = diagnose(made(middle=0.9, end=1.05))
+        assert "does not settle" in found.text
+        assert not found.consistent
+
+    def test_without_priors_nothing_is_said_of_them(self) -> None:
+        assert diagnose(made(end=0.065, priors=False)).consistent
+
+    def test_innovations_too_small_test_nothing(self) -> None:
+        """ν²/S of 0.02 is no agreement: S is then what the filter does not believe of the sensor."""
+        values = np.random.default_rng(4).normal(size=(1000, 2))
+        both = diagnose(made(np.sqrt(0.02) * values))
+        assert not both.consistent
+        assert both.tested == ()
+        assert both.text.startswith("not tested by u1")
+        one = diagnose(made(values * [1.0, np.sqrt(0.02)]))
+        assert one.consistent
+        assert one.tested == ("u1",)
+        assert "not tested by u2" in one.text
+        assert diagnose(
+            made(np.sqrt(2 * SMALL) * values)
+        ).consistent  # the mean of 900 squares errs by 5 %, not by half
+
+    def test_nothing_compared_is_not_consistent(self) -> None:
+        found = diagnose(made(np.full((1000, 2), np.nan)))
+        assert not found.consistent
+        assert found.text.startswith("not tested")
+
+    def test_friction_that_was_found(self) -> None:
+        found = diagnose(made(friction=0.6))
+        assert [one.kind for one in found.findings] == ["friction"]
+        assert not found.consistent
+
+    def test_drift_of_all_innovations(self) -> None:
+        noise = np.random.default_rng(5).normal(size=(1001, 2))
+        found = diagnose(made((noise[1:] + noise[:-1]) / np.sqrt(2) + np.sin(np.arange(1000) / 30)[:, None] * 0.5))
+        assert "drift" in found.text  # correlations of 0.56: half a noise's own, and the wave's
+        assert not found.consistent
+
+    @pytest.mark.parametrize(("weight", "white"), [(0.2, True), (0.5, False)])
+    def test_one_channel_that_is_not_white(self, weight: float, white: bool) -> None:
+        """ν_k = (w_k + a w_{k−1})/√(1 + a²) has the correlation a/(1 + a²): 0.19 and 0.4, ± 0.03 over 1000 samples."""
+        noise = np.random.default_rng(5).normal(size=(1001, 2))
+        values = noise[1:].copy()
+        values[:, 1] = (noise[1:, 1] + weight * noise[:-1, 1]) / np.sqrt(1 + weight**2)
+        found = diagnose(made(values))
+        assert found.consistent is white
+        assert [(one.kind, one.subject) for one in found.findings] == ([] if white else [("drifts", "u2")])
+
+    def test_what_else_was_found_counts_too(self) -> None:
+        other = Finding("other estimate", "elastic", "elastic lies elsewhere")
+        assert not of_estimate(made(), [other]).consistent
+        beyond = Finding("cannot test", "tendons.0.insertion.radius", "…")
+        found = of_estimate(made(), [beyond])
+        assert found.consistent
+        assert found.text.endswith("cannot test: tendons.0.insertion.radius")
+
+    def test_the_line_stays_one_line(self) -> None:
+        many = [Finding("cannot test", f"tendons.{i}.insertion.radius", "…") for i in range(20)]
+        text = of_estimate(made(), many).text
+        assert len(text) <= LONGEST
+        assert text.endswith(", …")
+        loud = [Finding("looks like", f"u{i}", f"u{i} looks like pounds, and so on and so forth") for i in range(20)]
+        text = of_estimate(made(), loud).text
+        assert len(text) <= LONGEST + len("; and 20 more")
+        assert "more" in text
+
+
+class TestLogs:
+    """On simulated logs, of which one thing is wrong."""
+
+    def test_which_sensor_disagrees_and_from_when_on(self, rig: Rig, log: Log) -> None:
+        assert diagnose(estimate(log, rig)).consistent
+        drift = np.where(log.time > 6.0, 4.0 * np.minimum(log.time - 6.0, 1.0), 0.0)
+        text = diagnose(estimate(changed(log, u2=log.channels["u2"] + drift), rig)).text
+        assert text.startswith("sensor u2 disagrees from ")
+        assert 5.5 <= float(text.split("from ")[1].split(" s")[0]) <= 8.0
+        noisy = changed(
+            log, **{f"u{i}": log.channels[f"u{i}"] + np.random.default_rng(i).normal(0, 0.9, len(log)) for i in (1, 2)}
+        )
+        assert "larger than expected" in diagnose(estimate(noisy, rig)).text
+        assert "not checked" in diagnose(estimate(log, rig, "elastic")).text
+
+    def test_undeclared_friction_is_named(self) -> None:
+        plant = "slider friction 1 N"
+        text = diagnose(estimate(paper_log("servo", plant, 0), paper_rig(plant))).text
+        assert "friction that the rig does not have" in text
+        assert "'left'" in text
+
+    def test_what_is_not_compared_is_said(self, rig: Rig, log: Log) -> None:
+        """A window of the stops that is far too small: forces count for nothing, and that is said."""
+        narrow = rig.with_values({f"drives.{i}.stops": [0.0, 0.002] for i in range(2)})
+        result = estimate(log, narrow)
+        assert np.mean(np.isfinite(result.innovations)) < 0.5
+        text = diagnose(result).text
+        assert "could be compared" in text
+        assert "could be compared" not in diagnose(estimate(log, rig)).text
+
+    def test_a_stiffness_that_is_three_times_too_large(self, rig: Rig, log: Log) -> None:
+        """806 N/m ± 10 % that the rig calls 2418 ± 10 %: the filter walks there, six stds from its prior."""
+        stiff = rig.with_values({f"tendons.{i}.stiffness": 2418.0 for i in range(2)})
+        found = diagnose(estimate(log, stiff))
+        assert not found.consistent
+        assert any((one.kind, one.subject) == ("left its prior", "tendons.stiffness.factor") for one in found.findings)
+
+    def test_an_angle_that_no_joint_has(self, rig: Rig, log: Log) -> None:
+        """A gear that was forgotten turns the joint round and round."""
+        result = estimate(log, rig)
+        means = result.means.copy()
+        for factor, said in ((250.0, False), (290.0, True)):
+            means[:, 0] = np.deg2rad(factor) * np.linspace(-0.5, 0.5, len(means))
+            found = diagnose(replace(result, means=means))
+            assert any(one.kind == "cannot be there" for one in found.findings) == said
+            assert ("covers 290°, which no joint does" in found.text) == said
+
+    def test_priors_are_those_of_the_rig(self, rig: Rig, log: Log) -> None:
+        result = estimate(log, rig)
+        assert result.prior_means is not None
+        assert result.prior_stds is not None
+        at = result.state_names.index("tendons.stiffness.factor")
+        assert (result.prior_means[at], result.prior_stds[at]) == pytest.approx((1.0, 0.1))
+        assert np.isnan(result.prior_stds[result.state_names.index("theta")])
+        assert np.isnan(result.prior_stds[result.state_names.index("friction_left")])
+        assert estimate(log, rig, "ekf").prior_means is None
+
+    def test_log_and_rig_come_together(self, rig: Rig, log: Log) -> None:
+        with pytest.raises(EstimationError, match="both the log and the rig"):
+            diagnose(estimate(log, rig), log)
+
+
+def test_the_limit_is_that_of_the_issue() -> None:
+    """Plants are drawn from two standard deviations at most, and three are what a rig's std allows."""
+    assert LARGE_PRIOR == 3.0

@@ -1,0 +1,68 @@
+"""What an encoder's own error, few logs and doubts make of a fit: bands that include it, stds that are kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from distal import Log, Rig, load_rig
+from distal.fitting.affine import AffineFit
+from distal.fitting.discrepancy import DiscrepancyFit, reference_std
+from distal.fitting.discrepancy_learning import _share_of_few
+from distal.fitting.fitted import Fitted, assignments
+from distal.fitting.reference_error import with_reference_error
+from distal.logs import FROM_SENSOR
+
+
+def log(source: str) -> Log:
+    time = np.arange(10) / 100.0
+    return Log(time, {}, {"theta": np.zeros(10)}, "log", source)
+
+
+@pytest.fixture
+def rig() -> Rig:
+    return load_rig("da-vinci-grasper")
+
+
+def test_an_encoders_offset_is_in_the_bands(rig: Rig) -> None:
+    affine = AffineFit(rig, rig, ("a",), None, (), ())
+    discrepancy = DiscrepancyFit(rig, rig, ("a",), None, (), ())
+    offset = np.deg2rad(0.35)
+    wider, corrected = with_reference_error(affine, discrepancy, rig, [log(f"column 'x', {FROM_SENSOR}")])
+    assert wider is not None
+    assert corrected is not None
+    before = affine.affine.joints[0].std
+    assert wider.affine.joints[0].std == pytest.approx(np.hypot(before, offset))
+    before = discrepancy.discrepancy.joints[0].std
+    assert corrected.discrepancy.joints[0].std == pytest.approx(np.hypot(before, offset))
+    same, alike = with_reference_error(affine, discrepancy, rig, [log("another file")])
+    assert same is affine
+    assert alike is discrepancy
+
+
+def test_what_the_reference_errs_by(rig: Rig) -> None:
+    noise = np.deg2rad(np.hypot(0.1, 0.09 / np.sqrt(12.0)))
+    expected = np.hypot(np.deg2rad(0.35), noise)
+    assert reference_std(rig, log(FROM_SENSOR)) == pytest.approx(expected, rel=1e-6)
+    assert reference_std(rig, log("the simulation")) == 0.0
+
+
+@pytest.mark.parametrize(("left", "std", "hold"), [(1.0, 0.05, False), (0.3, 0.03, False), (0.0, 0.0006, True)])
+def test_how_much_doubt_a_file_keeps(left: float, std: float, hold: bool) -> None:
+    """The standard error, at most so much of the prior's std, at least 0.2 % of the value; without any it is held."""
+    start = load_rig("capstan-joint").with_values({"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}})
+    path = "joints.0.friction.coefficient"
+    found = Fitted(path, (path,), "", 0.2, 0.1, 0.3, 0.05, True, False, (0.3,))
+    written = assignments([found], start, left)[path]
+    assert written["value"] == 0.3
+    assert written["std"] == pytest.approx(std)
+    assert written.get("hold", False) is hold
+
+
+def test_few_logs_share_the_filters_doubt_as_the_worst_needs() -> None:
+    """Errors of 0.2 and 0.4 stds need 0.4 at 95 %; Student's factor comes on top, and all of it is the most."""
+    rng = np.random.default_rng(2)
+    logs = [[(size * rng.normal(size=40000), np.ones(40000), np.ones(40000))] for size in (0.2, 0.4)]
+    assert _share_of_few(logs, 1.0) == pytest.approx(0.4, rel=0.02)
+    assert _share_of_few(logs, 2.0) == pytest.approx(0.8, rel=0.02)
+    assert _share_of_few(logs, 5.0) == 1.0

@@ -1,0 +1,86 @@
+"""What parameters of one make err by together, in a fit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from distal import Rig, load_rig
+from distal.fitting.fitted import Fitted, assignments
+from distal.fitting.selection import choose
+
+SPOOL = {"name": "spool", "std": 0.1}
+PATHS = ("tendons.0.stiffness", "tendons.1.stiffness")
+
+
+def rig_with(**stiffness: object) -> Rig:
+    return load_rig("pulley-antagonist").with_values(
+        {f"tendons.{key[1:]}.stiffness": x for key, x in stiffness.items()}
+    )
+
+
+def found(paths: tuple[str, ...], values: tuple[float, ...], error: float) -> Fitted:
+    return Fitted("it", paths, "N/m", 800.0, 80.0, values[0], error, True, False, values)
+
+
+def varied(rig: Rig) -> dict[str, tuple[tuple[str, ...], float]]:
+    free = choose(rig, rig.sensors_of("angle"), (), (), False, False)
+    return {part.name: (part.paths, part.std) for part in free if "stiffness" in part.name}
+
+
+def test_what_errs_together_is_varied_by_one_factor() -> None:
+    rig = rig_with(_0={"value": 800.0, "shared": SPOOL}, _1={"value": 500.0, "shared": SPOOL})
+    assert varied(rig) == {"tendons.*.stiffness": (PATHS, pytest.approx(80.0))}
+
+
+def test_what_also_errs_alone_is_varied_alone_with_both_spreads() -> None:
+    rig = rig_with(_0={"value": 800.0, "std": 60.0, "shared": SPOOL}, _1={"value": 500.0, "shared": SPOOL})
+    assert varied(rig) == {
+        "tendons.1.stiffness": (PATHS[1:], pytest.approx(50.0)),
+        "tendons.0.stiffness": (PATHS[:1], pytest.approx(100.0)),
+    }
+
+
+def test_equal_stds_alone_share_nothing() -> None:
+    alike = {"value": 800.0, "std": 80.0}
+    assert set(varied(rig_with(_0=alike, _1=alike))) == set(PATHS)
+
+
+def test_a_file_keeps_what_is_shared_where_all_were_varied_as_one() -> None:
+    rig = rig_with(_0={"value": 800.0, "shared": SPOOL}, _1={"value": 500.0, "shared": SPOOL})
+    after = rig.with_values(assignments([found(PATHS, (720.0, 450.0), 36.0)], rig))
+    assert after.sharing() == {"spool": dict.fromkeys(PATHS, pytest.approx(0.05))}
+    assert [tendon.stiffness.value for tendon in after.tendons] == [720.0, 450.0]
+
+
+def test_a_file_says_what_is_left_alone_where_one_of_them_was_varied() -> None:
+    rig = rig_with(_0={"value": 800.0, "shared": SPOOL}, _1={"value": 500.0, "shared": SPOOL})
+    after = rig.with_values(assignments([found(PATHS[:1], (720.0,), 36.0)], rig))
+    assert after.sharing() == {"spool": {PATHS[1]: 0.1}}
+    assert after.tendons[0].stiffness.std == pytest.approx(36.0)
+
+
+def test_a_file_drops_what_is_shared_where_each_was_varied_alone() -> None:
+    rig = rig_with(_0={"value": 800.0, "std": 60.0, "shared": SPOOL}, _1={"value": 500.0, "std": 9.0, "shared": SPOOL})
+    parts = [found(PATHS[:1], (720.0,), 36.0), found(PATHS[1:], (450.0,), 20.0)]
+    after = rig.with_values(assignments(parts, rig))
+    assert after.sharing() == {}
+    assert [tendon.stiffness.std for tendon in after.tendons] == [36.0, 20.0]
+
+
+def test_parts_of_one_limit_are_told_as_a_sum() -> None:
+    """A constant and a share of the load add up; a coefficient and a radius are multiplied."""
+    from types import SimpleNamespace
+
+    from distal.fitting.uncertainty import _line
+
+    def part(name: str) -> SimpleNamespace:
+        return SimpleNamespace(name=name, has_prior=True, spread=0.1, slope=lambda _: 1.0, value=lambda _: 0.5)
+
+    def told(one: str, other: str, *changes: float) -> str:
+        return _line([part(one), part(other)], [0.0, 0.0], np.array(changes))  # type: ignore[list-item]
+
+    friction = "drives.0.friction"
+    assert "only as a sum" in told(f"{friction}.constant", f"{friction}.load", 0.7, -0.7)
+    assert "only as a product" in told("joints.0.friction.coefficient", "joints.0.friction.radius", 0.7, -0.7)
+    assert "only as a ratio" in told("tendons.0.stiffness", "tendons.0.insertion.radius", 0.7, 0.7)

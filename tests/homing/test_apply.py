@@ -1,0 +1,80 @@
+"""Homing with a discrepancy: the rig's numbers by the filter, then the rest by Bayes' rule; the run reads no reference."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from distal import Log, Rig, estimate, load_rig
+from distal.estimators import AdaptiveFilter, Belief
+from distal.homing import Window, numbers_homed, plain_samples, with_references
+from distal.run import first_values, samples_of
+from tests.estimators.test_discrepancy import made
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    time = np.arange(0.0, 3.0, 0.005)
+    angle = 0.5 * np.sin(2 * np.pi * 0.7 * time)
+    torque = 0.06 * np.sin(2 * np.pi * 0.7 * time + 0.4)
+    return Log(time, {"motor_angle": angle, "motor_torque": torque}, {"theta": 0.6 * angle + 0.05})
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return load_rig("capstan-joint").with_values({"discrepancy": made().model_dump()})
+
+
+def test_without_its_correction_a_filter_is_the_plain_one(rig: Rig, log: Log) -> None:
+    truths = np.full((len(log), 1), np.nan)
+    runs = []
+    for each in (rig, rig.bare()):
+        runner = AdaptiveFilter(each, compiled=False)
+        samples = samples_of(log, runner.channels)
+        runs.append(plain_samples(runner, runner.initial(0.0, first_values(samples)), log, samples, truths))
+    np.testing.assert_allclose(runs[0].angles, runs[1].angles, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(runs[0].variances, runs[1].variances, rtol=1e-9)
+    np.testing.assert_allclose(runs[0].readings, runs[1].readings, rtol=0, atol=1e-15)
+
+
+def test_the_rigs_numbers_are_where_two_passes_leave_them(rig: Rig, log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sample by sample: the window twice, each pass from the prior with the numbers of the pass before."""
+    monkeypatch.setattr("distal.homing.window.Window.within", lambda *arguments: True)
+    described, references = with_references(rig.bare(), log)
+    runner = AdaptiveFilter(described, compiled=False, references=references)
+    samples = np.column_stack([samples_of(log, runner.channels[:2]), log.truth["theta"]])
+    samples[log.time >= 0.5, 2] = np.nan
+    start, truths = runner.initial(0.0, first_values(samples)), log.truth["theta"][:, None]
+    found = numbers_homed(Window.of(runner, start, log, samples, truths, 0.5))
+    lasting = np.flatnonzero(runner.states.lasting)
+    belief = start
+    for _ in range(2):
+        begun = belief
+        for time, sample in zip(log.time[:100], samples[:100]):
+            belief, _ = runner.step(belief, time, sample)
+        after = belief
+        carry = start.carry.copy()
+        carry[lasting] = after.mean[lasting]
+        belief = Belief(start.time, carry, start.size)
+    assert begun is not start
+    np.testing.assert_allclose(found.mean[lasting], after.mean[lasting], rtol=1e-10)
+    others = np.setdiff1d(np.arange(start.size), lasting)
+    np.testing.assert_array_equal(found.mean[others], start.mean[others])
+    square = np.ix_(lasting, lasting)
+    np.testing.assert_allclose(found.covariance[square], after.covariance[square], rtol=1e-8, atol=1e-18)
+    np.testing.assert_array_equal(found.covariance[np.ix_(others, others)], start.covariance[np.ix_(others, others)])
+    assert np.abs(found.mean[lasting] - start.mean[lasting]).max() > 0.0
+
+
+def test_a_homing_move_takes_off_what_it_shows(rig: Rig, log: Log) -> None:
+    """A constant error that the prior allows is gone after the move, and the move itself is not judged."""
+    wide = made().model_dump()
+    wide["joints"][0]["covariance"] = (
+        np.array(wide["joints"][0]["covariance"]) + np.diag([0.04, 0, 0, 0, 0, 0])
+    ).tolist()
+    described = rig.with_values({"discrepancy": wide})
+    before, after = estimate(log, described, compiled=False), estimate(log, described, compiled=False, homing=1.0)
+    assert np.isnan(after.errors()[log.time < 1.0]).all()
+    late = log.time >= 1.0
+    assert abs(np.mean(after.errors()[late])) < 0.5 * abs(np.mean(before.errors()[late]))
+    assert np.mean(after.theta_std[late]) < np.mean(before.theta_std[late])

@@ -1,0 +1,121 @@
+"""In a loop: the numbers of the whole log, no memory, and nothing silent about what is wrong."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from distal import (
+    LiveEstimator,
+    Log,
+    Monitor,
+    Rig,
+    estimate,
+    load_rig,
+    load_scenario,
+    make_estimator,
+    scenario_rig,
+    simulate,
+)
+from distal.errors import EstimationError
+from distal.run import samples_of
+from tests.export.helpers import spoiled
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return scenario_rig(load_scenario("series-2"))
+
+
+@pytest.fixture(scope="module")
+def log(rig: Rig) -> Log:
+    return simulate(rig, load_scenario("series-2"), 5)
+
+
+@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "interpreted"])
+@pytest.mark.parametrize("name", ["adaptive", "ekf", "elastic"])
+def test_the_numbers_are_those_of_the_functional_step(rig: Rig, log: Log, name: str, compiled: bool) -> None:
+    """Gaps and missing values included, to the last bit."""
+    bad = spoiled(log)
+    runner = make_estimator(name, rig, compiled)
+    samples = samples_of(bad, runner.channels)
+    live, belief = LiveEstimator(rig, runner), runner.initial(bad.time[0], samples[0])
+    for k in range(240):
+        angle = live.step(float(bad.time[k]), samples[k])
+        belief, innovation = runner.step(belief, bad.time[k], samples[k])
+        assert angle == live.angle == belief.mean[0]
+        np.testing.assert_array_equal(live.innovations, innovation.values)
+        np.testing.assert_array_equal(live.innovation_variances, innovation.variances)
+    np.testing.assert_array_equal(live.belief().carry, belief.carry)
+    np.testing.assert_array_equal(live.covariance, belief.covariance)
+    assert live.angle_std == np.sqrt(belief.covariance[0, 0])
+    assert live.samples == 240
+
+
+def test_the_numbers_are_those_of_the_whole_log(rig: Rig, log: Log) -> None:
+    live = LiveEstimator(rig)
+    samples = samples_of(log, live.channels)
+    angles = [live.step(float(t), sample) for t, sample in zip(log.time, samples)]
+    np.testing.assert_allclose(angles, estimate(log, rig).theta, atol=1e-14)
+    live.reset()
+    assert live.step(float(log.time[0]), samples[0]) == angles[0]
+
+
+def test_no_memory_is_taken(rig: Rig, log: Log) -> None:
+    """Two thousand steps leave nothing behind, and hold no array on the way."""
+    live = LiveEstimator(rig)
+    samples, times = samples_of(log, live.channels), [float(t) for t in log.time]
+    for k in range(100):
+        live.step(times[k], samples[k])
+    gc.collect()
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    for k in range(100, 700):
+        live.step(times[k], samples[k])
+    now, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert now - before < 1000
+    assert peak - before < 8 * live.belief().carry.size  # less than one belief
+
+
+def test_what_a_step_refuses(rig: Rig, log: Log) -> None:
+    live = LiveEstimator(rig)
+    samples = samples_of(log, live.channels)
+    with pytest.raises(EstimationError, match="no sample was taken in"):
+        live.belief()
+    with pytest.raises(EstimationError, match="is no time"):
+        live.step(np.nan, samples[0])
+    live.step(0.0, samples[0])
+    kept = live.belief().carry
+    for time, sample, said in (
+        (0.0, samples[1], "repeats"),
+        (-0.01, samples[1], "is late"),
+        (np.nan, samples[1], "is no time"),
+        (1e9, samples[1], "too long to bridge"),
+        (0.01, samples[1][:3], "array of 4 numbers"),
+        (0.01, [0.0, 0.0, 1.0, 1.0], "array of 4 numbers"),
+        (0.01, np.full(4, np.inf), "is wild"),
+    ):
+        with pytest.raises(EstimationError, match=said):
+            live.step(time, sample)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(live.belief().carry, kept)
+    for view in (live.mean, live.covariance, live.innovations):
+        with pytest.raises(ValueError, match="read-only"):
+            view[...] = 0.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_variances_are_never_negative_however_absurd_the_noise(seed: int) -> None:
+    """Sensors whose noise differs by 30 orders of magnitude: terms of the covariance cancel to less than their rounding."""
+    rng = np.random.default_rng(seed)
+    sets = [f"sensors.{name}.noise={10.0 ** rng.uniform(-19, 11)}" for name in ("x1", "u1", "x2", "u2")]
+    sets += [f"sensors.{name}.linearity=0" for name in ("x1", "x2")]
+    sets += [f"joints.0.initial={{value=0.0,std={10.0 ** rng.uniform(-12, 2)}}}"]
+    monitor = Monitor(live := LiveEstimator(load_rig("paper-2008-printed", sets), "ekf"))
+    for k in range(150):
+        reading = monitor.take(0.01 * k, np.array([1e-3 * np.sin(k / 20), 0.0, 2.0 + np.sin(k / 20), 2.0]))
+        assert np.diagonal(live.covariance).min() >= 0.0
+        assert np.isfinite(reading.angle_std) or reading.health == "bad"
