@@ -60,19 +60,19 @@ class Score:
     bound: float
 
 
-def made(name: str, rig: Rig) -> KernelEstimator:
+def estimator_named(name: str, rig: Rig) -> KernelEstimator:
     """Return an estimator or a rival of that name."""
     return RIVALS[name](rig) if name in RIVALS else make_estimator(name, rig)
 
 
 @lru_cache(maxsize=64)
 def _maker(name: str, plant: str) -> KernelEstimator:
-    return made(name, paper_rig(plant))
+    return estimator_named(name, paper_rig(plant))
 
 
 @lru_cache(maxsize=8)
 def _hand_maker(name: str, friction: str) -> KernelEstimator:
-    return made(name, hand_rig(friction))
+    return estimator_named(name, hand_rig(friction))
 
 
 def score(
@@ -229,7 +229,7 @@ def recorded() -> None:
         path = Path(folder) / "mujoco_rig" / f"mujoco_tension_{motion}.csv"
         log = read_log(path, rig, path.with_name(f"mujoco_tension_{motion}.truth.csv"))
         for name in (*ABLE, *RIVALS):
-            rows.append([label, name, *pooled([score(log, rig, made(name, rig), (label, "", name), 0)])])
+            rows.append([label, name, *pooled([score(log, rig, estimator_named(name, rig), (label, "", name), 0)])])
     table("accuracy-mujoco", "Logs that another simulator made", ["log", "estimator", *COLUMNS], rows)
 
 

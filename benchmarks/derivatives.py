@@ -43,7 +43,7 @@ def tangent_kernel(function: ca.Function, directions: int) -> Kernel:
 def derivatives(found: Likelihood) -> None:
     """Print the cost of one directional derivative of the whole filter, by forward mode and by differences."""
     rig = found.rig
-    runner = AdaptiveFilter(rig, references=found.references, given=[q for part in found.free for q in part.paths])
+    runner = AdaptiveFilter(rig, references=found.references, inputs=[q for part in found.free for q in part.paths])
     function = adaptive_function(runner.states, 4)
     belief = runner.initial(0.0, found.data[0].first)
     rows = found.data[0].rows[:ROWS]

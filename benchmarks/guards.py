@@ -127,7 +127,7 @@ Variant = tuple[Robustness, str]
 
 
 @lru_cache(maxsize=64)
-def made(variant: Variant, described: str, homed: bool) -> AdaptiveFilter:
+def filter_with(variant: Variant, described: str, homed: bool) -> AdaptiveFilter:
     """Return the filter of a rig with some guards; the same rig stands behind many logs."""
     robustness, constant = variant
     rig = build_rig(json.loads(described), "rig")
@@ -150,7 +150,7 @@ def score(job: tuple[Variant, int]) -> tuple[float, float]:
     rig, log = case.rig, case.log
     if case.homing is not None:
         rig, _ = with_references(rig, log)
-    runner = made(variant, rig.model_dump_json(), case.homing is not None)
+    runner = filter_with(variant, rig.model_dump_json(), case.homing is not None)
     try:
         found = estimate(log, runner.rig, runner, homing=case.homing)
     except DistalError:

@@ -69,12 +69,12 @@ def float_errors() -> None:
 
 
 _PRIOR = """
-static void {name}_called(const float* known, const float* mask, float* mean, float* spread, float* rest) {{
+static void {name}_called(const float* known, const float* mask, const float* p, float* mean, float* spread, float* rest) {{
   const float* arg[{sz_arg}];
   float* res[{sz_res}];
   casadi_int iw[{sz_iw}];
   float w[{sz_w}];
-  arg[0] = known; arg[1] = mask;
+  arg[0] = known; arg[1] = mask; arg[2] = p;
   res[0] = mean; res[1] = spread; res[2] = rest;
   {name}(arg, res, iw, w, 0);
 }}

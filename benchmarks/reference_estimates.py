@@ -36,6 +36,7 @@ from distal import (
     shipped_scenarios,
     simulate,
 )
+from distal.logs import TruthKind, TruthSource
 from distal.simulation import build_scenario
 
 Floats = NDArray[np.float64]
@@ -171,7 +172,8 @@ def save(path: Path, compiled: bool) -> None:
             "channels": list(case.log.channels),
             "truth": list(case.log.truth),
             "source": case.log.source,
-            "truth_source": case.log.truth_source,
+            "truth_source": case.log.truth_source.place,
+            "truth_kind": case.log.truth_kind.value,
             "estimates": {},
         }
         arrays[f"{i}/time"] = case.log.time
@@ -196,7 +198,10 @@ def stored_log(held: Any, i: int, entry: dict[str, Any]) -> Log:
     """Return a stored log."""
     channels = {name: held[f"{i}/channels/{j}"] for j, name in enumerate(entry["channels"])}
     truth = {name: held[f"{i}/truth/{j}"] for j, name in enumerate(entry["truth"])}
-    return Log(held[f"{i}/time"], channels, truth, entry["source"], entry["truth_source"])
+    said = entry["truth_source"]
+    kind = entry.get("truth_kind", "sensor" if said.endswith("the reference sensor") else "unknown")  # older files
+    source = TruthSource(TruthKind(kind), said)
+    return Log(held[f"{i}/time"], channels, truth, entry["source"], source)
 
 
 def farthest(now: Floats, then: Floats) -> float:

@@ -24,7 +24,7 @@ from tests.fuzzing.streams import Stream
 
 from benchmarks.report import table
 from distal import load_rig, load_scenario, scenario_rig
-from distal.logs.apart import _Reader
+from distal.logs.reader_process import _Reader
 
 WORKERS = 2
 MOST = 2.0

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import Belief, Innovation, KernelEstimator, Robustness, channels_of
-from distal.estimators.adaptive import Setup, StateVector
+from distal.estimators.adaptive import FilterContext, StateVector
 from distal.estimators.adaptive.drive_tracking import MEMORY, UNKNOWN, Tracks, tracking
 from distal.estimators.adaptive.estimator import LONGEST_SUBSTEP
 from distal.estimators.adaptive.measurement import Row, rows_of
@@ -18,6 +18,7 @@ from distal.estimators.adaptive.states.external_torque import ExternalTorque
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
 from distal.estimators.channels import UNKNOWN_PLACE
 from distal.estimators.contract import innovation
+from distal.estimators.state_kinds import StateKind
 from distal.logs import frozen
 from distal.model import Kick, Mechanism, kick_and_drift, responses
 from distal.rig import Rig
@@ -32,7 +33,7 @@ def states_of(rig: Rig, name: str) -> StateVector:
         rig: the description.
         name: of the estimator, for messages.
     """
-    return StateVector(Setup(Mechanism(rig), channels_of(rig, name), Robustness()))
+    return StateVector(FilterContext(Mechanism(rig), channels_of(rig, name), Robustness()))
 
 
 class EnsembleFilter(KernelEstimator, ABC):
@@ -52,7 +53,7 @@ class EnsembleFilter(KernelEstimator, ABC):
 
     def __init__(self, name: str, rig: Rig, size: int) -> None:
         states = states_of(rig, name)
-        setup, channels = states.setup, states.setup.channels
+        context, channels = states.context, states.context.channels
         self._states, self._size = states, size
         count = max(1, int(np.ceil(channels.interval / LONGEST_SUBSTEP - 1e-9)))
         self._track = tracking(states)
@@ -62,7 +63,7 @@ class EnsembleFilter(KernelEstimator, ABC):
             name,
             rig,
             None,
-            setup.mechanism.parameters.values,
+            context.mechanism.parameters.values,
             channels.names,
             tuple(sensor.name for sensor in channels.compared),
             states.names,
@@ -108,7 +109,17 @@ class EnsembleFilter(KernelEstimator, ABC):
     @property
     def bridged(self) -> int:
         """Number of displacements, the first of the channels: they cross gaps in a straight line."""
-        return len(self._states.setup.channels.positions)
+        return len(self._states.context.channels.positions)
+
+    @property
+    def state_kinds(self) -> tuple[StateKind, ...]:
+        """What each state is, (n,)."""
+        return self._states.state_kinds
+
+    @property
+    def state_parts(self) -> tuple[str, ...]:
+        """The part that each state is of, (n,)."""
+        return self._states.state_parts
 
     @abstractmethod
     def _advance(self, carry: Floats, row: Floats, key: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
@@ -116,28 +127,33 @@ class EnsembleFilter(KernelEstimator, ABC):
 
     def _process_stds(self, dt: float) -> Floats:
         """Return the standard deviation that each state gains over an interval, (n,)."""
-        states, setup = self._states, self._states.setup
+        states, context = self._states, self._states.context
         stds: Floats = states.walks * np.sqrt(dt)
-        for j in range(setup.n_joints):
-            stds[setup.n_joints + j] = setup.unmodelled(j) * np.sqrt(dt)
+        for j in range(context.n_joints):
+            stds[context.n_joints + j] = context.unmodelled(j) * np.sqrt(dt)
         for at, fade, std in torque_fadings(states, dt):
             stds[at] = std * np.sqrt(1 - float(fade) ** 2)
         return stds
 
-    def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return mean, covariance and memory before the first sample: the drives rest where it says."""
-        states, setup = self._states, self._states.setup
-        memory = np.zeros((setup.n_drives, MEMORY))
+    def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return mean, covariance and memory before the first sample: the drives rest where it says.
+
+        Args:
+            sample: the first values, NaN where missing, (n_channels,).
+            p: the kernel's parameters, (n_p,).
+        """
+        states, context = self._states, self._states.context
+        memory = np.zeros((context.n_drives, MEMORY))
         for i, drive in enumerate(self.rig.drives):
-            sensor = setup.position_sensor(i)
+            sensor = context.position_sensor(i)
             if sensor is not None:
-                read = sample[setup.channels.names.index(sensor.name)] - sensor.bias.value
+                read = sample[context.channels.names.index(sensor.name)] - sensor.bias.value
                 known = bool(np.isfinite(read))
                 memory[i, 0], memory[i, UNKNOWN] = (read, 0.0) if known else (0.0, UNKNOWN_PLACE[drive.kind] ** 2)
         return (
             states.means,
             np.diag(states.stds**2),
-            np.concatenate([memory.ravel(), np.zeros(setup.n_drives), self._own_memory()]),
+            np.concatenate([memory.ravel(), np.zeros(context.n_drives), self._own_memory()]),
         )
 
     def _own_memory(self) -> Floats:
@@ -167,13 +183,13 @@ def move_function(states: StateVector, count: int) -> ca.Function:
         states: the state vector.
         count: sub-steps.
     """
-    setup, mechanism, n = states.setup, states.setup.mechanism, len(states)
-    nd, nj, nb = setup.n_drives, setup.n_joints, mechanism.n_bodies
+    context, mechanism, n = states.context, states.context.mechanism, len(states)
+    nd, nj, nb = context.n_drives, context.n_joints, mechanism.n_bodies
     state, shift, before = ca.SX.sym("state", n), ca.SX.sym("shift", nd), ca.SX.sym("before", nd)
     vector, dt, h = ca.SX.sym("tracks", Tracks.size(nd)), ca.SX.sym("dt"), ca.SX.sym("h")
     p, tracks, starts, speeds = mechanism.parameters.symbols, Tracks(vector, nd), [], []
     for i in range(nd):
-        measured = setup.position_sensor(i) is not None
+        measured = context.position_sensor(i) is not None
         error = shift[i] if measured else 0
         first = states.place(i, before[i], state) + error
         last = states.place(i, tracks[i].place, state) + error
@@ -211,15 +227,15 @@ def compare_function(states: StateVector) -> ca.Function:
     Args:
         states: the state vector.
     """
-    setup, n, nd = states.setup, len(states), states.setup.n_drives
+    context, n, nd = states.context, len(states), states.context.n_drives
     state, kept, before = ca.SX.sym("state", n), ca.SX.sym("kept", nd), ca.SX.sym("before", nd)
-    vector, x = ca.SX.sym("tracks", Tracks.size(nd)), ca.SX.sym("x", setup.width)
+    vector, x = ca.SX.sym("tracks", Tracks.size(nd)), ca.SX.sym("x", context.width)
     tracks, dt = Tracks(vector, nd), x[0]
     rates = [ca.if_else(dt > 0, (tracks[i].place - before[i]) / ca.if_else(dt > 0, dt, 1), 0) for i in range(nd)]
     memory: list[Any] = [kept[i] for i in range(nd)]
     comparisons, rows = [], rows_of(states, state, tracks, ca.vertcat(*rates), x)
     for row in rows:
-        comparison, remembered = _compared(setup, row, tracks, kept, x)
+        comparison, remembered = _compared(context, row, tracks, kept, x)
         comparisons.append(comparison)
         if row.drive is not None:
             memory[row.drive] = ca.if_else(row.mask > 0, remembered, kept[row.drive])
@@ -229,21 +245,21 @@ def compare_function(states: StateVector) -> ca.Function:
         [row.mask for row in rows],
         memory,
     ]
-    arguments = [state, kept, vector, before, x, setup.mechanism.parameters.symbols]
+    arguments = [state, kept, vector, before, x, context.mechanism.parameters.symbols]
     return ca.Function("compare", arguments, ca.cse([ca.densify(ca.vertcat(*part)) for part in outputs]))
 
 
-def _compared(setup: Setup, row: Row, tracks: Tracks, kept: Any, x: Any) -> tuple[Comparison, Any]:
+def _compared(context: FilterContext, row: Row, tracks: Tracks, kept: Any, x: Any) -> tuple[Comparison, Any]:
     """Return how a force is compared, and what to remember of its drive: a mean pull where the rig declares friction.
 
     The pull is averaged, not the residual: each state has its own tension, which may just have changed.
     """
     if row.drive is None:
         return Comparison(row.residual, row.variance, None), None
-    sensor, before = setup.force_sensor(row.drive), kept[row.drive]
-    pull = setup.value(x, sensor) if sensor is not None and setup.declares_friction(row.drive) else None
+    sensor, before = context.force_sensor(row.drive), kept[row.drive]
+    pull = context.value(x, sensor) if sensor is not None and context.declares_friction(row.drive) else None
     if pull is not None:
         before = row.residual + ca.if_else(before == 0, pull, before) - pull
     residual = Residual(row.residual, row.limit, row.asymmetry, row.variance, 0, 0, before, row.mask)
-    comparison = compared(setup, row.drive, tracks[row.drive], residual, x[0])
+    comparison = compared(context, row.drive, tracks[row.drive], residual, x[0])
     return comparison, comparison.memory if pull is None else comparison.memory - row.residual + pull

@@ -12,6 +12,7 @@ import numpy as np
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import StateVector
 from distal.estimators.adaptive.drive_tracking import MEMORY, tracking
+from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.measurement import row_functions
 from distal.estimators.adaptive.motion import Moved, moved
 from distal.estimators.adaptive.play import play
@@ -48,13 +49,13 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
         count: sub-steps per interval.
         updates: how often each row is linearised.
     """
-    n, nd, setup = len(states), states.setup.n_drives, states.setup
-    carry, x = ca.MX.sym("carry", n + n * n + nd * (MEMORY + 1)), ca.MX.sym("x", setup.width)
-    p = ca.MX.sym("p", len(setup.mechanism.parameters))
+    n, nd, context = len(states), states.context.n_drives, states.context
+    carry, x = ca.MX.sym("carry", n + n * n + nd * (MEMORY + 1)), ca.MX.sym("x", context.width)
+    p = ca.MX.sym("p", len(context.mechanism.parameters))
     mean, covariance = carry[:n], ca.reshape(carry[n : n + n * n], n, n)
     memory, forces = carry[n + n * n : n + n * n + nd * MEMORY], carry[n + n * n + nd * MEMORY :]
     tracks = tracking(states)(mean, memory, x, p)
-    motion = moved(states, count, mean, covariance, memory, tracks, x, p)
+    motion = moved(states, count, mean, covariance, Interval(tracks, memory, x, p))
     parts = [getattr(motion, field.name) for field in fields(Moved)]
     given = [mean, covariance, *parts, tracks, memory, forces, x, p]
     after, spread, kept, y = _scalars(states, given, updates)(*given)
@@ -73,16 +74,17 @@ def _scalars(states: StateVector, given: Sequence[Any], updates: int) -> ca.Func
 def _corrected(states: StateVector, given: Sequence[Any], updates: int) -> tuple[Any, Any, Any, Any]:
     """Return mean, covariance, what is remembered of the drives' forces, and y, once the joints have moved."""
     mean, covariance, *joints, tracks, memory, forces, x, p = given
-    motion = Moved(*joints)
-    state, spread = predicted(states, mean, covariance, motion, tracks, memory, x, p)
+    motion, interval = Moved(*joints), Interval(tracks, memory, x, p)
+    state, spread = predicted(states, mean, covariance, motion, interval)
     transition = ca.MX(ca.DM.eye(len(states)).full())  # asked for by `revert` and `play`; only smoothing reads it
-    revert(states, state, spread, transition, x, p)
-    spread = symmetric(spread)
-    kept = [forces[i] for i in range(states.setup.n_drives)]
-    for i in range(states.setup.n_drives):
+    prediction = Prediction(state, spread, transition)
+    revert(states, prediction, interval)
+    prediction = Prediction(state, symmetric(spread), transition)
+    kept = [forces[i] for i in range(states.context.n_drives)]
+    for i in range(states.context.n_drives):
         if states.transmitted(i) is not None:
-            kept[i] = play(states, i, state, spread, transition, tracks, motion.rates, kept[i], x, p)
-    after, spread, kept, y = iterated_update(states, state, spread, tracks, motion.rates, kept, x, p, updates)
+            kept[i] = play(states, i, prediction, motion.rates, kept[i], interval)
+    after, spread, kept, y = iterated_update(states, prediction, motion.rates, kept, interval, updates)
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
             after[at] = ca.fmax(after[at], lowest)
@@ -90,33 +92,24 @@ def _corrected(states: StateVector, given: Sequence[Any], updates: int) -> tuple
 
 
 def iterated_update(
-    states: StateVector,
-    prior: Any,
-    covariance: Any,
-    tracks: Any,
-    rates: Any,
-    memory: Sequence[Any],
-    x: Any,
-    p: Any,
-    updates: int,
+    states: StateVector, prediction: Prediction, rates: Any, memory: Sequence[Any], interval: Interval, updates: int
 ) -> tuple[Any, Any, list[Any], Any]:
     """Return what `adaptive`'s update returns; each row is linearised at the prior, then where it has moved the state.
 
     Args:
         states: the state vector.
-        prior: state before, (n,).
-        covariance: before, (n, n).
-        tracks: of the drives.
+        prediction: for the sample.
         rates: mean speed of each drive over the interval.
         memory: what is remembered of each drive's force.
-        x: the sample.
-        p: the model's parameters.
+        interval: with its sample.
         updates: how often each row is linearised.
     """
+    prior, covariance = prediction.state, prediction.covariance
+    tracks, x, p = interval.tracks, interval.x, interval.p
     rows, table = row_functions(states)
     mean, kept, innovations, spreads = ca.MX(prior), list(memory), list[Any](), list[Any]()
     for k, row in enumerate(rows):
-        compare, weigh = comparison_function(states, row), weights(states.setup.robustness, row.trusted)
+        compare, weigh = comparison_function(states, row), weights(states.context.robustness, row.trusted)
         remembered, point = ca.MX(0) if row.drive is None else kept[row.drive], ca.MX(prior)
         for _ in range(updates):
             values, *slopes = table(point, tracks, rates, x, p)
@@ -137,7 +130,7 @@ def iterated_update(
         for at, share in shares.items():
             change[at] *= share
         if row.drive is not None:
-            kept[row.drive] = after + _along(slope, change) if states.setup.declares_friction(row.drive) else after
+            kept[row.drive] = after + _along(slope, change) if states.context.declares_friction(row.drive) else after
         mean = mean + change
         covariance = reduced(shares, covariance, root * across, loops=False)
         innovations.append(shown)

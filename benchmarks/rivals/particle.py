@@ -34,14 +34,14 @@ class ParticleFilter(EnsembleFilter):
         self._seed = seed
 
     def _own_memory(self) -> Floats:
-        n, nd = len(self._states), self._states.setup.n_drives
+        n, nd = len(self._states), self._states.context.n_drives
         rng = np.random.default_rng([self._seed, 0])
         states = self._states.means[:, None] + self._states.stds[:, None] * rng.normal(size=(n, self._size))
         kept, weights = np.zeros((nd, self._size)), np.full(self._size, -np.log(self._size))
         return np.concatenate([self._lowest(states).ravel(), kept.ravel(), weights])
 
     def _advance(self, carry: Floats, row: Floats, key: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
-        n, nd, size = len(self._states), self._states.setup.n_drives, self._size
+        n, nd, size = len(self._states), self._states.context.n_drives, self._size
         rng = np.random.default_rng([self._seed, 1 + key[0], key[1]])
         start = n + n * n
         memory, rest = carry[start : start + nd * MEMORY], carry[start + nd * (MEMORY + 1) :]
@@ -61,7 +61,7 @@ class ParticleFilter(EnsembleFilter):
         prior = np.exp(logs - logs.max())
         prior /= prior.sum()
         # a wild force counts no more than a far one
-        squares = np.minimum(residuals**2 / variances, self._states.setup.robustness.wild_force)
+        squares = np.minimum(residuals**2 / variances, self._states.context.robustness.wild_force)
         logs = logs - 0.5 * (masks * (squares + np.log(variances))).sum(axis=0)
         expected = (prior * residuals).sum(axis=1)
         spread = (prior * (residuals - expected[:, None]) ** 2).sum(axis=1) + (prior * variances).sum(axis=1)
@@ -88,7 +88,7 @@ class ParticleFilter(EnsembleFilter):
         size = self._size
         chosen = np.searchsorted(np.cumsum(weights), (rng.random() + np.arange(size)) / size).clip(0, size - 1)
         states, kept = states[:, chosen], kept[:, chosen]
-        static = slice(2 * self._states.setup.n_joints + len(torque_fadings(self._states, 0.0)), None)
+        static = slice(2 * self._states.context.n_joints + len(torque_fadings(self._states, 0.0)), None)
         spread = np.sqrt(np.maximum(np.diag(covariance)[static], 0.0))
         jitter = np.sqrt(1 - SHRINK**2) * spread[:, None] * rng.normal(size=states[static].shape)
         states[static] = SHRINK * states[static] + (1 - SHRINK) * mean[static, None] + jitter

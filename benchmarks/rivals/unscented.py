@@ -33,7 +33,7 @@ class UnscentedFilter(EnsembleFilter):
         return points
 
     def _advance(self, carry: Floats, row: Floats, key: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
-        n, nd = len(self._states), self._states.setup.n_drives
+        n, nd = len(self._states), self._states.context.n_drives
         start = n + n * n
         mean, covariance = carry[:n], carry[n:start].reshape(n, n)
         memory, kept = carry[start : start + nd * MEMORY], carry[start + nd * MEMORY : start + nd * (MEMORY + 1)]
@@ -58,7 +58,7 @@ class UnscentedFilter(EnsembleFilter):
         there = np.flatnonzero(masks[:, 0] > 0)
         if len(there):
             together = (residuals - expected[:, None]) @ (residuals - expected[:, None]).T / self._size
-            wild = expected**2 / (self._states.setup.robustness.wild_force * spreads)
+            wild = expected**2 / (self._states.context.robustness.wild_force * spreads)
             robust = variances.mean(axis=1) * np.maximum(1.0, wild)
             together = together[np.ix_(there, there)] + np.diag(robust[there])
             gain = np.linalg.solve(together, crosses[:, there].T).T

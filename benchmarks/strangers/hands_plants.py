@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from benchmarks.cable import Cable
 from benchmarks.strangers.library import Log, Rig, build_rig
-from distal.logs import FROM_SENSOR
+from distal.logs import FROM_SENSOR, TruthKind, TruthSource
 
 Floats = NDArray[np.float64]
 
@@ -28,6 +28,7 @@ LOW, HIGH = 0.0, 1.45
 """Stops of the finger [rad]."""
 COUNTS, GEAR, TORQUE_CONSTANT = 2000, 50.0, 0.012
 """Of the motor: counts per turn of its own shaft, its turns for one of the spool, N m/A at its own shaft."""
+PLANT = TruthSource(TruthKind.SIMULATION, "the plant")
 OFFSET = np.deg2rad(0.15)
 """Of the encoder at the joint in calibration logs."""
 
@@ -115,7 +116,7 @@ def bowden_log(seed: int, kind: str, duration: float = DURATION) -> Log:
     channels = {"motor": counted, "current": TORQUE_CONSTANT * GEAR * current}
     theta = angles + encoder + np.deg2rad(0.03) * rng.normal(size=len(turn))
     return Log(
-        time, channels, {"theta": theta}, f"finger {kind} {seed}", FROM_SENSOR if kind == "calibration" else "the plant"
+        time, channels, {"theta": theta}, f"finger {kind} {seed}", FROM_SENSOR if kind == "calibration" else PLANT
     )
 
 
@@ -229,7 +230,7 @@ def ropes_log(seed: int, kind: str, duration: float = DURATION) -> Log:
     time = np.arange(len(mean)) / RATE
     theta = angles + np.deg2rad(0.03) * rng.normal(size=len(mean))
     return Log(
-        time, measured, {"theta": theta}, f"ropes {kind} {seed}", FROM_SENSOR if kind == "calibration" else "the plant"
+        time, measured, {"theta": theta}, f"ropes {kind} {seed}", FROM_SENSOR if kind == "calibration" else PLANT
     )
 
 

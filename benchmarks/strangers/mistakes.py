@@ -162,8 +162,7 @@ def judged(kind: str, where: str, mistake: Mistake) -> Record:
         return Record(NAME, kind, where, "adaptive", 90.0, 0.0, 0.0, False, FLAGGED)
     # signs and units that would explain it take long, and change nothing here
     verdict = diagnosed(result, mistake.log, mistake.rig, what_if=False)
-    says = verdict.text.startswith(("not checked", "not tested"))
-    note = MISSED if verdict.consistent else UNTESTED if says else FLAGGED
+    note = MISSED if verdict.consistent else UNTESTED if verdict.untested else FLAGGED
     if note != FLAGGED:
         found = getattr(diagnosed(result, mistake.log, mistake.rig), "findings", ())
         if {one.subject for one in found if one.kind == "cannot test"} & mistake.names:

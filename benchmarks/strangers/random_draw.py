@@ -217,7 +217,7 @@ class Draw:
                 made.append(sensor)
         return made
 
-    def made(self) -> tuple[dict[str, Any], dict[str, Any], str]:
+    def raw(self) -> tuple[dict[str, Any], dict[str, Any], str]:
         """Return the raw rig, the raw scenario without its plant, and the rig in words."""
         self.bends = (self.between(0.03, 0.15), float(self.rng.uniform(0.5, 3.0))) if self.often(SELDOM) else None
         joint = self.joint()

@@ -52,7 +52,7 @@ def random_case(seed: int, change: Callable[[dict[str, Any]], dict[str, Any]] = 
     """
     for attempt in count():
         rng = np.random.default_rng([seed, attempt, TAG])
-        raw, scenario, about = Draw(rng).made()
+        raw, scenario, about = Draw(rng).raw()
         raw = change(raw)
         try:
             rig = build_rig(raw, f"random rig {seed}")

@@ -84,15 +84,15 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else " " if c in "\n\t\r" else repr(c)[1:-1] for c in text)
 
 
-def did_you_mean(given: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return a hint that names the nearest known word and lists all, e.g. ``; did you mean 'mass'? (known: …)``.
 
     Args:
-        given: the word that came.
+        word: the word that came.
         known: the words that are allowed.
     """
     names = sorted(name if len(name) <= 40 else name[:39] + "…" for name in known)
-    near = get_close_matches(given, names, n=1, cutoff=0.5)
+    near = get_close_matches(word, names, n=1, cutoff=0.5)
     hint = f"; did you mean '{near[0]}'?" if near else ""
     more = f" and {len(names) - 20} more" if len(names) > 20 else ""
     return f"{hint} (known: {', '.join(names[:20])}{more})" if names else hint

@@ -35,7 +35,7 @@ from distal.errors import EstimationError, RigError
 from distal.estimators import AdaptiveFilter, directions
 from distal.estimators.adaptive.motion import _acting, _substep
 from distal.estimators.kinematic_chain import unseen_covariance
-from distal.logs import write_log
+from distal.logs import TruthKind, write_log
 from distal.model import responses
 from distal.reports import draw_rig
 from distal.reports.rig_drawing import moment_arms
@@ -117,8 +117,8 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
     rig = load_rig("finger-n-plus-1")
     runner = AdaptiveFilter(rig, compiled=False)
     states = runner.states
-    setup, acting = states.setup, _acting(states)
-    mechanism, step = setup.mechanism, _substep(states)
+    context, acting = states.context, _acting(states)
+    mechanism, step = context.mechanism, _substep(states)
     p, nj, nd, h = mechanism.parameters, 3, 4, 7e-4
     prepared = ca.Function("r", [p.symbols], [responses(mechanism, h, h, rebounds=False)])(p.values)
     mean = np.array(states.means)
@@ -174,7 +174,8 @@ def test_homing_of_some_joints(rig: Rig, log: Log) -> None:
     marked, described = at_known_angle(replace(log, truth={}), rig, 0.5, np.deg2rad(25), np.deg2rad(0.5), joint="pip")
     assert [sensor.name for sensor in described.sensors_of("angle")] == ["home_pip"]
     marked, described = at_known_angle(marked, described, 0.5, np.deg2rad(20), np.deg2rad(0.5), joint="mcp")
-    assert marked.truth_source.startswith("pip 25° ± 0.5° at home, mcp 20° ± 0.5° at home")
+    assert str(marked.truth_source).startswith("pip 25° ± 0.5° at home, mcp 20° ± 0.5° at home")
+    assert marked.truth_kind is TruthKind.HOME
     both = estimate(marked, described, homing=0.5)
     assert np.rad2deg(both.angle_stds[50]).max() < 0.7
     with pytest.raises(

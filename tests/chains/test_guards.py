@@ -30,10 +30,10 @@ def test_a_chain_has_guards_of_its_own() -> None:
 def test_a_force_beyond_friction_counts_once_in_a_while(time: float, factor: float) -> None:
     """At 200 Hz 0.2 s are 40 samples: each has 40 times its variance."""
     rig = load_rig("wrist-instrument")
-    setup = AdaptiveFilter(rig, compiled=False, robustness=Robustness(beyond_time=time)).states.setup
+    context = AdaptiveFilter(rig, compiled=False, robustness=Robustness(beyond_time=time)).states.context
     still = Drive(*(ca.SX(x) for x in (0, 0, 0, 0, 0, 0, 0, 1e-9)))
     residual = Residual(*(ca.SX(x) for x in (0.5, 0.01, 0.0, 1e-6, 0.0, 1e-3, 0.5, 1.0)))
-    found = compared(setup, 0, still, residual, ca.SX(0.005))
+    found = compared(context, 0, still, residual, ca.SX(0.005))
     assert float(ca.evalf(found.variance)) == pytest.approx(factor * 1e-6, rel=1e-9)
     assert float(ca.evalf(found.innovation)) == pytest.approx(0.49, rel=1e-9)
 
@@ -54,14 +54,14 @@ def test_angles_walk() -> None:
 
 def test_a_joint_follows_a_lost_drive_by_its_share_of_the_arms() -> None:
     """Of all motions that follow the drive the smallest: δθ_j = r_j δx/Σ r²."""
-    setup = AdaptiveFilter(load_rig("finger-n-plus-1"), compiled=False).states.setup
+    context = AdaptiveFilter(load_rig("finger-n-plus-1"), compiled=False).states.context
     vector, memory = ca.SX.zeros(Tracks.size(4)), ca.SX.zeros(MEMORY * 4)
     lost, grown = 0.1, 4e-8
     vector[REMEMBERED.index("lost")], vector[REMEMBERED.index("unknown")] = lost, grown
     arms = np.array([8e-3, 7e-3, 6e-3])
-    share = float(followed_share(setup.robustness, lost))
+    share = float(followed_share(context.robustness, lost))
     for j in range(3):
-        found = float(ca.evalf(followed_variance(setup, j, vector, memory)))
+        found = float(ca.evalf(followed_variance(context, j, vector, memory)))
         assert found == pytest.approx(share * grown * (arms[j] / np.sum(arms**2)) ** 2, rel=1e-9)
 
 
@@ -71,7 +71,7 @@ def test_a_joint_that_follows_at_once_leaves_no_force_behind() -> None:
     assert float(jump_evidence(ca.DM(0.0), 1.0, 0.01)) < -10.0
     rigs = {"wrist-instrument": True, "finger-2n": False, "capstan-joint": False}
     for name, follows in rigs.items():
-        assert AdaptiveFilter(load_rig(name), compiled=False).states.setup.joints_follow is follows
+        assert AdaptiveFilter(load_rig(name), compiled=False).states.context.joints_follow is follows
 
 
 def test_elastic_counts_from_the_pretension() -> None:

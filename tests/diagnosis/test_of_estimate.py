@@ -13,6 +13,7 @@ from distal.diagnosis import Finding
 from distal.diagnosis import diagnose_estimate as of_estimate
 from distal.diagnosis.of_estimate import LONGEST
 from distal.errors import EstimationError
+from distal.estimators import StateKind
 from distal.results import LARGE_PRIOR, SMALL
 
 
@@ -58,6 +59,8 @@ def made(
         np.ones((k, 2)),
         prior_means=np.array([np.nan, 1.0, np.nan]) if priors else None,
         prior_stds=np.array([np.nan, 0.1, np.nan]) if priors else None,
+        state_kinds=(StateKind.ANGLE, StateKind.PARAMETER, StateKind.FRICTION),
+        state_parts=("joint", "factor", "left"),
     )
 
 
@@ -103,7 +106,9 @@ class TestConstructed:
         both = diagnose(made(np.sqrt(0.02) * values))
         assert not both.consistent
         assert both.tested == ()
+        assert both.untested
         assert both.text.startswith("not tested by u1")
+        assert both.headline == "not tested by u1"
         one = diagnose(made(values * [1.0, np.sqrt(0.02)]))
         assert one.consistent
         assert one.tested == ("u1",)
@@ -115,12 +120,14 @@ class TestConstructed:
     def test_nothing_compared_is_not_consistent(self) -> None:
         found = diagnose(made(np.full((1000, 2), np.nan)))
         assert not found.consistent
+        assert found.untested
         assert found.text.startswith("not tested")
 
     def test_friction_that_was_found(self) -> None:
         found = diagnose(made(friction=0.6))
         assert [one.kind for one in found.findings] == ["friction"]
         assert not found.consistent
+        assert not found.untested
 
     def test_drift_of_all_innovations(self) -> None:
         noise = np.random.default_rng(5).normal(size=(1001, 2))

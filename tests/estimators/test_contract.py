@@ -237,10 +237,3 @@ def test_one_sensor_per_thing(name: str, rig: Rig) -> None:
 def test_unknown_estimators() -> None:
     with pytest.raises(EstimationError, match=r"unknown estimator 'ekf-2009'; did you mean 'ekf-2008'\?"):
         make_estimator("ekf-2009", load_rig("paper-2008-printed"))
-
-
-@pytest.mark.parametrize("name", ["iterated", "particle", "unscented"])
-def test_what_was_a_choice_once_is_refused_by_name(name: str) -> None:
-    with pytest.raises(EstimationError, match=rf"'{name}' is no estimator to choose since release 0\.2.*use adaptive"):
-        make_estimator(name, load_rig("paper-2008-printed"))
-    assert name not in ESTIMATORS

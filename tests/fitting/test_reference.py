@@ -9,12 +9,12 @@ from distal import Log, Rig, load_rig
 from distal.fitting.affine import AffineFit
 from distal.fitting.discrepancy import DiscrepancyFit, reference_std
 from distal.fitting.discrepancy_learning import _share_of_few
-from distal.fitting.fitted import Fitted, assignments
+from distal.fitting.fitted import FittedNumber, assignments
 from distal.fitting.reference_error import with_reference_error
-from distal.logs import FROM_SENSOR
+from distal.logs import FROM_SENSOR, TruthKind, TruthSource
 
 
-def log(source: str) -> Log:
+def log(source: TruthSource | str) -> Log:
     time = np.arange(10) / 100.0
     return Log(time, {}, {"theta": np.zeros(10)}, "log", source)
 
@@ -28,7 +28,9 @@ def test_an_encoders_offset_is_in_the_bands(rig: Rig) -> None:
     affine = AffineFit(rig, rig, ("a",), None, (), ())
     discrepancy = DiscrepancyFit(rig, rig, ("a",), None, (), ())
     offset = np.deg2rad(0.35)
-    wider, corrected = with_reference_error(affine, discrepancy, rig, [log(f"column 'x', {FROM_SENSOR}")])
+    wider, corrected = with_reference_error(
+        affine, discrepancy, rig, [log(TruthSource(TruthKind.SENSOR, "column 'x'"))]
+    )
     assert wider is not None
     assert corrected is not None
     before = affine.affine.joints[0].std
@@ -47,16 +49,26 @@ def test_what_the_reference_errs_by(rig: Rig) -> None:
     assert reference_std(rig, log("the simulation")) == 0.0
 
 
-@pytest.mark.parametrize(("left", "std", "hold"), [(1.0, 0.05, False), (0.3, 0.03, False), (0.0, 0.0006, True)])
-def test_how_much_doubt_a_file_keeps(left: float, std: float, hold: bool) -> None:
-    """The standard error, at most so much of the prior's std, at least 0.2 % of the value; without any it is held."""
+@pytest.mark.parametrize(("share", "std", "hold"), [(None, 0.05, False), (0.8, 0.08, False), (0.0, 0.05, True)])
+def test_how_much_doubt_a_file_keeps(share: float | None, std: float, hold: bool) -> None:
+    """The standard error, at least so much of the prior's std where there are doubts; with none of it it is held."""
     start = load_rig("capstan-joint").with_values({"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}})
     path = "joints.0.friction.coefficient"
-    found = Fitted(path, (path,), "", 0.2, 0.1, 0.3, 0.05, True, False, (0.3,))
-    written = assignments([found], start, left)[path]
+    found = FittedNumber(path, (path,), "", 0.2, 0.1, 0.3, 0.05, True, False, (0.3,), held_error=0.05)
+    written = assignments([found], start, share)[path]
     assert written["value"] == 0.3
     assert written["std"] == pytest.approx(std)
     assert written.get("hold", False) is hold
+
+
+def test_a_file_holds_what_is_told_only_together_with_others() -> None:
+    """Its value and std stay those of the prior, so that the next fit may vary it; estimators take it as known."""
+    start = load_rig("capstan-joint").with_values({"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}})
+    path = "joints.0.friction.coefficient"
+    found = FittedNumber(path, (path,), "", 0.2, 0.1, 0.2, 0.1, False, False, (0.2,), held=True)
+    after = start.with_values(assignments([found], start)).joints[0].friction
+    assert after is not None
+    assert (after.coefficient.value, after.coefficient.std, after.coefficient.hold) == (0.2, 0.1, True)
 
 
 def test_few_logs_share_the_filters_doubt_as_the_worst_needs() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from distal import Rig, load_rig
-from distal.fitting.fitted import Fitted, assignments
+from distal.fitting.fitted import FittedNumber, assignments
 from distal.fitting.selection import choose
 
 SPOOL = {"name": "spool", "std": 0.1}
@@ -19,8 +19,8 @@ def rig_with(**stiffness: object) -> Rig:
     )
 
 
-def found(paths: tuple[str, ...], values: tuple[float, ...], error: float) -> Fitted:
-    return Fitted("it", paths, "N/m", 800.0, 80.0, values[0], error, True, False, values)
+def found(paths: tuple[str, ...], values: tuple[float, ...], error: float) -> FittedNumber:
+    return FittedNumber("it", paths, "N/m", 800.0, 80.0, values[0], error, True, False, values, held_error=error)
 
 
 def varied(rig: Rig) -> dict[str, tuple[tuple[str, ...], float]]:

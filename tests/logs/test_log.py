@@ -5,6 +5,7 @@ import pytest
 
 from distal import Log
 from distal.errors import LogError
+from distal.logs import FROM_SENSOR, TruthKind
 
 
 def test_a_log_is_frozen_and_checked() -> None:
@@ -31,3 +32,17 @@ def test_rate_gaps_select_and_frames() -> None:
     assert len(log.select(slice(10, 20))) == 10
     assert log.to_polars().columns == ["t", "x", "true_theta"]
     assert list(log.to_pandas().columns) == ["t", "x", "true_theta"]
+
+
+def test_where_a_truth_comes_from_has_a_kind_and_words() -> None:
+    """What is said of a truth is for people: a file of any name is no sensor."""
+    time, theta = np.array([0.0, 1.0]), {"theta": np.zeros(2)}
+    read = Log(time, {}, theta, "log", FROM_SENSOR)
+    assert read.truth_kind is TruthKind.SENSOR
+    assert str(read.truth_source) == "the reference sensor"
+    assert read.select([0]).truth_kind is TruthKind.SENSOR
+    told = Log(time, {}, theta, "log", "at home, the reference sensor")
+    assert told.truth_kind is TruthKind.UNKNOWN
+    assert not told.truth_kind.by_sensor
+    assert str(told.truth_source) == "at home, the reference sensor"
+    assert str(Log(time, {}).truth_source) == ""

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from distal import Log, Rig, read_log, write_log
 from distal.errors import DistalWarning, LogError
-from distal.logs import read_truth
+from distal.logs import TruthKind, read_truth
 
 GOOD = "t,x1,x2,u1,u2\n0.00,1e-3,2e-3,2.0,2.1\n0.01,1.1e-3,2.1e-3,2.0,2.1\n0.02,1.2e-3,2.2e-3,2.0,2.1\n"
 
@@ -197,4 +197,6 @@ def test_beyond_the_stops_warns(tmp_path: Path, paper_rig: Rig) -> None:
 
 def test_where_the_truth_comes_from_is_said(tmp_path: Path, paper_rig: Rig) -> None:
     text = "\n".join(f"{line},{tail}" for line, tail in zip(GOOD.splitlines(), ("encoder", "0", "1", "2")))
-    assert read_log(file(tmp_path, text), paper_rig).truth_source == "column 'encoder', the reference sensor"
+    read = read_log(file(tmp_path, text), paper_rig)
+    assert str(read.truth_source) == "column 'encoder', the reference sensor"
+    assert read.truth_kind is TruthKind.SENSOR

@@ -60,7 +60,7 @@ def test_stds_of_the_paper_rig(paper_rig: Rig) -> None:
     friction = paper_rig.joints[0].friction
     assert friction is not None
     for part, share in ((friction.coefficient, 0.2), (friction.preload, 0.2), (paper_rig.tendons[0].stiffness, 0.1)):
-        assert part.spread == pytest.approx(share * part.value)
+        assert part.total_std == pytest.approx(share * part.value)
 
 
 def test_the_example_of_the_readme_shape(tmp_path: Path) -> None:

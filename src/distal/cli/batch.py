@@ -102,9 +102,7 @@ def estimate_many(
             error, inside = "–", "–"
             if result.truths is not None:
                 error, inside = f"{np.rad2deg(result.rms_error()):.3f}", f"{100 * result.inside_band():.0f} %"
-            rows.append(
-                (path, f"{len(result)}", f"±{half:.2f}", error, inside, diagnose_estimate(result).text.split(":")[0])
-            )
+            rows.append((path, f"{len(result)}", f"±{half:.2f}", error, inside, diagnose_estimate(result).headline))
     if rows:
         named = [(path.name, *rest) for path, *rest in rows]
         table(
@@ -185,7 +183,7 @@ def _make(out: Path) -> None:
 
 
 def simulate_many(
-    rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path, settings: list[str], truth: bool = True
+    rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path, settings: list[str], *, truth: bool = True
 ) -> None:
     """Simulate a scenario with seeds from `seed` on, and write each log to a folder.
 

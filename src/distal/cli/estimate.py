@@ -27,6 +27,7 @@ def estimate_command(
         ),
     ],
     rig: RigOption,
+    *,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -141,14 +142,14 @@ def estimate_command(
     # in a comparison that nobody chose, what cannot run is a row that says what it needs
     missing = estimator is None and description.affine is None and home is None
     lost: DistalError | None = None
-    results, failed = [], {"affine": NEEDS} if missing and "affine" in names else {}
+    results, failed = [], {"affine": f"affine {NEEDS}"} if missing and "affine" in names else {}
     for name in names:
         if name in failed:
             continue
         try:
             results.append(estimate(data, description, name, passes, homing=home))
         except DistalError as problem:
-            failed[name] = str(problem)
+            failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # most name themselves
             lost = lost or (problem if name == names[0] else None)
     if lost is not None:  # what is to be written; the others are shown all the same
         if known and results:
@@ -173,8 +174,8 @@ def estimate_command(
         say(f"truth: {origin}{used}")
         _compare(results, failed)
     else:
-        for name, why in failed.items():
-            failure(why if why.startswith(f"{name}:") else f"{name}: {why}")
+        for why in failed.values():
+            failure(why)
     final = results[0]
     for joint in range(len(final.joint_names)):
         say(final.in_words(joint))
@@ -231,5 +232,5 @@ def _compare(results: list[Estimate], failed: dict[str, str]) -> None:
     ]
     rows += [(name, "–", "–", "–", "–") for name in failed]
     table("error against truth", ["estimator", "RMS [°]", "maximum [°]", "inside 95 % band", "median band [°]"], rows)
-    for name, why in failed.items():
-        say(f"{name} {why}" if why.startswith("needs") else why if why.startswith(f"{name}:") else f"{name}: {why}")
+    for why in failed.values():
+        say(why)

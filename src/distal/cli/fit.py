@@ -30,6 +30,7 @@ def fit_command(
         typer.Argument(help=("Logs (CSV, Parquet, MCAP, ROS bags); some with the joint's angle, or all, or none.")),
     ],
     rig: RigOption,
+    *,
     out: Annotated[Path | None, typer.Option("--out", help="Where to write the fitted rig (TOML).")] = None,
     free: Annotated[
         list[str] | None,

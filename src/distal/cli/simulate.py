@@ -25,6 +25,7 @@ def simulate_command(
     scenario: Annotated[str, typer.Argument(help="A shipped scenario's name (see `distal scenarios`) or a TOML file.")],
     out: Annotated[Path, typer.Option("--out", help="Where to write the log (CSV or Parquet); with --runs, a folder.")],
     seed: SeedOption = 0,
+    *,
     runs: Annotated[
         int | None,
         typer.Option("--runs", min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file."),
@@ -54,7 +55,7 @@ def simulate_command(
         from distal.cli.batch import logs_of, simulate_many
 
         check_outputs(logs_of(seed, runs, out), rig=description.rig, scenario=scenario)
-        simulate_many(rig, description, seed, runs, out, settings, truth)
+        simulate_many(rig, description, seed, runs, out, settings, truth=truth)
         return
     check_outputs(to_file("--out", out), rig=description.rig, scenario=scenario)
     log = simulate(rig, description, seed)

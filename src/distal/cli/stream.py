@@ -35,6 +35,7 @@ LONGEST_LINE = 1 << 20
 def stream_command(
     rig: RigOption,
     estimator: EstimatorOption = "adaptive",
+    *,
     udp: Annotated[
         int | None,
         typer.Option("--udp", min=1, max=65535, help="Read JSON from this UDP port of the loopback, not stdin."),

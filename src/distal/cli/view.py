@@ -20,6 +20,7 @@ def view_command(
         Path, typer.Argument(help=("CSV, Parquet, MCAP or a bag, with the columns that the rig's sensors name."))
     ],
     rig: RigOption,
+    *,
     out: Annotated[
         Path | None, typer.Option("--out", help="Where to write the page (HTML); default a temporary file.")
     ] = None,

@@ -52,14 +52,14 @@ class Dataflow:
                     slots[slot] = number
                 number += 1
 
-    def last(self, number: int, made: int) -> int:
+    def last(self, number: int, otherwise: int) -> int:
         """Return the last instruction that reads a value.
 
         Args:
             number: of the value.
-            made: the answer if nothing reads it.
+            otherwise: the answer if nothing reads it.
         """
-        return self._last.get(number, made)
+        return self._last.get(number, otherwise)
 
     def part_read(self, reader: int) -> tuple[int, int] | None:
         """Return from where to where a slice reads its input, None where an instruction reads all of it.

@@ -34,7 +34,7 @@ def product(work: Workspace, step: Step) -> list[str]:
     if y.is_dense():
         at = _triplets(x.sparsity())
         work.cost.operations += 2 * len(at[0]) * columns
-        return _sparse_left(work, step, rows, inner, columns, *at)
+        return _sparse_left(work, step, (rows, inner, columns), *at)
     at = _triplets(y.sparsity())
     work.cost.operations += 2 * len(at[0]) * rows
     if len(at[0]) <= UNROLLED_PRODUCT:
@@ -94,10 +94,10 @@ def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> 
 
 
 def _sparse_left(
-    work: Workspace, step: Step, rows: int, inner: int, columns: int, row: list[int], column: list[int]
+    work: Workspace, step: Step, sizes: tuple[int, int, int], row: list[int], column: list[int]
 ) -> list[str]:
-    """z + x y with a sparse x: each of its numbers goes with a row of y."""
-    _, x, y = step.inputs
+    """z + x y with a sparse x, (rows, inner) times (inner, columns): each of its numbers goes with a row of y."""
+    (rows, inner, columns), (_, x, y) = sizes, step.inputs
     at, tables = work.memory.at, work.memory.tables
     to, lines = work.placement.over_the_first(step.k)
     where = at(y, f"{tables.indices(column)}[k]" + (f" + {inner} * j" if columns > 1 else ""))

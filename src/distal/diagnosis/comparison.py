@@ -94,7 +94,7 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
         )
         pull = np.zeros(len(log))
         if sensor is None:
-            unknown = 2 * BAND * drive.nominal_force.spread / lever
+            unknown = 2 * BAND * drive.nominal_force.total_std / lever
             tension = max(abs(drive.nominal_force.value) / lever, tendon.pretension.value)
         else:
             read = log.channels[sensor.name] / lever
@@ -110,7 +110,7 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
         if tendon.path is not None:
             limit += tension * float(np.expm1(_high(tendon.path.friction) * abs(_high(tendon.path.wrap))))
         stiffness = tendon.stiffness
-        relative = BAND * stiffness.spread / stiffness.value
+        relative = BAND * stiffness.total_std / stiffness.value
         soft = stiffness.value * max(1 - relative, 0.2)
         stretched = (2 * limit + unknown + pull * min(relative, 1.0)) / (soft * len(mates))
         parts.append(stretched / max(abs(tendon.arms()[joint]), 1e-9))

@@ -30,6 +30,7 @@ def diagnose(
     log: Log | None = None,
     rig: Rig | None = None,
     homing: float | None = None,
+    *,
     compiled: bool = True,
     ranges: Mapping[str, tuple[float, float]] | None = None,
     what_if: bool = True,

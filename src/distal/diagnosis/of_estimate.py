@@ -39,6 +39,16 @@ class Diagnosis:
     tested: tuple[str, ...] = ()
 
     @property
+    def headline(self) -> str:
+        """The line up to its first colon: what there is to say without the reasons."""
+        return self.text.split(":")[0]
+
+    @property
+    def untested(self) -> bool:
+        """Whether nothing contradicts because nothing was tested."""
+        return not self.tested and not any(one.contradicts for one in self.findings)
+
+    @property
     def consistent(self) -> bool:
         """Whether something was tested, and nothing was found that contradicts."""
         return bool(self.tested) and not any(one.contradicts for one in self.findings)
@@ -81,30 +91,30 @@ def _text(
     if contradicting:
         return _joined([one.text for one in contradicting] + hardly)
     beyond = [one.subject for one in silent if one.kind == "cannot test"]
-    cannot = [f"cannot test: {', '.join(beyond)}"] if beyond else []
     if not names:
-        return _joined([NOTHING, *cannot])
+        return _joined([NOTHING], beyond)
     if not tested:
         small = [one.text for one in silent if one.kind == "not tested"]
-        return _joined([*(small or ["not tested: hardly anything could be compared"]), *hardly, *cannot])
+        return _joined([*(small or ["not tested: hardly anything could be compared"]), *hardly], beyond)
     least = min(share for name, share in zip(names, shares) if name in tested)
     agree = (
         f"consistent: {', '.join(tested)} agree{'s' * (len(tested) == 1)} with the rig, {100 * least:.0f} % compared"
     )
     untested = [one.subject for one in silent if one.kind == "not tested"]
     silence = [f"not tested by {', '.join(untested)}"] if untested else []
-    return _joined([agree, *hardly, *silence, *cannot])
+    return _joined([agree, *hardly, *silence], beyond)
 
 
-def _joined(parts: Sequence[str]) -> str:
-    """Return the parts as one line, those that do not fit left out and counted; a long last one is cut at a comma."""
-    line = parts[0]
-    for k, part in enumerate(parts[1:], 1):
+def _joined(parts: Sequence[str], beyond: Sequence[str] = ()) -> str:
+    """Return the parts as one line, and what cannot be tested; what does not fit is left out and counted, a list is cut."""
+    line, cannot = parts[0], f"cannot test: {', '.join(beyond)}"
+    more = [*parts[1:], cannot] if beyond else parts[1:]
+    for k, part in enumerate(more):
         if len(line) + len(part) + 2 > LONGEST:
             room = LONGEST - len(line) - 10
             cut = part[: max(room, 0)].rpartition(", ")[0]
-            if cut and part.startswith("cannot test"):
+            if cut and part is cannot:
                 return f"{line}; {cut}, …"
-            return f"{line}; and {len(parts) - k} more"
+            return f"{line}; and {len(more) - k} more"
         line = f"{line}; {part}"
     return line

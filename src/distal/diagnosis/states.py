@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from distal.diagnosis.finding import Finding
+from distal.estimators import StateKind
 from distal.results.estimate import Estimate
 from distal.results.thresholds import LARGE_PRIOR
 
@@ -32,7 +33,8 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
         return []
     worst: dict[str, tuple[float, Finding]] = {}
     middle = len(estimate) // 2
-    for i, name in enumerate(estimate.state_names):
+    every = zip(estimate.state_names, estimate.state_kinds, estimate.state_parts)
+    for i, (name, kind, part) in enumerate(every):
         if not stds[i] > 0.0:  # NaN: a state that is meant to move
             continue
         prior, value, std = means[i], estimate.means[-1, i], float(np.sqrt(estimate.variances[-1, i]))
@@ -40,7 +42,8 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
         # what has been learned since the middle is how far it may have moved since
         learned = max(float(estimate.variances[middle, i]) - std * std, (0.01 * stds[i]) ** 2)
         change = value - estimate.means[middle, i]
-        subject = _subject(name)
+        # the weights of a sensor's linearity are one thing
+        subject = f"linearity_{part}" if kind is StateKind.LINEARITY else name
         if abs(value - prior) - std > LARGE_PRIOR * stds[i]:
             said = f"{subject} is {value:.3g} ± {std:.1g}, its prior {prior:.3g} ± {stds[i]:.1g}"
             found = Finding("left its prior", subject, said)
@@ -78,19 +81,11 @@ def undeclared_friction(estimate: Estimate) -> list[Finding]:
         estimate: over a log.
     """
     found = []
-    for i, name in enumerate(estimate.state_names):
+    for i, (kind, drive) in enumerate(zip(estimate.state_kinds, estimate.state_parts)):
         value, std = estimate.means[-1, i], np.sqrt(estimate.variances[-1, i])
         prior = np.sqrt(estimate.variances[0, i])
-        # what follows a dot is a name of the rig file, not of a drive
-        if name.startswith("friction_") and "." not in name and value > 0.25 * prior and value > 3.0 * std:
-            drive = name.removeprefix("friction_")
+        if kind is StateKind.FRICTION and value > 0.25 * prior and value > 3.0 * std:
             size = f"friction that the rig does not have: {value:.2g} at '{drive}' [SI]"
             text = f"{size} (set drives.*.friction, or a hand acts)"
             found.append(Finding("friction", drive, text))
     return found
-
-
-def _subject(name: str) -> str:
-    """Return what a state is of: the weights of a sensor's linearity are one thing."""
-    stem, _, last = name.rpartition("_")
-    return stem if name.startswith("linearity_") and last.isdigit() else name

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.of_estimate import diagnose_estimate
 from distal.diagnosis.rerun import Change, Outcome, Rerun
-from distal.estimators import AdaptiveFilter
+from distal.estimators import AdaptiveFilter, StateKind
 from distal.logs import Log
 from distal.results import BAND, Estimate
 from distal.rig import REFERENCES, Rig
@@ -93,8 +93,9 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
     settled = time >= time[0] + min(SETTLED, 0.1 * float(np.ptp(time)))
     width = np.mean(base.variances[settled, :joints], axis=0)
     moved: dict[str, NDArray[np.float64]] = {}
+    angles = {name for name, kind in zip(runner.state_names, runner.state_kinds) if kind is StateKind.ANGLE}
     for i, name in enumerate(runner.state_names):
-        if states.stds[i] > 0.0 and (states.lasting[i] or i < joints):
+        if states.stds[i] > 0.0 and (states.lasting[i] or name in angles):
             moved[name] = np.zeros(joints)
             for sign in (1.0, -1.0):
                 away = rerun(Change(shifts={name: sign * float(states.stds[i])}))
@@ -110,7 +111,7 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
     if spread <= HANGS:
         return []
     most = max(moved, key=lambda name: float(moved[name][worst]))
-    what = f"where {most}" if most in runner.state_names[:joints] else f"what {most}"
+    what = f"where {most}" if most in angles else f"what {most}"
     text = f"the band is too narrow: the angle hangs {spread:.1f}× as much as it allows on {what} begins with"
     return [Finding("overconfident", most, text)]
 
@@ -207,4 +208,6 @@ def as_estimate(rerun: Rerun, outcome: Outcome) -> Estimate:
         joint_names=tuple(joint.name for joint in runner.rig.joints),
         prior_means=np.where(lasting, runner.states.means, np.nan),
         prior_stds=np.where(lasting, runner.states.stds, np.nan),
+        state_kinds=runner.state_kinds,
+        state_parts=runner.state_parts,
     )

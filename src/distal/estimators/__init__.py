@@ -18,6 +18,7 @@ from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, ri
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.kinematic_chain import ChainKinematics
 from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
+from distal.estimators.state_kinds import StateKind, external_torques_of, kinds_by_joint, kinds_of, states_of
 
 __all__ = [
     "DEFAULT",
@@ -38,11 +39,16 @@ __all__ = [
     "KinematicEstimator",
     "Noise",
     "Robustness",
+    "StateKind",
     "channels_of",
     "check_time",
     "directions",
+    "external_torques_of",
+    "kinds_by_joint",
+    "kinds_of",
     "make_estimator",
     "paper_noise",
     "rig_noise",
     "state_units",
+    "states_of",
 ]

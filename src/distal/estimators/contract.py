@@ -166,22 +166,27 @@ class KernelEstimator:
         """
         if not np.isfinite(_number(self.name, time)):
             raise EstimationError(f"{self.name}: the stamp {time} is not a finite time")
-        mean, covariance, memory = self._prior(self._checked(sample))
+        mean, covariance, memory = self.prior(self._checked(sample), self._p)
         carry = np.concatenate([mean, covariance.ravel(), memory])
         return Belief(float(time), frozen(carry), len(mean))
 
-    def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return mean, covariance and remembered inputs before the first sample, which fills what has no prior."""
+    def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return mean, covariance and remembered inputs before the first sample.
+
+        Args:
+            sample: the first values, which fill what has no prior, NaN where missing, (n_channels,).
+            p: the kernel's parameters, (n_p,).
+        """
         if self._begin is None:
             with _BUILDING:  # the threads of a batch share a filter, and CasADi's symbols are not counted safely
                 if self._begin is None:
                     self._begin = Evaluation(self.prior_function())
         there = np.isfinite(sample)
-        mean, spread, memory = self._begin(np.where(there, sample, 0.0), there)
+        mean, spread, memory = self._begin(np.where(there, sample, 0.0), there, p)
         return mean, np.diag(spread), memory
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask) → (mean, covariance's diagonal, memory) before the first sample.
+        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
 
         Raises:
             EstimationError: this estimator has no such function, and cannot be exported.

@@ -16,9 +16,6 @@ Floats = NDArray[np.float64]
 SMALLEST = 1e-3
 """A direction along which no tendon moves by this share of what the strongest one does is not seen."""
 
-SEEN_IS = "seen is "
-"""How the sentence about directions that are not seen begins."""
-
 
 @dataclass(frozen=True)
 class Directions:
@@ -45,7 +42,7 @@ class Directions:
         words = {1: "one direction is", 2: "two directions are", 3: "three directions are"}
         missed = words.get(len(self.missed), f"{len(self.missed)} directions are")
         held = "springs hold them, as long as nothing touches the joints" if self.sprung else "the bands say how far"
-        return f"{SEEN_IS}{sums}; {missed} not: {held}"
+        return f"seen is {sums}; {missed} not: {held}"
 
 
 def _sum(row: Floats, joints: tuple[str, ...]) -> str:

@@ -13,6 +13,7 @@ from distal.errors import EstimationError
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.kalman import predict_covariance, update
+from distal.estimators.mask import is_read
 from distal.kernels import Kernel
 from distal.model import Mechanism, substeps, tangent_step
 from distal.rig import Rig, angle_names, effort_unit, gain_of, position_unit, speed_names, tendon_angle_name
@@ -156,7 +157,7 @@ class FullStateFilter(KernelEstimator):
         )
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask) → (mean, covariance's diagonal, memory) before the first sample."""
+        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample."""
         rig, channels, nj = self.rig, self._channels, self._mechanism.n_joints
         values, mask = ca.SX.sym("values", len(channels.names)), ca.SX.sym("mask", len(channels.names))
         mean, pulls = ca.SX.zeros(2 * self._mechanism.n_bodies), ca.SX(ca.DM(self._nominal))
@@ -168,9 +169,10 @@ class FullStateFilter(KernelEstimator):
                 if sensor is not None:
                     k = channels.names.index(sensor.name)
                     target[at] = ca.if_else(
-                        mask[k] > 0, (values[k] - sensor.bias.value) / gain_of(sensor).value, target[at]
+                        is_read(mask[k]), (values[k] - sensor.bias.value) / gain_of(sensor).value, target[at]
                     )
-        return ca.Function("prior", [values, mask], [mean, ca.SX(ca.DM(self._noise.initial)), pulls])
+        p = ca.SX.sym("p", len(self._p))
+        return ca.Function("prior", [values, mask, p], [mean, ca.SX(ca.DM(self._noise.initial)), pulls])
 
 
 def state_names(rig: Rig) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """Gaps between samples: a long interval is bridged by several predictions, so that sub-steps stay short.
 
-A row of a kernel is x = (dt, values, mask). In a row without a sample of its own the mask is 0; of a displacement that
-crosses the gap in a straight line to the reading that ends it, it is −k, k rows before that reading.
+A row of a kernel is x = (dt, values, mask), see `distal.estimators.mask`. In a row without a sample of its own nothing is
+read, and displacements cross the gap in a straight line to the reading that ends it.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
+from distal.estimators.mask import MISSING, bridge
 
 Floats = NDArray[np.float64]
 
@@ -37,7 +38,7 @@ def predictions(dt: float, interval: float) -> int:
 
 
 def fill(
-    values: Floats, mask: Floats, sample: Floats, there: NDArray[np.bool_], left: int = 0, bridged: int = 0
+    values: Floats, mask: Floats, sample: Floats, there: NDArray[np.bool_], rows_after: int = 0, bridged: int = 0
 ) -> None:
     """Write values and mask of one row.
 
@@ -46,17 +47,17 @@ def fill(
         mask: to write, (n_channels,).
         sample: the sample that ends the interval, 0 where a value is missing.
         there: where it has a value.
-        left: rows that follow in the same interval; 0 for the sample's own.
+        rows_after: rows that follow in the same interval; 0 for the sample's own.
         bridged: number of channels, the first ones, that cross a gap in a straight line.
     """
-    if left == 0:
+    if rows_after == 0:
         values[:] = sample
         mask[:] = there
         return
     values[:] = 0.0
-    mask[:] = 0.0
+    mask[:] = MISSING
     values[:bridged] = sample[:bridged]
-    np.multiply(there[:bridged], -float(left + 1), out=mask[:bridged])
+    np.multiply(there[:bridged], bridge(rows_after + 1), out=mask[:bridged])
 
 
 def rows_of(
@@ -96,7 +97,7 @@ def rows_of(
     values, masks = rows[:, 1 : 1 + width], rows[:, 1 + width :]
     values[last], masks[last] = known, there
     for i in np.flatnonzero(counts > 1):
-        for left in range(1, int(counts[i])):
-            row = last[i] - left
-            fill(values[row], masks[row], known[i], there[i], left, bridged)
+        for after in range(1, int(counts[i])):
+            row = last[i] - after
+            fill(values[row], masks[row], known[i], there[i], after, bridged)
     return rows, last

@@ -59,8 +59,8 @@ def update(
 
     For each value: ν = z − h(x⁻) − H (x − x⁻), S = H P Hᵀ + R, K = P Hᵀ/S, x ← x + K ν,
     P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ (Joseph), multiplied out: P − K aᵀ − a Kᵀ + K S Kᵀ with a = P Hᵀ. With the
-    linearisation kept at x⁻ this equals the update with all values at once (their errors are independent). A value whose
-    mask is 0 changes nothing.
+    linearisation kept at x⁻ this equals the update with all values at once (their errors are independent). A value that
+    is MISSING changes nothing.
 
     Args:
         mean: x⁻, (n,).
@@ -68,7 +68,7 @@ def update(
         residuals: z − h(x⁻), (m,).
         jacobian: H, (m, n).
         variances: R, (m,).
-        mask: 1 where the value is there, else 0, (m,).
+        mask: READ or MISSING, see `distal.estimators.mask`, (m,).
     """
     prior, innovations, spreads = mean, [], []
     for i in range(residuals.numel()):

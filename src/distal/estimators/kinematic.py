@@ -94,7 +94,13 @@ class KinematicEstimator(KernelEstimator):
         channels = self._channels
         super().__init__(name, rig, Kernel(function, compiled), p.values, channels.names, (), names, channels.interval)
 
-    def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
+    def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return mean, covariance and remembered inputs before the first sample.
+
+        Args:
+            sample: the first values, which fill what has no prior, NaN where missing, (n_channels,).
+            p: the kernel's parameters, (n_p,).
+        """
         rig, channels, m = self.rig, self._channels, self._mechanism
         initial = np.array([joint.initial.value for joint in rig.joints])
         places, pulls = first_drives(rig, channels, sample)

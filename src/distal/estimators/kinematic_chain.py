@@ -144,7 +144,13 @@ class ChainKinematics(KernelEstimator):
         p = self._mechanism.parameters.values
         super().__init__(name, rig, Kernel(function, compiled), p, channels.names, (), names, channels.interval)
 
-    def _prior(self, sample: Floats) -> tuple[Floats, Floats, Floats]:
+    def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return mean, covariance and remembered inputs before the first sample.
+
+        Args:
+            sample: the first values, which fill what has no prior, NaN where missing, (n_channels,).
+            p: the kernel's parameters, (n_p,).
+        """
         rig = self.rig
         places, pulls = first_drives(rig, self._channels, sample)
         angles = np.array([joint.initial.value for joint in rig.joints])

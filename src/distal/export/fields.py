@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from distal.estimators import KernelEstimator
-from distal.rig import Rig, angle_names, std_name, torque_names
+from distal.estimators import KernelEstimator, external_torques_of
+from distal.rig import Rig, angle_names, std_name
 
 
 def comment(text: str) -> str:
@@ -44,8 +44,7 @@ def torque_fields(runner: KernelEstimator) -> list[tuple[str, str]]:
     Args:
         runner: the estimator.
     """
-    joints = [joint.name for joint in runner.rig.joints]
-    known = [name for name in torque_names(joints) if name in runner.state_names]
+    known = [runner.state_names[i] for i in external_torques_of(runner).values()]
     return [(name, re.sub(r"[^A-Za-z0-9]", "_", name)) for name in known]
 
 

@@ -36,13 +36,13 @@ def export_c(
     folder, name = Path(out), name if name is not None else c_name(f"{rig.name}_{estimator}")
     check_outputs(outputs_in(folder, export_files(name), "the export"))
     check_ours(folder, export_files(name))
-    made = c_filter(rig, estimator, single, name)
+    exported = c_filter(rig, estimator, single, name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise OutputError(f"{folder}: cannot be written ({problem.strerror})") from None
-    write_together({folder / file: text for file, text in project_files(made).items()})
-    return made
+    write_together({folder / file: text for file, text in project_files(exported).items()})
+    return exported
 
 
 def export_files(name: str) -> tuple[str, ...]:
@@ -76,45 +76,54 @@ def check_ours(folder: Path, names: Iterable[str]) -> None:
             raise OutputError(f"{path}: was not written by export-c; give another folder, so that it is not replaced")
 
 
-def project_files(made: Exported) -> dict[str, str]:
+def project_files(exported: Exported) -> dict[str, str]:
     """Return the files of a project, name → text.
 
     Args:
-        made: the filter.
+        exported: the filter.
     """
-    texts = (made.header, made.source, made.replay, _CMAKE.replace("$name$", made.name), readme(made))
-    return dict(zip(export_files(made.name), texts, strict=True))
+    texts = (
+        exported.header,
+        exported.source,
+        exported.replay,
+        _CMAKE.replace("$name$", exported.name),
+        readme(exported),
+    )
+    return dict(zip(export_files(exported.name), texts, strict=True))
 
 
-def readme(made: Exported) -> str:
+def readme(exported: Exported) -> str:
     """Return what a user of the filter should know.
 
     Args:
-        made: the filter.
+        exported: the filter.
     """
-    kind, size = ("float", 4) if made.single else ("double", 8)
-    calls = ", ".join(f"{count} {name}{'f' if made.single else ''}" for name, count in made.library.items()) or "none"
+    kind, size = ("float", 4) if exported.single else ("double", 8)
+    calls = (
+        ", ".join(f"{count} {name}{'f' if exported.single else ''}" for name, count in exported.library.items())
+        or "none"
+    )
     float_warning = (
         "\nIn float this estimator may differ from double by much more than its band: it jumps where a body goes from\n"
         "sticking to slipping. `adaptive` does not; or export it in double.\n"
-        if made.single and made.estimator.startswith("ekf")
+        if exported.single and exported.estimator.startswith("ekf")
         else ""
     )
     return filled(
         _README,
         {
-            "name": made.name,
-            "NAME": made.name.upper(),
-            "rig": comment(made.rig),
-            "estimator": made.estimator,
+            "name": exported.name,
+            "NAME": exported.name.upper(),
+            "rig": comment(exported.rig),
+            "estimator": exported.estimator,
             "real": kind,
             "float_warning": float_warning,
-            "channels": "\n".join(f"| {i} | `{channel}` |" for i, channel in enumerate(made.channels)),
-            "n_states": str(len(made.states)),
-            "state_bytes": f"{made.state_bytes:,}",
-            "scratch_bytes": f"{made.scratch_bytes:,}",
-            "carry": f"{made.carry} x {size}",
-            "operations": f"{made.operations:,}",
+            "channels": "\n".join(f"| {i} | `{channel}` |" for i, channel in enumerate(exported.channels)),
+            "n_states": str(len(exported.states)),
+            "state_bytes": f"{exported.state_bytes:,}",
+            "scratch_bytes": f"{exported.scratch_bytes:,}",
+            "carry": f"{exported.carry} x {size}",
+            "operations": f"{exported.operations:,}",
             "calls": calls,
         },
     )

@@ -9,6 +9,7 @@ from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import LARGEST_ANGLE, SHORTEST, KernelEstimator, make_estimator, state_units
 from distal.estimators.gaps import MOST_BRIDGES, SPLIT
+from distal.estimators.mask import MISSING, READ
 from distal.export.fields import comment, members, outputs
 from distal.export.names import c_name, checked_name
 from distal.export.replay import replay_program
@@ -160,7 +161,8 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "shortest": dialect.constant(SHORTEST),
         "which": ", ".join(str(runner.channels.index(c)) for c in runner.measured) or "0",
         "zero": dialect.constant(0.0),
-        "one": dialect.constant(1.0),
+        "read": dialect.constant(READ),
+        "missing": dialect.constant(MISSING),
         "slack": dialect.constant(1e-9 if not dialect.single else 1e-5),
         "sqrt": "sqrtf" if dialect.single else "sqrt",
     }
@@ -254,11 +256,11 @@ void $name$_begin($name$_state* state, const $real$* values) {
   $real$ known[$n_channels$], mask[$n_channels$], spread[$n_states$];
   int i;
   for (i = 0; i < $n_channels$; ++i) {
-    mask[i] = is_there(values[i]) ? $one$ : $zero$;
+    mask[i] = is_there(values[i]) ? $read$ : $missing$;
     known[i] = is_there(values[i]) ? values[i] : $zero$;
   }
   memset(state, 0, sizeof *state);
-  $begin$(known, mask, state->carry, spread, state->carry + $n_states$ + $n_states$ * $n_states$);
+  $begin$(known, mask, numbers, state->carry, spread, state->carry + $n_states$ + $n_states$ * $n_states$);
   for (i = 0; i < $n_states$; ++i) state->carry[$n_states$ + i * ($n_states$ + 1)] = spread[i];
 }
 
@@ -281,7 +283,7 @@ int $name$_step($name$_state* state, $real$ dt, const $real$* values, $name$_out
       const int there = is_there(values[i]);
       /* displacements cross a gap in a straight line to the reading that ends it */
       x[1 + i] = there && (last || led) ? values[i] : $zero$;
-      x[1 + $n_channels$ + i] = !there ? $zero$ : last ? $one$ : led ? -($real$)k : $zero$;
+      x[1 + $n_channels$ + i] = !there ? $missing$ : last ? $read$ : led ? -($real$)k : $missing$;
     }
     $advance$(state->carry, x, numbers, y);
   }

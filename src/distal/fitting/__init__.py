@@ -5,11 +5,13 @@ from distal.fitting.contact import ContactFit, learn_contact
 from distal.fitting.crossvalidation import CrossValidation, HeldOut, cross_validate
 from distal.fitting.discrepancy import DiscrepancyFit, learn_discrepancy
 from distal.fitting.fit import fit
-from distal.fitting.fitted import Fitted
+from distal.fitting.fitted import FittedNumber
 from distal.fitting.free import Free
 from distal.fitting.groups import groups_of
-from distal.fitting.leaving_out import Compared, Score
+from distal.fitting.learn import Learned, learn
+from distal.fitting.leave_out import Compared, Fold, Score, leave_out
 from distal.fitting.observability import Observability, observability
+from distal.fitting.options import Options
 from distal.fitting.result import Fit
 
 __all__ = [
@@ -19,18 +21,23 @@ __all__ = [
     "CrossValidation",
     "DiscrepancyFit",
     "Fit",
-    "Fitted",
+    "FittedNumber",
+    "Fold",
     "Free",
     "HeldOut",
+    "Learned",
     "LeftOut",
     "Observability",
+    "Options",
     "Score",
     "affine_table",
     "cross_validate",
     "fit",
     "groups_of",
+    "learn",
     "learn_affine",
     "learn_contact",
     "learn_discrepancy",
+    "leave_out",
     "observability",
 ]

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators.discrepancy import Samples
-from distal.fitting.likelihood import Likelihood
+from distal.fitting.problem import Problem
 
 Floats = NDArray[np.float64]
 
 
-def surprise_of(likelihood: Likelihood, z: Floats) -> float:
+def surprise_of(problem: Problem, z: Floats) -> float:
     """Return the mean of ν²/S of the references beyond their offsets, the largest of all; infinite where the filter left
     all bounds.
 
@@ -21,39 +21,21 @@ def surprise_of(likelihood: Likelihood, z: Floats) -> float:
     off S.
 
     Args:
-        likelihood: of a fit in which references are compared and not used.
+        problem: of a fit in which references are compared and not used.
         z: coordinates, (n,).
     """
-    worst, measured = 0.0, likelihood.measured
-    innovations = likelihood.each(z, likelihood.run)
-    for sensor in likelihood.references:
+    worst, measured = 0.0, problem.measured
+    innovations = problem.at(z)
+    for sensor in problem.filter.references:
         k, ratios = measured.index(sensor.name), list[float]()
-        for values, variances in innovations:
+        for run in innovations:
+            values, variances = run.values, run.variances
             away = values[:, k] - np.nanmean(values[:, k]) if np.isfinite(values[:, k]).any() else values[:, k]
-            own = np.maximum(variances[:, k] - sensor.bias.unsure**2, 0.1 * variances[:, k])
+            own = np.maximum(variances[:, k] - sensor.bias.filter_std**2, 0.1 * variances[:, k])
             ratios += list((away**2 / own)[np.isfinite(away)])
         if ratios:
             worst = max(worst, float(np.mean(ratios)))
     return worst
-
-
-def angle_error(likelihood: Likelihood, z: Floats) -> float:
-    """Return the RMS of what the angles err by without their references [rad], the mean over logs, the largest of all.
-
-    Args:
-        likelihood: of a fit in which references are compared and not used.
-        z: coordinates, (n,).
-    """
-    innovations = likelihood.each(z, likelihood.run)
-    columns = [likelihood.measured.index(sensor.name) for sensor in likelihood.references]
-    each = [
-        [np.sqrt(np.nanmean(values[:, k] ** 2)) for values, _ in innovations if _known(values[:, k])] for k in columns
-    ]
-    return max((float(np.mean(errors)) for errors in each if errors), default=0.0)
-
-
-def _known(values: Floats) -> bool:
-    return bool(np.isfinite(values).any())
 
 
 def mean_rms(data: Sequence[Samples]) -> float:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import DistalWarning, FitError
-from distal.fitting.fitted import Fitted
-from distal.fitting.likelihood import Likelihood
+from distal.errors import FitError
 from distal.logs import Log, true_angles
 from distal.rig import REFERENCES, Capstan, Rig, Sensor
 from distal.run import estimate
@@ -32,18 +29,6 @@ CLEAR_CORRELATION = 0.8
 
 RATE_FACTOR = 20.0
 """Stamps may be further apart, or closer, than the sensors' rate by this factor."""
-
-LARGEST_NIS = 5.0
-"""Mean ν²/S from which on a log does not look like its rig."""
-
-LARGEST_NOISE_GROWTH = 4.0
-"""A sensor's noise that has to grow by this factor is none of its own."""
-
-LARGEST_UNMODELLED_GROWTH = 10.0
-"""Unmodelled motion that has to grow by this factor is most of the motion."""
-
-FAR_FROM_PRIOR = 4.0
-"""A value this many standard deviations of its prior away is worth a word."""
 
 RATIO_RANGE = (1 / 12, 12.0)
 """Ratio of the truth's motion to that which the drives make, within which units can be right."""
@@ -94,71 +79,6 @@ def _check_stamps(log: Log, rig: Rig) -> None:
             f"{log.source}: the stamps are {step:g} s apart, the rig's sensors give a value every {1 / rate:g} s; is "
             "the unit of time right (--set 'log.time.unit=\"ms\"'), or the sensors' rate?"
         )
-
-
-def doubts_of(likelihood: Likelihood, z: Floats, nis: Sequence[float]) -> list[str]:
-    """Return what speaks against a fit, a sentence each: logs that still do not look like the rig.
-
-    Args:
-        likelihood: at its end.
-        z: coordinates there, (n,).
-        nis: mean ν²/S per channel there.
-    """
-    references = {sensor.name for sensor in likelihood.references}
-    doubts = []
-    for name, ratio in zip(likelihood.measured, nis):
-        if ratio > LARGEST_NIS and name not in references:
-            doubts.append(
-                f"the logs do not look like this rig: innovations of '{name}' are {np.sqrt(ratio):.3g} times larger than "
-                f"expected even after the fit; {ADVICE}"
-            )
-    for k, (part, _) in enumerate(likelihood.parts()):
-        if not (part.noise and part.has_prior):
-            continue
-        grown = part.value(float(z[k])) / part.start
-        if part.paths[0].endswith(".unmodelled") and grown > LARGEST_UNMODELLED_GROWTH:
-            doubts.append(
-                f"the logs do not look like this rig: {part.name} had to become {grown:.1f} times what the rig says, so "
-                f"that the joint hardly follows the model; {ADVICE}"
-            )
-        if part.paths[0].startswith("sensors.") and not part.kept_by_file and grown > LARGEST_NOISE_GROWTH:
-            doubts.append(
-                f"the logs do not look like this rig: {part.name} had to become {grown:.1f} times what the rig says; "
-                f"{ADVICE}"
-            )
-    return doubts
-
-
-ADVICE = (
-    "the rig lacks physics that these logs have, or a column, unit or sign of a sensor is wrong (distal estimate says "
-    "which disagrees)"
-)
-
-
-def warn_of(fitted: Sequence[Fitted], likelihood: Likelihood) -> None:
-    """Warn of values far from their priors, or at a bound.
-
-    Args:
-        fitted: the outcome.
-        likelihood: that it came from.
-    """
-    bounds = {part.name: (part.low, part.high) for part in likelihood.free}
-    for part in fitted:
-        low, high = bounds.get(part.name, (-np.inf, np.inf))
-        away = abs(part.value - part.start) / part.prior_std if part.prior_std > 0.0 else 0.0
-        if not part.noise and away > FAR_FROM_PRIOR:
-            warnings.warn(
-                f"{part.name} = {part.value:.4g} {part.si} is {away:.1f} standard deviations from what the rig file "
-                f"expected ({part.start:.4g} ± {part.prior_std:.2g}); is a unit or a radius wrong, or the std too small?",
-                DistalWarning,
-                stacklevel=3,
-            )
-        elif not part.noise and (part.value <= low or part.value >= high):
-            warnings.warn(
-                f"{part.name} = {part.value:.4g} {part.si} is at its bound; another number of the rig may be wrong",
-                DistalWarning,
-                stacklevel=3,
-            )
 
 
 def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:

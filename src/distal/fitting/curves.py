@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError
-from distal.fitting.likelihood import Likelihood
+from distal.fitting.problem import Problem
 from distal.logs import true_angles
 
 Floats = NDArray[np.float64]
@@ -18,29 +18,30 @@ AGREE = 4.0
 """Curves of several logs agree if their squared distance is below this per weight, in their variances."""
 
 
-def curves(likelihood: Likelihood, z: Floats) -> dict[str, object]:
+def curves(problem: Problem, z: Floats) -> dict[str, object]:
     """Return path → value of the position sensors' curves and of the linearity that is left.
 
     The filter estimates each sensor's deviation as Σ w_j cos(π j ξ) over its travel. What it knows of w at the end of each
     log with truth is joined: Λ = Λ₀ + Σ (Λ_i − Λ₀), w = Λ⁻¹ (Λ₀ w₀ + Σ (Λ_i w_i − Λ₀ w₀)), Λ = P⁻¹.
 
     Args:
-        likelihood: of the logs, at the end of a fit.
+        problem: of the logs, at the end of a fit.
         z: coordinates, (n,).
 
     Raises:
         FitError: no sensor has a linearity, no log a truth, or the logs' curves differ: it was not the same sensor.
     """
-    joints = [joint.name for joint in likelihood.rig.joints]
-    known = [j for j, data in enumerate(likelihood.data) if true_angles(data.log, joints) is not None]
-    sensors = [s for s in likelihood.rig.sensors if s.measures == "position" and s.linearity > 0.0]
+    joints = [joint.name for joint in problem.filter.rig.joints]
+    known = [j for j, data in enumerate(problem.data) if true_angles(data.log, joints) is not None]
+    sensors = [s for s in problem.filter.rig.sensors if s.measures == "position" and s.linearity > 0.0]
     if not known or not sensors:
         raise FitError(
             "curves need a log with truth and a position sensor with a linearity; give both, or leave --curves out"
         )
-    names = likelihood.state_names
-    ends = [likelihood.estimates(j, z[likelihood.columns(j)]) for j in known]
-    start, spread = likelihood.prior_state()
+    names = problem.filter.runner.state_names
+    ends = [problem.states(j, z) for j in known]
+    states = problem.filter.runner.states
+    start, spread = states.means, states.stds
     found: dict[str, object] = {}
     for sensor in sensors:
         at = [names.index(name) for name in names if name.startswith(f"linearity_{sensor.name}_")]
@@ -49,10 +50,10 @@ def curves(likelihood: Likelihood, z: Floats) -> dict[str, object]:
         precision, weighted = prior.copy(), prior @ start[at]
         single = []
         for means, covariances in ends:
-            own = np.linalg.inv(covariances[-1][block])
+            own = np.linalg.inv(covariances[block])
             precision += own - prior
-            weighted += own @ means[-1][at] - prior @ start[at]
-            single.append((means[-1][at], covariances[-1][block]))
+            weighted += own @ means[at] - prior @ start[at]
+            single.append((means[at], covariances[block]))
         precision = (precision + precision.T) / 2
         weights = np.linalg.solve(precision, weighted)
         for j, (mean, covariance) in zip(known, single):
@@ -61,12 +62,12 @@ def curves(likelihood: Likelihood, z: Floats) -> dict[str, object]:
             distance = float(away @ np.linalg.solve(covariance + 1e-18 * np.eye(len(at)), away))
             if len(known) > 1 and distance > AGREE**2 * len(at):
                 raise FitError(
-                    f"{likelihood.data[j].log.source}: the curve of sensor '{sensor.name}' is not that of the other logs; "
+                    f"{problem.data[j].log.source}: the curve of sensor '{sensor.name}' is not that of the other logs; "
                     "was it mounted anew? Leave --curves out"
                 )
         left = np.linalg.inv(precision)
         share = float(np.sqrt(np.trace(left) / np.sum(spread[at] ** 2)))
-        index = [each.name for each in likelihood.rig.sensors].index(sensor.name)
+        index = [each.name for each in problem.filter.rig.sensors].index(sensor.name)
         found[f"sensors.{index}.curve"] = [float(f"{w:.4g}") for w in weights]
         found[f"sensors.{index}.linearity"] = float(f"{min(REMEMBERED * share, 1.0) * sensor.linearity:.3g}")
     return found

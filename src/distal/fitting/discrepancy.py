@@ -28,7 +28,7 @@ from distal.fitting.discrepancy_learning import (
 from distal.fitting.discrepancy_terms import NO_CORRECTION, Choice, choices
 from distal.fitting.groups import folds_of
 from distal.homing import Window, check_homing, numbers_homed, plain_samples, with_references
-from distal.logs import FROM_SENSOR, Log, read_log, shown, true_angles
+from distal.logs import Log, read_log, shown, true_angles
 from distal.rig import Discrepancy, Rig, load_rig
 from distal.run import first_values, samples_of
 from distal.sensors import variance
@@ -221,9 +221,9 @@ def reference_std(rig: Rig, log: Log) -> float:
         rig: the description.
         log: with truth.
     """
-    if not log.truth_source.endswith(FROM_SENSOR):
+    if not log.truth_kind.by_sensor:
         return 0.0
-    return max((float(np.hypot(s.bias.unsure, np.sqrt(variance(s)))) for s in rig.sensors_of("angle")), default=0.0)
+    return max((float(np.hypot(s.bias.filter_std, np.sqrt(variance(s)))) for s in rig.sensors_of("angle")), default=0.0)
 
 
 def _chosen(data: Sequence[Samples], rig: Rig, folds: Sequence[int], homing: float | None) -> Choice:

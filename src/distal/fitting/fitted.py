@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from distal.rig import Number, Rig, number
 
 DIGITS = 7
@@ -16,7 +18,7 @@ SMALLEST_STD = 0.002
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedNumber:
     """One free number after a fit.
 
     Args:
@@ -26,10 +28,12 @@ class Fitted:
         start: where it started, which is the mean of its prior.
         prior_std: of the prior; NaN where there was none.
         value: found.
-        error: standard error of it.
-        identified: whether the logs identify it; else it stays at its prior.
+        error: standard error of it, the other numbers not being known; NaN where the search did not converge.
+        identified: whether the logs tell it; else it stays at its prior.
         noise: whether it is a noise.
         values: of all `paths`.
+        held_error: standard error with the numbers that are `held` taken as known; what a file's std is made of.
+        held: whether the logs tell it only together with others: the file holds it, and the others carry what is not known.
         per_log: value by log, where each log has its own.
         kept: whether the file keeps the start where the fit found less.
     """
@@ -44,17 +48,16 @@ class Fitted:
     identified: bool
     noise: bool
     values: tuple[float, ...]
+    held_error: float = float("nan")
+    held: bool = False
     per_log: Mapping[str, float] = field(default_factory=dict)
     kept: bool = False
 
     @property
-    def told(self) -> bool:
-        """Answer the name that `identified` had in release 0.1."""
-        raise AttributeError("Fitted.told is called Fitted.identified now: whether the logs identify the number")
-
-    @property
     def origin(self) -> str:
         """Where the value comes from, in a word or two."""
+        if self.held:
+            return "prior (told only together with others)"
         if not self.identified:
             return "prior (these logs cannot tell)"
         if self.kept and self.value < self.start:
@@ -62,17 +65,19 @@ class Fitted:
         return "mean over the logs" if self.per_log else "fitted"
 
 
-def assignments(fitted: Sequence[Fitted], start: Rig, left: float = 1.0) -> dict[str, Any]:
-    """Return path → value, with its std where it had one, of what the logs identify.
+def assignments(numbers: Sequence[FittedNumber], start: Rig, prior_share: float | None = None) -> dict[str, Any]:
+    """Return path → value, with its std where it had one, of what the logs tell.
 
     Args:
-        fitted: every free number.
+        numbers: every free number.
         start: the description as it came.
-        left: share of each prior's std that a std keeps at least where the fit is in doubt; 0: estimators are to take the
-            values as they are (`hold`).
+        prior_share: stds are at least this share of the priors' where the fit is in doubt; None: as the logs tell; 0:
+            estimators are to take the values as they are (`hold`).
     """
     changed: dict[str, Any] = {}
-    for part in fitted:
+    for part in numbers:
+        if part.held:
+            changed |= {f"{path}.hold": True for path in part.paths if number(start, path).is_parameter}
         if not part.identified:
             continue
         for path, value in zip(part.paths, part.values):
@@ -85,18 +90,19 @@ def assignments(fitted: Sequence[Fitted], start: Rig, left: float = 1.0) -> dict
                 changed[path] = rounded
                 continue
             share = abs(value / part.value) if part.value else 1.0
-            error = part.error if left == 1.0 else min(part.error, left * part.prior_std)
-            std = max(error * share, SMALLEST_STD * abs(value))
+            least = 0.0 if prior_share is None else prior_share * part.prior_std
+            told = part.held_error if np.isfinite(part.held_error) else part.prior_std
+            std = max(min(max(told, least), part.prior_std) * share, SMALLEST_STD * abs(value))
             changed[path] = {"value": rounded, **_spread(part, before, std, value, start)}
-            if left == 0.0:
+            if prior_share == 0.0:
                 changed[path]["hold"] = True
     return changed
 
 
-def _spread(part: Fitted, before: Number, std: float, value: float, start: Rig) -> dict[str, Any]:
+def _spread(part: FittedNumber, before: Number, std: float, value: float, start: Rig) -> dict[str, Any]:
     """Return what a file says of how far a value may be off: together with others where all of them were varied as one."""
     name = before.shared[0] if before.shared is not None else None
-    if name is not None and before.own == 0.0 and set(start.sharing()[name]) <= set(part.paths):
+    if name is not None and before.independent_std == 0.0 and set(start.sharing()[name]) <= set(part.paths):
         return {"shared": {"name": name, "std": min(1.0, float(f"{std / abs(value):.3g}"))}}
     return {"std": float(f"{std:.3g}")}
 

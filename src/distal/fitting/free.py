@@ -108,19 +108,16 @@ class Free:
         """
         return z / self.spread if self.has_prior else 0.0
 
-    def neighbours(self, z: float, step: float) -> tuple[float, float, float]:
-        """Return two coordinates about z, a step away or at a bound, and how far apart they are.
+    def unit(self, z: float) -> float:
+        """Return how much of the coordinate is all of the value, or of the scale where the value may be zero or negative.
 
         Args:
             z: the coordinate.
-            step: half of the distance, as a share of the value; of the scale where there is no value to take a share of.
         """
-        low, high = self.bounds
         if not self.logarithmic and self.low >= 0.0 and self.start > 0.0:
-            # by the same share for all: what shows only as a product is then seen as one, kinks and all
-            step *= max(self.value(z) / self.scale, 0.1)
-        up, down = min(z + step, high), max(z - step, low)
-        return up, down, up - down
+            # slopes over the same share for all: what shows only as a product is then seen as one, kinks and all
+            return max(self.value(z) / self.scale, 0.1)
+        return 1.0
 
     def slope(self, z: float) -> float:
         """Return d value/dz.
@@ -129,14 +126,3 @@ class Free:
             z: the coordinate.
         """
         return self.value(z) if self.logarithmic else self.scale
-
-
-def prior_changes(path: str) -> bool:
-    """Return whether a number of the description is part of the filter's prior, not only of its model.
-
-    Args:
-        path: of the number.
-    """
-    return path.startswith("sensors.") or path.endswith(
-        (".initial", "external_torque.std", "hysteresis.error", "creep.share", "creep.settled")
-    )

@@ -9,15 +9,16 @@ from pathlib import Path
 from distal.errors import FitError
 
 
-def groups_of(names: Sequence[str], pattern: str | None) -> list[str]:
+def groups_of(names: Sequence[str], pattern: str | None, least: int = 2) -> list[str]:
     """Return the group of each log: its own name, or what a regular expression finds in it.
 
     Args:
         names: of the logs.
         pattern: regular expression whose first parenthesis names the group, e.g. ``run_(.)``; None for one log each.
+        least: so many groups there must be.
 
     Raises:
-        FitError: it is no such expression, does not match a name, or leaves one group only.
+        FitError: it is no such expression, does not match a name, or leaves fewer groups.
     """
     if pattern is None:
         groups = list(names)
@@ -34,8 +35,8 @@ def groups_of(names: Sequence[str], pattern: str | None) -> list[str]:
             if found is None:
                 raise FitError(f"'{pattern}': does not match '{Path(name).name}'")
             groups.append(str(found.group(1)))
-    if len(set(groups)) < 2:
-        raise FitError(f"cross-validation needs logs of at least two groups; {len(names)} logs of one came")
+    if len(set(groups)) < least:
+        raise FitError(f"logs of at least {least} groups are needed; {len(names)} logs came, of {len(set(groups))}")
     return groups
 
 

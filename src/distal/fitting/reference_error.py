@@ -9,7 +9,7 @@ import numpy as np
 
 from distal.fitting.affine import AffineFit
 from distal.fitting.discrepancy import DiscrepancyFit
-from distal.logs import FROM_SENSOR, Log
+from distal.logs import Log
 from distal.rig import AffineJoint, Rig
 
 
@@ -26,9 +26,9 @@ def with_reference_error(
         rig: the description, whose angle sensors say how unsure their offsets are.
         logs: from which it was learned.
     """
-    if not any(log.truth_source.endswith(FROM_SENSOR) for log in logs):
+    if not any(log.truth_kind.by_sensor for log in logs):
         return affine, discrepancy
-    offsets = {sensor.of: sensor.bias.unsure for sensor in reversed(rig.sensors_of("angle"))}
+    offsets = {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
 
     def wider(joint: AffineJoint, name: str) -> AffineJoint:
         return joint.model_copy(update={"std": float(np.hypot(joint.std, offsets.get(name, 0.0)))})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from distal.fitting.affine import AffineFit, affine_table
 from distal.fitting.contact import ContactFit
 from distal.fitting.discrepancy import DiscrepancyFit
-from distal.fitting.fitted import Fitted, assignments
+from distal.fitting.fitted import FittedNumber, assignments
 from distal.fitting.fitted_file import MARK, fitted_text, plain
-from distal.fitting.leaving_out import Compared, verdict
-from distal.logs import shown, write_whole
+from distal.fitting.learn import Learned
+from distal.fitting.leave_out import Compared, Fold, verdict
+from distal.fitting.options import Options
+from distal.logs import Log, shown, write_whole
 from distal.rig import Rig
 
 Floats = NDArray[np.float64]
@@ -27,14 +29,15 @@ class Fit:
     """The outcome of `fit`.
 
     Args:
-        rig: the description with the fitted values.
+        rig: the description with all that was learned.
         start: the description as it came.
         fitted: every free number.
         logs: names of the logs.
         duration: of all of them [s].
         samples: of all of them.
         homing: for how long a reference was used, None for wherever it is [s].
-        correlations: of the parameters' errors, (n, n), in the order of `fitted`.
+        correlations: of the coordinates' errors, (n, n), in the order of `correlated`.
+        correlated: name of each coordinate, (n,).
         combinations: plain lines on what the logs cannot tell apart.
         channels: names of the channels that were compared.
         nis_before: mean ν²/S per channel at the start; 1 is expected.
@@ -42,27 +45,27 @@ class Fit:
         cost_before: −ln p at the start, less constants.
         cost_after: at the end.
         iterations: of the search.
-        converged: whether the search ended by itself.
+        converged: whether the search ended by itself; without it there are no standard errors.
         interrupted: whether the user stopped it.
-        evaluations: runs of the filter over all logs.
         curves: path → value of what was learned of the position sensors' systematic errors.
         affine: the obvious estimator's map from the same logs, where some have a truth; the rig holds it.
         discrepancy: what the model leaves of the angle, from the same logs; the rig holds it.
-        compared: each log left out once, with how the fitted rig, the rig as it came and `affine` do on it.
-        doubts: plain sentences on what speaks against the fit.
-        left: share of the priors' stds that the rig's numbers keep where there are doubts: the widest with which the angle
-            is not clearly worse on these logs; 0 is `hold`.
         contact: the torque from outside as learned from logs that have it; the rig holds it.
+        folds: each log (or unit) left out once.
+        doubts: plain sentences on what speaks against the fit.
+        prior_share: share of the priors' stds that the rig's numbers keep where there are doubts: the widest with which the
+            angle is not clearly worse on these logs; 0 is `hold`; None where stds are as the logs tell.
     """
 
     rig: Rig
     start: Rig
-    fitted: tuple[Fitted, ...]
+    fitted: tuple[FittedNumber, ...]
     logs: tuple[str, ...]
     duration: float
     samples: int
     homing: float | None
     correlations: Floats
+    correlated: tuple[str, ...]
     combinations: tuple[str, ...]
     channels: tuple[str, ...]
     nis_before: tuple[float, ...]
@@ -72,21 +75,71 @@ class Fit:
     iterations: int
     converged: bool
     interrupted: bool
-    evaluations: int
     curves: Mapping[str, object] = field(default_factory=dict)
     affine: AffineFit | None = None
     discrepancy: DiscrepancyFit | None = None
-    compared: tuple[Compared, ...] = ()
-    doubts: tuple[str, ...] = ()
-    left: float = 1.0
     contact: ContactFit | None = None
+    folds: tuple[Fold, ...] = ()
+    doubts: tuple[str, ...] = ()
+    prior_share: float | None = None
+
+    @classmethod
+    def of(cls, learned: Learned, start: Rig, logs: Sequence[Log], options: Options, folds: tuple[Fold, ...]) -> Fit:
+        """Return what was learned of logs, and how it did on those left out, as one result.
+
+        Args:
+            learned: from all logs.
+            start: the description as it came.
+            logs: of the fit.
+            options: what was asked.
+            folds: each log left out once.
+        """
+        numbers, own = learned.numbers, len(start.sensors)
+        found = numbers.found
+
+        def of_rig(part: FittedNumber) -> bool:
+            kind, index, *_ = part.paths[0].split(".")
+            return kind != "sensors" or int(index) < own
+
+        return cls(
+            rig=learned.rig,
+            start=start,
+            fitted=tuple(part for part in numbers.fitted if of_rig(part)),
+            logs=tuple(log.source for log in logs),
+            duration=float(sum(log.time[-1] - log.time[0] for log in logs)),
+            samples=sum(len(log) for log in logs),
+            homing=options.homing,
+            correlations=numbers.uncertainty.correlations,
+            correlated=tuple(part.name for part, _ in numbers.problem.parts),
+            combinations=numbers.uncertainty.combinations,
+            channels=numbers.problem.measured,
+            nis_before=numbers.nis[0],
+            nis_after=numbers.nis[1],
+            cost_before=numbers.begun,
+            cost_after=found.cost,
+            iterations=found.iterations,
+            converged=found.converged,
+            interrupted=found.interrupted or any(fold.learned.numbers.found.interrupted for fold in folds),
+            curves=learned.curves,
+            affine=learned.affine,
+            discrepancy=learned.discrepancy,
+            contact=learned.contact,
+            folds=folds,
+            doubts=learned.doubts,
+            prior_share=learned.prior_share,
+        )
+
+    @property
+    def compared(self) -> tuple[Compared, ...]:
+        """Each log left out once, with how the fitted rig, the rig as it came and `affine` do on it."""
+        return tuple(one for fold in self.folds for one in fold.compared)
 
     @property
     def verdict(self) -> str:
         """Which estimator did better on logs left out, in a sentence; empty where none was."""
         return verdict(self.compared)
 
-    def __getitem__(self, name: str) -> Fitted:
+    def __getitem__(self, name: str) -> FittedNumber:
         """Return a fitted number by its name or one of its paths.
 
         Raises:
@@ -116,7 +169,7 @@ class Fit:
             learned["discrepancy"] = plain(self.discrepancy.discrepancy.model_dump())
         if self.contact is not None:
             learned["contact"] = plain(self.contact.contact.model_dump())
-        return {**assignments(self.fitted, self.start, self.left), **self.curves, **learned}
+        return {**assignments(self.fitted, self.start, self.prior_share), **self.curves, **learned}
 
     def _account(self) -> str:
         """Return the comment at the head of a fitted file: what it was fitted to, and where each value came from."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from distal.errors import FitError, RigError
 from distal.estimators import Robustness, channels_of
-from distal.estimators.adaptive import Setup, uncertain_parameters
+from distal.estimators.adaptive import FilterContext, uncertain_parameters
 from distal.fitting.free import NOISY, POINTS, Free
 from distal.model import Mechanism
 from distal.rig import REFERENCES, Number, Rig, Sensor, number
@@ -94,14 +94,16 @@ def _uncertain(rig: Rig, references: Sequence[Sensor], per_log: Sequence[str], s
     mechanism = Mechanism(rig)
     own = {path for wanted in per_log for path in _paths(rig, wanted)}
     free = [part for part in _biases(rig, several) if not own.intersection(part.paths)]
-    for state in uncertain_parameters(Setup(mechanism, channels_of(rig, "fit", references), Robustness.fitting())):
+    for state in uncertain_parameters(
+        FilterContext(mechanism, channels_of(rig, "fit", references), Robustness.fitting())
+    ):
         paths = [mechanism.parameters.names[i] for i in state.indices]
         if own.intersection(paths) or (len(paths) == 1 and any(paths[0] in part.paths for part in free)):
             continue  # what shares its error with nothing, and errs alone too, is varied once
         numbers = [number(rig, path) for path in paths]
         if state.acts == "factor" and len(paths) > 1:
             # what also errs alone is varied alone, with the spread of both
-            together = [one for one in numbers if one.own == 0.0]
+            together = [one for one in numbers if one.independent_std == 0.0]
             if together:
                 free.append(_free(_common_name([one.path for one in together]), together, False))
         else:

@@ -1,4 +1,4 @@
-"""What logs can tell: standard errors, correlations, and what they leave to the prior."""
+"""What logs tell: standard errors, what they leave to the priors, and what they tell only together."""
 
 from __future__ import annotations
 
@@ -10,20 +10,29 @@ from numpy.typing import NDArray
 
 from distal.fitting.free import Free
 from distal.fitting.likelihood import Derivatives
+from distal.fitting.problem import Problem
+from distal.fitting.search import hessian
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
-IDENTIFIED = 0.9
-"""A parameter whose standard error is above this share of its prior's std is not identified by the logs."""
+TOLD = 0.9
+"""A number is told by the logs if its standard error is below this share of its prior's std."""
 
 VAGUE = 0.5
-"""The same for one without a prior: standard error as a share of its value."""
+"""What stands for the prior's std of a number without one, as a share of its value."""
+
+SEEN_ALONE = 0.5
+"""A number that is not told is told together with others if its error would be below this share were they known."""
 
 WEAK = 0.5
 """A combination of which the logs tell less than this share of what the priors do is said."""
 
 PART = 0.3
-"""A parameter belongs to a combination if its share in it is at least this."""
+"""A number belongs to a combination if its share in it is at least this."""
+
+SUMMANDS = {"constant", "load", "preload"}
+"""Parts of one friction limit, which add up."""
 
 
 @dataclass(frozen=True)
@@ -33,17 +42,19 @@ class Uncertainty:
     Args:
         covariance: of the coordinates' errors, (n, n): H⁻¹ (J + P) H⁻¹ with H = I + P, I Fisher's information, P the
             prior's and J the long-run covariance of the scores, but no less than H⁻¹; what is `Free.coarse` added.
-        identified: whether the logs say more of each coordinate than its prior, (n,).
+        told: whether the logs say more of each coordinate than its prior, (n,).
+        together: whether the logs say something of it, but only together with others, (n,).
         combinations: plain lines on combinations that the logs do not tell.
     """
 
     covariance: Floats
-    identified: tuple[bool, ...]
+    told: Bools
+    together: Bools
     combinations: tuple[str, ...]
 
     @property
     def errors(self) -> Floats:
-        """Standard errors of the coordinates, (n,)."""
+        """Standard errors of the coordinates, the others not being known, (n,)."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -53,65 +64,74 @@ class Uncertainty:
         correlations: Floats = self.covariance / np.outer(errors, errors)
         return correlations
 
+    def errors_holding(self, held: Bools) -> Floats:
+        """Return standard errors where some coordinates are taken as known, 0 for those, (n,).
 
-def uncertainty_at(derivatives: Derivatives, z: Floats, parts: Sequence[tuple[Free, int | None]]) -> Uncertainty:
+        Args:
+            held: which are.
+        """
+        errors, rest = np.zeros(len(held)), ~held
+        precision = np.linalg.inv(self.covariance)[np.ix_(rest, rest)]
+        errors[rest] = np.sqrt(np.diag(np.linalg.inv(precision)))
+        return errors
+
+
+def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Uncertainty:
     """Return standard errors and what stays unknown at the end of a fit.
 
     Args:
+        problem: that was minimised.
         derivatives: of −ln p there.
         z: coordinates, (n,).
-        parts: the free parameter behind each coordinate.
     """
-    n = len(z)
-    # a very wide prior keeps what neither logs nor priors know from dividing by zero
-    hessian = derivatives.information + derivatives.prior + 1e-12 * np.eye(n)
-    inverse = np.linalg.pinv(hessian, hermitian=True)
+    n, limit = problem.size, problem.prior_stds
+    inverse = np.linalg.pinv(hessian(problem, derivatives), hermitian=True)
     # few spans of time tell too small a variance (MacKinnon and White, J. Econometrics 29, 1985)
     few = derivatives.spans / max(derivatives.spans - n, 1)
-    sandwich = inverse @ (few * derivatives.meat + derivatives.prior) @ inverse
-    covariance = np.where(np.eye(n) > 0, np.maximum(np.diag(sandwich), np.diag(inverse)), 0.0)
-    scale = np.sqrt(np.diag(covariance) / np.maximum(np.diag(inverse), 1e-300))
-    covariance = inverse * np.outer(scale, scale)
-    numeric = [part.coarse * abs(part.value(c)) / max(part.slope(c), 1e-300) for (part, _), c in zip(parts, z)]
-    covariance += np.diag(np.square(numeric))
+    sandwich = inverse @ (few * derivatives.meat + np.diag(1.0 / limit**2)) @ inverse
+    variances = np.maximum(np.diag(sandwich), np.diag(inverse))
+    scale = np.sqrt(variances / np.maximum(np.diag(inverse), 1e-300))
+    covariance: Floats = inverse * np.outer(scale, scale)
+    coarse = [part.coarse * abs(part.value(c)) / max(part.slope(c), 1e-300) for (part, _), c in zip(problem.parts, z)]
+    covariance += np.diag(np.square(coarse))
     # what is known after a log is no less than what was known before it
-    limit = np.array([part.spread if part.has_prior else np.inf for part, _ in parts])
     shrink = np.minimum(1.0, limit / np.maximum(np.sqrt(np.diag(covariance)), 1e-300))
     covariance *= np.outer(shrink, shrink)
-    identified = []
-    for (part, _), coordinate, error in zip(parts, z, np.sqrt(np.diag(covariance))):
-        known = (
-            part.spread if part.has_prior else VAGUE * abs(part.value(coordinate)) / max(part.slope(coordinate), 1e-300)
-        )
-        identified.append(bool(error < (IDENTIFIED if part.has_prior else 1.0) * known))
-    return Uncertainty(covariance, tuple(identified), _combinations(derivatives, z, parts))
+    yardstick = yardsticks(problem, z)
+    share = np.where(np.isfinite(limit), TOLD, 1.0)
+    told = np.sqrt(np.diag(covariance)) < share * yardstick
+    alone = 1.0 / np.sqrt(np.diag(np.linalg.inv(covariance)))
+    return Uncertainty(
+        covariance, told, ~told & (alone < SEEN_ALONE * yardstick), _combinations(problem, derivatives, z)
+    )
 
 
-def _combinations(derivatives: Derivatives, z: Floats, parts: Sequence[tuple[Free, int | None]]) -> tuple[str, ...]:
-    """Return lines on directions that the logs say less of than the priors, each over two parameters or more."""
-    own = [k for k, (part, _) in enumerate(parts) if not part.noise]
+def yardsticks(problem: Problem, z: Floats) -> Floats:
+    """Return by what errors are judged: the std of each coordinate's prior, or a share of its value, (n,).
+
+    Args:
+        problem: with the priors.
+        z: coordinates, (n,).
+    """
+    vague = [VAGUE * abs(part.value(c)) / max(part.slope(c), 1e-300) for (part, _), c in zip(problem.parts, z)]
+    return np.where(np.isfinite(problem.prior_stds), problem.prior_stds, vague)
+
+
+def _combinations(problem: Problem, derivatives: Derivatives, z: Floats) -> tuple[str, ...]:
+    """Return lines on directions that the logs say less of than the priors, each over two numbers or more."""
+    own = [k for k, (part, _) in enumerate(problem.parts) if not part.noise]
     if len(own) < 2:
         return ()
-    yardstick = np.array(
-        [
-            parts[k][0].spread
-            if parts[k][0].has_prior
-            else VAGUE * abs(parts[k][0].value(z[k])) / max(parts[k][0].slope(z[k]), 1e-300)
-            for k in own
-        ]
-    )
+    yardstick = yardsticks(problem, z)[own]
     relative = derivatives.information[np.ix_(own, own)] * np.outer(yardstick, yardstick)
     amounts, directions = np.linalg.eigh((relative + relative.T) / 2)
     lines = []
     for amount, direction in zip(amounts, directions.T):
         members = [i for i in np.argsort(-np.abs(direction)) if abs(direction[i]) >= PART]
         if amount < WEAK and len(members) > 1:
-            lines.append(_line([parts[own[i]][0] for i in members], [z[own[i]] for i in members], direction[members]))
+            parts = [problem.parts[own[i]][0] for i in members]
+            lines.append(_line(parts, [z[own[i]] for i in members], direction[members]))
     return tuple(lines)
-
-
-SUMMANDS = {"constant", "load", "preload"}
-"""Parts of one friction limit, which add up."""
 
 
 def _line(parts: Sequence[Free], z: Sequence[float], direction: Floats) -> str:

@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 
 from distal.errors import EstimationError
 from distal.estimators import LARGEST_ANGLE
-from distal.logs import FROM_SENSOR, Log, true_angles
+from distal.logs import Log, TruthKind, TruthSource, true_angles
 from distal.rig import Rig, Sensor, angle_names, build_rig
 
 Floats = NDArray[np.float64]
 
 TRUTH_NOISE = np.deg2rad(0.1)
 """Standard deviation of a truth that is no sensor of the rig [rad]."""
-
-AT_HOME = " at home"
 
 
 def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
@@ -44,7 +42,7 @@ def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
     names = []
     for joint in known:
         own = [sensor for sensor in rig.sensors_of("angle") if sensor.of == joint]
-        if own and log.truth_source.endswith(FROM_SENSOR):
+        if own and log.truth_kind.by_sensor:
             if own[0].noise == 0.0 and own[0].resolution == 0.0:
                 path = f"sensors.{[each.name for each in rig.sensors].index(own[0].name)}.noise"
                 rig = rig.with_values({path: TRUTH_NOISE})
@@ -110,17 +108,17 @@ def at_known_angle(
     home = {"name": name, "measures": "angle", "of": which, "noise": TRUTH_NOISE, "rate": rate}
     raw["sensors"] = [{**home, "bias": {"value": 0.0, "std": std}}, *raw["sensors"]]
     columns, early = dict(zip(joints, angle_names(joints))), log.time - log.time[0] < homing
-    homed_before = log.truth_source if AT_HOME in log.truth_source else ""
+    homed_before = log.truth_kind is TruthKind.HOME
     truth = dict(log.truth)
     if not homed_before:
         # of the joints that nobody says anything of, the truth is not used
         truth |= {name: np.where(early, np.nan, truth[name]) for name in columns.values() if name in truth}
     column = columns[which]
     truth[column] = np.where(early, angle, truth.get(column, np.full(len(log), np.nan)))
-    at = f"{np.rad2deg(angle):g}° ± {np.rad2deg(std):g}°{AT_HOME}"
+    at = f"{np.rad2deg(angle):g}° ± {np.rad2deg(std):g}° at home"
     at = at if len(joints) == 1 else f"{which} {at}"
-    said = f"{homed_before.removesuffix(FROM_SENSOR)}{at}, {FROM_SENSOR}"
-    return replace(log, truth=truth, truth_source=said), build_rig(raw, rig.name)
+    place = f"{log.truth_source.place}, {at}" if homed_before else at
+    return replace(log, truth=truth, truth_source=TruthSource(TruthKind.HOME, place)), build_rig(raw, rig.name)
 
 
 def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators import AdaptiveFilter, Belief
+from distal.estimators import AdaptiveFilter, Belief, StateKind, states_of
 from distal.logs import Log, frozen
 from distal.sensors import variance
 
@@ -58,6 +58,12 @@ class Window:
         return {i: sensors[name] for i, name in enumerate(self.runner.channels) if name in sensors}
 
     @property
+    def _biases(self) -> dict[str, int]:
+        """Channel → index of the state that is its offset."""
+        runner = self.runner
+        return states_of(StateKind.SENSOR_BIAS, runner.channels, runner.state_kinds, runner.state_parts)
+
+    @property
     def unaided(self) -> Floats:
         """The samples without the references, (k, n_channels)."""
         samples = self.samples.copy()
@@ -83,15 +89,15 @@ class Window:
         Args:
             carries: of an unaided run.
         """
-        n, nj, names = self.start.size, self.known.shape[1], self.runner.state_names
+        n, nj, biases = self.start.size, self.known.shape[1], self._biases
         angles, variances = plain_angles(self.runner, carries, n, nj)
         errors = self.known - angles
         sensors = {sensor.name: sensor for sensor in self.runner.rig.sensors_of("angle")}
         for channel, joint in self.references.items():
             name = self.runner.channels[channel]
             variances[:, joint] += variance(sensors[name])
-            if f"bias_{name}" in names:
-                errors[:, joint] -= carries[:, names.index(f"bias_{name}")]
+            if name in biases:
+                errors[:, joint] -= carries[:, biases[name]]
         return errors, variances
 
     def anchored(self, carry: Floats) -> Floats:
@@ -101,8 +107,8 @@ class Window:
             carry: before the first sample.
         """
         n, states = self.start.size, self.runner.states
-        biases = {joint: f"bias_{self.runner.channels[channel]}" for channel, joint in self.references.items()}
-        offsets = {j: float(states.stds[states.names.index(b)]) for j, b in biases.items() if b in states.names}
+        names, biases = self.runner.channels, self._biases
+        offsets = {j: float(states.stds[biases[names[c]]]) for c, j in self.references.items() if names[c] in biases}
         carry = carry.copy()
         whole = carry[n : n + n * n].reshape(n, n)
         for joint, column in enumerate(self.known.T):

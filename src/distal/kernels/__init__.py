@@ -1,12 +1,13 @@
 """Kernels: the model's functions made fast, as C built once or in CasADi's interpreter."""
 
 from distal.kernels.cache import cache_folder
-from distal.kernels.compiler import Compiler, c_source, find_compiler
+from distal.kernels.compiler import CompileError, Compiler, c_source, find_compiler
 from distal.kernels.kernel import Evaluation, Kernel
 from distal.kernels.lanes import LaneKernel, grouped, lanes_here
 from distal.kernels.probe import probe
 
 __all__ = [
+    "CompileError",
     "Compiler",
     "Evaluation",
     "Kernel",

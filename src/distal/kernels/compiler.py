@@ -44,8 +44,16 @@ const long long* {name}_kernel_sparsity_out(long long i) {{ return shapes[3 + i]
 """
 
 
+SWITCHED_OFF = "switched off by DISTAL_COMPILE=0"
+"""Why there is no compiler where the user wants none."""
+
+
 class CompileError(Exception):
     """A kernel could not be compiled; the message says why in one line."""
+
+
+class UnwantedError(CompileError):
+    """The user wants no compiled kernels."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +68,7 @@ class Compiler:
 def find_compiler() -> Compiler | str:
     """Return the C compiler ($CC, else cc, gcc, clang), or one line that says why there is none."""
     if os.environ.get("DISTAL_COMPILE", "1") == "0":
-        return "switched off by DISTAL_COMPILE=0"
+        return SWITCHED_OFF
     given = os.environ.get("CC")
     try:
         names = [shlex.split(given)] if given else [["cc"], ["gcc"], ["clang"]]
@@ -112,9 +120,7 @@ def compiled_library(function: ca.Function) -> Path:
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
-    compiler = find_compiler()
-    if isinstance(compiler, str):
-        raise CompileError(compiler)
+    _needed_compiler()  # before the work of writing C
     return compiled_source(c_source(function))
 
 
@@ -127,9 +133,7 @@ def compiled_source(source: str) -> Path:
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
-    compiler = find_compiler()
-    if isinstance(compiler, str):
-        raise CompileError(compiler)
+    compiler = _needed_compiler()
     key = digest(source, compiler.version, " ".join(compiler.command), " ".join(FLAGS), cpu(), ca.__version__)
     cache = Cache(cache_folder())
     try:
@@ -145,6 +149,13 @@ def compiled_source(source: str) -> Path:
     except OSError as problem:
         reason = problem.strerror or str(problem)
         raise CompileError(f"the cache {cache.folder} cannot be written ({reason}); set DISTAL_CACHE") from None
+
+
+def _needed_compiler() -> Compiler:
+    compiler = find_compiler()
+    if isinstance(compiler, str):
+        raise (UnwantedError if compiler == SWITCHED_OFF else CompileError)(compiler)
+    return compiler
 
 
 def _build(compiler: Compiler, source: str, folder: Path) -> Path:

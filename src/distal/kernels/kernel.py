@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import KernelWarning
-from distal.kernels.compiler import CompileError, compiled_library, find_compiler
+from distal.kernels.compiler import CompileError, UnwantedError, compiled_library, find_compiler
 from distal.kernels.lanes import LaneKernel
 
 Floats = NDArray[np.float64]
@@ -45,7 +45,8 @@ class Kernel:
                 call = self._load()
             except CompileError as problem:
                 self.reason = str(problem)
-                _warn(self.reason)
+                if not isinstance(problem, UnwantedError):
+                    _warn(self.reason)
         self._carry, self._x = np.zeros(self.n_carry), np.zeros(self.n_x)
         self._p, self._y = np.zeros(self.n_p), np.zeros(self.n_y)
         self._next = np.zeros(self.n_carry)
@@ -200,8 +201,8 @@ class Loop:
 
 
 def _warn(reason: str) -> None:
-    """Say once per reason and process that kernels are interpreted; a wish of the user needs no warning."""
-    if reason in _said or "DISTAL_COMPILE=0" in reason:
+    """Say once per reason and process that kernels are interpreted."""
+    if reason in _said:
         return
     _said.add(reason)
     warnings.warn(f"kernels are interpreted, about 15 times slower: {reason}", KernelWarning, stacklevel=4)

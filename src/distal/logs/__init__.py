@@ -1,7 +1,7 @@
 """Logs: time series of sensors, read, checked and written."""
 
 from distal.logs.datasets import da_vinci_grasper
-from distal.logs.files import FROM_SENSOR, file_of, read_log, read_truth, write_columns, write_log
+from distal.logs.files import file_of, read_log, read_truth, write_columns, write_log
 from distal.logs.frames import pandas_frame
 from distal.logs.log import LARGEST_READING, Log, check_stamps, frozen
 from distal.logs.memory import MEMORY_VARIABLE, size_of
@@ -11,7 +11,8 @@ from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_SCHEMA, SAMPLE_TOPIC, Re
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.tables import Table, read_table
 from distal.logs.targets import Output, check_outputs, outputs_in, shown
-from distal.logs.truth import true_angles, true_torques
+from distal.logs.true_columns import true_angles, true_torques
+from distal.logs.truth import FROM_SENSOR, TruthKind, TruthSource
 
 __all__ = [
     "ESTIMATE_TOPIC",
@@ -25,6 +26,8 @@ __all__ = [
     "Output",
     "Recorder",
     "Table",
+    "TruthKind",
+    "TruthSource",
     "check_outputs",
     "check_stamps",
     "check_writable",

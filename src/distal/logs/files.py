@@ -12,20 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError
-from distal.logs.apart import recording_apart
 from distal.logs.log import LARGEST_READING, Log, check_stamps
 from distal.logs.output import write_whole
+from distal.logs.reader_process import recording_by_process
 from distal.logs.recordings import is_recording
 from distal.logs.stamps import Clock, clock_of
 from distal.logs.tables import Cells, Table, check_columns, open_table, table_of
+from distal.logs.truth import NO_SOURCE, TruthKind, TruthSource
 from distal.rig import REFERENCES, Capstan, Rig, Sensor, angle_names, log_factor, torque_names
 from distal.units import unit_factor
 
 Floats = NDArray[np.float64]
-
-
-FROM_SENSOR = "the reference sensor"
-"""How the origin of a log's truth ends where it is the rig's own angle sensor."""
 
 
 def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
@@ -53,7 +50,7 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
     stamps = None
     if is_recording(path):
         factor = unit_factor(rig.log.time.unit, "s")
-        frame, stamps = recording_apart(Path(path), asked, rig.log.time.column, factor)
+        frame, stamps = recording_by_process(Path(path), asked, rig.log.time.column, factor)
         cells = Cells(frame, Path(path), 0, tuple(frame.columns))
     else:
         cells = open_table(path, asked, rig.log.time.column)
@@ -72,7 +69,7 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
     if known and not any(np.isfinite(values).any() for values in known.values()):
         if truth is not None:
             raise LogError(f"{table.source}: the truth ({origin}) has no value at all")
-        known, origin = {}, ""  # a reference that was never connected
+        known, origin = {}, NO_SOURCE  # a reference that was never connected
     for values in known.values():
         largest = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
         if largest > 1e6:
@@ -99,7 +96,7 @@ def _known_angles(
     column: str | None,
     truth: str | Path | None,
     clock: Clock,
-) -> tuple[dict[str, Floats], str]:
+) -> tuple[dict[str, Floats], TruthSource]:
     """Return name → true angle [rad] as far as a log or a file beside it has them, and where they come from."""
     joints = [joint.name for joint in rig.joints]
     names = dict(zip(joints, angle_names(joints)))
@@ -111,19 +108,19 @@ def _known_angles(
                 f"{', '.join(names.values())}, or an angle sensor for each joint in the rig file"
             )
         values = table.columns[column] if sensor is None else _in_si(sensor, table)
-        origin = f"column '{column}'" + (f", {FROM_SENSOR}" if sensor is not None else "")
+        kind = TruthKind.COLUMN if sensor is None else TruthKind.SENSOR
+        origin = TruthSource(kind, f"column '{column}'")
         return {names[joints[0] if sensor is None else sensor.of]: values}, origin
     if truth is not None:
-        return read_truth(truth, clock.time, joints, clock.start), str(truth)
+        return read_truth(truth, clock.time, joints, clock.start), TruthSource(TruthKind.FILE, str(truth))
     simulated = {name: f"true_{name}" for name in names.values()}
     if any(there in table.columns for there in simulated.values()):
         known = {name: table.columns[there] for name, there in simulated.items() if there in table.columns}
-        return known, "column " + ", ".join(f"'{simulated[name]}'" for name in known)
+        return known, TruthSource(TruthKind.COLUMN, "column " + ", ".join(f"'{simulated[name]}'" for name in known))
     read = {names[s.of]: s for s in references.values() if s.log_column in table.columns}
     listed = ", ".join(f"'{sensor.log_column}'" for sensor in read.values())
-    return {
-        name: _in_si(sensor, table) for name, sensor in read.items()
-    }, f"column {listed}, {FROM_SENSOR}" if read else ""
+    origin = TruthSource(TruthKind.SENSOR, f"column {listed}") if read else NO_SOURCE
+    return {name: _in_si(sensor, table) for name, sensor in read.items()}, origin
 
 
 def _is_column(names: tuple[str, ...], name: str) -> bool:

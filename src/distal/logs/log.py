@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
+from distal.logs.truth import NO_SOURCE, TruthKind, TruthSource, truth_source_of
 
 if TYPE_CHECKING:
     import pandas
@@ -41,7 +42,7 @@ class Log:
         channels: sensor name → values, (n,) each; NaN = missing.
         truth: name → values, (n,) each: joint angles [rad] and, from a simulation, whatever else it knows.
         source: what to call it in messages.
-        truth_source: where the truth comes from.
+        truth_source: where the truth comes from; a text alone is said, but its kind is not known.
         stamps: the original stamps, since 1970 [ns], (n,), where time counts from the start of a log that has dates.
 
     Raises:
@@ -52,12 +53,13 @@ class Log:
     channels: Mapping[str, Floats]
     truth: Mapping[str, Floats] = field(default_factory=dict)
     source: str = "log"
-    truth_source: str = ""
+    truth_source: TruthSource = NO_SOURCE
     stamps: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check the stamps."""
         object.__setattr__(self, "time", frozen(self.time))
+        object.__setattr__(self, "truth_source", truth_source_of(self.truth_source))
         for name in ("channels", "truth"):
             columns = {key: frozen(values) for key, values in getattr(self, name).items()}
             object.__setattr__(self, name, MappingProxyType(columns))
@@ -76,6 +78,11 @@ class Log:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @property
+    def truth_kind(self) -> TruthKind:
+        """What kind of source the truth has."""
+        return self.truth_source.kind
 
     @property
     def rate(self) -> float:

@@ -1,4 +1,4 @@
-"""The process that reads binary logs for `distal.logs.apart`: requests come on standard input, tables go out."""
+"""The process that reads binary logs for `distal.logs.reader_process`: requests come on standard input, tables go out."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def answer_to(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
     """Return the answer to a request: names and warnings, or an error; and the table.
 
     Args:
-        request: what to read, as `distal.logs.apart` asks.
+        request: what to read, as `distal.logs.reader_process` asks.
     """
     said: list[str] = []
     with warnings.catch_warnings(record=True) as caught:

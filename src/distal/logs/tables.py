@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError, did_you_mean
-from distal.logs.apart import parquet_apart
 from distal.logs.csv_files import MISSING, read_csv
+from distal.logs.reader_process import parquet_by_process
 from distal.logs.targets import shown
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def open_table(path: Any, columns: Sequence[str] | None = None, index_name: str 
         if folder:
             raise LogError(f"{path}: is a folder; a CSV or Parquet file is expected")
         if there and path.suffix.lower() in (".parquet", ".pq"):
-            frame, names = parquet_apart(path, columns)
+            frame, names = parquet_by_process(path, columns)
             return Cells(frame, path, 1, tuple(names))
         frame, first_row = read_csv(path)
         return _all(frame, path, first_row)

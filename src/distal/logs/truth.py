@@ -1,44 +1,67 @@
-"""The true angles of a log's joints, where they are known."""
+"""Where the truth of a log comes from: what kind of source it is, for the program, and what it is called, for people."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-import numpy as np
-from numpy.typing import NDArray
-
-from distal.logs.log import Log, frozen
-from distal.rig import angle_names, torque_names
-
-Floats = NDArray[np.float64]
+from dataclasses import dataclass
+from enum import Enum
 
 
-def true_angles(log: Log, joints: Sequence[str]) -> Floats | None:
-    """Return the true angles of the joints [rad], (k, n_joints), NaN where one is not known; None where none is.
+class TruthKind(Enum):
+    """What kind of source a log's truth has."""
 
-    The array is read-only.
+    UNKNOWN = "unknown"
+    """Nobody said."""
+
+    SENSOR = "sensor"
+    """The rig's own angle sensors."""
+
+    HOME = "home"
+    """Angles at which joints are known to stand while homing; they are read as sensors, see `distal.homing`."""
+
+    SIMULATION = "simulation"
+    """The plant of a simulation that has just run."""
+
+    COLUMN = "column"
+    """Another column of the log, such as what a simulation wrote."""
+
+    FILE = "file"
+    """A file beside the log."""
+
+    @property
+    def by_sensor(self) -> bool:
+        """Whether the truth is what sensors of the rig read, with their errors."""
+        return self in (TruthKind.SENSOR, TruthKind.HOME)
+
+
+@dataclass(frozen=True)
+class TruthSource:
+    """Where a log's truth comes from.
 
     Args:
-        log: the log.
-        joints: names of the joints, in their order.
+        kind: what the program goes by.
+        place: for people: which column, file or mark.
     """
-    return _columns(log, angle_names(joints))
+
+    kind: TruthKind = TruthKind.UNKNOWN
+    place: str = ""
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        said = (self.place, "the reference sensor" if self.kind.by_sensor else "")
+        return ", ".join(part for part in said if part)
 
 
-def true_torques(log: Log, joints: Sequence[str]) -> Floats | None:
-    """Return the true torques on the joints from outside [N m], as `true_angles` does.
+NO_SOURCE = TruthSource()
+"""Nobody said where the truth comes from, or there is none."""
+
+FROM_SENSOR = TruthSource(TruthKind.SENSOR)
+"""The truth is what the rig's own angle sensor reads."""
+
+
+def truth_source_of(source: TruthSource | str) -> TruthSource:
+    """Return where a truth comes from; of a text alone the kind is not known.
 
     Args:
-        log: the log.
-        joints: names of the joints, in their order.
+        source: as it was told.
     """
-    return _columns(log, torque_names(joints))
-
-
-def _columns(log: Log, names: Sequence[str]) -> Floats | None:
-    if not any(name in log.truth for name in names):
-        return None
-    if len(names) == 1:
-        return log.truth[names[0]][:, None]
-    unknown = np.full(len(log), np.nan)
-    return frozen(np.column_stack([log.truth.get(name, unknown) for name in names]))
+    return TruthSource(place=source) if isinstance(source, str) else source

@@ -15,7 +15,7 @@ import casadi as ca
 
 from distal.model.mechanism import Mechanism
 from distal.model.stick_slip import Slip, slipping, solver
-from distal.model.stops import bounce, restitution
+from distal.model.stops import Flight, bounce, restitution
 
 SHORTEST = 1e-15
 """A kick is taken to last at least this [s]."""
@@ -95,7 +95,7 @@ def _implicit_inertias(mechanism: Mechanism, inertias: Any, length: Any) -> Any:
 
 
 def residual(
-    mechanism: Mechanism, q: Any, v: Any, after: Any, loads: Loads, slip: Slip, contacts: Contacts, h: Any
+    mechanism: Mechanism, q: Any, v: Any, after: Any, loads: Loads, *, slip: Slip, contacts: Contacts, h: Any
 ) -> Any:
     """Return A v⁺ + h f − r of the free joints, (n_free,): zero where they slip; its slopes are those of the kick.
 
@@ -126,7 +126,7 @@ def residual(
 
 
 def chain_kick(
-    mechanism: Mechanism, q: Any, v: Any, loads: Loads, length: Any, drift: Any, last: bool, rebounds: bool
+    mechanism: Mechanism, q: Any, v: Any, loads: Loads, length: Any, drift: Any, *, last: bool, rebounds: bool
 ) -> Kicked:
     """Return the joints after a kick and the drift that follows.
 
@@ -163,14 +163,14 @@ def chain_kick(
     at, kicked = q[free], alone
     stopped = [k for k, j in enumerate(free) if mechanism.bodies[j].has_stops]
     if stopped:
-        contacts = _contacts(mechanism, at, alone, inertias, length, drift, last)
-        pressed, pressing, after, kicked = _pressed(contacts, at, alone, matrix, load, up, down)
+        contacts = _contacts(mechanism, at, alone, inertias, length, drift, last=last)
+        pressed, pressing, after, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
         if last:
             # a stop only pushes: one that would pull lets go
             inside = at - contacts.place
             pushes = (contacts.stiffness * inside + contacts.damping * kicked) * inside > 0
             contacts = Contacts(contacts.stiffness * pushes, contacts.damping * pushes, contacts.place)
-            pressed, pressing, after, kicked = _pressed(contacts, at, alone, matrix, load, up, down)
+            pressed, pressing, after, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
         slip, matrix, load = after, pressed, pressing
     moved = at + drift * kicked
     if stopped and rebounds and not last:
@@ -179,9 +179,9 @@ def chain_kick(
             (at, v[free], alone, kicked),
             (matrix, load, slip, up, down),
             contacts,
-            inertias,
-            length,
-            drift,
+            inertias=inertias,
+            length=length,
+            drift=drift,
         )
     whole = ca.mtimes(spread, moved) + mechanism.offsets
     return Kicked(whole, ca.mtimes(spread, kicked), slip, contacts, matrix, load, up, down)
@@ -204,7 +204,7 @@ def _middle(matrix: Any, load: Any, v: Any, up: Any, down: Any) -> Any:
     return (v + after) / 2
 
 
-def _contacts(mechanism: Mechanism, q: Any, v: Any, inertias: Any, length: Any, drift: Any, last: bool) -> Contacts:
+def _contacts(mechanism: Mechanism, q: Any, v: Any, inertias: Any, length: Any, drift: Any, *, last: bool) -> Contacts:
     """Return which free joints press against a stop, by the velocities without it; see `kick_at_stops`."""
     stiffnesses, dampings, places = list[Any](), list[Any](), list[Any]()
     for k, j in enumerate(mechanism.free):
@@ -226,7 +226,7 @@ def _contacts(mechanism: Mechanism, q: Any, v: Any, inertias: Any, length: Any, 
 
 
 def _pressed(
-    contacts: Contacts, at: Any, alone: Any, matrix: Any, load: Any, up: Any, down: Any
+    contacts: Contacts, at: Any, alone: Any, matrix: Any, load: Any, *, up: Any, down: Any
 ) -> tuple[Any, Any, Slip, Any]:
     """Return A and r with the stops in them, which free joints slip then, and their speeds."""
     pressed, pressing = matrix + ca.diag(contacts.damping), load - contacts.stiffness * (at - contacts.place)
@@ -239,6 +239,7 @@ def _bounced(
     motion: tuple[Any, ...],
     system: tuple[Any, ...],
     contacts: Contacts,
+    *,
     inertias: Any,
     length: Any,
     drift: Any,
@@ -255,7 +256,8 @@ def _bounced(
         unresolved = stiffness * drift * drift / inertias[k] > 1
         rebound = ca.if_else(unresolved, restitution(stiffness, damping, inertias[k]), 0)
         touching, at_high = contacts.damping[k] > 0, contacts.place[k] == high
-        flies, after, place = bounce(rebound, at_high, contacts.place[k], alone[k], at[k], before[k], length, drift)
+        flight = Flight(alone[k], at[k], before[k], length, drift)
+        flies, after, place = bounce(rebound, at_high, contacts.place[k], flight)
         bounces.append(ca.logic_and(touching, flies))
         speeds.append(after)
         places.append(place)

@@ -35,13 +35,13 @@ class Mechanism(Tendons):
 
     Args:
         rig: the description.
-        given: numbers of the description that stay inputs whatever their values; see `Parameters`.
+        inputs: numbers of the description that stay inputs whatever their values; see `Parameters`.
         remembers: whether what moves inside the rig (backlash, points in a sheath, creep) stays where it was, as numbers
             `inside` among the parameters; else it is taken to be in the middle of where it can be.
     """
 
-    def __init__(self, rig: Rig, given: Sequence[str] = (), remembers: bool = False) -> None:
-        super().__init__(rig, given, remembers)
+    def __init__(self, rig: Rig, inputs: Sequence[str] = (), remembers: bool = False) -> None:
+        super().__init__(rig, inputs, remembers)
         links = Chain(rig, self.parameters) if rig.is_chain else None
         carried = self.n_joints >= FEWEST
         self.chain, self._lone = links if carried else None, None if carried else links

@@ -26,15 +26,15 @@ NEUTRAL = (".exponent", ".let_out", ".scale")
 class Parameters:
     """The numbers in the equations of motion: names (paths as in ``--set``), values, stds, drifts, symbols.
 
-    A drift that is not given is NaN. A std is that of all that is not known of a value; `own` is what others do not share,
-    and `shared` what they do: name → its std, as a share of the values, and the indices of its parameters.
+    A drift that is not given is NaN. A std is that of all that is not known of a value; `independent_stds` are what others
+    do not share, and `shared` what they do: name → its std, as a share of the values, and the indices of its parameters.
 
     A parameter that is zero with ``std = 0``, and an exponent of exactly one, are constants of the expressions:
     what a rig does not have costs nothing.
 
     Args:
         rig: the description.
-        given: paths that stay symbols whatever their values, because they will be changed: parameters, and other numbers
+        inputs: paths that stay symbols whatever their values, because they will be changed: parameters, and other numbers
             of the description (a sensor's noise), which are put behind the parameters. They have std 0.
         inside: names of what moves inside the rig, which come last; see `Mechanism`.
 
@@ -42,8 +42,8 @@ class Parameters:
         RigError: a path is not a number of the rig.
     """
 
-    def __init__(self, rig: Rig, given: Sequence[str] = (), inside: Sequence[str] = ()) -> None:
-        self.given, self.inside = tuple(given), tuple(inside)
+    def __init__(self, rig: Rig, inputs: Sequence[str] = (), inside: Sequence[str] = ()) -> None:
+        self.inputs, self.inside = tuple(inputs), tuple(inside)
         self._constants: dict[str, float] = {}
         names: list[str] = []
         values: list[float] = []
@@ -52,12 +52,12 @@ class Parameters:
         own: dict[int, float] = {}
         self.shared: dict[str, tuple[float, list[int]]] = {}
         for name, parameter in _walk(rig):
-            if name in self.given:
+            if name in self.inputs:
                 names.append(name)
                 values.append(parameter.value)
                 stds.append(0.0)
                 drifts.append(np.nan)
-            elif parameter.absent or (name.endswith(NEUTRAL) and (parameter.value, parameter.unsure) == (1.0, 0.0)):
+            elif parameter.absent or (name.endswith(NEUTRAL) and (parameter.value, parameter.filter_std) == (1.0, 0.0)):
                 self._constants[name] = parameter.value
             else:
                 names.append(name)
@@ -65,9 +65,9 @@ class Parameters:
                 if parameter.shared is not None and parameter.shared.std > 0.0 and not parameter.hold:
                     own[len(names) - 1] = parameter.std
                     self.shared.setdefault(parameter.shared.name, (parameter.shared.std, []))[1].append(len(names) - 1)
-                stds.append(parameter.unsure)
+                stds.append(parameter.filter_std)
                 drifts.append(np.nan if parameter.drift is None else parameter.drift)
-        more = {name: number_at(rig, name) for name in self.given if name not in names} | dict.fromkeys(inside, 0.0)
+        more = {name: number_at(rig, name) for name in self.inputs if name not in names} | dict.fromkeys(inside, 0.0)
         for name, value in more.items():
             names.append(name)
             values.append(value)
@@ -77,7 +77,7 @@ class Parameters:
         self.all_names = tuple(name for name, _ in _walk(rig))
         self.values: NDArray[np.float64] = np.array(values)
         self.stds: NDArray[np.float64] = np.array(stds)
-        self.own: NDArray[np.float64] = np.array([own.get(i, std) for i, std in enumerate(stds)])
+        self.independent_stds: NDArray[np.float64] = np.array([own.get(i, std) for i, std in enumerate(stds)])
         self.drifts: NDArray[np.float64] = np.array(drifts)
         self.symbols: Any = ca.SX.sym("p", len(names))
         self._index = {name: i for i, name in enumerate(names)}

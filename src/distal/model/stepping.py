@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from distal.errors import RigError
 from distal.model.chain_kick import Kicked, Loads, chain_kick
-from distal.model.friction import free_response, soft
+from distal.model.friction import free_response
 from distal.model.mechanism import Mechanism
-from distal.model.stops import Stop, kick_at_stops, restitution, velocity_in_stops
+from distal.model.stops import Push, Stop, kick_at_stops, restitution, velocity_in_stops
 
 Floats = NDArray[np.float64]
 
@@ -120,7 +120,7 @@ def kicked_chain(mechanism: Mechanism, kick: Kick, rebounds: bool = True, last: 
     """
     nj = mechanism.n_joints
     loads = loads_of(mechanism, kick)
-    return chain_kick(mechanism, kick.q[:nj], kick.v[:nj], loads, kick.length, kick.drift, last, rebounds)
+    return chain_kick(mechanism, kick.q[:nj], kick.v[:nj], loads, kick.length, kick.drift, last=last, rebounds=rebounds)
 
 
 def _stop(mechanism: Mechanism, body: int, response: Any, rebounds: bool) -> Stop:
@@ -148,13 +148,12 @@ def kick_and_drift(
         q, v = ca.vertsplit(chain.q), ca.vertsplit(chain.v)
     for i in range(len(q), mechanism.n_bodies):
         velocity, position = kick.v[i], kick.q[i] + kick.drift * kick.v[i]
+        push = Push(z[i], limits[i], kick.response[i, 1], damping[i])
         if i in free and mechanism.bodies[i].has_stops:
-            stop, b = _stop(mechanism, i, kick.response, rebounds), kick.response[i, 1]
-            velocity, position = kick_at_stops(
-                stop, z[i], limits[i], b, damping[i], kick.q[i], kick.v[i], kick.length, kick.drift
-            )
+            stop = _stop(mechanism, i, kick.response, rebounds)
+            velocity, position = kick_at_stops(stop, push, kick.q[i], kick.v[i], kick.length, kick.drift)
         elif i in free:
-            velocity = soft(z[i], limits[i]) / (1 + kick.response[i, 1] * damping[i])
+            velocity = push.free
             position = kick.q[i] + kick.drift * velocity
         q.append(position)
         v.append(velocity)
@@ -173,12 +172,12 @@ def last_kick(mechanism: Mechanism, kick: Kick) -> Any:
     if mechanism.chain is not None:
         velocities = ca.vertsplit(kicked_chain(mechanism, kick, last=True).v)
     for i in range(len(velocities), mechanism.n_bodies):
-        b = kick.response[i, 1]
+        push = Push(z[i], limits[i], kick.response[i, 1], damping[i])
         if mechanism.bodies[i].has_stops:
             stop = _stop(mechanism, i, kick.response, False)
-            velocities.append(velocity_in_stops(stop, z[i], limits[i], b, damping[i], kick.q[i], kick.drift))
+            velocities.append(velocity_in_stops(stop, push, kick.q[i], kick.drift))
         else:
-            velocities.append(soft(z[i], limits[i]) / (1 + b * damping[i]))
+            velocities.append(push.free)
     return ca.vertcat(*velocities)
 
 

@@ -34,6 +34,47 @@ def restitution(stiffness: Any, damping: Any, inertia: Any) -> Any:
 
 
 @dataclass(frozen=True)
+class Push:
+    """What a kick does to a body, before friction and stops.
+
+    Args:
+        z: velocity after the other forces.
+        limit: friction impulse l = b · μN.
+        b: response of the velocity to a constant force over the kick.
+        implicit: damping coefficient D that is taken implicitly.
+    """
+
+    z: Any
+    limit: Any
+    b: Any
+    implicit: Any
+
+    @property
+    def free(self) -> Any:
+        """The velocity without stops, soft(z, l)/(1 + b D)."""
+        return soft(self.z, self.limit) / (1 + self.b * self.implicit)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A kick and the drift that follows, as they are without stops.
+
+    Args:
+        free: velocity after the kick.
+        position: at the start of the drift.
+        before: velocity before the kick.
+        length: of the kick [s].
+        drift: length of the drift h [s].
+    """
+
+    free: Any
+    position: Any
+    before: Any
+    length: Any
+    drift: Any
+
+
+@dataclass(frozen=True)
 class Stop:
     """The stops of one body, with what depends on the step only.
 
@@ -57,9 +98,7 @@ class Stop:
     rebound: Any
     implicitness: Any
 
-    def pressed(
-        self, z: Any, limit: Any, b: Any, implicit: Any, position: Any, place: Any, drift: Any, contact: Any = True
-    ) -> Any:
+    def pressed(self, push: Push, position: Any, place: Any, drift: Any, contact: Any = True) -> Any:
         """Return the velocity of a body that presses against a stop, exact with friction, implicit in the spring.
 
         (1 + b (D + α k_s h + b_s)) v + l ∂|v| ∋ z − b k_s (x − x_stop). v is monotone in z, so a stop that is found by
@@ -67,15 +106,13 @@ class Stop:
         `slipped` less c (x − x_stop), and what is chosen are the factors, so that derivatives need no choice of their own.
 
         Args:
-            z: velocity after the other forces, before friction.
-            limit: friction impulse b · μN.
-            b: response of the velocity to a constant force over the kick.
-            implicit: damping coefficient D that is taken implicitly.
+            push: what the kick does to the body.
             position: at the start of the drift.
             place: the stop that is pressed, x_L or x_H.
             drift: length of the drift h [s].
             contact: whether it is pressed.
         """
+        z, limit, b, implicit = push.z, push.limit, push.b, push.implicit
         inside = position - place
         held = 1 / (1 + b * (implicit + self.implicitness * self.stiffness * drift + self.damping))
         forward, back = slip(z - b * self.stiffness * inside, limit, held)
@@ -87,9 +124,7 @@ class Stop:
         return slipped(forward, back, z, limit) - spring * inside
 
 
-def kick_at_stops(
-    stop: Stop, z: Any, limit: Any, b: Any, implicit: Any, position: Any, before: Any, length: Any, drift: Any
-) -> tuple[Any, Any]:
+def kick_at_stops(stop: Stop, push: Push, position: Any, before: Any, length: Any, drift: Any) -> tuple[Any, Any]:
     """Return (v⁺, x⁺) of a body with stops after a kick of length `length` and a drift h.
 
     Without contact v⁺ = soft(z, l)/(1 + b D), x⁺ = x + h v⁺. If that drifts into a stop, the body is pressed against it
@@ -97,33 +132,28 @@ def kick_at_stops(
 
     Args:
         stop: the body's stops.
-        z: velocity after the other forces, before friction.
-        limit: friction impulse b · μN.
-        b: response of the velocity to a constant force over the kick.
-        implicit: damping coefficient D that is taken implicitly.
+        push: what the kick does to the body.
         position: at the start of the drift.
         before: velocity before the kick.
         length: of the kick [s].
         drift: length of the drift h [s].
     """
-    free = soft(z, limit) / (1 + b * implicit)
+    free = push.free
     end = position + drift * free
     at_high = ca.logic_and(end > stop.high, stop.stiffness * (end - stop.high) + stop.damping * free > 0)
     at_low = ca.logic_and(end < stop.low, stop.stiffness * (end - stop.low) + stop.damping * free < 0)
     contact = ca.logic_or(at_high, at_low)
     place = ca.if_else(at_high, stop.high, stop.low)
-    velocity = stop.pressed(z, limit, b, implicit, position, place, drift, contact)
+    velocity = stop.pressed(push, position, place, drift, contact)
     final = position + drift * velocity
     if isinstance(stop.rebound, (int, float)):
         return velocity, final
-    bounces, after, bounced = bounce(stop.rebound, at_high, place, free, position, before, length, drift)
+    bounces, after, bounced = bounce(stop.rebound, at_high, place, Flight(free, position, before, length, drift))
     bounces = ca.logic_and(bounces, contact)
     return ca.if_else(bounces, after, velocity), ca.if_else(bounces, bounced, final)
 
 
-def bounce(
-    rebound: Any, at_high: Any, place: Any, free: Any, position: Any, before: Any, length: Any, drift: Any
-) -> tuple[Any, Any, Any]:
+def bounce(rebound: Any, at_high: Any, place: Any, flight: Flight) -> tuple[Any, Any, Any]:
     """Return whether a body that meets a stop flies off again, and its velocity and place then.
 
     It meets the stop at the time at which its parabola reaches it, leaves with −e times its speed there, and flies on for
@@ -133,17 +163,14 @@ def bounce(
         rebound: coefficient of restitution e, 0 for none.
         at_high: whether it is the upper stop.
         place: of the stop.
-        free: velocity without the stop.
-        position: at the start of the drift.
-        before: velocity before the kick.
-        length: of the kick [s].
-        drift: length of the drift h [s].
+        flight: kick and drift without the stop.
     """
+    free, length, drift = flight.free, flight.length, flight.drift
     # motion towards the stop, s > 0: gap = u τ + ½ A τ², u the speed at the start of the drift
     towards = ca.if_else(at_high, 1, -1)
-    acceleration = towards * (free - before) / ca.if_else(length > 0, length, 1)
+    acceleration = towards * (free - flight.before) / ca.if_else(length > 0, length, 1)
     start = towards * free - acceleration * drift / 2
-    gap = towards * (place - position)
+    gap = towards * (place - flight.position)
     speed = ca.sqrt(ca.fmax(start * start + 2 * acceleration * gap, 0))
     closing = start + speed
     time = ca.fmin(2 * gap / ca.if_else(closing > 0, closing, 1), drift)
@@ -155,21 +182,18 @@ def bounce(
     return flies, towards * (away + acceleration * (left - drift / 2)), bounced
 
 
-def velocity_in_stops(stop: Stop, z: Any, limit: Any, b: Any, implicit: Any, position: Any, drift: Any) -> Any:
+def velocity_in_stops(stop: Stop, push: Push, position: Any, drift: Any) -> Any:
     """Return v⁺ of a kick that no drift follows: the last half kick of an interval.
 
     Args:
         stop: the body's stops.
-        z: velocity after the other forces, before friction.
-        limit: friction impulse b · μN.
-        b: response of the velocity to a constant force over the kick.
-        implicit: damping coefficient D that is taken implicitly.
+        push: what the kick does to the body.
         position: where the body is.
         drift: step that the stop's spring is taken over, h [s].
     """
-    free = soft(z, limit) / (1 + b * implicit)
+    free = push.free
     inside = ca.if_else(position > stop.high, stop.high, stop.low)
-    pressed = stop.pressed(z, limit, b, implicit, position, inside, drift)
+    pressed = stop.pressed(push, position, inside, drift)
     pushes = ca.if_else(position > stop.high, pressed < free, pressed > free)
     contact = ca.logic_and(ca.logic_or(position > stop.high, position < stop.low), pushes)
-    return stop.pressed(z, limit, b, implicit, position, inside, drift, contact)
+    return stop.pressed(push, position, inside, drift, contact)

@@ -60,15 +60,15 @@ class Tendons:
 
     Args:
         rig: the description.
-        given: numbers of the description that stay inputs whatever their values; see `Parameters`.
+        inputs: numbers of the description that stay inputs whatever their values; see `Parameters`.
         remembers: whether what moves inside the rig (backlash, points in a sheath, creep) stays where it was, as numbers
             `inside` among the parameters; else it is taken to be in the middle of where it can be.
     """
 
-    def __init__(self, rig: Rig, given: Sequence[str] = (), remembers: bool = False) -> None:
+    def __init__(self, rig: Rig, inputs: Sequence[str] = (), remembers: bool = False) -> None:
         self.rig, self.remembers = rig, remembers
         self.plays, self.strains = plays_of(rig), strains_of(rig)
-        self.parameters = Parameters(rig, given, (*self.plays, *self.strains) if remembers else ())
+        self.parameters = Parameters(rig, inputs, (*self.plays, *self.strains) if remembers else ())
         self.bodies = tuple(
             Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
             for kind in ("joints", "drives")

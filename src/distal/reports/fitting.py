@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 MOST_TRACES = 8
 """So many logs are drawn; all are in the table."""
 
+MOST_PAIRS = 20
+"""So many correlated pairs are named."""
+
 FIT_PAGES = ("index.html",)
 """Files that `fit_report` writes."""
 
@@ -118,16 +121,13 @@ def _parameters(fit: Fit) -> list[str]:
     if own:
         parts.append(html_table(("number", "log", "value", "unit"), own, numbers=(2,)))
     strong = [
-        f"{fit.fitted[i].name} and {fit.fitted[j].name}: {fit.correlations[i, j]:+.2f}"
+        f"{fit.correlated[i]} and {fit.correlated[j]}: {fit.correlations[i, j]:+.2f}"
         for i in range(len(fit.correlations))
         for j in range(i)
-        if i < len(fit.fitted)
-        and abs(fit.correlations[i, j]) > 0.8
-        and fit.fitted[i].identified
-        and fit.fitted[j].identified
+        if abs(fit.correlations[i, j]) > 0.8
     ]
-    if strong and not any(part.per_log for part in fit.fitted):
-        parts.append(paragraph("Errors that go together (correlation): " + "; ".join(strong) + "."))
+    if strong and fit.converged:
+        parts.append(paragraph("Errors that go together (correlation): " + "; ".join(strong[:MOST_PAIRS]) + "."))
     ratios = [
         (escape(name), _ratio(before), _ratio(after))
         for name, before, after in zip(fit.channels, fit.nis_before, fit.nis_after)
@@ -142,8 +142,7 @@ def _parameters(fit: Fit) -> list[str]:
     ended = "was interrupted" if fit.interrupted else "converged" if fit.converged else "stopped before it converged"
     parts.append(
         paragraph(
-            f"−ln p from {fit.cost_before:.1f} to {fit.cost_after:.1f} in {fit.iterations} iterations, {fit.evaluations} "
-            f"runs of the filter over the logs; the search {ended}."
+            f"−ln p from {fit.cost_before:.1f} to {fit.cost_after:.1f} in {fit.iterations} iterations; the search {ended}."
         )
     )
     return parts
@@ -157,7 +156,7 @@ def _errors(logs: Sequence[Log], before: Sequence[Estimate], after: Sequence[Est
     rows = [
         (escape(shown(Path(log.source).name)), *_error(one), *_error(other))
         for log, one, other in zip(logs, before, after)
-        if other.truth is not None
+        if other.truths is not None
     ]
     if not rows:
         return []

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError, did_you_mean
+from distal.estimators import StateKind, kinds_by_joint, states_of
 from distal.logs import pandas_frame
 from distal.results.curves import BAND
 from distal.results.plots import plot_estimates
-from distal.rig import std_name, torque_names
+from distal.rig import std_name
 
 if TYPE_CHECKING:
     import pandas
@@ -45,6 +46,11 @@ class Estimate:
             (n,); None where the estimator has no such states.
         prior_stds: their standard deviations, (n,).
         torque_truths: true torques on the joints from outside [N m], (k, n_joints); None where none is known.
+        unseen: what the sensors cannot tell of the joints, a sentence that is among `notes`; None where they see every
+            direction, or nothing is known of that.
+        state_kinds: what each state is, (n,); default those of the joints by their names.
+        state_parts: the part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its
+            path.
         stamps: of the log, since 1970 [ns], (k,), where it has dates: by them results join with other recordings.
     """
 
@@ -65,11 +71,16 @@ class Estimate:
     prior_stds: Floats | None = None
     stamps: NDArray[np.int64] | None = None
     torque_truths: Floats | None = None
+    unseen: str | None = None
+    state_kinds: tuple[StateKind, ...] = ()
+    state_parts: tuple[str, ...] = ()
 
-    @property
-    def unseen(self) -> str | None:
-        """What the sensors cannot tell of the joints, a sentence of `notes`; None where they see every direction."""
-        return next((note for note in self.notes if note.startswith("seen is ")), None)
+    def __post_init__(self) -> None:
+        """Say of the joints' states what they are where the estimator did not."""
+        if not self.state_kinds:
+            kinds, parts = kinds_by_joint(self.state_names, self.joint_names)
+            object.__setattr__(self, "state_kinds", kinds)
+            object.__setattr__(self, "state_parts", parts)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -207,7 +218,7 @@ class Estimate:
         Raises:
             EstimationError: the rig says of a joint that none can occur (``external_torque.std = 0``).
         """
-        return np.column_stack([self.state(name) for name in self._torque_names()])
+        return self.means[:, self._torque_states()]
 
     @property
     def external_torque_stds(self) -> Floats:
@@ -216,8 +227,7 @@ class Estimate:
         Raises:
             EstimationError: as `external_torques`.
         """
-        columns = [self.state_names.index(name) for name in self._torque_names()]
-        return np.sqrt(self.variances[:, columns])
+        return np.sqrt(self.variances[:, self._torque_states()])
 
     @property
     def external_torque(self) -> Floats:
@@ -237,15 +247,15 @@ class Estimate:
         """
         return self._only(self.external_torque_stds, "external_torque_std", "external_torque_stds")
 
-    def _torque_names(self) -> tuple[str, ...]:
-        names = torque_names(self.joint_names)
-        for name, joint in zip(names, self.joint_names):
-            if name not in self.state_names:
+    def _torque_states(self) -> list[int]:
+        found = states_of(StateKind.EXTERNAL_TORQUE, self.joint_names, self.state_kinds, self.state_parts)
+        for joint in self.joint_names:
+            if joint not in found:
                 raise EstimationError(
                     f"the rig says that nothing touches '{joint}', so {self.estimator} has no torque of it; say how large "
                     f"it may be: --set 'joints.{joint}.external_torque.std=\"0.05 N m\"'"
                 )
-        return names
+        return list(found.values())
 
     def contacts(self, sigmas: float = 5.0, joint: int = 0) -> list[float]:
         """Return when something begins to touch a joint [s]: its torque from outside is beyond so many of its stds.
@@ -301,6 +311,10 @@ class Estimate:
     def max_error(self, truth: Floats | None = None) -> float:
         """Return the largest magnitude of `errors` [rad]."""
         return float(np.nanmax(np.abs(self.errors(truth))))
+
+    def half_width(self) -> float:
+        """Return the mean half-width of the 95 % band over joints and samples [rad]."""
+        return float(BAND * np.mean(self.angle_stds))
 
     def inside_band(self, truth: Floats | None = None) -> float:
         """Return the share of samples whose truth is inside the estimate's 95 % band, of all joints together."""

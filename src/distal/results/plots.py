@@ -35,6 +35,7 @@ SHORT = 2.5
 def plot_estimates(
     estimates: Sequence[Curves],
     path: str | Path | None = None,
+    *,
     title: str | None = None,
     bands: bool = True,
     errors: bool | None = None,

@@ -81,24 +81,24 @@ def plot_kind(path: str | Path) -> str:
     return kind
 
 
-def save_figure(made: Figure, path: str | Path) -> None:
+def save_figure(drawing: Figure, path: str | Path) -> None:
     """Write a figure whole or not at all, in the format of its suffix.
 
     Args:
-        made: the figure.
+        drawing: the figure.
         path: where.
 
     Raises:
         OutputError: the format is unknown or the file cannot be written.
     """
-    write_whole(path, figure_bytes(made, path))
+    write_whole(path, figure_bytes(drawing, path))
 
 
-def figure_bytes(made: Figure, path: str | Path) -> bytes:
+def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
     """Return a figure as the file that `path` will hold.
 
     Args:
-        made: the figure.
+        drawing: the figure.
         path: where it will be written; its suffix gives the format.
 
     Raises:
@@ -117,7 +117,7 @@ def figure_bytes(made: Figure, path: str | Path) -> bytes:
         with warnings.catch_warnings():
             # a title may hold characters that the font lacks, or be too long: the plot is made all the same
             warnings.simplefilter("ignore", UserWarning)
-            made.savefig(buffer, format=kind, dpi=150, metadata=metadata)
+            drawing.savefig(buffer, format=kind, dpi=150, metadata=metadata)
     return buffer.getvalue()
 
 
@@ -144,11 +144,11 @@ def legend_above(axes: Axes, entries: Sequence[tuple[Any, str]] = (), most: int 
         )
 
 
-def title_above(made: Figure, title: str) -> None:
+def title_above(drawing: Figure, title: str) -> None:
     """Put a title above everything else, to the left.
 
     Args:
-        made: the figure.
+        drawing: the figure.
         title: plain text.
     """
-    made.suptitle(plain(title[:90]), fontsize=9, x=0.01, ha="left")
+    drawing.suptitle(plain(title[:90]), fontsize=9, x=0.01, ha="left")

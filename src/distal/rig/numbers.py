@@ -24,7 +24,7 @@ class Number:
         is_parameter: whether it has a std at all.
         hold: whether its std is for fitting only.
         shared: the name of what it errs by together with others, and how much as a share of the value; None if alone.
-        own: what is not known of it alone.
+        independent_std: what is not known of it alone.
     """
 
     path: str
@@ -34,7 +34,7 @@ class Number:
     is_parameter: bool
     hold: bool = False
     shared: tuple[str, float] | None = None
-    own: float = 0.0
+    independent_std: float = 0.0
 
 
 def number(rig: Rig, path: str) -> Number:
@@ -78,5 +78,5 @@ def number(rig: Rig, path: str) -> Number:
         )
     if isinstance(part, Parameter):
         shared = (part.shared.name, part.shared.std) if part.shared is not None and part.shared.std > 0.0 else None
-        return Number(".".join(keys), part.value, part.spread, quantity, True, part.hold, shared, part.std)
+        return Number(".".join(keys), part.value, part.total_std, quantity, True, part.hold, shared, part.std)
     return Number(".".join(keys), float(part), 0.0, quantity, False)

@@ -58,15 +58,15 @@ class Parameter(Description):
     @property
     def absent(self) -> bool:
         """Whether the parameter is zero for certain."""
-        return self.value == 0.0 and self.unsure == 0.0
+        return self.value == 0.0 and self.filter_std == 0.0
 
     @property
-    def unsure(self) -> float:
+    def filter_std(self) -> float:
         """The std that estimators go by: none where the value is held."""
-        return 0.0 if self.hold else self.spread
+        return 0.0 if self.hold else self.total_std
 
     @property
-    def spread(self) -> float:
+    def total_std(self) -> float:
         """The std of all that is not known of the value, its own and what it shares."""
         return float(hypot(self.std, self.value * self.shared.std)) if self.shared is not None else self.std
 

@@ -357,4 +357,4 @@ def _parameters(part: Description, path: str) -> Iterator[tuple[str, Parameter]]
 
 
 def _is_one(parameter: Any) -> bool:
-    return bool(parameter.value == 1.0 and parameter.unsure == 0.0)
+    return bool(parameter.value == 1.0 and parameter.filter_std == 0.0)

@@ -34,6 +34,7 @@ def estimate_batch(
     estimator: str | Estimator = DEFAULT,
     truth: str | Path | None = None,
     homing: float | None = None,
+    *,
     workers: int | None = None,
     compiled: bool = True,
     progress: Callable[[int], None] | None = None,
@@ -66,7 +67,9 @@ def estimate_batch(
         raise EstimationError(f"workers must be a whole number from 1, {workers!r} came")
     if isinstance(logs, (Log, str, Path)) or not isinstance(logs, Iterable):
         raise EstimationError("estimate_batch takes several logs; for one there is estimate")
-    return _batch(iter(logs), rig, estimator, truth, homing, workers, compiled, progress, skip)
+    return _batch(
+        iter(logs), rig, estimator, truth, homing, workers=workers, compiled=compiled, progress=progress, skip=skip
+    )
 
 
 def _batch(
@@ -75,6 +78,7 @@ def _batch(
     estimator: str | Estimator,
     truth: str | Path | None,
     homing: float | None,
+    *,
     workers: int,
     compiled: bool,
     progress: Callable[[int], None] | None,
@@ -120,13 +124,15 @@ def _batch(
         return
     lanes = _lanes(runner)
     size = lanes.lanes if lanes is not None else 1
-    yield from _ahead(chain([first], logs), size, work, workers, refused, done, progress)
+    every = chain([first], logs)
+    yield from _ahead(every, size, work, workers=workers, refused=refused, done=done, progress=progress)
 
 
 def _ahead(
     logs: Iterator[Any],
     size: int,
     work: Callable[[Sequence[Any]], list[Estimate | DistalError]],
+    *,
     workers: int,
     refused: Callable[[Any, DistalError], None],
     done: int,

@@ -17,11 +17,12 @@ from distal.estimators import (
     Belief,
     KernelEstimator,
     check_time,
+    external_torques_of,
     make_estimator,
 )
 from distal.estimators.gaps import MOST_BRIDGES, fill, predictions
 from distal.logs import LARGEST_READING
-from distal.rig import Rig, load_rig, torque_names
+from distal.rig import Rig, load_rig
 from distal.run.offline import priors_of
 
 Floats = NDArray[np.float64]
@@ -72,9 +73,8 @@ class LiveEstimator:
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
         self._covariance = _view(self._carry[self._n : self._n * (self._n + 1)].reshape(self._n, self._n))
-        joints = [joint.name for joint in rig.joints]
-        self._torque_names = tuple(name for name in torque_names(joints) if name in runner.state_names)
-        self._torques = [runner.state_names.index(name) for name in self._torque_names]
+        self._torques = list(external_torques_of(runner).values())
+        self._torque_names = tuple(runner.state_names[i] for i in self._torques)
         means, stds = priors_of(runner)
         self._priors = None if means is None or stds is None else (means, stds)
 
@@ -113,8 +113,8 @@ class LiveEstimator:
         self._sample[:] = sample
         self._sample[~self._there] = 0.0
         self._x[0] = dt / parts
-        for left in range(parts - 1, 0, -1):
-            fill(self._values, self._mask, self._sample, self._there, left, self._bridged)
+        for rows_after in range(parts - 1, 0, -1):
+            fill(self._values, self._mask, self._sample, self._there, rows_after, self._bridged)
             self._loop.step()
         self._values[:] = self._sample  # as `fill` does, without the call
         self._mask[:] = self._there

@@ -22,6 +22,7 @@ from distal.estimators import (
     Estimator,
     FullStateFilter,
     KernelEstimator,
+    kinds_of,
     make_estimator,
 )
 from distal.homing.apply import begun_homed, calibrated, touched
@@ -100,6 +101,7 @@ def estimate(
     estimator: str | Estimator = DEFAULT,
     passes: int = 1,
     truth: str | Path | None = None,
+    *,
     compiled: bool = True,
     homing: float | None = None,
 ) -> Estimate:
@@ -327,6 +329,8 @@ def finished(
         prior_stds,
         log.stamps,
         frozen(np.where(early[:, None], np.nan, touched)) if touched is not None and early is not None else touched,
+        runner.unseen if isinstance(runner, AdaptiveFilter) else None,
+        *kinds_of(runner),
     )
 
 

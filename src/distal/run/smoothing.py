@@ -82,6 +82,8 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         (),
         *priors_of(runner),
         log.stamps,
+        state_kinds=runner.state_kinds,
+        state_parts=runner.state_parts,
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import ScenarioError
-from distal.logs import Log
+from distal.logs import Log, TruthKind, TruthSource
 from distal.model import Mechanism, substeps
 from distal.rig import Rig, Sensor, angle_names, load_rig, torque_names
 from distal.sensors import measure
@@ -24,6 +24,9 @@ MOST_STEPS = 4_000_000
 
 LONGEST_INTERVAL = 1e-3
 """Longest interval over which a scenario's signals are constant [s]."""
+
+SIMULATED = TruthSource(TruthKind.SIMULATION, "the simulation")
+"""Where the truth of a simulated log comes from."""
 
 
 def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0) -> Log:
@@ -136,7 +139,7 @@ def sampled(prepared: Prepared, motion: dict[str, Floats], seed: int) -> Log:
         truth[f"force_{drive.name}"] = np.interp(stamps, grid, motion["pulls"][:, i])
     for i, tendon in enumerate(plant.rig.tendons):
         truth[f"tension_{tendon.name}"] = np.interp(stamps, grid, motion["tensions"][:, i])
-    return Log(stamps, channels, truth, scenario.name or "simulation", "the simulation")
+    return Log(stamps, channels, truth, scenario.name or "simulation", SIMULATED)
 
 
 def _stamps(rig: Rig, duration: float) -> Floats:

@@ -174,7 +174,7 @@ def test_the_prior_of_what_is_shared_is_that_of_the_equation() -> None:
     values = {"tendons.0.stiffness": {"value": 800.0, "std": 30.0, "shared": shared}}
     values["tendons.1.stiffness"] = {"value": 500.0, "shared": shared}
     states = make_estimator("adaptive", paper_rig("as the rig").with_values(values), compiled=False).states
-    p, state = states.setup.mechanism.parameters, ca.SX.sym("x", len(states))
+    p, state = states.context.mechanism.parameters, ca.SX.sym("x", len(states))
     slopes = ca.Function("p", [p.symbols], [ca.jacobian(states.parameters(state), state)])(p.values).full()
     at = [p.names.index(f"tendons.{i}.stiffness") for i in (0, 1)]
     found = (slopes * states.stds**2 @ slopes.T)[np.ix_(at, at)]
@@ -397,14 +397,28 @@ def test_a_bias_may_walk_too() -> None:
     assert ends[1] > 2 * ends[0]
 
 
-def test_another_noise_leaves_the_states_that_the_kernel_has() -> None:
-    """Friction far below a force's noise is no state of a filter made for that noise; one that has it keeps it."""
-    rig = load_rig("capstan-joint")
-    made = AdaptiveFilter(rig, compiled=False)
+def test_a_prior_follows_the_numbers_that_are_inputs() -> None:
+    """A filter with numbers as inputs begins where the filter of a rig with these numbers does."""
+    rig = load_rig("capstan-joint").with_values({"joints.0.external_torque.std": 0.05})
     at = next(i for i, sensor in enumerate(rig.sensors) if sensor.measures == "force")
-    noisy = rig.with_values({f"sensors.{at}.noise": 1.0})
-    assert len(AdaptiveFilter(noisy, compiled=False).states) < len(made.states)
-    other = made.with_prior({f"sensors.{at}.noise": 1.0})
-    assert other.states.names == made.states.names
-    sample = np.zeros(len(made.channels))
-    assert other.initial(0.0, sample).carry.shape == made.initial(0.0, sample).carry.shape
+    changed = {
+        "joints.0.initial": 0.3,
+        "joints.0.external_torque.std": 0.02,
+        f"sensors.{at}.bias": 0.04,
+        f"sensors.{at}.gain": 1.1,
+        f"sensors.{at}.noise": 0.002,
+    }
+    fitted, other = AdaptiveFilter(rig, False, inputs=list(changed)), AdaptiveFilter(rig.with_values(changed), False)
+    p = np.array(fitted.numbers)
+    for name, value in changed.items():
+        p[fitted.parameter_names.index(name)] = value
+    sample = np.linspace(0.1, 0.2, len(fitted.channels))
+    mean, _, memory = fitted.prior(sample, p)
+    known, _, known_memory = other.prior(sample, other.numbers)
+    names = list(other.state_names)
+    for name in set(names) & set(fitted.state_names):
+        assert mean[fitted.state_names.index(name)] == pytest.approx(known[names.index(name)], abs=1e-15)
+    np.testing.assert_allclose(memory, known_memory)
+    _, spread, _ = fitted.prior(sample, p)
+    torque = fitted.state_names.index("external_torque")
+    assert spread[torque, torque] == pytest.approx(0.02**2)

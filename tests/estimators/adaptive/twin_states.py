@@ -63,11 +63,11 @@ def declares_friction(rig: Rig, drive: int, least: float) -> bool:
     radius = part.radius.value if part.kind == "capstan" else 1.0
     load = max(abs(part.nominal_force.value) / radius, sum(t.pretension.value for t in own), 1.0)
     constant, share = part.friction.constant, part.friction.load
-    total = (constant.value + constant.unsure) / radius + (share.value + share.unsure) * load
+    total = (constant.value + constant.filter_std) / radius + (share.value + share.filter_std) * load
     for tendon in own:
         if tendon.path is not None:
             mu, beta = tendon.path.friction, tendon.path.wrap.value
-            total += load * (exp((mu.value + mu.unsure) * beta) - 1)
+            total += load * (exp((mu.value + mu.filter_std) * beta) - 1)
     return total >= least
 
 
@@ -121,7 +121,7 @@ def states_of(rig: Rig, mechanism: Mechanism, guards: Robustness, references: tu
             state.fade_rate, state.considered = 1 / drive.hysteresis.error_time, True
             states.append(state)
     for i, sensor in enumerate((*forces, *rig.sensors_of("tension"), *references)):
-        spread = sqrt(sensor.bias.unsure**2 + (LINEARITY_SHARE * sensor.linearity) ** 2)
+        spread = sqrt(sensor.bias.filter_std**2 + (LINEARITY_SHARE * sensor.linearity) ** 2)
         if spread > 0:
             state, drift = State(f"bias_{sensor.name}", "bias", 0.0, spread, i), sensor.bias.drift or 0.0
             if sensor.measures == "angle":
@@ -136,7 +136,7 @@ def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[St
     """Parameters with a std that can be seen, and the factors of tendons that err together, as they come."""
     p, states, factors, deviations = mechanism.parameters, [], [], []
     sharing = rig.sharing()
-    for i, (name, std, drift) in enumerate(zip(p.names, p.own, p.drifts)):
+    for i, (name, std, drift) in enumerate(zip(p.names, p.independent_stds, p.drifts)):
         if any(name in together for together in sharing.values()) and std > 0:
             state = State(f"{name}.deviation", "deviation", 0.0, std, i, lowest=-0.95 * p.values[i])
             state.walk = guards.parameter_walk * std if np.isnan(drift) else drift
@@ -163,7 +163,7 @@ def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[St
         members = [p.names.index(path) for path in together]
         mean, spread = cut_at_zero(1.0, next(iter(together.values())))
         state = State(f"{title}.factor", "factor", mean, spread, lowest=0.05, members=tuple(members))
-        alone = [k for k in members if p.own[k] == 0 and not np.isnan(p.drifts[k])]
+        alone = [k for k in members if p.independent_stds[k] == 0 and not np.isnan(p.drifts[k])]
         state.walk = max((p.drifts[k] / p.values[k] for k in alone), default=guards.parameter_walk * spread)
         factors.append(state)
     return states + factors + deviations
@@ -178,7 +178,7 @@ def is_seen(rig: Rig, name: str, std: float) -> bool:
         return True
     drive = rig.drives[int(index)]
     sensor = sensor_at(rig.sensors_of("force"), drive)
-    noise = sqrt(variance(sensor)) if sensor is not None else drive.nominal_force.unsure
+    noise = sqrt(variance(sensor)) if sensor is not None else drive.nominal_force.filter_std
     if what not in ("friction.constant", "friction.load"):
         return False
     load = max(abs(drive.nominal_force.value), 1.0) if what == "friction.load" else 1.0
@@ -187,7 +187,7 @@ def is_seen(rig: Rig, name: str, std: float) -> bool:
 
 def linearity_of(sensor: Any, index: int) -> list[State]:
     """Bends of a position sensor's error over the travel, (‡)."""
-    if sensor.linearity == 0 and sensor.bias.unsure == 0:
+    if sensor.linearity == 0 and sensor.bias.filter_std == 0:
         return []
     weights = [exp(-((j / 3) ** 2) / 2) for j in range(6)]
     # c²(1 + ½ Σ e^{−(j/3)²}) = (0.6 L)²
@@ -195,7 +195,7 @@ def linearity_of(sensor: Any, index: int) -> list[State]:
     curve = [*sensor.curve, *(6 - len(sensor.curve)) * [0.0]]
     states = []
     for j in range(6):
-        std = sqrt((c * weights[j]) ** 2 + (sensor.bias.unsure**2 if j == 0 else 0.0))
+        std = sqrt((c * weights[j]) ** 2 + (sensor.bias.filter_std**2 if j == 0 else 0.0))
         if std > 0:
             states.append(State(f"linearity_{sensor.name}_{j}", "linearity", curve[j], std, index, order=j))
     return states

@@ -125,7 +125,7 @@ def rows_of(twin: Twin, dt: float, z: Floats, mask: Floats, tracked: list[Tracke
             row.reference = True
             rows.append(row)
     for i, drive in enumerate(twin.rig.drives):
-        if twin.force_of[i] is None and drive.nominal_force.unsure > 0:
+        if twin.force_of[i] is None and drive.nominal_force.filter_std > 0:
             rows.append(force_row(twin, i, None, dt, drive.nominal_force.value, True, tracked, total))
     return rows
 
@@ -156,7 +156,7 @@ def force_row(
             bias_x[bias], offset = 1.0, m[bias]
         spread = variance(sensor)
     else:
-        spread = drive.nominal_force.unsure**2 * 2.0 / max(dt, 1e-6)
+        spread = drive.nominal_force.filter_std**2 * 2.0 / max(dt, 1e-6)
     spread += (tracked[i].variance + lost) * by_s[i] ** 2
     row = Row(i, reading - value - added - offset, -by_x - added_x - bias_x, spread, counts, friction=True)
     row.sensor = index

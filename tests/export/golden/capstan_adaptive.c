@@ -14,7 +14,8 @@ static const float numbers[18] = {
 static inline float larger(float a, float b) { return a > b || b != b ? a : b; }
 static inline float smaller(float a, float b) { return a < b || b != b ? a : b; }
 
-static void prior(const float* restrict a0, const float* restrict a1, float* restrict r0, float* restrict r1, float* restrict r2) {
+static void prior(const float* restrict a0, const float* restrict a1, const float* restrict a2, float* restrict r0, float* restrict r1, float* restrict r2) {
+  (void)a2;
   r0[0] = 0.0f;
   r0[1] = 0.0f;
   r0[2] = 0.150221892f;
@@ -990,7 +991,7 @@ void capstan_adaptive_begin(capstan_adaptive_state* state, const float* values) 
     known[i] = is_there(values[i]) ? values[i] : 0.0f;
   }
   memset(state, 0, sizeof *state);
-  prior(known, mask, state->carry, spread, state->carry + 8 + 8 * 8);
+  prior(known, mask, numbers, state->carry, spread, state->carry + 8 + 8 * 8);
   for (i = 0; i < 8; ++i) state->carry[8 + i * (8 + 1)] = spread[i];
 }
 

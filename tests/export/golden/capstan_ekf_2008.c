@@ -16,7 +16,8 @@ static const float numbers[25] = {
 static inline float larger(float a, float b) { return a > b || b != b ? a : b; }
 static inline float smaller(float a, float b) { return a < b || b != b ? a : b; }
 
-static void prior(const float* restrict a0, const float* restrict a1, float* restrict r0, float* restrict r1, float* restrict r2) {
+static void prior(const float* restrict a0, const float* restrict a1, const float* restrict a2, float* restrict r0, float* restrict r1, float* restrict r2) {
+  (void)a2;
   r0[0] = 0.0f;
   const float v3 = (float)(0.0f < a1[0]);
   const float v5 = (v3 != 0.0f ? a0[0] : 0.0f);
@@ -1026,7 +1027,7 @@ void capstan_ekf_2008_begin(capstan_ekf_2008_state* state, const float* values) 
     known[i] = is_there(values[i]) ? values[i] : 0.0f;
   }
   memset(state, 0, sizeof *state);
-  prior(known, mask, state->carry, spread, state->carry + 4 + 4 * 4);
+  prior(known, mask, numbers, state->carry, spread, state->carry + 4 + 4 * 4);
   for (i = 0; i < 4; ++i) state->carry[4 + i * (4 + 1)] = spread[i];
 }
 

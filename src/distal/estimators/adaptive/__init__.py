@@ -1,8 +1,8 @@
 """The adaptive filter: docs/adaptive.md is its algorithm, `filter` the whole of it on one page."""
 
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.estimator import AdaptiveFilter
 from distal.estimators.adaptive.robustness import Robustness
-from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states import KINDS, Fading, Kind, State, StateVector, uncertain_parameters
 from distal.estimators.adaptive.travel import REACH, travel
 
@@ -11,9 +11,9 @@ __all__ = [
     "REACH",
     "AdaptiveFilter",
     "Fading",
+    "FilterContext",
     "Kind",
     "Robustness",
-    "Setup",
     "State",
     "StateVector",
     "travel",

@@ -13,6 +13,7 @@ import casadi as ca
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.robustness import Robustness, chance_of_jump, is_far, jump_evidence
 from distal.estimators.adaptive.states import StateVector
+from distal.estimators.mask import is_bridge, is_read, is_there, rows_left
 
 MOTION_TIME = 0.025
 """Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz."""
@@ -20,7 +21,7 @@ MOTION_TIME = 0.025
 REMEMBERED = ("place", "doubt", "speed", "square", "unknown", "lost")
 """Names of the numbers that are remembered of each drive."""
 
-UNSURE_PULL = 0.1
+PULL_STD = 0.1
 """Share of a drive's pull that is not known where a jump is judged by it: stiffness and angle [1]."""
 
 LEAST_DOUBT = 0.25
@@ -95,19 +96,19 @@ class Tracks:
 
 
 @dataclass(frozen=True)
-class Witness:
+class ForceEvidence:
     """What the force of a drive says of a jump of its place, all scalars.
 
     Args:
         missing: what is read less what is expected where the mean speed leads, U − F [N, N m].
-        there: 1 where a force is read.
+        mask: of the force, see `distal.estimators.mask`.
         stiffness: change of the drive's pull with its place, ∂F/∂s.
         variance: of how far both may differ where there was no jump: noise, friction, and what is not known of the pull.
         least: smallest share of the change of the pull that a real jump may show.
     """
 
     missing: Any
-    there: Any
+    mask: Any
     stiffness: Any
     variance: Any
     least: float = 0.5
@@ -119,31 +120,41 @@ def tracking(states: StateVector) -> ca.Function:
     Args:
         states: the state vector.
     """
-    setup = states.setup
-    n, p, nj = setup.n_drives, setup.mechanism.parameters.symbols, setup.n_joints
-    mean, memory, x = ca.SX.sym("mean", len(states)), ca.SX.sym("memory", MEMORY * n), ca.SX.sym("x", setup.width)
+    context = states.context
+    n, p, nj = context.n_drives, context.mechanism.parameters.symbols, context.n_joints
+    mean, memory, x = ca.SX.sym("mean", len(states)), ca.SX.sym("memory", MEMORY * n), ca.SX.sym("x", context.width)
     led = [memory[MEMORY * i] + memory[MEMORY * i + 2] * x[0] for i in range(n)]
     q = ca.vertcat(mean[:nj], *(states.place(i, place, mean) for i, place in enumerate(led)))
-    v = ca.SX.zeros(setup.mechanism.n_bodies)
-    _, pulls, _, limits, _, _, slopes = mechanics_function(setup)(q, v, states.parameters(mean))
+    v = ca.SX.zeros(context.mechanism.n_bodies)
+    _, pulls, _, limits, _, _, slopes = mechanics_function(context)(q, v, states.parameters(mean))
     drives = []
     for i in range(n):
-        sensor, force = setup.position_sensor(i), setup.force_sensor(i)
+        sensor, force = context.position_sensor(i), context.force_sensor(i)
         if sensor is None:
             drives.append(Drive(*(ca.SX(0) for _ in TRACKED)))
             continue
         remembered = memory[MEMORY * i : MEMORY * (i + 1)]
-        reading, there, witness = setup.value(x, sensor), setup.mask(x, sensor), None
-        if force is not None and setup.robustness.guards_displacements:
+        reading, mask, force_evidence = context.value(x, sensor), context.mask(x, sensor), None
+        if force is not None and context.robustness.guards_displacements:
             friction = limits[nj + i] + states.friction(i, mean)
-            pull = pulls[nj + i] + states.force(i, mean) + states.sensor_error(force, setup.value(x, force), mean)
-            spread = setup.noise(force) + friction**2 + (UNSURE_PULL * pull) ** 2
+            pull = pulls[nj + i] + states.force(i, mean) + states.sensor_error(force, context.value(x, force), mean)
+            spread = context.noise(force) + friction**2 + (PULL_STD * pull) ** 2
             transmitted = states.transmitted(i)
             if transmitted is not None:  # the play takes up as much as its limit
                 spread += transmitted[1].limit ** 2
-            missing, least = setup.value(x, force) - pull, 0.0 if setup.joints_follow else 0.5
-            witness = Witness(missing, setup.mask(x, force), slopes[nj + i, nj + i], spread, least)
-        drives.append(track(remembered, reading, there, setup.noise(sensor), x[0], setup.robustness, witness))
+            missing, least = context.value(x, force) - pull, 0.0 if context.joints_follow else 0.5
+            force_evidence = ForceEvidence(missing, context.mask(x, force), slopes[nj + i, nj + i], spread, least)
+        drives.append(
+            track(
+                remembered,
+                reading,
+                mask,
+                context.noise(sensor),
+                x[0],
+                robustness=context.robustness,
+                force_evidence=force_evidence,
+            )
+        )
     kept = [getattr(drive, name) for drive in drives for name in REMEMBERED]
     vector = ca.vertcat(*kept, *(drive.bend for drive in drives), *(drive.variance for drive in drives))
     return ca.Function("track", [mean, memory, x, p], [ca.cse(ca.densify(vector))])
@@ -152,11 +163,12 @@ def tracking(states: StateVector) -> ca.Function:
 def track(
     memory: Any,
     reading: Any,
-    there: Any,
+    mask: Any,
     noise: Any,
     dt: Any,
+    *,
     robustness: Robustness,
-    witness: Witness | None = None,
+    force_evidence: ForceEvidence | None = None,
 ) -> Drive:
     """Return a drive after a reading; one that is missing is bridged by the mean speed, which fades.
 
@@ -166,40 +178,42 @@ def track(
     Args:
         memory: of the last interval, (MEMORY,).
         reading: displacement [m, rad].
-        there: 1 where it is not missing; −k in an interval without a sample, k intervals before the one with `reading`.
+        mask: of the reading, see `distal.estimators.mask`.
         noise: variance of the sensor's random error.
         dt: length of the interval [s].
         robustness: the guards.
-        witness: the drive's force, or None.
+        force_evidence: the drive's force, or None.
     """
     place, doubt, speed, square, unknown, lost = (memory[i] for i in range(MEMORY))
     expected, time = place + speed * dt, lost + dt
-    jump, bridged = reading - expected, there < 0
+    jump, bridged, read = reading - expected, is_bridge(mask), is_read(mask)
     # (1) far: more than the recent motion can have led to
     lost_before = ca.if_else(doubt > 0, 0, unknown)
-    far = ca.logic_and(is_far(robustness, jump, square * time * time + lost_before, noise), there > 0)
+    far = ca.logic_and(is_far(robustness, jump, square * time * time + lost_before, noise), read)
     judged: Any = ca.SX(0)
     evidence: Any = ca.SX(0)
-    if witness is not None:
-        judged = witness.there > 0
-        evidence = jump_evidence(witness.missing, witness.stiffness * jump, witness.variance, witness.least)
+    if force_evidence is not None:
+        judged = is_read(force_evidence.mask)
+        evidence = jump_evidence(
+            force_evidence.missing, force_evidence.stiffness * jump, force_evidence.variance, force_evidence.least
+        )
     # (2) the chance that a jump is real
     real = ca.if_else(far, chance_of_jump(robustness, doubt, evidence, judged), 1)
     # a gap is crossed in a straight line to the reading that ends it
-    line = place + (reading - place) / ca.if_else(bridged, -there, 1)
-    now = ca.if_else(bridged, line, ca.if_else(there > 0, expected + real * jump, expected))
+    line = place + (reading - place) / rows_left(mask)
+    now = ca.if_else(bridged, line, ca.if_else(read, expected + real * jump, expected))
     moved = now - place
     # (3) mean motion; what was not seen while the reading was missing belongs to all of that time
     elapsed = ca.if_else(bridged, dt, time)
     passed = ca.if_else(elapsed > 0, elapsed, 1)
     seen = ca.if_else(bridged, moved / ca.if_else(dt > 0, dt, 1), speed + jump / passed)
-    believed = ca.if_else(there != 0, real, 0)
+    believed = ca.if_else(is_there(mask), real, 0)
     share = believed * (1 - ca.exp(-elapsed / MOTION_TIME))
     fade = ca.exp(-dt / (2 * MOTION_TIME))
     # (4) a drive that is lost goes on as it did: its error grows with time, not with the root of time
     astray = ca.fmax(unknown, square * time * time + noise)
     doubted = (1 - real) * ca.if_else(judged, real, ca.fmax(real, LEAST_DOUBT)) * jump**2
-    unknown = ca.if_else(bridged, moved * moved, ca.if_else(there > 0, ca.if_else(far, doubted, 0), astray))
+    unknown = ca.if_else(bridged, moved * moved, ca.if_else(read, ca.if_else(far, doubted, 0), astray))
     # (5), (6) what a straight line between samples misses
     sure = believed > 0.5
     bend = ca.if_else(sure, moved - speed * dt, 0)

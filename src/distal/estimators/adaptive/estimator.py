@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -14,20 +13,22 @@ from numpy.typing import NDArray
 
 from distal.errors import EstimationError
 from distal.estimators import contact
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MEMORY, UNKNOWN
 from distal.estimators.adaptive.filter import adaptive_function
 from distal.estimators.adaptive.robustness import Robustness
-from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states import KINDS, Begin, Kind, StateVector
 from distal.estimators.affine import start_of
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
 from distal.estimators.discrepancy import corrected_function, first_memory, numbers_of
+from distal.estimators.mask import is_read
+from distal.estimators.state_kinds import StateKind, states_of
 from distal.kernels import Kernel
 from distal.logs import frozen
 from distal.model import RESOLUTION, Mechanism, joint_frequency
-from distal.rig import Contact, Discrepancy, Rig, Sensor, gain_of, torque_names
+from distal.rig import Contact, Discrepancy, Rig, Sensor
 
 Floats = NDArray[np.float64]
 
@@ -53,7 +54,7 @@ class AdaptiveFilter(KernelEstimator):
         robustness: the guards against a wrong model and bad sensors; default `Robustness.usual`.
         name: of the estimator.
         references: sensors of joints' angles that are read too, while they are known (homing, fitting).
-        given: numbers of the description that are inputs of its kernel and no states (fitting).
+        inputs: numbers of the description that are inputs of its kernel and no states (fitting).
         resolution: largest product of sub-step and a joint's own frequency; default `RESOLUTION`, on a chain
             `CHAIN_RESOLUTION`.
         trace: let the kernel put out what a smoother needs.
@@ -68,16 +69,17 @@ class AdaptiveFilter(KernelEstimator):
         rig: Rig,
         compiled: bool = True,
         robustness: Robustness | None = None,
+        *,
         name: str = "adaptive",
         references: Sequence[Sensor] = (),
-        given: Sequence[str] = (),
+        inputs: Sequence[str] = (),
         resolution: float | None = None,
         trace: bool = False,
         kinds: Sequence[Kind] = KINDS,
     ) -> None:
-        mechanism, channels = Mechanism(rig, given, remembers=True), channels_of(rig, name, references)
+        mechanism, channels = Mechanism(rig, inputs, remembers=True), channels_of(rig, name, references)
         guards = Robustness.usual(len(rig.joints)) if robustness is None else robustness
-        self._states = StateVector(Setup(mechanism, channels, guards), kinds)
+        self._states = StateVector(FilterContext(mechanism, channels, guards), kinds)
         if resolution is None:
             resolution = RESOLUTION if mechanism.chain is None or len(rig.joints) == 1 else CHAIN_RESOLUTION
         longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
@@ -131,8 +133,8 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def _torques(self) -> list[int]:
         """Which states are torques from outside, in the order of the joints."""
-        names = torque_names([joint.name for joint in self._states.setup.mechanism.rig.joints])
-        return [self._states.names.index(name) for name in names if name in self._states.names]
+        joints = [joint.name for joint in self._states.context.mechanism.rig.joints]
+        return list(states_of(StateKind.EXTERNAL_TORQUE, joints, self.state_kinds, self.state_parts).values())
 
     def _learned_numbers(self) -> list[Floats]:
         """Return the numbers of what was learned, which come behind the model's parameters."""
@@ -141,8 +143,8 @@ class AdaptiveFilter(KernelEstimator):
 
     def _corrected(self, function: ca.Function) -> ca.Function:
         """Return the filter with the rig's discrepancy and its contact, if it has them."""
-        setup, n = self._states.setup, len(self._states)
-        width = len(setup.channels.names)
+        context, n = self._states.context, len(self._states)
+        width = len(context.channels.names)
         if self._discrepancy is not None:
             function = corrected_function(function, n, width, self.places, self._discrepancy)
         if self._contact is not None:
@@ -154,40 +156,40 @@ class AdaptiveFilter(KernelEstimator):
         return self._corrected(adaptive_function(self._states, self._count, loops=True))
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask) → (mean, covariance's diagonal, memory) before the first sample.
+        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
 
         The drives rest where the first sample says; what a play passes on is the first reading of its effort.
         """
-        states, setup = self._states, self._states.setup
-        names = setup.channels.names
+        states, context = self._states, self._states.context
+        names = context.channels.names
         values, given = ca.SX.sym("values", len(names)), ca.SX.sym("mask", len(names))
         sensors = {sensor.name: sensor for sensor in self.rig.sensors}
-        mask = ca.vertcat(*(given[k] * setup.credible(sensors[name], values[k]) for k, name in enumerate(names)))
+        mask = ca.vertcat(*(given[k] * context.credible(sensors[name], values[k]) for k, name in enumerate(names)))
 
         def read(sensor: Sensor, otherwise: float) -> ca.SX:
             k = names.index(sensor.name)
-            return ca.if_else(mask[k] > 0, (values[k] - sensor.bias.value) / gain_of(sensor).value, otherwise)
+            return ca.if_else(is_read(mask[k]), context.corrected(sensor, values[k]), otherwise)
 
-        mean, memory = ca.SX(ca.DM(states.means)), ca.SX.zeros((MEMORY + 1) * setup.n_drives)
+        means, stds = states.prior()
+        mean, variances, memory = ca.SX(means), ca.SX(stds**2), ca.SX.zeros((MEMORY + 1) * context.n_drives)
         for i, drive in enumerate(self.rig.drives):
-            position, effort, transmitted = setup.position_sensor(i), setup.force_sensor(i), states.transmitted(i)
+            position, effort, transmitted = context.position_sensor(i), context.force_sensor(i), states.transmitted(i)
             if position is not None:
-                unknown = ca.if_else(mask[names.index(position.name)] > 0, 0.0, UNKNOWN_PLACE[drive.kind] ** 2)
+                unknown = ca.if_else(is_read(mask[names.index(position.name)]), 0.0, UNKNOWN_PLACE[drive.kind] ** 2)
                 memory[MEMORY * i], memory[MEMORY * i + UNKNOWN] = read(position, 0.0), unknown
             if transmitted is not None and effort is not None:
                 at = transmitted[0]
                 mean[at] = read(effort, float(states.means[at]))
-        variances = ca.SX(ca.DM(states.stds**2))
         affine = self.rig.affine
         if affine is not None and set(affine.channels) <= set(names):
             # where the map that logs taught knows the start better than the rig, it says it
             readings = {name: (values[names.index(name)], mask[names.index(name)]) for name in affine.channels}
-            for j in range(setup.n_joints):
+            for j in range(context.n_joints):
                 angle, unsure = start_of(affine, j, readings)
                 better = unsure < variances[j]
                 mean[j] = ca.if_else(better, angle, mean[j])
                 variances[j] = ca.if_else(better, unsure, variances[j])
-        begin = _begin(setup, read)
+        begin = _begin(context, read)
         for block in states.blocks:
             first = block.first(begin)
             if first is not None:
@@ -197,7 +199,9 @@ class AdaptiveFilter(KernelEstimator):
             memory = ca.vertcat(memory, first_memory(self._discrepancy, values, mask))
         if self._contact is not None:
             memory = ca.vertcat(memory, contact.first_memory(self._contact, values, mask))
-        return ca.Function("prior", [values, given], [mean, variances, memory])
+        symbols, p = context.mechanism.parameters.symbols, ca.SX.sym("p", len(self._p))
+        found = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
+        return ca.Function("prior", [values, given, p], found)
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
         """Return which directions of joint space the sensors do not see, where there are any.
@@ -206,17 +210,18 @@ class AdaptiveFilter(KernelEstimator):
             means: states over the log, (k, n).
             samples: values of `channels`, (k, n_channels).
         """
-        return () if self._unseen is None else (self._unseen,)
+        return () if self.unseen is None else (self.unseen,)
 
     @cached_property
-    def _unseen(self) -> str | None:
+    def unseen(self) -> str | None:
+        """What the sensors cannot tell of the joints, in a sentence; None where they see every direction."""
         found = directions(self.rig)
         return found.text if len(found.missed) and len(self.rig.joints) > 1 else None
 
     @property
     def bridged(self) -> int:
         """Number of displacements, the first of the channels: they cross gaps in a straight line."""
-        return len(self._states.setup.channels.positions)
+        return len(self._states.context.channels.positions)
 
     @property
     def discrepancy(self) -> Discrepancy | None:
@@ -226,8 +231,8 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def places(self) -> tuple[int | None, ...]:
         """For each channel where in the carry its drive's place stands; None for one that is read as it comes."""
-        n, channels = len(self._states), self._states.setup.channels
-        drives = [drive.name for drive in self._states.setup.mechanism.rig.drives]
+        n, channels = len(self._states), self._states.context.channels
+        drives = [drive.name for drive in self._states.context.mechanism.rig.drives]
         placed = [n + n * n + MEMORY * drives.index(sensor.of) for sensor in channels.positions]
         return (*placed, *([None] * (len(channels.tensions) + len(channels.forces))))
 
@@ -235,7 +240,7 @@ class AdaptiveFilter(KernelEstimator):
     def own_memory(self) -> int:
         """Where in the carry the correction stands: after all that is the filter's own."""
         n = len(self._states)
-        return n + n * n + (MEMORY + 1) * self._states.setup.n_drives
+        return n + n * n + (MEMORY + 1) * self._states.context.n_drives
 
     def with_discrepancy(self, discrepancy: Discrepancy) -> AdaptiveFilter:
         """Return the same filter, kernel included, with other coefficients of the same terms.
@@ -276,6 +281,16 @@ class AdaptiveFilter(KernelEstimator):
         return self._count
 
     @property
+    def state_kinds(self) -> tuple[StateKind, ...]:
+        """What each state is, (n,)."""
+        return self._states.state_kinds
+
+    @property
+    def state_parts(self) -> tuple[str, ...]:
+        """The part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its path."""
+        return self._states.state_parts
+
+    @property
     def states(self) -> StateVector:
         """The state vector: its blocks, their priors and what they do."""
         return self._states
@@ -290,48 +305,14 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the kernel's parameters, (n_p,)."""
-        return self._states.setup.mechanism.parameters.names
-
-    def with_prior(self, values: Mapping[str, float]) -> AdaptiveFilter:
-        """Return the same filter, kernel included, that begins where the rig with other values would.
-
-        Args:
-            values: path → number, as `Rig.with_values`.
-        """
-        rig, setup = self.rig.with_values(values), self._states.setup
-        sensors = {sensor.name: sensor for sensor in rig.sensors}
-
-        def same(group: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
-            return tuple(sensors.get(sensor.name, sensor) for sensor in group)
-
-        read = setup.channels
-        channels = replace(
-            read,
-            positions=same(read.positions),
-            forces=same(read.forces),
-            tensions=same(read.tensions),
-            angles=same(read.angles),
-        )
-        other = copy(self)
-        other.rig, other._begin = rig, None
-        other.__dict__.pop("priors", None)
-        mechanism = Mechanism(rig, setup.mechanism.parameters.given, remembers=True)
-        changed = replace(setup, mechanism=mechanism, channels=channels)
-        states = StateVector(changed, self._states.kinds)
-        if states.names != self._states.names:
-            # what shows in the sensors depends on their noise; the kernel has the states that it was built with
-            found = {block.names: block for block in states.blocks}
-            kept = [found.get(block.names, block) for block in self._states.blocks[1:]]
-            states = StateVector(changed, (lambda _: kept,))
-        other._states = states
-        return other
+        return self._states.context.mechanism.parameters.names
 
 
-def _begin(setup: Setup, read: Callable[[Sensor, float], Any]) -> Begin:
+def _begin(context: FilterContext, read: Callable[[Sensor, float], Any]) -> Begin:
     """Return what is read at the first sample; `read` gives a sensor's value, or what it is given where that is missing."""
-    drives, cells = range(setup.n_drives), {sensor.of: sensor for sensor in setup.channels.tensions}
-    positions, forces = [setup.position_sensor(i) for i in drives], [setup.force_sensor(i) for i in drives]
-    tensions = [cells.get(tendon.name) for tendon in setup.mechanism.rig.tendons]
+    drives, cells = range(context.n_drives), {sensor.of: sensor for sensor in context.channels.tensions}
+    positions, forces = [context.position_sensor(i) for i in drives], [context.force_sensor(i) for i in drives]
+    tensions = [cells.get(tendon.name) for tendon in context.mechanism.rig.tendons]
     return Begin(
         [0.0 if sensor is None else read(sensor, 0.0) for sensor in positions],
         [None if sensor is None else read(sensor, 0.0) for sensor in forces],

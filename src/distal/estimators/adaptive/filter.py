@@ -5,7 +5,7 @@ The carry is the mean, the covariance, what is remembered of each drive's motion
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import casadi as ca
@@ -13,6 +13,7 @@ import numpy as np
 
 from distal.estimators.adaptive.drive_tracking import MEMORY, tracking
 from distal.estimators.adaptive.following import follow
+from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.motion import Moved, moved
 from distal.estimators.adaptive.play import play
 from distal.estimators.adaptive.prediction import predicted, revert
@@ -30,15 +31,15 @@ def adaptive_function(states: StateVector, count: int, loops: bool = False, trac
         loops: keep matrices as matrices, for small memories; else the update is one function of scalars, which is faster.
         trace: append the predicted mean, its covariance and the transition to y, for smoothing.
     """
-    n, nd, setup = len(states), states.setup.n_drives, states.setup
-    carry, x = ca.MX.sym("carry", n + n * n + nd * (MEMORY + 1)), ca.MX.sym("x", setup.width)
-    p = ca.MX.sym("p", len(setup.mechanism.parameters))
+    n, nd, context = len(states), states.context.n_drives, states.context
+    carry, x = ca.MX.sym("carry", n + n * n + nd * (MEMORY + 1)), ca.MX.sym("x", context.width)
+    p = ca.MX.sym("p", len(context.mechanism.parameters))
     mean, covariance = carry[:n], ca.reshape(carry[n : n + n * n], n, n)
     memory, forces = carry[n + n * n : n + n * n + nd * MEMORY], carry[n + n * n + nd * MEMORY :]
     tracks = tracking(states)(mean, memory, x, p)  # (1) to (6)
-    motion = moved(states, count, mean, covariance, memory, tracks, x, p)  # (7) to (10)
-    given = [mean, covariance, *_parts(motion), tracks, memory, forces, x, p]
-    step = corrected(states, given, loops=True) if loops else _Step(*_scalars(states, given)(*given))
+    motion = moved(states, count, mean, covariance, Interval(tracks, memory, x, p))  # (7) to (10)
+    arguments = [mean, covariance, *_parts(motion), tracks, memory, forces, x, p]
+    step = corrected(states, arguments, loops=True) if loops else _Step(*_scalars(states, arguments)(*arguments))
     following = ca.vertcat(step.mean, ca.vec(step.covariance), tracks[: MEMORY * nd], step.forces)
     y = step.y
     if trace:
@@ -59,37 +60,37 @@ class _Step:
     transition: Any
 
 
-def corrected(states: StateVector, given: list[Any], loops: bool) -> _Step:
+def corrected(states: StateVector, arguments: list[Any], loops: bool) -> _Step:
     """Return the filter after a sample, once the joints have moved.
 
     Args:
         states: the state vector.
-        given: mean, covariance, the joints' motion, tracks, what is remembered of the drives' motions and forces, the
+        arguments: mean, covariance, the joints' motion, tracks, what is remembered of the drives' motions and forces, the
             sample, the parameters.
         loops: whether this stays a function of matrices.
     """
-    mean, covariance, *joints, tracks, memory, forces, x, p = given
-    motion = Moved(*joints)
-    state, spread = predicted(states, mean, covariance, motion, tracks, memory, x, p)  # (11), (12)
-    transition = _moving(states, motion)
-    revert(states, state, spread, transition, x, p)  # (13)
-    spread = spread if loops else symmetric(spread)
-    kept = [forces[i] for i in range(states.setup.n_drives)]
-    for i in range(states.setup.n_drives):
+    mean, covariance, *joints, tracks, memory, forces, x, p = arguments
+    motion, interval = Moved(*joints), Interval(tracks, memory, x, p)
+    after = predicted(states, mean, covariance, motion, interval)  # (11), (12)
+    prediction = Prediction(*after, _moving(states, motion))
+    revert(states, prediction, interval)  # (13)
+    prediction = prediction if loops else replace(prediction, covariance=symmetric(prediction.covariance))
+    kept = [forces[i] for i in range(states.context.n_drives)]
+    for i in range(states.context.n_drives):
         if states.transmitted(i) is not None:
-            kept[i] = play(states, i, state, spread, transition, tracks, motion.rates, kept[i], x, p)  # (14), (15)
-    follow(states, state, spread, transition, tracks, x, p)
-    before, uncertain = ca.MX(state), ca.MX(spread)
-    after, spread, kept, y = updated(states, state, spread, tracks, motion.rates, kept, x, p, loops)  # (16) to (26)
+            kept[i] = play(states, i, prediction, motion.rates, kept[i], interval)  # (14), (15)
+    follow(states, prediction, interval)  # (15b)
+    before = replace(prediction, state=ca.MX(prediction.state), covariance=ca.MX(prediction.covariance))
+    mean, covariance, kept, y = updated(states, prediction, motion.rates, kept, interval, loops)  # (16) to (26)
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
-            after[at] = ca.fmax(after[at], lowest)  # (27)
-    return _Step(after, spread, ca.vertcat(*kept), y, before, uncertain, transition)
+            mean[at] = ca.fmax(mean[at], lowest)  # (27)
+    return _Step(mean, covariance, ca.vertcat(*kept), y, before.state, before.covariance, before.transition)
 
 
 def _moving(states: StateVector, motion: Moved) -> Any:
     """Return the transition Φ, (n, n), of an interval in which nothing but angles and speeds moves."""
-    n, nj = len(states), states.setup.n_joints
+    n, nj = len(states), states.context.n_joints
     transition = ca.MX(ca.DM.eye(n).full())
     transition[:nj, :], transition[nj : 2 * nj, :] = motion.angle_slopes[:, :n], motion.speed_slopes[:, :n]
     return transition
@@ -99,9 +100,9 @@ def _parts(whole: Moved | _Step) -> list[Any]:
     return [getattr(whole, field.name) for field in fields(whole)]
 
 
-def _scalars(states: StateVector, given: list[Any]) -> ca.Function:
+def _scalars(states: StateVector, arguments: list[Any]) -> ca.Function:
     """Return `corrected` as one function of scalars: what is zero or twice the same is then left out."""
-    symbols = [ca.MX.sym(f"i{k}", *entry.shape) for k, entry in enumerate(given)]
+    symbols = [ca.MX.sym(f"i{k}", *entry.shape) for k, entry in enumerate(arguments)]
     whole = ca.Function("update", symbols, _parts(corrected(states, symbols, loops=False)))
-    scalars = [ca.SX.sym(f"i{k}", *entry.shape) for k, entry in enumerate(given)]
+    scalars = [ca.SX.sym(f"i{k}", *entry.shape) for k, entry in enumerate(arguments)]
     return ca.Function("update", scalars, ca.cse([ca.densify(entry) for entry in whole.call(scalars, True)]))

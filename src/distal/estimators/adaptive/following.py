@@ -10,31 +10,29 @@ from typing import Any
 import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import Tracks
+from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.play import CREST
 from distal.estimators.adaptive.prediction import set_row
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.adaptive.states.inside import Played, Strained
+from distal.estimators.adaptive.states.inside import BacklashOrSheathState, Strained
+from distal.estimators.state_kinds import StateKind
 from distal.model import clip_moments
 
-TINY_SPREAD = 1e-12
-"""Added to the spread of a place, so that its moments stay finite where it is certain [m, rad]."""
+TINY_STD = 1e-12
+"""Added to the standard deviation of a place, so that its moments stay finite where it is certain [m, rad]."""
 
 
-def follow(states: StateVector, state: Any, covariance: Any, transition: Any, tracks: Any, x: Any, p: Any) -> None:
+def follow(states: StateVector, prediction: Prediction, interval: Interval) -> None:
     """Move everything inside to where it is at the end of an interval, in place.
 
     Args:
         states: the state vector.
-        state: predicted, (n,).
-        covariance: predicted, (n, n).
-        transition: Φ, (n, n).
-        tracks: of the drives.
-        x: the sample.
-        p: the model's parameters.
+        prediction: to change.
+        interval: with its sample.
     """
-    blocks = {block.name: block for block in states.blocks if isinstance(block, (Played, Strained))}
-    for name in _order(states, list(blocks)):
-        block = blocks[name]
+    state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
+    tracks, x, p = interval.tracks, interval.x, interval.p
+    for block in _ordered(states):
         at = states.indices(block)[0]
         mean, row, rest = following_function(states, block)(state, covariance[at, at], tracks, x, p)
         across = ca.mtimes(covariance, row)
@@ -44,21 +42,23 @@ def follow(states: StateVector, state: Any, covariance: Any, transition: Any, tr
         transition[at, :] = ca.mtimes(row.T, transition)
 
 
-def _order(states: StateVector, names: list[str]) -> list[str]:
-    """Return the names in the order in which they move: points of a sheath from end to end and back."""
-    mechanism, order = states.setup.mechanism, list[str]()
+def _ordered(states: StateVector) -> list[BacklashOrSheathState | Strained]:
+    """Return what moves inside in the order in which it moves: points of a sheath from end to end and back."""
+    mechanism, order = states.context.mechanism, list[BacklashOrSheathState | Strained]()
+    blocks = [block for block in states.blocks if isinstance(block, (BacklashOrSheathState, Strained))]
+    points = {(block.index, block.point): block for block in blocks if block.kind is StateKind.SHEATH}
     still = ca.SX.zeros(mechanism.n_bodies)
-    for name in names:
-        kind, index, *rest = name.split(".")
-        sheath = mechanism.sheath(int(index), still) if kind == "tendons" and rest[0] == "path" else None
-        if sheath is None:
-            order.append(name)
-        elif rest[-1] == "0":
-            order += [f"tendons.{index}.path.point.{k}" for k in sheath.order()]
+    for block in blocks:
+        if block.kind is not StateKind.SHEATH:
+            order.append(block)
+        elif block.point == 0:
+            sheath = mechanism.sheath(block.index, still)
+            assert sheath is not None  # it has points
+            order += [points[block.index, k] for k in sheath.order()]
     return order
 
 
-def following_function(states: StateVector, block: Played | Strained) -> ca.Function:
+def following_function(states: StateVector, block: BacklashOrSheathState | Strained) -> ca.Function:
     """Return (state, variance, tracks, x, p) → (mean, slopes, rest) of one number inside, at the end of an interval.
 
     A play: the moments of clip(z, a, b) of a normal z (`clip_moments`). A strain: the model's, with its slopes.
@@ -67,9 +67,9 @@ def following_function(states: StateVector, block: Played | Strained) -> ca.Func
         states: the state vector.
         block: which.
     """
-    setup, n, nd = states.setup, len(states), states.setup.n_drives
-    mechanism, nj, p = setup.mechanism, setup.n_joints, setup.mechanism.parameters.symbols
-    state, own, x = ca.SX.sym("state", n), ca.SX.sym("P_z"), ca.SX.sym("x", setup.width)
+    context, n, nd = states.context, len(states), states.context.n_drives
+    mechanism, nj, p = context.mechanism, context.n_joints, context.mechanism.parameters.symbols
+    state, own, x = ca.SX.sym("state", n), ca.SX.sym("P_z"), ca.SX.sym("x", context.width)
     vector = ca.SX.sym("tracks", Tracks.size(nd))
     tracks, q, dt = Tracks(vector, nd), ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("dt")
     places = [states.place(i, tracks[i].place, state) for i in range(nd)]
@@ -85,9 +85,9 @@ def following_function(states: StateVector, block: Played | Strained) -> ca.Func
         low, high, *slopes = ca.Function("bounds", [q, p, dt], [*reached, *by_drives])(*arguments)
         noises = [_noise(states, i) for i in range(nd)]
         by_low, by_high = ca.jacobian(low, state), ca.jacobian(high, state)
-        low -= CREST * _spread(slopes[0], noises)
-        high += CREST * _spread(slopes[1], noises)
-        moments = clip_moments(low, high, state[at], ca.sqrt(ca.fmax(own, 0)) + TINY_SPREAD)
+        low -= CREST * _std(slopes[0], noises)
+        high += CREST * _std(slopes[1], noises)
+        moments = clip_moments(low, high, state[at], ca.sqrt(ca.fmax(own, 0)) + TINY_STD)
         row = moments.by_low * by_low + moments.by_high * by_high
         row[0, at] += moments.by_mean
         pushed = moments.by_low * slopes[0] + moments.by_high * slopes[1]
@@ -98,9 +98,9 @@ def following_function(states: StateVector, block: Played | Strained) -> ca.Func
 
 
 def _noise(states: StateVector, drive: int) -> Any:
-    sensor = states.setup.position_sensor(drive)
-    return 0 if sensor is None else states.setup.noise(sensor)
+    sensor = states.context.position_sensor(drive)
+    return 0 if sensor is None else states.context.noise(sensor)
 
 
-def _spread(slopes: Any, noises: list[Any]) -> Any:
+def _std(slopes: Any, noises: list[Any]) -> Any:
     return ca.sqrt(sum((slopes[0, i] ** 2 * noise for i, noise in enumerate(noises)), ca.SX(0)))

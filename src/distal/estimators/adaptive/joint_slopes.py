@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.context import FilterContext
 from distal.model import (
     Kick,
     Limit,
@@ -22,8 +22,8 @@ from distal.model import (
     solver,
 )
 
-TINY_SPREAD = 1e-9
-"""Added to the spread of a joint's speed so that its moments stay finite where no time passes [rad/s]."""
+TINY_STD = 1e-9
+"""Added to the standard deviation of a joint's speed so that its moments stay finite where no time passes [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -55,29 +55,31 @@ class Moving:
     rest: Any
 
 
-def moving(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed: Sequence[int]) -> Moving:
+def moving(context: FilterContext, kick: Kick, torques: Any, torque_stds: Any, pushed: Sequence[int]) -> Moving:
     """Return the bodies after a sub-step, the drives moving as they were measured to.
 
     Args:
-        setup: the rig.
+        context: the rig.
         kick: its symbols; the joints' efforts are `torques`.
         torques: on the joints from outside, symbols, (n_joints,).
-        spreads: their standard deviations, symbols, (n_joints,).
+        torque_stds: their standard deviations, symbols, (n_joints,).
         pushed: indices of the joints on which such a torque can act.
     """
-    alone = setup.mechanism.chain is None
-    return (_joint_by_joint if alone else _all_at_once)(setup, kick, torques, spreads, pushed)
+    alone = context.mechanism.chain is None
+    return (_joint_by_joint if alone else _all_at_once)(context, kick, torques, torque_stds, pushed)
 
 
-def _joint_by_joint(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed: Sequence[int]) -> Moving:
-    mechanism, nj = setup.mechanism, setup.n_joints
+def _joint_by_joint(
+    context: FilterContext, kick: Kick, torques: Any, torque_stds: Any, pushed: Sequence[int]
+) -> Moving:
+    mechanism, nj = context.mechanism, context.n_joints
     q, v = kick_and_drift(mechanism, kick, rebounds=False, bodies=range(nj))
     speeds, rest = [v[j] for j in range(nj)], [ca.SX(0)] * nj
     if pushed:
         z, limits, damping = impulses(mechanism, kick)
         for j in pushed:
             held = 1 + kick.response[j, 1] * damping[j]
-            moments = soft_moments(z[j], limits[j], kick.response[j, 1] * spreads[j] + TINY_SPREAD)
+            moments = soft_moments(z[j], limits[j], kick.response[j, 1] * torque_stds[j] + TINY_STD)
             speeds[j], rest[j] = moments.mean / held, moments.rest / held**2
     speed = ca.vertcat(*speeds)
     by_response = ca.horzcat(*(ca.jacobian(speed, kick.response[:nj, k]) for k in range(2)))
@@ -86,9 +88,9 @@ def _joint_by_joint(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed
     return Moving(q, v, place, own, parameter, torque, by_response, ca.vertcat(*rest))
 
 
-def _all_at_once(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed: Sequence[int]) -> Moving:
+def _all_at_once(context: FilterContext, kick: Kick, torques: Any, torque_stds: Any, pushed: Sequence[int]) -> Moving:
     """Return the same of a chain: slopes of an implicit equation, A dω⁺ = −∂(A ω⁺ + h f − r) for the joints that slip."""
-    mechanism, nj = setup.mechanism, setup.n_joints
+    mechanism, nj = context.mechanism, context.n_joints
     kicked = kicked_chain(mechanism, kick, rebounds=False)
     count, length, free = len(mechanism.free), kick.length, mechanism.free
     weight, forward, back = (
@@ -107,16 +109,15 @@ def _all_at_once(setup: Setup, kick: Kick, torques: Any, spreads: Any, pushed: S
         mass = matrix[k, k]
         felt = load[k] + pressing - sum((matrix[k, i] * after[i] for i in range(count) if i != k), ca.SX(0))
         limit = Limit(kicked.up[k] / mass, kicked.down[k] / mass)
-        moments = soft_moments(felt / mass, limit, length * spreads[free[k]] / mass + TINY_SPREAD)
+        moments = soft_moments(felt / mass, limit, length * torque_stds[free[k]] / mass + TINY_STD)
         share = ca.fmax(moments.slope, 1e-12)
         weight[k], forward[k], back[k] = ca.sqrt(share), moments.forward / share, moments.back / share
         rest[free[k]] = moments.rest
     symbols = {name: ca.SX.sym(name, count) for name in ("after", "forward", "back", "kappa", "delta", "place")}
     contacts = type(kicked.contacts)(symbols["kappa"], symbols["delta"], symbols["place"])
-    slip = Slip(symbols["forward"], symbols["back"])
-    equation = residual(
-        mechanism, kick.q[:nj], kick.v[:nj], symbols["after"], loads_of(mechanism, kick), slip, contacts, length
-    )
+    loads, slip = loads_of(mechanism, kick), Slip(symbols["forward"], symbols["back"])
+    q, v = kick.q[:nj], kick.v[:nj]
+    equation = residual(mechanism, q, v, symbols["after"], loads, slip=slip, contacts=contacts, h=length)
     by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
     found = [after, ca.vertcat(*forward), ca.vertcat(*back)]
     found += [stiffness, damping, kicked.contacts.place]

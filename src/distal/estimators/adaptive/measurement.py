@@ -7,10 +7,10 @@ from typing import Any
 
 import casadi as ca
 
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.robustness import extra_variance
-from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states import StateVector
 
 TIE = 0.3
@@ -28,7 +28,7 @@ class Row:
         name: of its sensor, or of the drive where the pull is only nominal.
         residual: measured minus expected without friction.
         variance: of the sensor and of the drive's place.
-        mask: 1 where it counts.
+        mask: 0 where it does not count, else see `distal.estimators.mask`.
         limit: friction limit of the drive, the mean of both directions.
         asymmetry: by how much the limit is larger against motion to +, and smaller against motion to −.
         drive: index of the drive whose friction is in it, or None.
@@ -57,17 +57,17 @@ def rows_of(states: StateVector, state: Any, tracks: Tracks, rates: Any, x: Any)
         rates: mean speed of each drive over the interval, (n_drives,).
         x: the sample.
     """
-    setup, mechanism, nj = states.setup, states.setup.mechanism, states.setup.n_joints
-    places = [states.place(i, tracks[i].place, state) for i in range(setup.n_drives)]
+    context, mechanism, nj = states.context, states.context.mechanism, states.context.n_joints
+    places = [states.place(i, tracks[i].place, state) for i in range(context.n_drives)]
     q, v = ca.vertcat(state[:nj], *places), ca.vertcat(state[nj : 2 * nj], rates)
-    mechanics = mechanics_function(setup)(q, v, states.parameters(state))
+    mechanics = mechanics_function(context)(q, v, states.parameters(state))
     tensions, pulls, dampings, limits, asymmetries, tension_slopes, pull_slopes = mechanics
     rows = []
     for i, drive in enumerate(mechanism.rig.drives):
-        sensor, body, track = setup.force_sensor(i), nj + i, tracks[i]
-        unsure = track.variance + extra_variance(setup.robustness, track.lost, track.unknown)
+        sensor, body, track = context.force_sensor(i), nj + i, tracks[i]
+        unsure = track.variance + extra_variance(context.robustness, track.lost, track.unknown)
         spread = unsure * pull_slopes[body, body] ** 2
-        free, expected = away_from_stops(setup, i, track.place), pulls[body] + states.force(i, state)
+        free, expected = away_from_stops(context, i, track.place), pulls[body] + states.force(i, state)
         friction = (limits[body] + states.friction(i, state), asymmetries[body], i)
         if sensor is None:
             known = float(drive.nominal_force.std > 0.0)
@@ -75,46 +75,46 @@ def rows_of(states: StateVector, state: Any, tracks: Tracks, rates: Any, x: Any)
             residual = drive.nominal_force.value - expected
             rows.append(Row(drive.name, residual, spread + lasting, known * free, *friction, measured=False))
             continue
-        own, mask = setup.noise(sensor), setup.mask(x, sensor) * free
+        own, mask = context.noise(sensor), context.mask(x, sensor) * free
         transmitted = states.transmitted(i)
         if transmitted is not None:
             damped = dampings[body] * rates[i]
             rows.append(Row(sensor.name, state[transmitted[0]] - (expected - damped), TIE**2 * own + spread, mask))
             continue
-        read = setup.value(x, sensor)
+        read = context.value(x, sensor)
         residual = read - expected - states.sensor_error(sensor, read, state)
         rows.append(Row(sensor.name, residual, own + spread, mask, *friction))
     tendons = [tendon.name for tendon in mechanism.rig.tendons]
-    for sensor in setup.channels.tensions:
+    for sensor in context.channels.tensions:
         t = tendons.index(sensor.of)
         body = mechanism.drive_of[t]
-        own = setup.noise(sensor) + tension_slopes[t, body] ** 2 * tracks[body - nj].variance
-        read = setup.value(x, sensor)
+        own = context.noise(sensor) + tension_slopes[t, body] ** 2 * tracks[body - nj].variance
+        read = context.value(x, sensor)
         residual = read - tensions[t] - states.sensor_error(sensor, read, state)
-        rows.append(Row(sensor.name, residual, own, setup.mask(x, sensor)))
+        rows.append(Row(sensor.name, residual, own, context.mask(x, sensor)))
     joints = [joint.name for joint in mechanism.rig.joints]
-    for sensor in setup.channels.angles:
-        read = setup.value(x, sensor)
+    for sensor in context.channels.angles:
+        read = context.value(x, sensor)
         residual = read - state[joints.index(sensor.of)] - states.sensor_error(sensor, read, state)
-        rows.append(Row(sensor.name, residual, setup.noise(sensor), setup.mask(x, sensor), trusted=True))
+        rows.append(Row(sensor.name, residual, context.noise(sensor), context.mask(x, sensor), trusted=True))
     # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
-    names = [sensor.name for sensor in setup.channels.compared]
+    names = [sensor.name for sensor in context.channels.compared]
     return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))
 
 
-def away_from_stops(setup: Setup, drive: int, place: Any) -> Any:
+def away_from_stops(context: FilterContext, drive: int, place: Any) -> Any:
     """Return 1 where a drive is certainly not at a stop: there the contact force is unknown, (17).
 
     Args:
-        setup: the rig.
+        context: the rig.
         drive: its index.
         place: what its sensor reads.
     """
-    part, sensor = setup.mechanism.rig.drives[drive], setup.position_sensor(drive)
+    part, sensor = context.mechanism.rig.drives[drive], context.position_sensor(drive)
     if part.stops is None or sensor is None:
         return ca.SX(1)
     low, high = part.stops
-    margin = setup.robustness.stop_margin * sensor.linearity
+    margin = context.robustness.stop_margin * sensor.linearity
     return ca.if_else(ca.logic_and(place > low + margin, place < high - margin), 1, 0)
 
 
@@ -126,12 +126,12 @@ def row_functions(states: StateVector) -> tuple[list[Row], ca.Function]:
     Args:
         states: the state vector.
     """
-    setup, state = states.setup, ca.SX.sym("state", len(states))
-    vector, rates = ca.SX.sym("tracks", Tracks.size(setup.n_drives)), ca.SX.sym("rates", setup.n_drives)
-    x = ca.SX.sym("x", setup.width)
-    rows = rows_of(states, state, Tracks(vector, setup.n_drives), rates, x)
+    context, state = states.context, ca.SX.sym("state", len(states))
+    vector, rates = ca.SX.sym("tracks", Tracks.size(context.n_drives)), ca.SX.sym("rates", context.n_drives)
+    x = ca.SX.sym("x", context.width)
+    rows = rows_of(states, state, Tracks(vector, context.n_drives), rates, x)
     values = [part for row in rows for part in (row.residual, row.limit, row.asymmetry, row.variance, row.mask)]
     sloped = [ca.SX(part) for row in rows for part in (row.residual, row.limit, row.asymmetry)]
     slopes = [ca.sparsify(ca.jacobian(part, state)).T for part in sloped]
-    arguments = [state, vector, rates, x, setup.mechanism.parameters.symbols]
+    arguments = [state, vector, rates, x, context.mechanism.parameters.symbols]
     return rows, ca.Function("rows", arguments, ca.cse([ca.densify(ca.vertcat(*values)), *slopes]))

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import casadi as ca
 
-from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.context import FilterContext
 
 
-def mechanics_function(setup: Setup) -> ca.Function:
+def mechanics_function(context: FilterContext) -> ca.Function:
     """Return (q, v, p) → tensions, pulls on the bodies, their dampings, friction limits and asymmetries, slopes by q.
 
     Args:
-        setup: the rig.
+        context: the rig.
     """
-    mechanism = setup.mechanism
+    mechanism = context.mechanism
     q, v, p = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("v", mechanism.n_bodies), mechanism.parameters.symbols
     tendons = mechanism.pulls(q, v, settled=True)
     nj, tensions = mechanism.n_joints, tendons.drive

@@ -12,6 +12,7 @@ from typing import Any
 import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks
+from distal.estimators.adaptive.interval import Interval
 from distal.estimators.adaptive.joint_slopes import moving
 from distal.estimators.adaptive.states import StateVector
 from distal.model import Kick, responses
@@ -38,9 +39,7 @@ class Moved:
     rates: Any
 
 
-def moved(
-    states: StateVector, count: int, mean: Any, covariance: Any, memory: Any, tracks: Any, x: Any, p: Any
-) -> Moved:
+def moved(states: StateVector, count: int, mean: Any, covariance: Any, interval: Interval) -> Moved:
     """Return the joints after an interval, moved by sub-steps with their slopes.
 
     Args:
@@ -48,16 +47,13 @@ def moved(
         count: sub-steps per interval.
         mean: before, (n,).
         covariance: before, (n, n).
-        memory: of the drives.
-        tracks: of the drives, now.
-        x: the sample.
-        p: the model's parameters.
+        interval: with its sample.
     """
-    setup = states.setup
-    nj, acting = setup.n_joints, _acting(states)
+    context, memory, tracks, x, p = states.context, interval.memory, interval.tracks, interval.x, interval.p
+    nj, acting = context.n_joints, _acting(states)
     starts, rates, torques, places, *constant = _interval(states, count)(mean, covariance, memory, tracks, x, p)
     step, h = _substep(states), x[0] / count
-    mechanism, identity = setup.mechanism, ca.DM.eye(2 * nj + len(acting) + setup.n_drives)
+    mechanism, identity = context.mechanism, ca.DM.eye(2 * nj + len(acting) + context.n_drives)
     angles, speeds, own = mean[:nj], mean[nj : 2 * nj], ca.DM.eye(nj)
     if len(mechanism.free) < nj:
         # coupled joints are where the others say, from the start
@@ -76,7 +72,7 @@ def moved(
 
 def _acting(states: StateVector) -> list[int]:
     """Return which states beside the joints' motion enter the model: its parameters, torques, responses."""
-    state, nj = ca.SX.sym("state", len(states)), states.setup.n_joints
+    state, nj = ca.SX.sym("state", len(states)), states.context.n_joints
     whole = ca.vertcat(states.parameters(state), states.torques(state))
     _, columns = ca.jacobian(whole, state).sparsity().get_triplet()
     return sorted({int(i) for i in columns if i >= 2 * nj})
@@ -88,7 +84,7 @@ def _by_state(states: StateVector) -> ca.Function:
     What changes a drive's place alone, such as its sensor's curve, moves the joints as the place does: it takes no part in
     the sub-steps.
     """
-    n, nd, nj, acting = len(states), states.setup.n_drives, states.setup.n_joints, _acting(states)
+    n, nd, nj, acting = len(states), states.context.n_drives, states.context.n_joints, _acting(states)
     count = 2 * nj + len(acting)
     both = [ca.SX.sym(name, nj, count + nd) for name in ("S_theta", "S_omega")]
     places, whole = _place_slopes(states), list[Any]()
@@ -100,7 +96,7 @@ def _by_state(states: StateVector) -> ca.Function:
         if acting:
             result[:, acting] += each[:, 2 * nj : count]
         for i in range(nd):
-            if states.setup.position_sensor(i) is not None:
+            if states.context.position_sensor(i) is not None:
                 result[:, n + i] = each[:, count + i]
         whole.append(ca.densify(result))
     return ca.Function("by_state", [*both, values], whole)
@@ -108,7 +104,7 @@ def _by_state(states: StateVector) -> ca.Function:
 
 def _place_slopes(states: StateVector) -> Any:
     """Return the pattern of ∂(places of the drives)/∂(state, what they err by themselves), (n_drives, n + n_drives)."""
-    n, nd = len(states), states.setup.n_drives
+    n, nd = len(states), states.context.n_drives
     mean, reading = ca.SX.sym("mean", n), ca.SX.sym("reading", nd)
     slopes = [ca.jacobian(states.place(i, reading[i], mean), mean) for i in range(nd)]
     return ca.horzcat(ca.vertcat(*slopes), ca.SX(nd, nd))
@@ -121,17 +117,17 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     places with respect to states (`_place_slopes`); then, the same for all sub-steps, the torques' stds, the model's
     parameters, the responses of the bodies, and, where a state changes them, the slopes of the joints' responses.
     """
-    setup, n, nd = states.setup, len(states), states.setup.n_drives
-    mechanism, p = setup.mechanism, setup.mechanism.parameters.symbols
+    context, n, nd = states.context, len(states), states.context.n_drives
+    mechanism, p = context.mechanism, context.mechanism.parameters.symbols
     mean, covariance = ca.SX.sym("mean", n), ca.SX.sym("P", n, n)
     memory, vector = ca.SX.sym("memory", MEMORY * nd), ca.SX.sym("tracks", Tracks.size(nd))
-    x, tracks = ca.SX.sym("x", setup.width), Tracks(vector, nd)
+    x, tracks = ca.SX.sym("x", context.width), Tracks(vector, nd)
     dt, starts, rates, slopes = x[0], list[Any](), list[Any](), list[Any]()
     for i in range(nd):
         first = states.place(i, memory[MEMORY * i], mean)
         last = states.place(i, tracks[i].place, mean)
         starts.append(first)
-        measured = setup.position_sensor(i) is not None
+        measured = context.position_sensor(i) is not None
         rates.append(ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0) if measured else ca.SX(0))
         slopes.append(ca.jacobian(last, mean))
     places = ca.vertcat(*slopes)
@@ -146,7 +142,7 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     response, responding = respond(dt / count, parameters), _responding(states)
     outputs = [ca.vertcat(*starts), ca.vertcat(*rates), torques, values, ca.vertcat(*spreads), parameters, response]
     if responding:
-        outputs.append(ca.jacobian(ca.vec(response[: setup.n_joints, :2]), mean)[:, responding])
+        outputs.append(ca.jacobian(ca.vec(response[: context.n_joints, :2]), mean)[:, responding])
     return ca.Function(
         "interval", [mean, covariance, memory, vector, x, p], ca.cse([ca.densify(entry) for entry in outputs])
     )
@@ -154,7 +150,7 @@ def _interval(states: StateVector, count: int) -> ca.Function:
 
 def _responding(states: StateVector) -> list[int]:
     """Return which states change the responses a and b of a joint: its inertia and damping act through them alone."""
-    mechanism, state, h = states.setup.mechanism, ca.SX.sym("state", len(states)), ca.SX.sym("h")
+    mechanism, state, h = states.context.mechanism, ca.SX.sym("state", len(states)), ca.SX.sym("h")
     if mechanism.chain is not None:
         return []
     p = mechanism.parameters.symbols
@@ -170,8 +166,8 @@ def _substep(states: StateVector) -> ca.Function:
     (q, v, τ, h, S_θ, S_ω, σ_τ, p, response, …) → (q⁺, v⁺, S_θ⁺, S_ω⁺, variance added to ω). Slopes are with respect to the
     joints' motion, the states that enter the model (`_acting`), and the places of the drives.
     """
-    setup, nd, nj = states.setup, states.setup.n_drives, states.setup.n_joints
-    mechanism, p, acting = setup.mechanism, setup.mechanism.parameters.symbols, _acting(states)
+    context, nd, nj = states.context, states.context.n_drives, states.context.n_joints
+    mechanism, p, acting = context.mechanism, context.mechanism.parameters.symbols, _acting(states)
     nb, count = mechanism.n_bodies, 2 * nj + len(acting)
     q, v, torques, spreads = (ca.SX.sym(name, k) for name, k in (("q", nb), ("v", nb), ("tau", nj), ("s_tau", nj)))
     response, h, state = ca.SX.sym("response", nb, 4), ca.SX.sym("h"), ca.SX.sym("state", len(states))
@@ -179,7 +175,7 @@ def _substep(states: StateVector) -> ca.Function:
     kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), response, h, h)
     torque_slopes = ca.jacobian(states.torques(state), state)
     pushed = sorted({int(j) for j in torque_slopes.sparsity().row()})
-    step = moving(setup, kick, torques, spreads, pushed)
+    step = moving(context, kick, torques, spreads, pushed)
     along = ca.mtimes(step.by_place[:, :nj], angle_slopes) + ca.mtimes(step.by_speed, speed_slopes)
     along[:, count:] += step.by_place[:, nj:]
     if acting:
@@ -199,6 +195,6 @@ def _substep(states: StateVector) -> ca.Function:
 
 def _parameter_slopes(states: StateVector) -> Any:
     """Return ∂p/∂state, (n_p, n), numbers: states enter the parameters linearly."""
-    p, state = states.setup.mechanism.parameters, ca.SX.sym("state", len(states))
+    p, state = states.context.mechanism.parameters, ca.SX.sym("state", len(states))
     slopes = ca.jacobian(states.parameters(state), state)
     return ca.Function("slopes", [p.symbols], [slopes])(p.values)

@@ -6,10 +6,12 @@ from typing import Any
 
 import casadi as ca
 
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import Tracks
+from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.prediction import set_row
-from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states import StateVector, Transmitted
+from distal.estimators.mask import is_read
 from distal.model import clip_moments
 from distal.sensors import variance
 
@@ -22,21 +24,12 @@ CREST = 2.0
 LEAST_WEIGHT = 0.02
 """Smallest weight of a new reading of the effort: 50 samples."""
 
-TINY_SPREAD = 1e-9
-"""Added to the spread of z, so that its moments stay finite where it is certain [N, N m]."""
+TINY_STD = 1e-9
+"""Added to the standard deviation of z, so that its moments stay finite where it is certain [N, N m]."""
 
 
 def play(
-    states: StateVector,
-    drive: int,
-    state: Any,
-    covariance: Any,
-    transition: Any,
-    tracks: Any,
-    rates: Any,
-    remembered: Any,
-    x: Any,
-    p: Any,
+    states: StateVector, drive: int, prediction: Prediction, rates: Any, remembered: Any, interval: Interval
 ) -> Any:
     """Let what a drive transmits follow the measured effort by its play, in place; return the effort to remember.
 
@@ -46,20 +39,17 @@ def play(
     Args:
         states: the state vector.
         drive: its index.
-        state: predicted, (n,).
-        covariance: predicted, (n, n).
-        transition: Φ, (n, n).
-        tracks: of the drives.
+        prediction: to change.
         rates: mean speed of each drive over the interval, (n_drives,).
         remembered: effort, smoothed; see `smoothed_effort`.
-        x: the sample.
-        p: the model's parameters.
+        interval: with its sample.
     """
+    state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
     transmitted = states.transmitted(drive)
     assert transmitted is not None  # `play` is called for drives with hysteresis
     at, _ = transmitted
     mean, row, rest, there, effort = play_function(states, drive)(
-        state, covariance[at, at], tracks, rates, remembered, x, p
+        state, covariance[at, at], interval.tracks, rates, remembered, interval.x, interval.p
     )
     across = ca.mtimes(covariance, row)
     own = ca.mtimes(row.T, across) + rest
@@ -79,18 +69,20 @@ def reading_weight(block: Transmitted) -> float:
     return max(2.0 * ratio / (1.0 + ratio), LEAST_WEIGHT)
 
 
-def smoothed_effort(setup: Setup, block: Transmitted, remembered: Any, x: Any) -> Any:
+def smoothed_effort(context: FilterContext, block: Transmitted, remembered: Any, x: Any) -> Any:
     """Return a drive's measured effort, smoothed; 0 stands for none yet.
 
     Args:
-        setup: the rig.
+        context: the rig.
         block: of what the drive transmits.
         remembered: the last one.
         x: the sample.
     """
-    effort = setup.value(x, block.sensor)
+    effort = context.value(x, block.sensor)
     following = remembered + reading_weight(block) * (effort - remembered)
-    return ca.if_else(setup.mask(x, block.sensor) > 0, ca.if_else(remembered == 0, effort, following), remembered)
+    return ca.if_else(
+        is_read(context.mask(x, block.sensor)), ca.if_else(remembered == 0, effort, following), remembered
+    )
 
 
 def play_function(states: StateVector, drive: int) -> ca.Function:
@@ -100,13 +92,13 @@ def play_function(states: StateVector, drive: int) -> ca.Function:
         states: the state vector.
         drive: its index.
     """
-    setup, n, nd = states.setup, len(states), states.setup.n_drives
-    mechanism, p, nj = setup.mechanism, setup.mechanism.parameters.symbols, setup.n_joints
+    context, n, nd = states.context, len(states), states.context.n_drives
+    mechanism, p, nj = context.mechanism, context.mechanism.parameters.symbols, context.n_joints
     transmitted = states.transmitted(drive)
     assert transmitted is not None  # as above
     at, block = transmitted
     state, own, vector = ca.SX.sym("state", n), ca.SX.sym("P_z"), ca.SX.sym("tracks", Tracks.size(nd))
-    rates, remembered, x = ca.SX.sym("rates", nd), ca.SX.sym("effort"), ca.SX.sym("x", setup.width)
+    rates, remembered, x = ca.SX.sym("rates", nd), ca.SX.sym("effort"), ca.SX.sym("x", context.width)
     tracks = Tracks(vector, nd)
     places = [states.place(i, tracks[i].place, state) for i in range(nd)]
     q, still = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
@@ -114,19 +106,19 @@ def play_function(states: StateVector, drive: int) -> ca.Function:
     found = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
     held, dampings = found(ca.vertcat(state[:nj], *places), states.parameters(state))
     slope = ca.densify(ca.jacobian(held, state))
-    kept = smoothed_effort(setup, block, remembered, x)
+    kept = smoothed_effort(context, block, remembered, x)
     # what the effort has beyond the transmission's own: the sensor's error, and the drive's damping
     error = states.sensor_error(block.sensor, kept, state) + dampings[nj + drive] * rates[drive]
     effort = kept - error
     share = reading_weight(block)
-    left = share / (2 - share) * setup.noise(block.sensor)
+    left = share / (2 - share) * context.noise(block.sensor)
     held += CREST * ca.sqrt(left)
-    moments = clip_moments(effort - held, effort + held, state[at], ca.sqrt(ca.fmax(own, 0)) + TINY_SPREAD)
+    moments = clip_moments(effort - held, effort + held, state[at], ca.sqrt(ca.fmax(own, 0)) + TINY_STD)
     row = (moments.by_high - moments.by_low) * slope
     row[0, at] += moments.by_mean
     ends = moments.by_low + moments.by_high
     row -= ends * ca.jacobian(error, state)
-    there = setup.mask(x, block.sensor) > 0
+    there = is_read(context.mask(x, block.sensor))
     outputs = [ca.if_else(there, moments.mean, state[at]), row.T, moments.rest + ends**2 * left, there, kept]
     arguments = [state, own, vector, rates, remembered, x, p]
     return ca.Function("play", arguments, ca.cse([ca.densify(entry) for entry in outputs]))

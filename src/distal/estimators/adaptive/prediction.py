@@ -7,16 +7,15 @@ from typing import Any
 
 import casadi as ca
 
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MEMORY, UNKNOWN, Tracks
+from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.motion import Moved
 from distal.estimators.adaptive.robustness import followed_share
-from distal.estimators.adaptive.setup import Setup
 from distal.estimators.adaptive.states import StateVector
 
 
-def predicted(
-    states: StateVector, mean: Any, covariance: Any, moved: Moved, tracks: Any, memory: Any, x: Any, p: Any
-) -> tuple[Any, Any]:
+def predicted(states: StateVector, mean: Any, covariance: Any, moved: Moved, interval: Interval) -> tuple[Any, Any]:
     """Return mean and covariance after the joints have moved and what walks has walked: equations (10) to (12).
 
     Only angles and speeds move: the rest of the covariance stays, but for walks.
@@ -26,19 +25,16 @@ def predicted(
         mean: before, (n,).
         covariance: before, (n, n).
         moved: the joints after the interval.
-        tracks: of the drives, now.
-        memory: of the drives.
-        x: the sample.
-        p: the model's parameters.
+        interval: with its sample.
     """
-    setup, n = states.setup, len(states)
-    nj = setup.n_joints
+    context, n, x = states.context, len(states), interval.x
+    nj = context.n_joints
     slopes = [s[j, :] for s in (moved.angle_slopes, moved.speed_slopes) for j in range(nj)]
     ahead = [ca.mtimes(covariance, slope[:, :n].T) for slope in slopes]
     pairs = [(i, j) for i in range(2 * nj) for j in range(i, 2 * nj)]
     products = ca.vertcat(*(ca.mtimes(slopes[i][:, :n], ahead[j]) for i, j in pairs))
     places = ca.vertcat(*(slope[:, n:].T for slope in slopes))
-    corner = _corner(setup, pairs)(products, places, moved.rest, tracks, memory, x, p)
+    corner = _corner(context, pairs)(products, places, moved.rest, interval.tracks, interval.memory, x, interval.p)
     after = ca.MX(covariance)
     for k, column in enumerate(ahead):
         set_row(after, k, column, column[k])
@@ -57,21 +53,21 @@ def predicted(
     return state, after
 
 
-def _corner(setup: Setup, pairs: Sequence[tuple[int, int]]) -> ca.Function:
+def _corner(context: FilterContext, pairs: Sequence[tuple[int, int]]) -> ca.Function:
     """Return (M P Mᵀ, S_drives, rest, tracks, memory, x, p) → the covariance of angles and speeds, with what is added.
 
     Places err by their variances, unknown torques and unmodelled ones shake the speeds, lost places may have been followed.
     """
-    nj, nd = setup.n_joints, setup.n_drives
+    nj, nd = context.n_joints, context.n_drives
     products, of_places = ca.SX.sym("products", len(pairs)), ca.SX.sym("S_drives", 2 * nj * nd)
     rest, vector = ca.SX.sym("rest", nj), ca.SX.sym("tracks", Tracks.size(nd))
-    memory, x = ca.SX.sym("memory", MEMORY * nd), ca.SX.sym("x", setup.width)
+    memory, x = ca.SX.sym("memory", MEMORY * nd), ca.SX.sym("x", context.width)
     variances, entries = Tracks(vector, nd).variances, []
     # to the angles and to the speeds of the joints that are free; coupled ones err as these
-    free, spread = setup.mechanism.free, setup.mechanism.spread
+    free, spread = context.mechanism.free, context.mechanism.spread
     added = (
-        [followed_variance(setup, j, vector, memory) + setup.robustness.angle_walk**2 * x[0] for j in free],
-        [rest[j] + setup.unmodelled(j) ** 2 * x[0] for j in free],
+        [followed_variance(context, j, vector, memory) + context.robustness.angle_walk**2 * x[0] for j in free],
+        [rest[j] + context.unmodelled(j) ** 2 * x[0] for j in free],
     )
     for at, (i, j) in enumerate(pairs):
         one, other = (of_places[k * nd : (k + 1) * nd] for k in (i, j))
@@ -81,23 +77,23 @@ def _corner(setup: Setup, pairs: Sequence[tuple[int, int]]) -> ca.Function:
                 (spread[i % nj, k] * spread[j % nj, k] * added[i // nj][k] for k in range(len(free))), ca.SX(0)
             )
         entries.append(entry)
-    arguments = [products, of_places, rest, vector, memory, x, setup.mechanism.parameters.symbols]
+    arguments = [products, of_places, rest, vector, memory, x, context.mechanism.parameters.symbols]
     return ca.Function("corner", arguments, ca.cse([ca.densify(ca.vertcat(*entries))]))
 
 
-def followed_variance(setup: Setup, joint: int, tracks: Any, memory: Any) -> Any:
+def followed_variance(context: FilterContext, joint: int, tracks: Any, memory: Any) -> Any:
     """Return the variance of θ that comes from drives whose place is not known: the joint follows them at its arm.
 
     What an unknown place does within one interval is small, but it stays wrong until it is measured again: the longer
     it is missing, the more the joint has followed it. One missing sample does no harm. Equation (12).
 
     Args:
-        setup: the rig.
+        context: the rig.
         joint: index of the joint.
         tracks: of the drives, now.
         memory: of the drives.
     """
-    rig, total, drives = setup.mechanism.rig, ca.SX(0), Tracks(tracks, setup.n_drives)
+    rig, total, drives = context.mechanism.rig, ca.SX(0), Tracks(tracks, context.n_drives)
     name = rig.joints[joint].name
     for i, drive in enumerate(rig.drives):
         tendon = next((t for t in rig.tendons if t.drive == drive.name and name in t.joints), None)
@@ -111,28 +107,26 @@ def followed_variance(setup: Setup, joint: int, tracks: Any, memory: Any) -> Any
             continue
         grown = ca.fmax(drives[i].unknown - memory[MEMORY * i + UNKNOWN], 0)
         follows = (lever / arms[name] * share) ** 2
-        total += followed_share(setup.robustness, drives[i].lost) * grown * follows
+        total += followed_share(context.robustness, drives[i].lost) * grown * follows
     return total
 
 
-def revert(states: StateVector, state: Any, covariance: Any, transition: Any, x: Any, p: Any) -> None:
+def revert(states: StateVector, prediction: Prediction, interval: Interval) -> None:
     """Let what fades fade towards zero over an interval, in place: x⁺ = f x, variance σ² (1 − f²) added. Equation (13).
 
     Args:
         states: the state vector.
-        state: (n,).
-        covariance: (n, n).
-        transition: Φ, (n, n).
-        x: the sample.
-        p: the model's parameters.
+        prediction: to change.
+        interval: with its sample.
     """
-    sample = ca.SX.sym("x", states.setup.width)
+    sample = ca.SX.sym("x", states.context.width)
     fadings = states.fadings(sample[0])
     if not fadings:
         return
     values = [part for _, f in fadings for part in (f.factor, f.std**2 * (1 - f.factor**2))]
-    symbols = [sample, states.setup.mechanism.parameters.symbols]
-    fades = ca.Function("fading", symbols, [ca.vertcat(*values)])(x, p)
+    symbols = [sample, states.context.mechanism.parameters.symbols]
+    fades = ca.Function("fading", symbols, [ca.vertcat(*values)])(interval.x, interval.p)
+    state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
     for k, (at, _) in enumerate(fadings):
         fade, added = fades[2 * k], fades[2 * k + 1]
         state[at] = fade * state[at]
@@ -140,15 +134,15 @@ def revert(states: StateVector, state: Any, covariance: Any, transition: Any, x:
         set_row(covariance, at, fade * covariance[:, at], fade * fade * covariance[at, at] + added)
 
 
-def set_row(covariance: Any, at: int, row: Any, own: Any) -> None:
+def set_row(covariance: Any, at: int, row: Any, variance: Any) -> None:
     """Replace a row and a column of a covariance, in place.
 
     Args:
         covariance: (n, n).
         at: which.
         row: the new one, (n, 1).
-        own: what stands on the diagonal.
+        variance: what stands on the diagonal.
     """
     covariance[:, at] = row
     covariance[at, :] = row.T
-    covariance[at, at] = own
+    covariance[at, at] = variance

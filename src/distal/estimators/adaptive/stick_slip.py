@@ -12,8 +12,9 @@ from typing import Any
 
 import casadi as ca
 
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MOTION_TIME, Drive
-from distal.estimators.adaptive.setup import Setup
+from distal.estimators.mask import is_read
 
 MOTION_SPAN = MOTION_TIME / 2.5
 """Time over which a drive's motion is compared with its sensor's noise [s]: one sample at 100 Hz."""
@@ -76,7 +77,7 @@ class Residual:
         limit_variance: of the limit by the state's, l P lᵀ.
         value_variance: of the residual by the state's, h P hᵀ.
         memory: what is remembered of the drive's force.
-        mask: 1 where the force counts.
+        mask: of the force, see `distal.estimators.mask`.
     """
 
     value: Any
@@ -122,25 +123,25 @@ def motion_of(drive: Drive, noise: Any, dt: Any, slow: float) -> Motion:
     return Motion(stuck, direction, ca.logic_and(stuck < CLEAR_STICK, ca.fabs(direction) > CLEAR_DIRECTION))
 
 
-def compared(setup: Setup, index: int, drive: Drive, residual: Residual, dt: Any) -> Comparison:
+def compared(context: FilterContext, index: int, drive: Drive, residual: Residual, dt: Any) -> Comparison:
     """Return how a drive's force is compared.
 
     Args:
-        setup: the rig.
+        context: the rig.
         index: of the drive.
         drive: its tracks.
         residual: of its force.
         dt: length of the interval [s].
     """
-    sensor = setup.position_sensor(index)
+    sensor = context.position_sensor(index)
     if sensor is None:
         # nobody knows how it moves: any friction up to its limit
         return Comparison(residual.value, residual.variance + residual.limit**2, residual.memory)
-    noise, force = setup.noise(sensor), setup.force_sensor(index)
-    interval = setup.channels.interval if force is None else 1.0 / force.rate
-    if setup.declares_friction(index):
-        return _declared(setup, motion_of(drive, noise, dt, SLOW_DECLARED), residual, interval, dt)
-    return _unknown(setup, motion_of(drive, noise, dt, SLOW_UNKNOWN), residual, interval, dt)
+    noise, force = context.noise(sensor), context.force_sensor(index)
+    interval = context.channels.interval if force is None else 1.0 / force.rate
+    if context.declares_friction(index):
+        return _declared(context, motion_of(drive, noise, dt, SLOW_DECLARED), residual, interval, dt)
+    return _unknown(context, motion_of(drive, noise, dt, SLOW_UNKNOWN), residual, interval, dt)
 
 
 def _slipping(residual: Residual, direction: Any, doubt: Any) -> tuple[Any, Any]:
@@ -149,13 +150,13 @@ def _slipping(residual: Residual, direction: Any, doubt: Any) -> tuple[Any, Any]
     return value, residual.variance + doubt * (residual.limit**2 + residual.limit_variance)
 
 
-def _unknown(setup: Setup, motion: Motion, residual: Residual, interval: float, dt: Any) -> Comparison:
+def _unknown(context: FilterContext, motion: Motion, residual: Residual, interval: float, dt: Any) -> Comparison:
     """Return how a force is compared whose friction the rig does not declare."""
-    robustness = setup.robustness
+    robustness = context.robustness
     # the last clear direction, times the time since: friction of a drive that stops stays as it was
     turned = ca.logic_and(motion.stuck < CLEAR_STICK, ca.fabs(motion.direction) > TURNING)
     since = residual.memory + ca.sign(residual.memory) * dt
-    memory = ca.if_else(ca.logic_and(residual.mask > 0, turned), ca.sign(motion.direction) * interval, since)
+    memory = ca.if_else(ca.logic_and(is_read(residual.mask), turned), ca.sign(motion.direction) * interval, since)
     direction = ca.if_else(motion.stuck < CLEAR_STICK, motion.direction, ca.sign(memory))
     # all samples of the time for which friction is the same tell as much as one, those of a long stick little more
     sticking: Any = 0
@@ -166,9 +167,9 @@ def _unknown(setup: Setup, motion: Motion, residual: Residual, interval: float, 
     return Comparison(innovation, variance, memory, direction, ca.fabs(direction))
 
 
-def _declared(setup: Setup, motion: Motion, residual: Residual, interval: float, dt: Any) -> Comparison:
+def _declared(context: FilterContext, motion: Motion, residual: Residual, interval: float, dt: Any) -> Comparison:
     """Return how a force is compared whose friction the rig declares: a clipped residual while its drive sticks, (21)."""
-    robustness, stuck, direction = setup.robustness, motion.stuck, motion.direction
+    robustness, stuck, direction = context.robustness, motion.stuck, motion.direction
     turning = (1 - stuck) * (1 - direction**2) * TURNING_DECLARED * (robustness.turning_time / interval)
     doubt, counts = stuck * (robustness.sticking_time / interval) + turning, ca.SX(1)
     if robustness.moving_only:
@@ -176,7 +177,7 @@ def _declared(setup: Setup, motion: Motion, residual: Residual, interval: float,
         doubt, counts = ca.if_else(motion.clear, 0, doubt), motion.clear
     innovation, variance = _slipping(residual, direction, doubt)
     fade = ca.exp(-dt / MEAN_TIME)
-    mean = ca.if_else(residual.mask > 0, fade * residual.memory + (1 - fade) * residual.value, residual.memory)
+    mean = ca.if_else(is_read(residual.mask), fade * residual.memory + (1 - fade) * residual.value, residual.memory)
     sign = ca.sign(mean)
     allowed = residual.limit + sign * residual.asymmetry
     beyond = ca.fabs(mean) > allowed

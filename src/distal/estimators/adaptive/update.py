@@ -9,23 +9,17 @@ import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.drive_tracking import Tracks
+from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.measurement import Row, row_functions
 from distal.estimators.adaptive.robustness import Robustness, robust_variance
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
 from distal.estimators.kalman import lowered
+from distal.estimators.mask import is_there, share_used
 
 
 def updated(
-    states: StateVector,
-    prior: Any,
-    covariance: Any,
-    tracks: Any,
-    rates: Any,
-    memory: Sequence[Any],
-    x: Any,
-    p: Any,
-    loops: bool,
+    states: StateVector, prediction: Prediction, rates: Any, memory: Sequence[Any], interval: Interval, loops: bool
 ) -> tuple[Any, Any, list[Any], Any]:
     """Return mean, covariance, what is remembered of each drive's force, and (innovations, variances) after a sample.
 
@@ -34,15 +28,14 @@ def updated(
 
     Args:
         states: the state vector.
-        prior: state before, (n,).
-        covariance: before, (n, n).
-        tracks: of the drives.
+        prediction: for the sample; it is not changed.
         rates: mean speed of each drive over the interval.
         memory: what is remembered of each drive's force; see `Comparison`.
-        x: the sample.
-        p: the model's parameters.
+        interval: with its sample.
         loops: whether this stays a function of matrices.
     """
+    prior, covariance = prediction.state, prediction.covariance
+    tracks, x, p = interval.tracks, interval.x, interval.p
     rows, table = row_functions(states)
     values, *slopes = table(prior, tracks, rates, x, p)
     mean, kept, innovations, spreads = prior, list(memory), list[Any](), list[Any]()
@@ -60,7 +53,7 @@ def updated(
             across = across + share * each if there.nnz() else across
         spread = -_along(slope, across)
         spread += by_limit * _along(limit_slope, across) + by_asymmetry * _along(asymmetry_slope, across)
-        weight, root, shown = weights(states.setup.robustness, row.trusted)(
+        weight, root, shown = weights(states.context.robustness, row.trusted)(
             spread + own_variance, innovation, values[5 * k + 4], counts
         )
         change = (weight * innovation) * across
@@ -69,7 +62,7 @@ def updated(
             change[at] *= share
         if row.drive is not None:
             # a mean residual moves with the state; a time does not
-            declared = states.setup.declares_friction(row.drive)
+            declared = states.context.declares_friction(row.drive)
             kept[row.drive] = after + _along(slope, change) if declared else after
         mean = mean + change
         covariance = reduced(shares, covariance, root * across, loops)
@@ -114,9 +107,9 @@ def comparison_function(states: StateVector, row: Row) -> ca.Function:
         states: the state vector.
         row: which.
     """
-    setup = states.setup
+    context = states.context
     values, numbers = ca.SX.sym("values", 5), ca.SX.sym("numbers", 6)
-    vector, x = ca.SX.sym("tracks", Tracks.size(setup.n_drives)), ca.SX.sym("x", setup.width)
+    vector, x = ca.SX.sym("tracks", Tracks.size(context.n_drives)), ca.SX.sym("x", context.width)
     residual, limit, asymmetry = (values[i] + numbers[i] for i in range(3))
     if row.drive is None:
         comparison = Comparison(residual, values[3], numbers[5])
@@ -124,16 +117,16 @@ def comparison_function(states: StateVector, row: Row) -> ca.Function:
         whole = Residual(
             residual, ca.fmax(limit, 0), asymmetry, values[3], numbers[4], numbers[3], numbers[5], values[4]
         )
-        comparison = compared(setup, row.drive, Tracks(vector, setup.n_drives)[row.drive], whole, x[0])
+        comparison = compared(context, row.drive, Tracks(vector, context.n_drives)[row.drive], whole, x[0])
     parts = [getattr(comparison, name) for name in Comparison.__dataclass_fields__]
-    arguments = [values, numbers, vector, x, setup.mechanism.parameters.symbols]
+    arguments = [values, numbers, vector, x, context.mechanism.parameters.symbols]
     return ca.Function("compare", arguments, ca.cse([ca.densify(ca.SX(part)) for part in parts]))
 
 
 def weights(robustness: Robustness, trusted: bool) -> ca.Function:
-    """Return (S, ν, mask, counts) → (mask/S', its root, ν to show), see `robust_variance`.
+    """Return (S, ν, mask, counts) → (1/S' where it is used, its root, ν to show), see `robust_variance`.
 
-    A mask of −1 says: compared, but not used. What is not compared (its drive at a stop) has no innovation to show.
+    What is not compared (its drive at a stop) has no innovation to show.
 
     Args:
         robustness: the guards.
@@ -141,6 +134,6 @@ def weights(robustness: Robustness, trusted: bool) -> ca.Function:
     """
     spread, innovation, mask, counts = (ca.SX.sym(name) for name in ("S", "nu", "mask", "counts"))
     robust = spread if trusted else robust_variance(robustness, spread, innovation)
-    weight = ca.fmax(mask, 0) / robust
-    shown = ca.if_else(ca.logic_and(mask != 0, counts), innovation, np.nan)
+    weight = share_used(mask) / robust
+    shown = ca.if_else(ca.logic_and(is_there(mask), counts), innovation, np.nan)
     return ca.Function("weights", [spread, innovation, mask, counts], [weight, ca.sqrt(weight), shown])

@@ -91,7 +91,7 @@ class AffineEstimator(KernelEstimator):
         return other
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask) → (mean, covariance's diagonal, memory) before the first sample.
+        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
 
         Raises:
             EstimationError: there is no map yet.
@@ -100,7 +100,7 @@ class AffineEstimator(KernelEstimator):
             raise EstimationError(f"affine: '{self.rig.name}' has no map before its homing move; it {NEEDS}")
         joints = self.rig.joints
         angles, stds = np.array([j.initial.value for j in joints]), np.array([j.initial.std for j in joints])
-        return prior_of(self.affine, angles, stds)
+        return prior_of(self.affine, angles, stds, len(self._p))
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
         """Return what a user should know of an estimate: how much of it was outside the learned range, and of what.

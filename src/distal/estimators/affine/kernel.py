@@ -91,8 +91,8 @@ def numbers_of(affine: Affine, noise: Floats) -> Floats:
     return np.concatenate(common)
 
 
-def prior_of(affine: Affine, angles: Floats, stds: Floats) -> ca.Function:
-    """Return (values, mask) → (mean, covariance's diagonal, memory) before the first sample.
+def prior_of(affine: Affine, angles: Floats, stds: Floats, n_p: int) -> ca.Function:
+    """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
 
     A sensor without a value is taken to be at the centre of what was learned, and never seen.
 
@@ -100,10 +100,13 @@ def prior_of(affine: Affine, angles: Floats, stds: Floats) -> ca.Function:
         affine: the map.
         angles: of the joints before any sample [rad], (n_joints,).
         stds: of these [rad], (n_joints,).
+        n_p: numbers in p.
     """
     m, k = len(affine.channels), len(affine.dead_band)
     values, mask = ca.SX.sym("values", m), ca.SX.sym("mask", m)
     held = [ca.if_else(mask[i] > 0, values[i], affine.centre[i]) for i in range(m)]
     ages = [ca.if_else(mask[i] > 0, 0, NEVER) for i in range(m)]
     mean, spread = ca.SX(ca.DM([*angles, 0.0])), ca.SX(ca.DM([*(stds**2), 0.0]))
-    return ca.Function("prior", [values, mask], [mean, spread, ca.vertcat(*held, *ages, *held[:k])])
+    return ca.Function(
+        "prior", [values, mask, ca.SX.sym("p", n_p)], [mean, spread, ca.vertcat(*held, *ages, *held[:k])]
+    )

@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import Fading, State
+from distal.estimators.state_kinds import StateKind
 from distal.rig import Sensor
 from distal.sensors import systematic_variance
 
@@ -25,12 +26,22 @@ class SensorBias(State):
     It is what the model's angle and the joint's differ by, so that a moment's reference tells less than a long one.
 
     Args:
-        setup: the rig.
+        context: the rig.
         sensor: whose bias it is.
     """
 
-    setup: Setup
+    context: FilterContext
     sensor: Sensor
+
+    @property
+    def kind(self) -> StateKind:
+        """An offset."""
+        return StateKind.SENSOR_BIAS
+
+    @property
+    def part(self) -> str:
+        """The sensor's name."""
+        return self.sensor.name
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -45,7 +56,7 @@ class SensorBias(State):
     @property
     def stds(self) -> Floats:
         """Bias and linearity together."""
-        own = self.setup.bias_std(self.sensor)
+        own = self.context.bias_std(self.sensor)
         return np.array([float(np.hypot(own, np.sqrt(systematic_variance(self.sensor))))])
 
     @property
@@ -65,9 +76,9 @@ class SensorBias(State):
         """
         if not self._wanders:
             return None
-        path = f"{self.setup.path(self.sensor)}.bias"
-        std = self.setup.number(f"{path}.std", float(self.stds[0]))
-        drift = self.setup.number(f"{path}.drift", self.sensor.bias.drift or 0.0)
+        path = f"{self.context.path(self.sensor)}.bias"
+        std = self.context.number(f"{path}.std", float(self.stds[0]))
+        drift = self.context.number(f"{path}.drift", self.sensor.bias.drift or 0.0)
         return Fading(ca.exp(-dt * drift**2 / (2 * std**2)), std)
 
     def sensor_error(self, sensor: Sensor, reading: Any, own: Any) -> Any:
@@ -86,12 +97,22 @@ class SensorGain(State):
     """γ, by which share a sensor of force or tension reads too much; it stays.
 
     Args:
-        setup: the rig.
+        context: the rig.
         sensor: whose gain it is.
     """
 
-    setup: Setup
+    context: FilterContext
     sensor: Sensor
+
+    @property
+    def kind(self) -> StateKind:
+        """A gain."""
+        return StateKind.SENSOR_GAIN
+
+    @property
+    def part(self) -> str:
+        """The sensor's name."""
+        return self.sensor.name
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -106,7 +127,7 @@ class SensorGain(State):
     @property
     def stds(self) -> Floats:
         """The std of its `gain`, as a share of it [1]."""
-        return np.array([self.setup.gain_std(self.sensor)])
+        return np.array([self.context.gain_std(self.sensor)])
 
     def sensor_error(self, sensor: Sensor, reading: Any, own: Any) -> Any:
         """Return γ times the reading where it is this sensor's.
@@ -119,13 +140,13 @@ class SensorGain(State):
         return own[0] * reading if sensor.name == self.sensor.name else 0
 
 
-def sensor_biases(setup: Setup) -> list[State]:
+def sensor_biases(context: FilterContext) -> list[State]:
     """Return a block for the offset and one for the gain of each compared sensor that errs systematically in them.
 
     Args:
-        setup: the rig.
+        context: the rig.
     """
-    sensors = setup.channels.compared
-    blocks: list[State] = [SensorBias(setup, sensor) for sensor in sensors]
-    blocks += [SensorGain(setup, sensor) for sensor in sensors]
+    sensors = context.channels.compared
+    blocks: list[State] = [SensorBias(context, sensor) for sensor in sensors]
+    blocks += [SensorGain(context, sensor) for sensor in sensors]
     return [block for block in blocks if block.stds[0] > 0.0]

@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import Fading, State
+from distal.estimators.state_kinds import StateKind
 from distal.rig import torque_names
 
 Floats = NDArray[np.float64]
@@ -21,17 +22,27 @@ class ExternalTorque(State):
     """τ_ext, a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt.
 
     Args:
-        setup: the rig.
+        context: the rig.
         joint: index of the joint.
     """
 
-    setup: Setup
+    context: FilterContext
     joint: int
+
+    @property
+    def kind(self) -> StateKind:
+        """A torque from outside."""
+        return StateKind.EXTERNAL_TORQUE
+
+    @property
+    def part(self) -> str:
+        """The joint's name."""
+        return self.context.mechanism.rig.joints[self.joint].name
 
     @property
     def names(self) -> tuple[str, ...]:
         """``external_torque``, with the joint's name where there are several."""
-        return (torque_names([joint.name for joint in self.setup.mechanism.rig.joints])[self.joint],)
+        return (torque_names([joint.name for joint in self.context.mechanism.rig.joints])[self.joint],)
 
     @property
     def means(self) -> Floats:
@@ -41,7 +52,15 @@ class ExternalTorque(State):
     @property
     def stds(self) -> Floats:
         """The rig's ``external_torque.std`` [N m]."""
-        return np.array([self.setup.mechanism.rig.joints[self.joint].external_torque.std])
+        return np.array([self.context.mechanism.rig.joints[self.joint].external_torque.std])
+
+    def prior(self) -> tuple[Any, Any]:
+        """Return zero and the std, which a fit may vary [N m]."""
+        return self.means, self._std
+
+    @property
+    def _std(self) -> Any:
+        return self.context.number(f"joints.{self.joint}.external_torque.std", float(self.stds[0]))
 
     def fading(self, dt: Any) -> Fading:
         """Return e^{−dt/T} and the std [N m].
@@ -49,9 +68,8 @@ class ExternalTorque(State):
         Args:
             dt: length of the interval [s].
         """
-        torque = self.setup.mechanism.rig.joints[self.joint].external_torque
-        std = self.setup.number(f"joints.{self.joint}.external_torque.std", torque.std)
-        return Fading(ca.exp(-dt / torque.correlation_time), std)
+        torque = self.context.mechanism.rig.joints[self.joint].external_torque
+        return Fading(ca.exp(-dt / torque.correlation_time), self._std)
 
     def torque(self, joint: int, own: Any) -> Any:
         """Return τ_ext where it is this joint's [N m].
@@ -63,11 +81,11 @@ class ExternalTorque(State):
         return own[0] if joint == self.joint else 0
 
 
-def external_torques(setup: Setup) -> list[State]:
+def external_torques(context: FilterContext) -> list[State]:
     """Return a block for each joint on which an external torque can act: one with a std.
 
     Args:
-        setup: the rig.
+        context: the rig.
     """
-    joints = setup.mechanism.rig.joints
-    return [ExternalTorque(setup, j) for j, joint in enumerate(joints) if joint.external_torque.std > 0.0]
+    joints = context.mechanism.rig.joints
+    return [ExternalTorque(context, j) for j, joint in enumerate(joints) if joint.external_torque.std > 0.0]

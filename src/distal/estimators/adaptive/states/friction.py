@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
+from distal.estimators.state_kinds import StateKind
 from distal.rig import Sensor
 from distal.sensors import variance
 
@@ -21,19 +22,29 @@ class UnknownFriction(State):
     """What is added to the friction limit of a drive that declares none; its size follows its force sensor's noise σ.
 
     Args:
-        setup: the rig.
+        context: the rig.
         drive: index of the drive.
         sensor: of its force.
     """
 
-    setup: Setup
+    context: FilterContext
     drive: int
     sensor: Sensor
 
     @property
+    def kind(self) -> StateKind:
+        """Friction that the rig does not declare."""
+        return StateKind.FRICTION
+
+    @property
+    def part(self) -> str:
+        """The drive's name."""
+        return self.context.mechanism.rig.drives[self.drive].name
+
+    @property
     def names(self) -> tuple[str, ...]:
         """``friction_DRIVE``."""
-        return (f"friction_{self.setup.mechanism.rig.drives[self.drive].name}",)
+        return (f"friction_{self.context.mechanism.rig.drives[self.drive].name}",)
 
     @property
     def means(self) -> Floats:
@@ -43,12 +54,12 @@ class UnknownFriction(State):
     @property
     def stds(self) -> Floats:
         """`Robustness.unknown_friction` σ [N, N m]."""
-        return np.array([self.setup.robustness.unknown_friction * float(np.sqrt(variance(self.sensor)))])
+        return np.array([self.context.robustness.unknown_friction * float(np.sqrt(variance(self.sensor)))])
 
     @property
     def walk(self) -> float:
         """`Robustness.unknown_friction_walk` σ per √s."""
-        return self.setup.robustness.unknown_friction_walk * float(np.sqrt(variance(self.sensor)))
+        return self.context.robustness.unknown_friction_walk * float(np.sqrt(variance(self.sensor)))
 
     @property
     def smoothed(self) -> bool:
@@ -65,16 +76,16 @@ class UnknownFriction(State):
         return own[0] if drive == self.drive else 0
 
 
-def unknown_frictions(setup: Setup) -> list[State]:
+def unknown_frictions(context: FilterContext) -> list[State]:
     """Return a block for each drive with a force sensor whose friction the rig does not declare.
 
     Args:
-        setup: the rig.
+        context: the rig.
     """
     blocks: list[State] = []
-    for i, drive in enumerate(setup.mechanism.rig.drives):
-        sensor = setup.force_sensor(i)
-        looked_for = setup.robustness.unknown_friction > 0.0 and drive.hysteresis is None
-        if sensor is not None and looked_for and not setup.declares_friction(i):
-            blocks.append(UnknownFriction(setup, i, sensor))
+    for i, drive in enumerate(context.mechanism.rig.drives):
+        sensor = context.force_sensor(i)
+        looked_for = context.robustness.unknown_friction > 0.0 and drive.hysteresis is None
+        if sensor is not None and looked_for and not context.declares_friction(i):
+            blocks.append(UnknownFriction(context, i, sensor))
     return blocks

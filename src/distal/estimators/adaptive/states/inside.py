@@ -11,8 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import Begin, State
+from distal.estimators.state_kinds import StateKind
 from distal.model import Mechanism
 from distal.rig import Creep
 
@@ -30,20 +31,48 @@ class Inside(State):
     """One number of the model's `inside`: it is a parameter that moves, `following` says how.
 
     Args:
-        setup: the rig.
+        context: the rig.
         name: among the mechanism's parameters.
     """
 
-    setup: Setup
+    context: FilterContext
     name: str
+
+    @property
+    def _keys(self) -> tuple[str, int, str, str]:
+        """Its name by keys: drives or tendons, the index among them, the part of that, and the last key."""
+        kind, index, part, *rest = self.name.split(".")
+        return kind, int(index), part, rest[-1]
+
+    @property
+    def kind(self) -> StateKind:
+        """Backlash, sheath or creep."""
+        drive_or_tendon, _, part, _ = self._keys
+        if drive_or_tendon == "drives":
+            return StateKind.BACKLASH
+        return StateKind.SHEATH if part == "path" else StateKind.CREEP
+
+    @property
+    def part(self) -> str:
+        """Name of the drive or tendon."""
+        kind, index, _, _ = self._keys
+        return str(getattr(self.context.mechanism.rig, kind)[index].name)
+
+    @property
+    def index(self) -> int:
+        """Index of the drive or tendon."""
+        return self._keys[1]
+
+    @property
+    def point(self) -> int:
+        """Which point of a sheath it is, from the drive to the joint; 0 of anything else."""
+        return int(self._keys[3]) if self.kind is StateKind.SHEATH else 0
 
     @property
     def names(self) -> tuple[str, ...]:
         """The path, with the names of its parts: ``backlash_DRIVE``, ``sheath_TENDON_k``, ``creep_TENDON``."""
-        kind, index, *rest = self.name.split(".")
-        part = getattr(self.setup.mechanism.rig, kind)[int(index)].name
-        word = {"backlash": "backlash", "path": "sheath"}.get(rest[0], rest[0])
-        return (f"{word}_{part}" + (f"_{rest[-1]}" if rest[0] == "path" else ""),)
+        word = "sheath" if self.kind is StateKind.SHEATH else self._keys[2]
+        return (f"{word}_{self.part}" + (f"_{self.point}" if self.kind is StateKind.SHEATH else ""),)
 
     @property
     def means(self) -> Floats:
@@ -53,10 +82,11 @@ class Inside(State):
     @property
     def stds(self) -> Floats:
         """As where nothing is read; see `first`."""
-        n, nt = self.setup.n_drives, self.setup.mechanism.n_tendons
+        n, nt = self.context.n_drives, self.context.mechanism.n_tendons
         begin = self.first(Begin([0.0] * n, [None] * n, [None] * nt))
         assert begin is not None  # it always says
-        return np.array([float(ca.DM(begin[1]))])
+        p = self.context.mechanism.parameters
+        return np.array([float(ca.Function("std", [p.symbols], [begin[1]])(p.values))])
 
     def parameters(self, own: Any, p: Any) -> Any:
         """Return the parameters with this number.
@@ -66,26 +96,28 @@ class Inside(State):
             p: the parameters so far, (n_p,).
         """
         changed = ca.SX(p)
-        changed[self.setup.mechanism.parameters.names.index(self.name)] = own[0]
+        changed[self.context.mechanism.parameters.names.index(self.name)] = own[0]
         return changed
 
-    def _value(self, path: str) -> float:
-        p = self.setup.mechanism.parameters
+    def _value(self, path: str) -> Any:
+        p = self.context.mechanism.parameters
+        if path in p.inputs:
+            return p[path]
         return float(p.values[p.names.index(path)]) if path in p.names else float(ca.DM(p[path]))
 
     def _std(self, path: str) -> float:
-        p = self.setup.mechanism.parameters
+        p = self.context.mechanism.parameters
         return float(p.stds[p.names.index(path)]) if path in p.names else 0.0
 
 
 @dataclass(frozen=True)
-class Played(Inside):
+class BacklashOrSheathState(Inside):
     """A far side of a backlash, or a point in a sheath [m, rad]."""
 
     @property
     def which(self) -> int:
         """Its index among the mechanism's plays."""
-        return self.setup.mechanism.plays.index(self.name)
+        return self.context.mechanism.plays.index(self.name)
 
     def first(self, begin: Begin) -> tuple[Any, Any]:
         """Return where it is and how unsure that is: in the middle of where it can be.
@@ -93,15 +125,14 @@ class Played(Inside):
         Args:
             begin: the first readings.
         """
-        kind, at, *rest = self.name.split(".")
-        index, mechanism = int(at), self.setup.mechanism
-        if kind == "drives":
+        index, mechanism = self.index, self.context.mechanism
+        if self.kind is StateKind.BACKLASH:
             path = f"drives.{index}.backlash.width"
             width = self._value(path) + 2 * self._std(path)
             return begin.places[index], width / sqrt(12.0)
         still = Mechanism(mechanism.rig)
         p, q, tension = still.parameters, ca.SX.sym("q", still.n_bodies), ca.SX.sym("T")
-        sheath, point = still.sheath(index, q), int(rest[-1])
+        sheath, point = still.sheath(index, q), self.point
         assert sheath is not None  # it has points
         found = still.place(q).inside[self.which]
         slopes, joints = ca.jacobian(found, q), mechanism.rig.joints
@@ -122,7 +153,7 @@ class Strained(Inside):
     @property
     def which(self) -> int:
         """Its index among the mechanism's strains."""
-        return self.setup.mechanism.strains.index(self.name)
+        return self.context.mechanism.strains.index(self.name)
 
     def first(self, begin: Begin) -> tuple[Any, Any]:
         """Return what of it has come, ``settled`` of γ T/k, and how unsure that is.
@@ -130,13 +161,13 @@ class Strained(Inside):
         Args:
             begin: the first readings.
         """
-        _, at, kind, _ = self.name.split(".")
-        index, path = int(at), self.name.rpartition(".")[0]
-        creep: Creep = getattr(self.setup.mechanism.rig.tendons[index], kind)
+        (_, index, part, _), path = self._keys, self.name.rpartition(".")[0]
+        creep: Creep = getattr(self.context.mechanism.rig.tendons[index], part)
         share, sure = self._value(f"{path}.share"), self._std(f"{path}.share")
-        stretch = _tension(self.setup.mechanism, index, begin) / self._value(f"tendons.{index}.stiffness")
-        spread = float(np.hypot(share * creep.settled.std, sure * creep.settled.value))
-        return creep.settled.value * share * stretch, spread * stretch
+        stretch = _tension(self.context.mechanism, index, begin) / self._value(f"tendons.{index}.stiffness")
+        settled = self.context.number(f"{path}.settled", creep.settled.value)
+        spread = ca.sqrt((share * creep.settled.std) ** 2 + (sure * settled) ** 2)
+        return settled * share * stretch, spread * stretch
 
 
 def _tension(mechanism: Mechanism, tendon: int, begin: Begin) -> Any:
@@ -153,11 +184,13 @@ def _tension(mechanism: Mechanism, tendon: int, begin: Begin) -> Any:
     return ca.fmax(read, LEAST_TENSION)
 
 
-def inside(setup: Setup) -> Sequence[State]:
+def inside(context: FilterContext) -> Sequence[State]:
     """Return a block for everything that moves inside the rig.
 
     Args:
-        setup: the rig.
+        context: the rig.
     """
-    mechanism = setup.mechanism
-    return [Played(setup, name) for name in mechanism.plays] + [Strained(setup, name) for name in mechanism.strains]
+    mechanism = context.mechanism
+    return [BacklashOrSheathState(context, name) for name in mechanism.plays] + [
+        Strained(context, name) for name in mechanism.strains
+    ]

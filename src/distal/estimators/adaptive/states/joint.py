@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
+from distal.estimators.state_kinds import StateKind
 from distal.rig import Joint, angle_names, speed_names
 
 Floats = NDArray[np.float64]
@@ -22,23 +26,42 @@ class JointMotion(State):
     """θ of all joints, then ω of all: prediction moves them by the model, see `prediction`.
 
     Args:
-        joints: of the rig.
+        context: the rig.
     """
 
-    joints: Sequence[Joint]
+    context: FilterContext
+
+    @property
+    def _joints(self) -> Sequence[Joint]:
+        return self.context.mechanism.rig.joints
+
+    @property
+    def kinds(self) -> tuple[StateKind, ...]:
+        """Angles, then speeds, (2 n_joints,)."""
+        return (*(StateKind.ANGLE for _ in self._joints), *(StateKind.SPEED for _ in self._joints))
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the joints, twice, (2 n_joints,)."""
+        return tuple(joint.name for joint in (*self._joints, *self._joints))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of angles and speeds, (2 n_joints,)."""
-        names = [joint.name for joint in self.joints]
+        names = [joint.name for joint in self._joints]
         return (*angle_names(names), *speed_names(names))
 
     @property
     def means(self) -> Floats:
         """Each joint's `initial` angle [rad], at rest."""
-        return np.array([*(joint.initial.value for joint in self.joints), *(0.0 for _ in self.joints)])
+        return np.array([*(joint.initial.value for joint in self._joints), *(0.0 for _ in self._joints)])
 
     @property
     def stds(self) -> Floats:
         """The std of `initial` [rad], and `START_SPEED` [rad/s]."""
-        return np.array([*(joint.initial.std for joint in self.joints), *(START_SPEED for _ in self.joints)])
+        return np.array([*(joint.initial.std for joint in self._joints), *(START_SPEED for _ in self._joints)])
+
+    def prior(self) -> tuple[Any, Any]:
+        """Return the same with each `initial` as a fit varies it."""
+        first = [self.context.number(f"joints.{j}.initial", each.initial.value) for j, each in enumerate(self._joints)]
+        return ca.vertcat(*first, *(0.0 for _ in self._joints)), self.stds

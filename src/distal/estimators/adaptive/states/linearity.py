@@ -10,9 +10,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.adaptive.travel import travel
+from distal.estimators.state_kinds import StateKind
 from distal.rig import Sensor
 
 Floats = NDArray[np.float64]
@@ -35,14 +36,24 @@ class Linearity(State):
     scaled so that the mean variance over the travel is that of the linearity. A bias with a std adds to the constant.
 
     Args:
-        setup: the rig.
+        context: the rig.
         drive: index of the drive.
         sensor: of its position.
     """
 
-    setup: Setup
+    context: FilterContext
     drive: int
     sensor: Sensor
+
+    @property
+    def kind(self) -> StateKind:
+        """Weights of a curve."""
+        return StateKind.LINEARITY
+
+    @property
+    def part(self) -> str:
+        """The sensor's name."""
+        return self.sensor.name
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -60,7 +71,7 @@ class Linearity(State):
     @cached_property
     def stds(self) -> Floats:
         """Prior standard deviations of the weights [m, rad]; none where the sensor has no systematic error."""
-        sensor, bias = self.sensor, self.setup.bias_std(self.sensor)
+        sensor, bias = self.sensor, self.context.bias_std(self.sensor)
         if sensor.linearity == 0.0:
             return np.array([bias]) if bias > 0.0 else np.zeros(0)
         shape = np.exp(-0.5 * (np.arange(BASIS) / SMOOTHNESS) ** 2)
@@ -71,7 +82,7 @@ class Linearity(State):
 
     @cached_property
     def _travel(self) -> tuple[float, float]:
-        return travel(self.setup.mechanism, self.drive)
+        return travel(self.context.mechanism, self.drive)
 
     def place_error(self, drive: int, reading: Any, own: Any) -> Any:
         """Return Σ w_j cos(π j ξ) where it is this drive's sensor [m, rad].
@@ -93,15 +104,15 @@ class Linearity(State):
         return ca.dot(ca.vertcat(*terms[:count]), own)
 
 
-def linearities(setup: Setup) -> list[State]:
+def linearities(context: FilterContext) -> list[State]:
     """Return a block for each position sensor that errs systematically.
 
     Args:
-        setup: the rig.
+        context: the rig.
     """
     blocks = []
-    for i in range(setup.n_drives):
-        sensor = setup.position_sensor(i)
+    for i in range(context.n_drives):
+        sensor = context.position_sensor(i)
         if sensor is not None:
-            blocks.append(Linearity(setup, i, sensor))
+            blocks.append(Linearity(context, i, sensor))
     return [block for block in blocks if len(block.stds)]

@@ -11,8 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
+from distal.estimators.state_kinds import StateKind
 from distal.rig import number
 from distal.sensors import variance
 
@@ -58,6 +59,16 @@ class UncertainParameter(State):
     bound: float
 
     @property
+    def kind(self) -> StateKind:
+        """A number of the rig."""
+        return StateKind.PARAMETER
+
+    @property
+    def part(self) -> str:
+        """The path of the parameter, or of the factor."""
+        return self.name
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The path of the parameter, or of the factor."""
         return (self.name,)
@@ -95,7 +106,7 @@ class UncertainParameter(State):
         return changed
 
 
-def uncertain_parameters(setup: Setup) -> list[UncertainParameter]:
+def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
     """Return the uncertain parameters as blocks, those without effect on a displacement-driven joint left out.
 
     What several share comes after what is one's alone, and what one that shares errs by on top comes last: a deviation
@@ -103,26 +114,26 @@ def uncertain_parameters(setup: Setup) -> list[UncertainParameter]:
     are those of the cut normal.
 
     Args:
-        setup: the rig.
+        context: the rig.
     """
-    p = setup.mechanism.parameters
+    p = context.mechanism.parameters
     found, factors, deviations = list[UncertainParameter](), list[UncertainParameter](), list[UncertainParameter]()
-    seen = [i for i, name in enumerate(p.names) if p.stds[i] > 0.0 and not _without_effect(setup, name, p.stds[i])]
+    seen = [i for i, name in enumerate(p.names) if p.stds[i] > 0.0 and not _without_effect(context, name, p.stds[i])]
     sharing = {i for _, indices in p.shared.values() for i in indices}
 
     def walk(i: int, std: float, scale: float = 1.0) -> float:
-        return setup.robustness.parameter_walk * std if np.isnan(p.drifts[i]) else float(p.drifts[i]) / scale
+        return context.robustness.parameter_walk * std if np.isnan(p.drifts[i]) else float(p.drifts[i]) / scale
 
     def factor(name: str, indices: Sequence[int], relative: float, walked: float) -> UncertainParameter:
         mean, spread = cut_normal(1.0, relative)
         return UncertainParameter(f"{name}.factor", tuple(indices), "factor", mean, spread, walked, SMALLEST_FACTOR)
 
     for i in seen:
-        name, value, std = p.names[i], float(p.values[i]), float(p.own[i])
+        name, value, std = p.names[i], float(p.values[i]), float(p.independent_stds[i])
         kind = name.split(".", 2)[2]
         if i in sharing:
             if std > 0.0:
-                lowest = -(1.0 - SMALLEST_FACTOR) * value if _bounded(setup, name) else -np.inf
+                lowest = -(1.0 - SMALLEST_FACTOR) * value if _bounded(context, name) else -np.inf
                 walked = walk(i, std)
                 deviations.append(UncertainParameter(f"{name}.deviation", (i,), "deviation", 0.0, std, walked, lowest))
             continue
@@ -130,7 +141,7 @@ def uncertain_parameters(setup: Setup) -> list[UncertainParameter]:
             factors.append(factor(name, (i,), std / value, walk(i, std / value, value)))
             continue
         mean, spread, lowest = value, std, -np.inf
-        if _bounded(setup, name):
+        if _bounded(context, name):
             mean, spread = cut_normal(value, std)
             lowest = SMALLEST_VALUE * spread
         found.append(UncertainParameter(name, (i,), "value", mean, spread, walk(i, spread), lowest))
@@ -138,22 +149,22 @@ def uncertain_parameters(setup: Setup) -> list[UncertainParameter]:
         together = [i for i in indices if i in seen]
         if together:
             # where one has a std of its own, its drift is that one's
-            walks = [walk(i, std, p.values[i]) for i in together if p.own[i] == 0.0]
-            factors.append(factor(name, together, std, max(walks, default=setup.robustness.parameter_walk * std)))
+            walks = [walk(i, std, p.values[i]) for i in together if p.independent_stds[i] == 0.0]
+            factors.append(factor(name, together, std, max(walks, default=context.robustness.parameter_walk * std)))
     return found + factors + deviations
 
 
-def _bounded(setup: Setup, name: str) -> bool:
+def _bounded(context: FilterContext, name: str) -> bool:
     """Return whether a parameter cannot be negative."""
-    return number(setup.mechanism.rig, name).quantity.bound != "any"
+    return number(context.mechanism.rig, name).quantity.bound != "any"
 
 
-def _without_effect(setup: Setup, name: str, std: float) -> bool:
+def _without_effect(context: FilterContext, name: str, std: float) -> bool:
     """Return whether a parameter's std cannot be seen: a drive's inertia and stops, friction far below the noise."""
     if not name.startswith("drives."):
         return False
     index = int(name.split(".")[1])
-    drive, sensor = setup.mechanism.rig.drives[index], setup.force_sensor(index)
+    drive, sensor = context.mechanism.rig.drives[index], context.force_sensor(index)
     if name.endswith(("friction.load", "friction.constant")):
         noise = np.sqrt(variance(sensor)) if sensor is not None else drive.nominal_force.std
         force = std * max(abs(drive.nominal_force.value), 1.0) if name.endswith("load") else std

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.adaptive.travel import travel
+from distal.estimators.state_kinds import StateKind
 
 Floats = NDArray[np.float64]
 
@@ -24,21 +25,31 @@ class UnmeasuredPlace(State):
     """s of a drive without a position sensor: anywhere on its travel, and it walks.
 
     Args:
-        setup: the rig.
+        context: the rig.
         drive: index of the drive.
     """
 
-    setup: Setup
+    context: FilterContext
     drive: int
 
     @cached_property
     def _travel(self) -> tuple[float, float]:
-        return travel(self.setup.mechanism, self.drive)
+        return travel(self.context.mechanism, self.drive)
+
+    @property
+    def kind(self) -> StateKind:
+        """A place that nothing measures."""
+        return StateKind.POSITION
+
+    @property
+    def part(self) -> str:
+        """The drive's name."""
+        return self.context.mechanism.rig.drives[self.drive].name
 
     @property
     def names(self) -> tuple[str, ...]:
         """``position_DRIVE``."""
-        return (f"position_{self.setup.mechanism.rig.drives[self.drive].name}",)
+        return (f"position_{self.context.mechanism.rig.drives[self.drive].name}",)
 
     @property
     def means(self) -> Floats:
@@ -67,10 +78,10 @@ class UnmeasuredPlace(State):
         return own[0] if drive == self.drive else None
 
 
-def unmeasured_places(setup: Setup) -> list[State]:
+def unmeasured_places(context: FilterContext) -> list[State]:
     """Return a block for each drive without a position sensor.
 
     Args:
-        setup: the rig.
+        context: the rig.
     """
-    return [UnmeasuredPlace(setup, i) for i in range(setup.n_drives) if setup.position_sensor(i) is None]
+    return [UnmeasuredPlace(context, i) for i in range(context.n_drives) if context.position_sensor(i) is None]

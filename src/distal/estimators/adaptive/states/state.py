@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.estimators.state_kinds import StateKind
 from distal.rig import Sensor
 
 Floats = NDArray[np.float64]
@@ -57,6 +58,26 @@ class State(ABC):
         """Names of its numbers, (k,)."""
 
     @property
+    def kind(self) -> StateKind:
+        """What it is."""
+        return StateKind.OTHER
+
+    @property
+    def part(self) -> str:
+        """The part of the rig that it is of: a joint, drive, tendon or sensor by its name, a number by its path."""
+        return ""
+
+    @property
+    def kinds(self) -> tuple[StateKind, ...]:
+        """What each of its numbers is, (k,)."""
+        return (self.kind,) * len(self.names)
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The part that each of its numbers is of, (k,)."""
+        return (self.part,) * len(self.names)
+
+    @property
     @abstractmethod
     def means(self) -> Floats:
         """Prior means, (k,), SI."""
@@ -65,6 +86,10 @@ class State(ABC):
     @abstractmethod
     def stds(self) -> Floats:
         """Prior standard deviations, (k,), SI."""
+
+    def prior(self) -> tuple[Any, Any]:
+        """Return prior means and standard deviations, (k,) each, where they depend on inputs of the filter (a fit)."""
+        return self.means, self.stds
 
     @property
     def walk(self) -> float:

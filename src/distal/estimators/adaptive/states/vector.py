@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from distal.estimators.adaptive.setup import Setup
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.bias import SensorBias, SensorGain, sensor_biases
 from distal.estimators.adaptive.states.external_torque import external_torques
 from distal.estimators.adaptive.states.friction import unknown_frictions
@@ -21,7 +21,7 @@ from distal.estimators.adaptive.states.state import Fading, State
 from distal.estimators.adaptive.states.transmission import Transmitted, transmissions
 from distal.rig import Sensor
 
-Kind = Callable[[Setup], Sequence[State]]
+Kind = Callable[[FilterContext], Sequence[State]]
 """Returns the blocks of one kind that a rig has."""
 
 KINDS: tuple[Kind, ...] = (
@@ -49,19 +49,21 @@ class StateVector:
     """All blocks of a rig; the layout of the state follows from their order.
 
     Args:
-        setup: the rig.
+        context: the rig.
         kinds: what blocks there may be beside the joints' motion; default all.
     """
 
-    def __init__(self, setup: Setup, kinds: Sequence[Kind] = KINDS) -> None:
-        self.setup, self.kinds = setup, tuple(kinds)
-        blocks: list[State] = [JointMotion(setup.mechanism.rig.joints)]
+    def __init__(self, context: FilterContext, kinds: Sequence[Kind] = KINDS) -> None:
+        self.context, self.kinds = context, tuple(kinds)
+        blocks: list[State] = [JointMotion(context)]
         for kind in kinds:
-            blocks += kind(setup)
+            blocks += kind(context)
         self.blocks = tuple(blocks)
         ends = np.cumsum([len(block.names) for block in blocks])
         self._slices = {id(block): slice(int(e) - len(block.names), int(e)) for block, e in zip(blocks, ends)}
         self.names = tuple(name for block in blocks for name in block.names)
+        self.state_kinds = tuple(kind for block in blocks for kind in block.kinds)
+        self.state_parts = tuple(part for block in blocks for part in block.parts)
         self.means = np.concatenate([block.means for block in blocks])
         self.stds = np.concatenate([block.stds for block in blocks])
         self.walks = np.concatenate([np.full(len(block.names), block.walk) for block in blocks])
@@ -77,6 +79,11 @@ class StateVector:
     def __len__(self) -> int:
         return len(self.names)
 
+    def prior(self) -> tuple[Any, Any]:
+        """Return prior means and standard deviations, (n,) each, as expressions of the filter's inputs."""
+        means, stds = zip(*(block.prior() for block in self.blocks))
+        return ca.vertcat(*map(ca.SX, means)), ca.vertcat(*map(ca.SX, stds))
+
     def gain_shares(self, drive: int | None, reference: bool) -> dict[int, float]:
         """Return index → share of the gain of the states that do not take all of it (24).
 
@@ -84,27 +91,27 @@ class StateVector:
             drive: index of the drive whose force is compared, or None.
             reference: whether it is a joint's own angle, which tells of parameters what forces do not.
         """
-        guards = self.setup.robustness
-        declared = drive is None or self.setup.declares_friction(drive)
+        guards = self.context.robustness
+        declared = drive is None or self.context.declares_friction(drive)
         time = guards.learning_time if declared else guards.learning_time_guarded
-        share = min(1.0, self.setup.channels.interval / time) if time > 0.0 and not reference else 1.0
+        share = min(1.0, self.context.channels.interval / time) if time > 0.0 and not reference else 1.0
         slow = {} if share == 1.0 else dict.fromkeys(self._parameters, share)
         if reference and guards.reference_time > 0.0:
             # a joint that rests shows one posture for a long time
-            share = min(1.0, self.setup.channels.interval / guards.reference_time)
+            share = min(1.0, self.context.channels.interval / guards.reference_time)
             slow = dict.fromkeys([*self._parameters, *self._curves], share)
         if guards.creep_learning_time > 0.0 and not reference:
-            share = min(1.0, self.setup.channels.interval / guards.creep_learning_time)
+            share = min(1.0, self.context.channels.interval / guards.creep_learning_time)
             slow |= dict.fromkeys(self._strains, share)
         return {**slow, **self._considered}
 
     @property
     def slow(self) -> tuple[int, ...]:
         """Indices of the states that take a share of the gain of some forces."""
-        guards = self.setup.robustness
+        guards = self.context.robustness
         longest = max(guards.learning_time, guards.learning_time_guarded)
-        parameters = self._parameters if longest > self.setup.channels.interval else []
-        return (*parameters, *(self._strains if guards.creep_learning_time > self.setup.channels.interval else []))
+        parameters = self._parameters if longest > self.context.channels.interval else []
+        return (*parameters, *(self._strains if guards.creep_learning_time > self.context.channels.interval else []))
 
     def indices(self, block: State) -> range:
         """Return where a block's numbers stand.
@@ -139,7 +146,7 @@ class StateVector:
         Args:
             state: (n,).
         """
-        p = self.setup.mechanism.parameters.symbols
+        p = self.context.mechanism.parameters.symbols
         for block in self.blocks:
             p = block.parameters(self.own(block, state), p)
         return p
@@ -153,7 +160,7 @@ class StateVector:
         return ca.vertcat(
             *(
                 sum((block.torque(j, self.own(block, state)) for block in self.blocks), ca.SX(0))
-                for j in range(self.setup.n_joints)
+                for j in range(self.context.n_joints)
             )
         )
 

@@ -24,7 +24,7 @@ FOLLOWS = 2.0
 
 
 @dataclass(frozen=True)
-class Setup:
+class FilterContext:
     """A rig as the filter reads it.
 
     Args:
@@ -80,12 +80,21 @@ class Setup:
             x: the sample.
             sensor: one of the channels.
         """
-        reading = x[1 + self.channels.names.index(sensor.name)] - self.offset(sensor)
+        return self.corrected(sensor, x[1 + self.channels.names.index(sensor.name)])
+
+    def corrected(self, sensor: Sensor, reading: Any) -> Any:
+        """Return a reading without the sensor's known offset and gain.
+
+        Args:
+            sensor: one of the rig's.
+            reading: what it reads.
+        """
+        offset = reading - self.offset(sensor)
         gain = self.number(f"{self.path(sensor)}.gain", gain_of(sensor).value)
-        return reading if isinstance(gain, float) and gain == 1.0 else reading / gain
+        return offset if isinstance(gain, float) and gain == 1.0 else offset / gain
 
     def mask(self, x: Any, sensor: Sensor) -> Any:
-        """Return 1 where a sensor has a value in a sample, 0 where it is missing, else see `distal.estimators.gaps`.
+        """Return the mask of a sensor's value in a sample, see `distal.estimators.mask`; a wild value is missing.
 
         Args:
             x: the sample.
@@ -108,7 +117,7 @@ class Setup:
         drives = [drive.name for drive in self.mechanism.rig.drives]
         low, high = travel(self.mechanism, drives.index(sensor.of))
         away = ca.fabs(reading - sensor.bias.value - 0.5 * (low + high))
-        return away <= FARTHEST * (high - low + sensor.noise + sensor.bias.spread) + sensor.linearity
+        return away <= FARTHEST * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
 
     def number(self, path: str, otherwise: float) -> Any:
         """Return a number of the description: an input of the filter where it is given, else a constant.
@@ -118,7 +127,7 @@ class Setup:
             otherwise: its value.
         """
         p = self.mechanism.parameters
-        return p[path] if path in p.given else otherwise
+        return p[path] if path in p.inputs else otherwise
 
     def noise(self, sensor: Sensor) -> Any:
         """Return the variance of a sensor's random error, σ² + Δ²/12.
@@ -143,7 +152,7 @@ class Setup:
         Args:
             sensor: one of the rig's.
         """
-        return 0.0 if f"{self.path(sensor)}.bias" in self.mechanism.parameters.given else float(sensor.bias.unsure)
+        return 0.0 if f"{self.path(sensor)}.bias" in self.mechanism.parameters.inputs else float(sensor.bias.filter_std)
 
     def gain_std(self, sensor: Sensor) -> float:
         """Return how unsure a sensor's gain is, as a share of it: nothing where it is an input of the filter (a fit).
@@ -152,8 +161,8 @@ class Setup:
             sensor: one of the rig's.
         """
         gain = gain_of(sensor)
-        given = f"{self.path(sensor)}.gain" in self.mechanism.parameters.given
-        return 0.0 if given else float(gain.unsure / gain.value)
+        given = f"{self.path(sensor)}.gain" in self.mechanism.parameters.inputs
+        return 0.0 if given else float(gain.filter_std / gain.value)
 
     def path(self, sensor: Sensor) -> str:
         """Return the path of a sensor in the description.

@@ -13,7 +13,7 @@ import pytest
 
 from distal.errors import LogError
 from distal.logs import read_table
-from distal.logs.apart import _Reader
+from distal.logs.reader_process import _Reader
 
 FRAME = pl.DataFrame({"t": np.arange(50) / 100, "a": np.arange(50.0), "text": ["x"] * 50})
 

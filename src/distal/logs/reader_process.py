@@ -35,7 +35,7 @@ _BEGIN = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from distal.l
 _LOCK = Lock()
 
 
-def parquet_apart(path: Path, columns: Sequence[str] | None) -> tuple[polars.DataFrame, list[str]]:
+def parquet_by_process(path: Path, columns: Sequence[str] | None) -> tuple[polars.DataFrame, list[str]]:
     """Return what `distal.logs.parquet_files.read_parquet` does, read in a process of its own.
 
     Args:
@@ -49,7 +49,7 @@ def parquet_apart(path: Path, columns: Sequence[str] | None) -> tuple[polars.Dat
     return frame, list(answer["names"])
 
 
-def recording_apart(
+def recording_by_process(
     path: Path, columns: Sequence[str], time: str, unit: float
 ) -> tuple[polars.DataFrame, NDArray[np.int64]]:
     """Return what `distal.logs.recordings.open_recording` does, read in a process of its own.

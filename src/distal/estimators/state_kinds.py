@@ -1,0 +1,92 @@
+"""What each state of an estimator is: its kind, and the part of the rig that it is of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import Enum
+from typing import Any, Protocol, runtime_checkable
+
+from distal.rig import angle_names, speed_names, torque_names
+
+
+class StateKind(Enum):
+    """What a state is; a program goes by this, and its name is for people."""
+
+    ANGLE = "angle of a joint"
+    SPEED = "speed of a joint"
+    EXTERNAL_TORQUE = "torque on a joint from outside"
+    PARAMETER = "number of the rig, or what several err by together"
+    LINEARITY = "weight of the curve of a position sensor's error"
+    POSITION = "place of a drive that nothing measures"
+    FRICTION = "friction at a drive that the rig does not declare"
+    TRANSMITTED = "effort that a drive's play passes on"
+    TRANSMISSION_ERROR = "what one play leaves out of a transmission"
+    BACKLASH = "far side of a backlash"
+    SHEATH = "point of a cable in its sheath"
+    CREEP = "slow part of a tendon's stretch"
+    SENSOR_BIAS = "offset of a sensor of force, tension or angle"
+    SENSOR_GAIN = "share by which such a sensor reads too much"
+    OTHER = "anything else"
+
+
+@runtime_checkable
+class SaysKinds(Protocol):
+    """An estimator that says what its states are."""
+
+    @property
+    def state_kinds(self) -> tuple[StateKind, ...]:
+        """What each state is, (n,)."""
+        ...
+
+    @property
+    def state_parts(self) -> tuple[str, ...]:
+        """The part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its path."""
+        ...
+
+
+def kinds_by_joint(names: Sequence[str], joints: Sequence[str]) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
+    """Return kinds and parts of the states of an estimator that does not say them: the joints' are known by their names.
+
+    Args:
+        names: of the states, (n,).
+        joints: names of the joints, in their order.
+    """
+    every = ((StateKind.ANGLE, angle_names), (StateKind.SPEED, speed_names), (StateKind.EXTERNAL_TORQUE, torque_names))
+    known = {name: (kind, joint) for kind, named in every for name, joint in zip(named(joints), joints)}
+    found = [known.get(name, (StateKind.OTHER, name)) for name in names]
+    return tuple(kind for kind, _ in found), tuple(part for _, part in found)
+
+
+def kinds_of(runner: Any) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
+    """Return what an estimator's states are, and the parts that they are of, (n,) each.
+
+    Args:
+        runner: the estimator.
+    """
+    if isinstance(runner, SaysKinds):
+        return runner.state_kinds, runner.state_parts
+    return kinds_by_joint(runner.state_names, [joint.name for joint in runner.rig.joints])
+
+
+def states_of(
+    kind: StateKind, parts: Sequence[str], state_kinds: Sequence[StateKind], state_parts: Sequence[str]
+) -> dict[str, int]:
+    """Return part → index of its state of a kind, in the order of the parts; one that has none is left out.
+
+    Args:
+        kind: which.
+        parts: names of joints, drives, tendons or sensors.
+        state_kinds: what each state is, (n,).
+        state_parts: the part that each state is of, (n,).
+    """
+    found = {part: i for i, (each, part) in enumerate(zip(state_kinds, state_parts)) if each is kind}
+    return {part: found[part] for part in parts if part in found}
+
+
+def external_torques_of(runner: Any) -> dict[str, int]:
+    """Return joint → index of the state that is the torque on it from outside, in the order of the joints.
+
+    Args:
+        runner: the estimator.
+    """
+    return states_of(StateKind.EXTERNAL_TORQUE, [joint.name for joint in runner.rig.joints], *kinds_of(runner))

@@ -1,0 +1,151 @@
+"""What speaks against a fit, a sentence each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.fitting.fitted import FittedNumber
+from distal.fitting.likelihood import Innovations
+from distal.fitting.problem import Problem
+from distal.fitting.search import Found, search
+
+Floats = NDArray[np.float64]
+
+LARGEST_NIS = 5.0
+"""Mean ν²/S from which on a log does not look like its rig."""
+
+LARGEST_NOISE_GROWTH = 4.0
+"""A sensor's noise that has to grow by this factor is none of its own."""
+
+LARGEST_UNMODELLED_GROWTH = 10.0
+"""Unmodelled motion that has to grow by this factor is most of the motion."""
+
+FAR_FROM_PRIOR = 4.0
+"""A value this many standard deviations of its prior away is worth a word."""
+
+FEW_ITERATIONS = 4
+
+CONTRADICTORY = 2.0
+"""Logs contradict each other if the innovations of one are this much larger than with numbers of its own."""
+
+ADVICE = (
+    "the rig lacks physics that these logs have, or a column, unit or sign of a sensor is wrong (distal estimate says "
+    "which disagrees)"
+)
+
+SURPRISED = (
+    "without the reference as a sensor the angle errs by more than the filter says: the rig lacks physics that these logs "
+    "have; it was fitted to the angle without the reference"
+)
+
+NOT_CONVERGED = (
+    "the search stopped before it converged, so that no standard error is known; start closer (--start), or fix what "
+    "the logs cannot tell (hold = true)"
+)
+
+
+def nis_of(problem: Problem, z: Floats) -> tuple[float, ...]:
+    """Return the mean of ν²/S per channel over all logs.
+
+    Args:
+        problem: of the fit.
+        z: coordinates, (n,).
+    """
+    ratios = np.vstack([run.values**2 / run.variances for run in problem.at(z)])
+    return tuple(float(np.nanmean(column)) if np.isfinite(column).any() else float("nan") for column in ratios.T)
+
+
+def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
+    """Return what says that the logs still do not look like the rig.
+
+    Args:
+        problem: of the fit.
+        z: coordinates at its end, (n,).
+        nis: mean ν²/S per channel there.
+    """
+    references = {sensor.name for sensor in problem.filter.references}
+    doubts = [
+        f"the logs do not look like this rig: innovations of '{name}' are {np.sqrt(ratio):.3g} times larger than expected "
+        f"even after the fit; {ADVICE}"
+        for name, ratio in zip(problem.measured, nis)
+        if ratio > LARGEST_NIS and name not in references
+    ]
+    for (part, _), at in zip(problem.parts, z):
+        if not (part.noise and part.has_prior):
+            continue
+        grown = part.value(float(at)) / part.start
+        if part.paths[0].endswith(".unmodelled") and grown > LARGEST_UNMODELLED_GROWTH:
+            doubts.append(
+                f"the logs do not look like this rig: {part.name} had to become {grown:.1f} times what the rig says, so "
+                f"that the joint hardly follows the model; {ADVICE}"
+            )
+        if part.paths[0].startswith("sensors.") and not part.kept_by_file and grown > LARGEST_NOISE_GROWTH:
+            doubts.append(
+                f"the logs do not look like this rig: {part.name} had to become {grown:.1f} times what the rig says; "
+                f"{ADVICE}"
+            )
+    return doubts
+
+
+def far_from_priors(numbers: Sequence[FittedNumber], problem: Problem) -> list[str]:
+    """Return what is to be said of values far from their priors, or at a bound.
+
+    Args:
+        numbers: the outcome.
+        problem: that it came from.
+    """
+    bounds = {part.name: (part.low, part.high) for part in problem.free}
+    lines = []
+    for part in numbers:
+        low, high = bounds.get(part.name, (-np.inf, np.inf))
+        away = abs(part.value - part.start) / part.prior_std if part.prior_std > 0.0 else 0.0
+        if not part.noise and away > FAR_FROM_PRIOR:
+            lines.append(
+                f"{part.name} = {part.value:.4g} {part.si} is {away:.1f} standard deviations from what the rig file "
+                f"expected ({part.start:.4g} ± {part.prior_std:.2g}); is a unit or a radius wrong, or the std too small?"
+            )
+        elif not part.noise and (part.value <= low or part.value >= high):
+            lines.append(
+                f"{part.name} = {part.value:.4g} {part.si} is at its bound; another number of the rig may be wrong"
+            )
+    return lines
+
+
+def contradictions(problem: Problem, found: Found) -> list[str]:
+    """Return what is to be said of logs that only numbers of their own explain: a sentence, or none.
+
+    Each log is fitted alone too, in a few iterations from the optimum of all, its noise as it is.
+
+    Args:
+        problem: of all logs.
+        found: where its search ended.
+    """
+    worst, said = CONTRADICTORY, list[str]()
+    for j, data in enumerate(problem.data):
+        alone, at = problem.of(j), problem.columns(j)
+        start = found.z[[at[problem.free.index(part)] for part, _ in alone.parts]]
+        noise = np.array([part.noise for part, _ in alone.parts])
+        own = search(alone, start, most=FEW_ITERATIONS, fixed=noise, central=False)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = float(np.nanmax(_sizes(alone.at(start)[0]) / _sizes(alone.at(own.z)[0])))
+        if ratio > worst:
+            limits = np.where(np.isfinite(alone.prior_stds), alone.prior_stds, 1.0)
+            k = int(np.argmax(np.abs(own.z - start) / limits))
+            part, _ = alone.parts[k]
+            worst, wanted = ratio, f"{part.name} = {part.value(own.z[k]):.4g} {part.si}".rstrip()
+            said = [
+                f"contradictory logs: {Path(data.log.source).name} fits {ratio:.1f} times better with numbers of its own "
+                f"({wanted}, all logs together {part.value(start[k]):.4g}); was something changed between the logs? Fit "
+                "them apart, or give each its own with --per-log"
+            ]
+    return said
+
+
+def _sizes(run: Innovations) -> Floats:
+    """Return the RMS innovation per channel, outliers limited."""
+    limited = np.minimum(run.values**2, 9.0 * run.variances)
+    return np.array([np.sqrt(np.nanmean(c)) if np.isfinite(c).any() else np.nan for c in limited.T])

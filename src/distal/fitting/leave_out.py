@@ -1,0 +1,159 @@
+"""Each log left out once: what the others teach, and how it does on that log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from distal.errors import DistalError
+from distal.fitting.discrepancy import filtered
+from distal.fitting.discrepancy_learning import Errors, errors_of
+from distal.fitting.learn import Learned, learn
+from distal.fitting.options import Options
+from distal.logs import Log, shown, true_angles
+from distal.rig import Rig
+from distal.run import estimate
+
+MOST_LEFT_OUT = 6
+"""So many logs, or units of them, are left out at most, spread over all: each costs a fit of the others."""
+
+CLEARLY = 1.1
+"""`affine` is said to do better where the error of `adaptive` is this many times larger."""
+
+Progress = Callable[[str, int, float], None]
+
+
+@dataclass(frozen=True)
+class Score:
+    """How an estimator did on a log.
+
+    Args:
+        rms: error [rad].
+        inside: share of samples inside the 95 % band.
+        half: mean half-width of that band [rad].
+    """
+
+    rms: float
+    inside: float
+    half: float
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One log that was left out.
+
+    Args:
+        log: its name.
+        fitted: `adaptive` with what the other logs teach.
+        before: `adaptive` with the rig as it came; None where it cannot run.
+        affine: `affine` with what the other logs teach; None where it has no map.
+    """
+
+    log: str
+    fitted: Score | None
+    before: Score | None
+    affine: Score | None
+
+
+@dataclass(frozen=True)
+class Fold:
+    """What some logs teach, and how it does on those that were left out.
+
+    Args:
+        left_out: names of the logs.
+        learned: by `learn` from the others, and from nothing else.
+        compared: one for each log with truth that was left out.
+        errors: of each of them: errors, variances of the correction, the filter's own, of each joint.
+    """
+
+    left_out: tuple[str, ...]
+    learned: Learned
+    compared: tuple[Compared, ...]
+    errors: tuple[Errors, ...]
+
+
+def leave_out(
+    logs: Sequence[Log],
+    rig: Rig,
+    options: Options,
+    groups: Sequence[str],
+    progress: Progress | None = None,
+    most: int = MOST_LEFT_OUT,
+) -> list[Fold]:
+    """Return what `learn` makes of all logs but those of one group, for each group in turn.
+
+    Args:
+        logs: of the fit.
+        rig: the description as it came.
+        options: of the fit.
+        groups: of each log; those of one (a unit, a pose, a day) are left out together.
+        progress: called with the stage, the iteration and −ln p.
+        most: so many groups are left out at most, spread over all.
+    """
+    units = list(dict.fromkeys(groups))
+    chosen = np.unique(np.linspace(0, len(units) - 1, min(len(units), most)).round().astype(int))
+    folds = []
+    for i in chosen:
+        out = [log for log, group in zip(logs, groups) if group == units[i]]
+        rest = [log for log, group in zip(logs, groups) if group != units[i]]
+        learned = learn(rest, rig, options, _named(progress, out[0].source))
+        folds.append(_scored(out, rig, learned, options.homing))
+        if learned.numbers.found.interrupted:
+            break
+    return folds
+
+
+def _scored(out: Sequence[Log], rig: Rig, learned: Learned, homing: float | None) -> Fold:
+    compared, errors = [], []
+    for log in out:
+        if true_angles(log, [joint.name for joint in rig.joints]) is None:
+            continue
+        scores = [
+            _score(log, each, name, homing)
+            for each, name in ((learned.rig, "adaptive"), (rig, "adaptive"), (learned.rig, "affine"))
+        ]
+        compared.append(Compared(shown(log.source), *scores))
+        if learned.discrepancy is not None:
+            bare = learned.rig.model_copy(update={"discrepancy": None})
+            errors += [
+                errors_of(learned.discrepancy.discrepancy, one, homing)
+                for one in filtered([log], bare, homing, False)[0]
+            ]
+    return Fold(tuple(log.source for log in out), learned, tuple(compared), tuple(errors))
+
+
+def _score(log: Log, rig: Rig, estimator: str, homing: float | None) -> Score | None:
+    if estimator == "affine" and rig.affine is None:
+        return None
+    try:
+        result = estimate(log, rig, estimator, compiled=False, homing=homing)
+    except DistalError:
+        return None
+    return Score(result.rms_error(), result.inside_band(), result.half_width())
+
+
+def verdict(compared: Sequence[Compared]) -> str:
+    """Return which estimator did better on logs left out, in a sentence; empty where none was left out.
+
+    Args:
+        compared: the logs.
+    """
+    ours = [one.fitted.rms for one in compared if one.fitted is not None]
+    if not ours:
+        return ""
+    said = f"on logs left out adaptive errs by {np.rad2deg(np.mean(ours)):.3f}° (mean RMS)"
+    known = [one.affine.rms for one in compared if one.affine is not None]
+    if not known:
+        return said
+    said += f", affine by {np.rad2deg(np.mean(known)):.3f}°"
+    if np.mean(ours) > CLEARLY * np.mean(known):
+        said += "; on this rig affine does better: estimate with -e affine"
+    return said
+
+
+def _named(progress: Progress | None, source: str) -> Progress | None:
+    if progress is None:
+        return None
+    return lambda stage, iteration, cost: progress(f"without {shown(source)}: {stage}", iteration, cost)

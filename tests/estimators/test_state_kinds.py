@@ -1,0 +1,51 @@
+"""What each state is: said by the state vector, so that nobody has to read it from a name."""
+
+from __future__ import annotations
+
+import pytest
+
+from distal import load_rig, make_estimator, shipped_rigs
+from distal.estimators import AdaptiveFilter, StateKind, external_torques_of, kinds_of
+
+STEMS = {
+    StateKind.LINEARITY: "linearity_{}_",
+    StateKind.POSITION: "position_{}",
+    StateKind.FRICTION: "friction_{}",
+    StateKind.TRANSMITTED: "transmitted_{}",
+    StateKind.TRANSMISSION_ERROR: "transmission_error_{}",
+    StateKind.BACKLASH: "backlash_{}",
+    StateKind.SHEATH: "sheath_{}_",
+    StateKind.CREEP: "creep_{}",
+    StateKind.SENSOR_BIAS: "bias_{}",
+    StateKind.SENSOR_GAIN: "gain_{}",
+    StateKind.PARAMETER: "{}",
+}
+"""How the names of a kind begin, with the part that they are of."""
+
+
+@pytest.mark.parametrize("name", [name for name in shipped_rigs() if name != "template"])
+def test_every_state_says_what_it_is_and_of_what(name: str) -> None:
+    rig = load_rig(name)
+    runner = AdaptiveFilter(rig, compiled=False)
+    joints, count = [joint.name for joint in rig.joints], len(rig.joints)
+    assert len(runner.state_kinds) == len(runner.state_parts) == len(runner.state_names)
+    assert runner.state_kinds[: 2 * count] == (StateKind.ANGLE,) * count + (StateKind.SPEED,) * count
+    assert list(runner.state_parts[: 2 * count]) == 2 * joints
+    parts = {part.name for part in (*rig.joints, *rig.drives, *rig.tendons, *rig.sensors)}
+    for state, kind, part in list(zip(runner.state_names, runner.state_kinds, runner.state_parts))[2 * count :]:
+        assert kind is not StateKind.OTHER, state
+        if kind is StateKind.EXTERNAL_TORQUE:
+            assert external_torques_of(runner)[part] == runner.state_names.index(state)
+        else:
+            assert state.startswith(STEMS[kind].format(part)), state
+        assert part in parts or kind is StateKind.PARAMETER
+
+
+def test_of_other_estimators_the_joints_states_are_known() -> None:
+    runner = make_estimator("ekf", load_rig("paper-2008"), False)
+    kinds, parts = kinds_of(runner)
+    found = dict(zip(runner.state_names, zip(kinds, parts)))
+    assert found["theta"] == (StateKind.ANGLE, "link")
+    assert found["theta_dot"] == (StateKind.SPEED, "link")
+    assert found["position_left"][0] is StateKind.OTHER
+    assert external_torques_of(runner) == {}

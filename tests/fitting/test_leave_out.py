@@ -1,0 +1,69 @@
+"""A log that is left out teaches nothing: what a fold learns is, to the last bit, what the other logs teach alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.strangers.foreign_plants import finger_log, finger_rig
+
+from distal import Log
+from distal.fitting.learn import Learned, learn
+from distal.fitting.leave_out import leave_out
+from distal.fitting.options import Options
+
+pytestmark = pytest.mark.compiled
+
+SECONDS = 3.0
+OPTIONS = Options(workers=1)
+
+
+def planted(kind: str) -> Log:
+    """Return a log that would change each choice of a fit that saw it."""
+    log = replace(finger_log(7, SECONDS), source="planted")
+    theta, channels = log.truth["theta"], dict(log.channels)
+    rng = np.random.default_rng(3)
+    if kind == "another rig":  # numbers, stds, doubts, logs that contradict each other
+        theta = 0.6 * theta
+    elif kind == "an encoder that errs":  # whether the reference is one more sensor, the size of bands
+        theta = theta + 0.2 * np.sin(3.0 * log.time)
+    elif kind == "another range":  # scale, range and terms of the maps
+        channels = {name: 3.0 * values for name, values in channels.items()}
+        theta = 3.0 * theta
+    elif kind == "loud sensors":  # the noise
+        channels = {
+            name: values + 0.2 * np.ptp(values) * rng.normal(size=len(log)) for name, values in channels.items()
+        }
+    return replace(log, truth={"theta": theta}, channels=channels)
+
+
+@pytest.fixture(scope="module")
+def others() -> list[Log]:
+    return [replace(finger_log(seed, SECONDS), source=f"log {seed}") for seed in range(2)]
+
+
+@pytest.fixture(scope="module")
+def alone(others: list[Log]) -> Learned:
+    return learn(others, finger_rig().bare(), OPTIONS)
+
+
+@pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")  # readings outside of what was learned
+@pytest.mark.parametrize("kind", ["another rig", "an encoder that errs", "another range", "loud sensors"])
+def test_a_log_that_is_left_out_teaches_nothing(kind: str, others: list[Log], alone: Learned) -> None:
+    (fold,) = leave_out([planted(kind), *others], finger_rig().bare(), OPTIONS, ["planted", "a", "b"], most=1)
+    assert fold.left_out == ("planted",)
+    assert fold.learned.rig == alone.rig
+    assert repr(fold.learned.numbers.fitted) == repr(alone.numbers.fitted)  # what is not known is NaN
+    assert (fold.learned.doubts, fold.learned.prior_share) == (alone.doubts, alone.prior_share)
+    assert len(fold.compared) == 1
+
+
+@pytest.mark.parametrize("kind", ["another rig", "an encoder that errs", "another range", "loud sensors"])
+def test_each_planted_log_would_be_seen(kind: str, others: list[Log], alone: Learned) -> None:
+    """With it among the logs, what is learned is another rig, so that the test above cannot pass by accident."""
+    assert learn([planted(kind), *others], finger_rig().bare(), OPTIONS).rig != alone.rig
+
+
+def test_workers_change_no_number(others: list[Log], alone: Learned) -> None:
+    assert learn(others, finger_rig().bare(), replace(OPTIONS, workers=3)).rig == alone.rig
