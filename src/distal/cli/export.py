@@ -39,7 +39,7 @@ def export_command(
         ("calls of the mathematics library", f"{sum(made.library.values())}"),
     ]
     table(f"{made.estimator} for {made.rig}, in {'float' if single else 'double'}", ["what", "how much"], rows)
-    if single and estimator.startswith("ekf"):
+    if made.single and made.jumps:
         warn(
             f"in float, {estimator} may differ from double by more than its band, since it jumps from sticking to "
             "slipping; adaptive does not"

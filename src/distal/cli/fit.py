@@ -189,14 +189,9 @@ def _say(result: Fit) -> None:
         if np.isfinite(after)
     )
     say(f"normalised innovations ν²/S (1 is expected): {ratios}")
-    if result.affine is not None:
-        for line in (result.affine.text, *result.affine.notes):
+    for one in result.maps.values():
+        for line in one.notes:
             say(line)
-    if result.discrepancy is not None:
-        for line in result.discrepancy.notes:
-            say(line)
-    if result.contact is not None:
-        say(result.contact.text)
     if result.compared:
         _say_left_out(result)
     for line in result.doubts:

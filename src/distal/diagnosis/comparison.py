@@ -119,5 +119,5 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
 
 def _high(parameter: object) -> float:
     """Return the upper end of a parameter's 95 % band."""
-    value, std = getattr(parameter, "value", 0.0), getattr(parameter, "spread", 0.0)
+    value, std = getattr(parameter, "value", 0.0), getattr(parameter, "total_std", 0.0)
     return float(value + BAND * std)

@@ -1,7 +1,7 @@
 """Estimators behind one contract: belief and sample in, belief and innovation out."""
 
 from distal.estimators.adaptive import AdaptiveFilter, Robustness
-from distal.estimators.affine import AffineEstimator
+from distal.estimators.affine import AffineEstimator, affine_of, affine_samples
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import (
     LARGEST_ANGLE,
@@ -40,6 +40,8 @@ __all__ = [
     "Noise",
     "Robustness",
     "StateKind",
+    "affine_of",
+    "affine_samples",
     "channels_of",
     "check_time",
     "directions",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from distal.errors import EstimationError
 from distal.estimators.gaps import rows_of
+from distal.estimators.report import NOTHING_REPORTED, Report
 from distal.kernels import Evaluation, Kernel
 from distal.logs import LARGEST_READING, frozen
 from distal.rig import Rig
@@ -39,23 +40,29 @@ class Belief:
         carry: mean (n,), covariance (n, n) row by row, and what the estimator remembers of its inputs.
         size: number of states n.
         samples: how many samples it has taken in; the first one may have the belief's own stamp.
+        output: of the last step's kernel, by which some states may be reported otherwise.
+        report: which, and how.
     """
 
     time: float
     carry: Floats
     size: int
     samples: int = 0
+    output: Floats | None = None
+    report: Report = NOTHING_REPORTED
 
     @property
     def mean(self) -> Floats:
-        """State estimate, (n,), a view."""
-        return self.carry[: self.size]
+        """State estimate as it is reported, (n,)."""
+        mean = self.carry[: self.size]
+        return mean if self.output is None else self.report.means(mean[None], self.output[None])[0]
 
     @property
     def covariance(self) -> Floats:
-        """Covariance of the estimate's error, (n, n), a view."""
+        """Covariance of its error, (n, n)."""
         n = self.size
-        return self.carry[n : n + n * n].reshape(n, n)
+        covariance = self.carry[n : n + n * n].reshape(n, n)
+        return covariance if self.output is None else self.report.covariances(covariance[None], self.output[None])[0]
 
 
 @dataclass(frozen=True)
@@ -156,6 +163,7 @@ class KernelEstimator:
         self.channels, self.measured, self.state_names = channels, measured, state_names
         self._p, self._interval = frozen(p), interval
         self._begin: Evaluation | None = None
+        self.report = NOTHING_REPORTED
 
     def initial(self, time: float, sample: Floats) -> Belief:
         """Return the belief before the first sample.
@@ -214,13 +222,14 @@ class KernelEstimator:
         carry = belief.carry
         for row in rows:
             carry, y = self.kernel.step(carry, row, self._p)
-        if not (np.all(np.abs(carry[self.angles]) <= LARGEST_ANGLE) and np.isfinite(carry).all()):
+        after = Belief(float(time), carry, belief.size, belief.samples + 1, y, self.report)
+        if not (np.all(np.abs(after.mean[self.angles]) <= LARGEST_ANGLE) and np.isfinite(carry).all()):
             raise EstimationError(
                 f"{self.name}: left all bounds at {time:g} s; the sample {sample} is far from any motion"
             )
         carry.flags.writeable = False
         values, variances = self.innovations_of(y[None, :], sample[None, :])
-        return Belief(float(time), carry, belief.size, belief.samples + 1), innovation(values[0], variances[0])
+        return after, innovation(values[0], variances[0])
 
     def scan(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return means (k, n), covariances (k, n, n), innovations (k, m) and their variances (k, m) of a whole log.
@@ -235,9 +244,11 @@ class KernelEstimator:
         """
         rows, last = self.checked_rows(belief, times, samples)
         carries, ys = self.kernel.scan(belief.carry, rows, self._p)
-        carries, n = carries[last], belief.size
-        values, variances = self.innovations_of(ys[last], np.asarray(samples, dtype=np.float64))
-        return carries[:, :n].copy(), carries[:, n : n + n * n].reshape(-1, n, n).copy(), values, variances
+        carries, ys, n = carries[last], ys[last], belief.size
+        values, variances = self.innovations_of(ys, np.asarray(samples, dtype=np.float64))
+        means = self.report.means(carries[:, :n].copy(), ys)
+        covariances = self.report.covariances(carries[:, n : n + n * n].reshape(-1, n, n).copy(), ys)
+        return means, covariances, values, variances
 
     def checked_rows(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Return the kernel's rows of a whole log and the index of each sample's own row.

@@ -75,10 +75,12 @@ def outputs(runner: KernelEstimator, n: int) -> str:
     """
     fields = [(j, *pair) for j, pair in enumerate(angle_fields(runner.rig))]
     fields += [(runner.state_names.index(state), f, std_name(f)) for state, f in torque_fields(runner)]
-    lines = []
+    lines, report = [], runner.report
     for at, value, std in fields:
-        lines += [
-            f"    out->{value} = state->carry[{at}];",
-            f"    out->{std} = root(state->carry[{n + at * (n + 1)}]);",
-        ]
+        said, variance = f"state->carry[{at}]", f"state->carry[{n + at * (n + 1)}]"
+        if at in report.states:  # a learned map speaks of it
+            k = report.states.index(at)
+            gain = f"y[{report.gains[k]}]"
+            said, variance = f"y[{report.values[k]}]", f"{gain} * {gain} * {variance} + y[{report.variances[k]}]"
+        lines += [f"    out->{value} = {said};", f"    out->{std} = root({variance});"]
     return "\n".join(lines)

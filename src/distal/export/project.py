@@ -106,7 +106,7 @@ def readme(exported: Exported) -> str:
     float_warning = (
         "\nIn float this estimator may differ from double by much more than its band: it jumps where a body goes from\n"
         "sticking to slipping. `adaptive` does not; or export it in double.\n"
-        if exported.single and exported.estimator.startswith("ekf")
+        if exported.single and exported.jumps
         else ""
     )
     return filled(

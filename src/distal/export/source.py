@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
-from distal.estimators import LARGEST_ANGLE, SHORTEST, KernelEstimator, make_estimator, state_units
+from distal.estimators import LARGEST_ANGLE, SHORTEST, FullStateFilter, KernelEstimator, make_estimator, state_units
 from distal.estimators.gaps import MOST_BRIDGES, SPLIT
 from distal.estimators.mask import MISSING, READ
 from distal.export.fields import comment, members, outputs
@@ -36,12 +36,14 @@ class Exported:
         operations: arithmetic operations of a step.
         library: calls of the mathematics library in a step, by name.
         replay: text of a program that runs the filter over a CSV file.
+        jumps: whether it jumps where a body goes from sticking to slipping, which float and double may do at other samples.
     """
 
     name: str
     estimator: str
     rig: str
     single: bool
+    _: KW_ONLY
     header: str
     source: str
     channels: tuple[str, ...]
@@ -52,6 +54,7 @@ class Exported:
     operations: int
     library: dict[str, int]
     replay: str
+    jumps: bool
 
     @property
     def state_bytes(self) -> int:
@@ -91,16 +94,17 @@ def c_filter(rig: Rig, estimator: str = "adaptive", single: bool = False, name: 
         estimator,
         rig.name,
         single,
-        filled(_HEADER, values),
-        filled(_SOURCE, values),
-        runner.channels,
-        runner.state_names,
-        runner.measured,
-        int(step.numel_in(0)),
-        sum(written.scratch for written in emitter.functions.values()),
-        cost.operations,
-        dict(sorted(cost.library.items())),
-        replay_program(runner, name),
+        header=filled(_HEADER, values),
+        source=filled(_SOURCE, values),
+        channels=runner.channels,
+        states=runner.state_names,
+        measured=runner.measured,
+        carry=int(step.numel_in(0)),
+        scratch=sum(written.scratch for written in emitter.functions.values()),
+        operations=cost.operations,
+        library=dict(sorted(cost.library.items())),
+        replay=replay_program(runner, name),
+        jumps=isinstance(runner, FullStateFilter),
     )
 
 
@@ -142,6 +146,7 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "n_states": str(n),
         "n_measured": str(m),
         "n_innovations": str(max(m, 1)),
+        "n_outputs": str(max(runner.kernel.n_y, 2 * m, 1)),
         "n_carry": str(runner.kernel.n_carry),
         "n_numbers": str(len(numbers)),
         "n_bridged": str(runner.bridged),
@@ -265,7 +270,7 @@ void $name$_begin($name$_state* state, const $real$* values) {
 }
 
 int $name$_step($name$_state* state, $real$ dt, const $real$* values, $name$_output* out) {
-  $real$ x[1 + 2 * $n_channels$], y[2 * $n_innovations$];
+  $real$ x[1 + 2 * $n_channels$], y[$n_outputs$];
   long parts, k;
   int i, wild = 0;
   if (!(dt >= $shortest$) && !(dt == $zero$ && state->samples == 0)) return $NAME$_LATE;

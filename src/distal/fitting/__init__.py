@@ -1,25 +1,20 @@
 """A rig's parameters and noise from its own logs, and what the logs can tell."""
 
-from distal.fitting.affine import AffineFit, LeftOut, affine_table, learn_affine
-from distal.fitting.contact import ContactFit, learn_contact
 from distal.fitting.crossvalidation import CrossValidation, HeldOut, cross_validate
-from distal.fitting.discrepancy import DiscrepancyFit, learn_discrepancy
 from distal.fitting.fit import fit
 from distal.fitting.fitted import FittedNumber
 from distal.fitting.free import Free
 from distal.fitting.groups import groups_of
 from distal.fitting.learn import Learned, learn
 from distal.fitting.leave_out import Compared, Fold, Score, leave_out
+from distal.fitting.maps import LeftOut, MapFit, learn_affine, learn_contact, learn_discrepancy
 from distal.fitting.observability import Observability, observability
 from distal.fitting.options import Options
 from distal.fitting.result import Fit
 
 __all__ = [
-    "AffineFit",
     "Compared",
-    "ContactFit",
     "CrossValidation",
-    "DiscrepancyFit",
     "Fit",
     "FittedNumber",
     "Fold",
@@ -27,10 +22,10 @@ __all__ = [
     "HeldOut",
     "Learned",
     "LeftOut",
+    "MapFit",
     "Observability",
     "Options",
     "Score",
-    "affine_table",
     "cross_validate",
     "fit",
     "groups_of",

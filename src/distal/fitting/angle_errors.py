@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators.discrepancy import Samples
 from distal.fitting.problem import Problem
 
 Floats = NDArray[np.float64]
@@ -36,12 +33,3 @@ def surprise_of(problem: Problem, z: Floats) -> float:
         if ratios:
             worst = max(worst, float(np.mean(ratios)))
     return worst
-
-
-def mean_rms(data: Sequence[Samples]) -> float:
-    """Return the mean over logs of the RMS of what the filter's angle errs by [rad].
-
-    Args:
-        data: of the logs.
-    """
-    return float(np.mean([np.sqrt(np.nanmean((one.angles - one.truths) ** 2)) for one in data]))

@@ -12,15 +12,16 @@ import numpy as np
 
 from distal.errors import DistalWarning, FitError
 from distal.fitting.checks import check_logs
-from distal.fitting.discrepancy import widened
 from distal.fitting.doubts import far_from_priors
 from distal.fitting.groups import groups_of
-from distal.fitting.learn import learn, with_learned
-from distal.fitting.leave_out import leave_out
+from distal.fitting.learn import Learned, learn
+from distal.fitting.leave_out import Fold, leave_out
 from distal.fitting.options import Options
 from distal.fitting.result import Fit
 from distal.homing import check_homing
 from distal.logs import Log, read_log, true_angles
+from distal.regression import conformal_factor, inflate_band
+from distal.regression.learn import LARGEST, LEAST
 from distal.rig import Rig, load_rig
 
 FOR_LEAVING_OUT = 3
@@ -101,17 +102,25 @@ def fit(
     groups = [str(i) for i in range(len(read))] if units is None else groups_of(sources, units)
     enough = len({group for log, group in zip(read, groups) if any(log is one for one in known)}) >= FOR_LEAVING_OUT
     folds = []
-    if enough and learned.discrepancy is not None and not learned.numbers.found.interrupted:
+    if enough and "discrepancy" in learned.maps and not learned.numbers.found.interrupted:
         folds = leave_out(read, rig, options, groups, progress)
-    discrepancy = learned.discrepancy
-    if discrepancy is not None:
-        discrepancy = widened(discrepancy, [errors for fold in folds for errors in fold.errors])
-        learned = replace(
-            learned,
-            discrepancy=discrepancy,
-            rig=with_learned(learned.rig, learned.affine, discrepancy, learned.contact),
-        )
+        learned = _as_wide_as_left_out(learned, folds)
     return Fit.of(learned, rig, read, options, tuple(folds))
+
+
+def _as_wide_as_left_out(learned: Learned, folds: Sequence[Fold]) -> Learned:
+    """Return what was learned with a band that also holds the errors on logs that all of it was left without."""
+    errors = [one for fold in folds for one in fold.errors]
+    if not errors:
+        return learned
+    found = learned.maps["discrepancy"]
+    factors = [
+        max(1.0, conformal_factor([parts[j] for parts in errors], LEAST, LARGEST))
+        for j in range(len(found.learned.joints))
+    ]
+    wider = found.with_map(inflate_band(found.learned, factors))
+    rig = learned.rig.model_copy(update={"discrepancy": wider.learned})
+    return replace(learned, maps={**learned.maps, "discrepancy": wider}, rig=rig)
 
 
 def _read(logs: Any, rig: Rig, truth: str | None, homing: float | None) -> list[Log]:

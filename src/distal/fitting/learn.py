@@ -10,16 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError, RigError
-from distal.fitting.affine import AffineFit, learn_affine
-from distal.fitting.angle_errors import mean_rms, surprise_of
+from distal.estimators import affine_of, affine_samples
+from distal.fitting.angle_errors import surprise_of
 from distal.fitting.checks import unknown_joints
-from distal.fitting.contact import ContactFit, contact_of
 from distal.fitting.curves import curves
-from distal.fitting.discrepancy import DiscrepancyFit, filtered, learned_from
 from distal.fitting.doubts import NOT_CONVERGED, SURPRISED, contradictions, doubts_of, nis_of
 from distal.fitting.fitted import FittedNumber, assignments
 from distal.fitting.free import Free
 from distal.fitting.groups import groups_of
+from distal.fitting.maps import MapFit, discrepancy_of, filtered, learn_contact, map_of, mean_rms
 from distal.fitting.options import Options
 from distal.fitting.problem import FitFilter, Problem, steps_of
 from distal.fitting.reference_error import with_reference_error
@@ -27,7 +26,8 @@ from distal.fitting.search import COARSE_LEAST, COARSE_SHARE, Found, hessian, mo
 from distal.fitting.selection import choose
 from distal.fitting.uncertainty import TOLD, Uncertainty, uncertainty_at
 from distal.homing import added_reference, with_references
-from distal.logs import Log, true_angles
+from distal.logs import Log, true_angles, true_torques
+from distal.regression import Kind, Samples
 from distal.rig import Rig, Sensor, number
 
 Floats = NDArray[np.float64]
@@ -83,9 +83,7 @@ class Learned:
         numbers: the rig's numbers.
         prior_share: share of the priors' stds that the file keeps; None where the stds are as the logs tell.
         curves: path → value of the position sensors' systematic errors.
-        affine: the map of the estimator `affine`, where some log has a truth.
-        discrepancy: what the model leaves of the angle.
-        contact: the torque from outside.
+        maps: what was learned beside the numbers, by the name of its table: ``affine``, ``discrepancy``, ``contact``.
         doubts: plain sentences on what speaks against the fit.
     """
 
@@ -93,9 +91,7 @@ class Learned:
     numbers: Numbers
     prior_share: float | None
     curves: Mapping[str, object]
-    affine: AffineFit | None
-    discrepancy: DiscrepancyFit | None
-    contact: ContactFit | None
+    maps: Mapping[str, MapFit]
     doubts: tuple[str, ...]
 
 
@@ -131,7 +127,7 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
     unsure = numbers.found.interrupted or bool(doubts)
     shares = PRIOR_SHARES if unsure else (None,)
     share, learned = shares[0], written(shares[0])
-    affine, discrepancy = None, None
+    maps = list[MapFit]()
     if known and not unknown:
         data, refused = filtered(known, learned, options.homing, False)
         for other in shares[1:] if data and not numbers.found.interrupted else ():
@@ -140,25 +136,43 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
             if len(as_sure) == len(data) and mean_rms(as_sure) < SURER * mean_rms(data):
                 learned, data, share = surer, as_sure, other
         doubts += refused
-        affine = learn_affine(known, learned, options.homing)
-        if data:
-            sources = [log.source for log in known]
-            groups = sources if options.units is None else groups_of(sources, options.units, 1)
-            together = groups if len(groups) == len(data) else None
-            discrepancy = learned_from(data, learned, options.homing, together, scored=False)
+        maps += _angle_maps(known, data, rig, learned, options)
+    maps += _contact_map(logs, learned, options)
+    whole = learned.with_values({one.table: one.learned.model_dump() for one in maps}) if maps else learned
+    return Learned(whole, numbers, share, learned_curves, {one.table: one for one in maps}, tuple(doubts))
+
+
+def _angle_maps(
+    known: Sequence[Log], data: Sequence[Samples], rig: Rig, learned: Rig, options: Options
+) -> list[MapFit]:
+    """Return the map of `affine`, and of what the filter's angles lack, from logs with a truth."""
+    straight = [affine_samples(log, learned) for log in known]
+    straight = [one.part(np.asarray(np.isfinite(one.targets).any(axis=1))) for one in straight]
+    kinds: list[tuple[Kind, Sequence[Samples]]] = [(affine_of(learned), straight)]
+    if data:
+        kinds.append((discrepancy_of(learned, data), data))
+    maps = []
+    for kind, samples in kinds:
+        groups = _groups([one.source for one in samples], options)
+        one = map_of(samples, kind, learned, options.homing, groups, scored=False)
         if options.homing is None:
-            affine, discrepancy = with_reference_error(affine, discrepancy, rig, known)
-    contact = contact_of(logs, learned, options.homing, options.units)
-    return Learned(
-        with_learned(learned, affine, discrepancy, contact),
-        numbers,
-        share,
-        learned_curves,
-        affine,
-        discrepancy,
-        contact,
-        tuple(doubts),
-    )
+            one = one.with_map(with_reference_error(one.learned, rig, known))
+        maps.append(one)
+    return maps
+
+
+def _contact_map(logs: Sequence[Log], learned: Rig, options: Options) -> list[MapFit]:
+    """Return the map of the torque from outside, where logs have it and the rig says that it can occur."""
+    felt = [log for log in logs if true_torques(log, _names(learned)) is not None]
+    if not felt or any(joint.external_torque.std == 0.0 for joint in learned.joints):
+        return []
+    groups = _groups([log.source for log in felt], options)
+    return [learn_contact(felt, learned, options.homing, groups, scored=False)]
+
+
+def _groups(sources: Sequence[str], options: Options) -> list[str]:
+    """Return which logs are left out together: those of one unit, else each alone."""
+    return [str(i) for i in range(len(sources))] if options.units is None else groups_of(sources, options.units, 1)
 
 
 def numbers_of(logs: Sequence[Log], rig: Rig, options: Options, known: bool, progress: Progress | None) -> Numbers:
@@ -353,27 +367,6 @@ def described(rig: Rig, values: Mapping[str, object]) -> Rig:
         if not path.startswith("sensors.") or int(path.split(".")[1]) < len(rig.sensors)
     }
     return rig.with_values(own) if own else rig
-
-
-def with_learned(
-    rig: Rig, affine: AffineFit | None, discrepancy: DiscrepancyFit | None, contact: ContactFit | None
-) -> Rig:
-    """Return a rig with the maps that logs taught.
-
-    Args:
-        rig: with its fitted numbers.
-        affine: the map of `affine`, or None.
-        discrepancy: what the model leaves, or None.
-        contact: the torque from outside, or None.
-    """
-    learned: dict[str, object] = {}
-    if contact is not None:
-        learned["contact"] = contact.contact.model_dump()
-    if affine is not None:
-        learned["affine"] = affine.affine.model_dump()
-    if discrepancy is not None:
-        learned["discrepancy"] = discrepancy.discrepancy.model_dump()
-    return rig.with_values(learned) if learned else rig
 
 
 def staged(progress: Progress | None, stage: str) -> Callable[[int, float], None] | None:

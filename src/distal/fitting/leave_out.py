@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from distal.errors import DistalError
-from distal.fitting.discrepancy import filtered
-from distal.fitting.discrepancy_learning import Errors, errors_of
 from distal.fitting.learn import Learned, learn
+from distal.fitting.maps import discrepancy_of, filtered
 from distal.fitting.options import Options
 from distal.logs import Log, shown, true_angles
+from distal.regression import Errors, errors_of
 from distal.rig import Rig
 from distal.run import estimate
 
@@ -71,7 +71,7 @@ class Fold:
     left_out: tuple[str, ...]
     learned: Learned
     compared: tuple[Compared, ...]
-    errors: tuple[Errors, ...]
+    errors: tuple[Sequence[Errors], ...]
 
 
 def leave_out(
@@ -115,12 +115,10 @@ def _scored(out: Sequence[Log], rig: Rig, learned: Learned, homing: float | None
             for each, name in ((learned.rig, "adaptive"), (rig, "adaptive"), (learned.rig, "affine"))
         ]
         compared.append(Compared(shown(log.source), *scores))
-        if learned.discrepancy is not None:
-            bare = learned.rig.model_copy(update={"discrepancy": None})
-            errors += [
-                errors_of(learned.discrepancy.discrepancy, one, homing)
-                for one in filtered([log], bare, homing, False)[0]
-            ]
+        corrects = learned.rig.discrepancy
+        if corrects is not None:
+            seen, _ = filtered([log], learned.rig.model_copy(update={"discrepancy": None}), homing, False)
+            errors += [errors_of(corrects, one, discrepancy_of(rig, seen), homing) for one in seen]
     return Fold(tuple(log.source for log in out), learned, tuple(compared), tuple(errors))
 
 

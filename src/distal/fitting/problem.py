@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import AdaptiveFilter, Robustness
+from distal.estimators.mask import COMPARED_ONLY
 from distal.fitting.free import Free
 from distal.fitting.likelihood import Derivatives, Innovations, Weighing, cost_of, derivatives_of
 from distal.fitting.resampling import refined, steps_per_sample
@@ -260,7 +261,7 @@ class Problem:
         for data in self.data:
             rows, times = data.rows.copy(), data.log.time
             late = data.last[times - times[0] >= (0.0 if self.homing is None else self.homing)]
-            rows[late, -len(self.filter.references) :] *= -1.0  # a mask of −1: compared, but not used
+            rows[late, -len(self.filter.references) :] *= COMPARED_ONLY
             masked.append(rows)
         return tuple(masked)
 

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.fitting.affine import AffineFit, affine_table
-from distal.fitting.contact import ContactFit
-from distal.fitting.discrepancy import DiscrepancyFit
 from distal.fitting.fitted import FittedNumber, assignments
-from distal.fitting.fitted_file import MARK, fitted_text, plain
+from distal.fitting.fitted_file import MARK, fitted_text
 from distal.fitting.learn import Learned
 from distal.fitting.leave_out import Compared, Fold, verdict
+from distal.fitting.maps import MapFit
 from distal.fitting.options import Options
 from distal.logs import Log, shown, write_whole
 from distal.rig import Rig
@@ -48,9 +46,8 @@ class Fit:
         converged: whether the search ended by itself; without it there are no standard errors.
         interrupted: whether the user stopped it.
         curves: path → value of what was learned of the position sensors' systematic errors.
-        affine: the obvious estimator's map from the same logs, where some have a truth; the rig holds it.
-        discrepancy: what the model leaves of the angle, from the same logs; the rig holds it.
-        contact: the torque from outside as learned from logs that have it; the rig holds it.
+        maps: what was learned beside the numbers, by the name of its table in the rig: ``affine``, the obvious estimator's
+            map, ``discrepancy``, what the model leaves of the angle, ``contact``, the torque from outside.
         folds: each log (or unit) left out once.
         doubts: plain sentences on what speaks against the fit.
         prior_share: share of the priors' stds that the rig's numbers keep where there are doubts: the widest with which the
@@ -76,9 +73,7 @@ class Fit:
     converged: bool
     interrupted: bool
     curves: Mapping[str, object] = field(default_factory=dict)
-    affine: AffineFit | None = None
-    discrepancy: DiscrepancyFit | None = None
-    contact: ContactFit | None = None
+    maps: Mapping[str, MapFit] = field(default_factory=dict)
     folds: tuple[Fold, ...] = ()
     doubts: tuple[str, ...] = ()
     prior_share: float | None = None
@@ -121,9 +116,7 @@ class Fit:
             converged=found.converged,
             interrupted=found.interrupted or any(fold.learned.numbers.found.interrupted for fold in folds),
             curves=learned.curves,
-            affine=learned.affine,
-            discrepancy=learned.discrepancy,
-            contact=learned.contact,
+            maps=learned.maps,
             folds=folds,
             doubts=learned.doubts,
             prior_share=learned.prior_share,
@@ -164,11 +157,7 @@ class Fit:
 
     def assignments(self) -> dict[str, Any]:
         """Return path → value (with its std, where it had one) of what changed, as for `Rig.with_values`."""
-        learned = {"affine": affine_table(self.affine.affine)} if self.affine is not None else {}
-        if self.discrepancy is not None:
-            learned["discrepancy"] = plain(self.discrepancy.discrepancy.model_dump())
-        if self.contact is not None:
-            learned["contact"] = plain(self.contact.contact.model_dump())
+        learned = {name: one.as_table() for name, one in self.maps.items()}
         return {**assignments(self.fitted, self.start, self.prior_share), **self.curves, **learned}
 
     def _account(self) -> str:
@@ -195,11 +184,6 @@ class Fit:
                 "# Learned too: the systematic curves of the position sensors (curve), and what linearity is left."
             )
         lines += [f"# These logs tell {line}." for line in self.combinations]
-        if self.affine is not None:
-            lines += [f"# {line}" for line in (self.affine.text, *self.affine.notes)]
-        if self.discrepancy is not None:
-            lines += [f"# {line}" for line in self.discrepancy.notes]
-        if self.contact is not None:
-            lines.append(f"# {self.contact.text}")
+        lines += [f"# {line}" for one in self.maps.values() for line in one.notes]
         lines += [f"# {line}" for line in (*self.doubts, self.verdict) if line]
         return "\n".join(lines) + "\n\n"

@@ -91,7 +91,7 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
     sandwich = inverse @ (few * derivatives.meat + np.diag(1.0 / limit**2)) @ inverse
     variances = np.maximum(np.diag(sandwich), np.diag(inverse))
     scale = np.sqrt(variances / np.maximum(np.diag(inverse), 1e-300))
-    covariance: Floats = inverse * np.outer(scale, scale)
+    covariance = np.asarray(inverse * np.outer(scale, scale), dtype=np.float64)
     coarse = [part.coarse * abs(part.value(c)) / max(part.slope(c), 1e-300) for (part, _), c in zip(problem.parts, z)]
     covariance += np.diag(np.square(coarse))
     # what is known after a log is no less than what was known before it

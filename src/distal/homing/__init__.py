@@ -1,6 +1,14 @@
 """Homing: what the first moments of a run, in which the joint's angle is known, tell of this run."""
 
-from distal.homing.apply import begun_homed, calibrated, held, numbers_homed, plain_samples, touched
+from distal.homing.apply import (
+    calibrate_contact,
+    calibrated,
+    held,
+    homing_prior,
+    numbers_homed,
+    plain_samples,
+    torque_samples,
+)
 from distal.homing.reference import (
     TRUTH_NOISE,
     added_reference,
@@ -16,13 +24,14 @@ __all__ = [
     "Window",
     "added_reference",
     "at_known_angle",
-    "begun_homed",
+    "calibrate_contact",
     "calibrated",
     "check_homing",
     "held",
     "homed",
+    "homing_prior",
     "numbers_homed",
     "plain_samples",
-    "touched",
+    "torque_samples",
     "with_references",
 ]

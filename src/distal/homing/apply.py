@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import AdaptiveFilter, Belief
-from distal.estimators import contact as contacts
-from distal.estimators.discrepancy import Samples, homed
 from distal.homing.map import most_likely
-from distal.homing.window import Window, plain_angles
+from distal.homing.window import Window
 from distal.logs import Log, frozen, true_torques
+from distal.regression import Samples, calibrate_window
+from distal.rig import Rig
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +24,7 @@ ASTRAY = 1.5
 
 
 def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats) -> Samples:
-    """Return what a filter makes of a log without a correction, and what it read.
+    """Return what a filter reads over a log, its own angles, and what these lack of the true ones.
 
     Args:
         runner: the filter.
@@ -34,12 +36,15 @@ def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floa
     rows, last = runner.checked_rows(start, log.time, samples)
     carries, _ = runner.kernel.scan(start.carry, rows, runner.numbers)
     carries = carries[last]
-    angles, variances = plain_angles(runner, carries, start.size, truths.shape[1])
+    nj, n = truths.shape[1], start.size
+    angles, variances = carries[:, :nj].copy(), carries[:, n : n + n * nj : n + 1].copy()
     readings = [
         carries[:, place] if place is not None else held(samples[:, i]) for i, place in enumerate(runner.places)
     ]
     interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
-    return Samples(log.source, log.time - log.time[0], np.column_stack(readings), angles, variances, truths, interval)
+    return Samples(
+        log.source, log.time - log.time[0], np.column_stack(readings), angles, truths - angles, variances, interval
+    )
 
 
 def held(values: Floats) -> Floats:
@@ -66,7 +71,7 @@ def numbers_homed(window: Window) -> Belief:
     return filtered if filtered is not None else most_likely(window)
 
 
-def begun_homed(window: Window) -> Belief:
+def homing_prior(window: Window) -> Belief:
     """Return what a filter that reads the reference over the window begins with.
 
     Where it keeps to its band with what it finds there, that is its prior: it finds it as it runs. Else it begins with the
@@ -126,12 +131,11 @@ def calibrated(
     unaided[:, len(runner.discrepancy.channels) :] = np.nan
     early = log.time - log.time[0] < homing
     plain = plain_samples(runner, begun, log, unaided, np.where(early[:, None], truths, np.nan))
-    discrepancy, surprise = homed(runner.discrepancy, plain, early)
-    taught = runner.with_discrepancy(discrepancy)
-    return taught, begun, unaided, surprise
+    discrepancy, surprise = calibrate_window(runner.discrepancy, plain, early)
+    return runner.with_map(discrepancy), begun, unaided, surprise
 
 
-def touched(runner: AdaptiveFilter, log: Log, samples: Floats, homing: float) -> AdaptiveFilter:
+def calibrate_contact(runner: AdaptiveFilter, log: Log, samples: Floats, homing: float) -> AdaptiveFilter:
     """Return a filter whose contact is this run's: the torque is read over the window, where the log has it.
 
     Args:
@@ -140,15 +144,32 @@ def touched(runner: AdaptiveFilter, log: Log, samples: Floats, homing: float) ->
         samples: values of its channels, (k, n_channels).
         homing: length of the window [s].
     """
-    assert runner.contact is not None
+    learned = runner.contact
+    assert learned is not None
     torques = true_torques(log, [joint.name for joint in runner.rig.joints])
     if torques is None:
         return runner
-    sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
-    readings = []
-    for i, name in enumerate(runner.contact.channels):
-        offset = sensors[name].bias.value if sensors[name].measures == "position" else 0.0
-        readings.append(held(samples[:, i]) - offset)
-    interval = float(np.median(np.diff(log.time)))
-    early = log.time - log.time[0] < homing
-    return runner.with_contact(contacts.homed(runner.contact, np.column_stack(readings), torques, early, interval))
+    window = log.time - log.time[0] < homing
+    channels = {name: samples[:, i] for i, name in enumerate(learned.channels)}
+    found, _ = calibrate_window(learned, torque_samples(log, runner.rig, channels, torques), window)
+    return runner.with_map(found)
+
+
+def torque_samples(log: Log, rig: Rig, channels: Mapping[str, Floats], torques: Floats) -> Samples:
+    """Return what a contact's map sees of a log: readings less known offsets, missing ones held, and the true torques.
+
+    Args:
+        log: the log.
+        rig: the description.
+        channels: name → readings, in the order of the map, (k,).
+        torques: true ones [N m], NaN where not known, (k, n_joints).
+    """
+    sensors = {sensor.name: sensor for sensor in rig.sensors}
+    readings = [
+        held(values) - (sensors[name].bias.value if sensors[name].measures == "position" else 0.0)
+        for name, values in channels.items()
+    ]
+    interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
+    none = np.zeros((len(log), 0))
+    since = log.time - log.time[0]
+    return Samples(log.source, since, np.column_stack(readings), none, torques, np.zeros(torques.shape), interval)

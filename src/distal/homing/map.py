@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import Belief
-from distal.estimators.affine import correlated_samples
 from distal.homing.window import Window
 from distal.logs import frozen
+from distal.regression import correlated_samples
 
 Floats = NDArray[np.float64]
 

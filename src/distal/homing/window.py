@@ -90,8 +90,7 @@ class Window:
             carries: of an unaided run.
         """
         n, nj, biases = self.start.size, self.known.shape[1], self._biases
-        angles, variances = plain_angles(self.runner, carries, n, nj)
-        errors = self.known - angles
+        errors, variances = self.known - carries[:, :nj], carries[:, n : n + n * nj : n + 1].copy()
         sensors = {sensor.name: sensor for sensor in self.runner.rig.sensors_of("angle")}
         for channel, joint in self.references.items():
             name = self.runner.channels[channel]
@@ -134,20 +133,3 @@ class Window:
             [np.mean(column[np.isfinite(column)]) for column in (errors**2 / variances).T if np.isfinite(column).any()]
         )
         return bool(np.all(squares <= times))
-
-
-def plain_angles(runner: AdaptiveFilter, carries: Floats, size: int, joints: int) -> tuple[Floats, Floats]:
-    """Return what a filter says of its angles without the correction of a discrepancy, and the variances, (k, n_joints).
-
-    Args:
-        runner: the filter.
-        carries: after each sample.
-        size: of the state.
-        joints: how many there are.
-    """
-    angles, variances = carries[:, :joints].copy(), carries[:, size : size + size * joints : size + 1].copy()
-    if runner.discrepancy is not None:
-        correction = carries[:, runner.own_memory : runner.own_memory + 2 * joints]
-        angles -= correction[:, :joints]
-        variances -= correction[:, joints:]
-    return angles, variances

@@ -1,1 +1,46 @@
 """Least squares over several logs: features, random effects, the size of a band, a homing window, the kernel."""
+
+from distal.regression.affine import affine_kind
+from distal.regression.conformal import NORMAL, Errors, conformal_factor, student
+from distal.regression.contact import contact_kind
+from distal.regression.discrepancy import discrepancy_kind
+from distal.regression.features import Predicted, Samples, design, half_ranges, limits, outside, predict
+from distal.regression.kernel import first_memory, map_function, memory_size, numbers_of, reporting_function
+from distal.regression.learn import Kind, Terms, calibrate_band, errors_of, fit_coefficients, inflate_band, learn_map
+from distal.regression.random_effects import correlated_samples, independent, line
+from distal.regression.window import EXPECTED, calibrate_window, seen
+
+__all__ = [
+    "EXPECTED",
+    "NORMAL",
+    "Errors",
+    "Kind",
+    "Predicted",
+    "Samples",
+    "Terms",
+    "affine_kind",
+    "calibrate_band",
+    "calibrate_window",
+    "conformal_factor",
+    "contact_kind",
+    "correlated_samples",
+    "design",
+    "discrepancy_kind",
+    "errors_of",
+    "first_memory",
+    "fit_coefficients",
+    "half_ranges",
+    "independent",
+    "inflate_band",
+    "learn_map",
+    "limits",
+    "line",
+    "map_function",
+    "memory_size",
+    "numbers_of",
+    "outside",
+    "predict",
+    "reporting_function",
+    "seen",
+    "student",
+]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,6 +63,7 @@ class Estimate:
     measured: tuple[str, ...]
     innovations: Floats
     innovation_variances: Floats
+    _: KW_ONLY
     truths: Floats | None = None
     covariances: Floats | None = None
     joint_names: tuple[str, ...] = ("joint",)

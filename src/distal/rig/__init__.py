@@ -1,10 +1,7 @@
 """The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
 
-from distal.rig.affine import Affine, AffineJoint
 from distal.rig.chain import BASE, Base, Coupling, Link
 from distal.rig.columns import angle_names, speed_names, std_name, tendon_angle_name, torque_names
-from distal.rig.contact import Contact
-from distal.rig.discrepancy import CONSTANT, Discrepancy, factors
 from distal.rig.drives import (
     Capstan,
     CapstanFriction,
@@ -27,6 +24,7 @@ from distal.rig.files import (
     template_text,
 )
 from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spring, Stribeck
+from distal.rig.learned_map import CONSTANT, Affine, Contact, Discrepancy, JointMap, LearnedMap, factors
 from distal.rig.numbers import Number, number
 from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.plausibility import doubts
@@ -54,7 +52,6 @@ __all__ = [
     "CONSTANT",
     "REFERENCES",
     "Affine",
-    "AffineJoint",
     "Base",
     "Capstan",
     "CapstanFriction",
@@ -73,6 +70,8 @@ __all__ = [
     "In",
     "Joint",
     "JointFriction",
+    "JointMap",
+    "LearnedMap",
     "Link",
     "Linkage",
     "LogFormat",

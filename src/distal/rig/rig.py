@@ -8,12 +8,10 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from distal.errors import RigError, did_you_mean
-from distal.rig.affine import Affine
 from distal.rig.chain import BASE, Base
-from distal.rig.contact import Contact
-from distal.rig.discrepancy import Discrepancy
 from distal.rig.drives import Capstan, Drive, Slider, effort_unit, position_unit
 from distal.rig.joints import Joint
+from distal.rig.learned_map import Affine, Contact, Discrepancy
 from distal.rig.overrides import set_value
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.sensors import Sensor, log_factor

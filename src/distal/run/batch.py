@@ -213,11 +213,11 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
     for run, (_, last), (kept, ys) in zip(runs, rows, scanned):
         if len(last) < len(kept):
             kept, ys = kept[last], ys[last]
-        kept.flags.writeable = False
+        means, spreads = runner.report.means(kept[:, :n], ys), runner.report.variances_of(kept[:, n:], ys)
         try:
-            check_bounds(run, kept[:, :n], kept[:, n:])
+            check_bounds(run, means, spreads)
             innovations, variances = runner.innovations_of(ys, run.samples)
-            results.append(finished(run, kept[:, :n], kept[:, n:], innovations, variances))
+            results.append(finished(run, means, spreads, innovations, variances))
         except DistalError as problem:
             results.append(problem)
     return results

@@ -68,11 +68,13 @@ class LiveEstimator:
         self._innovations = np.full(self._m, np.nan)
         self._begin: tuple[Floats | None, float] = (None, 0.0)
         self._time, self._samples = float("nan"), 0
-        self._joints, self._bridged, self._interval = self._carry[self._angles], runner.bridged, runner.interval
-        self._mean = _view(self._carry[: self._n])
+        self._bridged, self._interval = runner.bridged, runner.interval
+        own = self._carry[: self._n], self._carry[self._n : self._n * (self._n + 1)].reshape(self._n, self._n)
+        # what is reported is the filter's own state, or, where a map speaks of some of it, another one beside it
+        self._state, self._spread = own if not runner.report.states else (own[0].copy(), own[1].copy())
+        self._joints, self._mean, self._covariance = self._state[self._angles], _view(self._state), _view(self._spread)
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
-        self._covariance = _view(self._carry[self._n : self._n * (self._n + 1)].reshape(self._n, self._n))
         self._torques = list(external_torques_of(runner).values())
         self._torque_names = tuple(runner.state_names[i] for i in self._torques)
         means, stds = priors_of(runner)
@@ -122,6 +124,8 @@ class LiveEstimator:
         self._time, self._samples = float(time), self._samples + 1
         for i, k in enumerate(self._read):
             self._innovations[i] = self._y[i] if self._there[k] else np.nan
+        if self._runner.report.states:
+            self._report()
         angles = self._joints.tolist()
         # a sum would warn of infinite terms; bytes are searched faster than an array is reduced
         bounded = b"\0" not in np.isfinite(self._carry, out=self._finite).tobytes()
@@ -130,6 +134,12 @@ class LiveEstimator:
         if not bounded:
             raise EstimationError(f"{name}: left all bounds at {time:g} s; call reset")
         return angles[0] if len(angles) == 1 else self.angles
+
+    def _report(self) -> None:
+        """Put what the maps say in the places of the filter's own."""
+        report, y, n = self._runner.report, self._y[None], self._n
+        self._state[:] = report.means(self._carry[None, :n], y)[0]
+        self._spread[:] = report.covariances(self._carry[n : n * (n + 1)].reshape(1, n, n), y)[0]
 
     def _start(self, time: float, sample: Floats) -> None:
         """Begin with the prior, at the angles and with the std that `reset` was given."""
@@ -199,7 +209,7 @@ class LiveEstimator:
         Raises:
             EstimationError: there are several joints.
         """
-        return self._only(self._carry[self._angles], "angle")
+        return self._only(self._joints, "angle")
 
     @property
     def angle_std(self) -> float:
@@ -213,12 +223,12 @@ class LiveEstimator:
     @property
     def angles(self) -> Floats:
         """Angles of the joints [rad], (n_joints,), a read-only view that changes with each step."""
-        return _view(self._carry[self._angles])
+        return _view(self._joints)
 
     @property
     def angle_stds(self) -> Floats:
         """Standard deviations of their errors [rad], (n_joints,)."""
-        stds: Floats = np.sqrt(np.maximum(self._diagonal[self._angles], 0.0))
+        stds: Floats = np.sqrt(np.maximum(np.diagonal(self._spread)[self._angles], 0.0))
         return stds
 
     @property
@@ -229,13 +239,13 @@ class LiveEstimator:
     @property
     def external_torques(self) -> Floats:
         """Torques on these joints from outside [N m]."""
-        torques: Floats = self._carry[self._torques]
+        torques: Floats = self._state[self._torques]
         return torques
 
     @property
     def external_torque_stds(self) -> Floats:
         """Standard deviations of their errors [N m]."""
-        stds: Floats = np.sqrt(np.maximum(self._diagonal[self._torques], 0.0))
+        stds: Floats = np.sqrt(np.maximum(np.diagonal(self._spread)[self._torques], 0.0))
         return stds
 
     def _only(self, values: Floats, name: str) -> float:
@@ -273,7 +283,7 @@ class LiveEstimator:
         if self._priors is None or self._samples == 0:
             return ()
         means, stds = self._priors
-        own = np.sqrt(np.maximum(self._diagonal, 0.0))
+        own = np.sqrt(np.maximum(np.diagonal(self._spread), 0.0))
         # NaN, of a state that is meant to move, compares as false
         gone = np.abs(self._mean - means) - own > far * stds
         return tuple(name for name, there in zip(self.state_names, gone & (stds > 0.0)) if there)
@@ -288,7 +298,7 @@ class LiveEstimator:
             raise EstimationError(f"{self._runner.name}: no sample was taken in yet")
         carry = self._carry.copy()
         carry.flags.writeable = False
-        return Belief(self._time, carry, self._n, self._samples)
+        return Belief(self._time, carry, self._n, self._samples, self._y.copy(), self._runner.report)
 
 
 def _number(value: float) -> float:

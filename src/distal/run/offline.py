@@ -25,7 +25,7 @@ from distal.estimators import (
     kinds_of,
     make_estimator,
 )
-from distal.homing.apply import begun_homed, calibrated, touched
+from distal.homing.apply import calibrate_contact, calibrated, homing_prior
 from distal.homing.reference import check_homing, homed, with_references
 from distal.homing.window import Window
 from distal.logs import LARGEST_READING, Log, frozen, read_log, true_angles, true_torques
@@ -257,9 +257,9 @@ def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
         if runner.discrepancy is not None:
             runner, start, samples, _ = calibrated(runner, start, log, samples, known, homing)
         else:
-            start = begun_homed(Window.of(runner, start, log, samples, known, homing))
+            start = homing_prior(Window.of(runner, start, log, samples, known, homing))
         if runner.contact is not None:
-            runner = touched(runner, log, samples, homing)
+            runner = calibrate_contact(runner, log, samples, homing)
     return Run(log, runner, samples, start, homing)
 
 
@@ -298,7 +298,7 @@ def finished(
     """
     log, runner = run.log, run.runner
     joints = tuple(joint.name for joint in runner.rig.joints)
-    known, touched, early = true_angles(log, joints), true_torques(log, joints), None
+    known, torques, early = true_angles(log, joints), true_torques(log, joints), None
     if run.homing is not None and known is not None:
         early = log.time - log.time[0] < run.homing
         if not (run.reads_reference or isinstance(runner, AffineEstimator)):
@@ -311,6 +311,7 @@ def finished(
     if references:
         innovations, variances = innovations[:, columns], variances[:, columns]
     prior_means, prior_stds = priors_of(runner)
+    state_kinds, state_parts = kinds_of(runner)
     return Estimate(
         runner.name,
         runner.rig.name,
@@ -321,16 +322,19 @@ def finished(
         tuple(runner.measured[i] for i in columns),
         frozen(innovations),
         frozen(variances),
-        known,
-        None if covariances is None else frozen(covariances),
-        joints,
-        runner.notes_of(means, run.samples) if isinstance(runner, KernelEstimator) else (),
-        prior_means,
-        prior_stds,
-        log.stamps,
-        frozen(np.where(early[:, None], np.nan, touched)) if touched is not None and early is not None else touched,
-        runner.unseen if isinstance(runner, AdaptiveFilter) else None,
-        *kinds_of(runner),
+        truths=known,
+        covariances=None if covariances is None else frozen(covariances),
+        joint_names=joints,
+        notes=runner.notes_of(means, run.samples) if isinstance(runner, KernelEstimator) else (),
+        prior_means=prior_means,
+        prior_stds=prior_stds,
+        stamps=log.stamps,
+        torque_truths=torques
+        if torques is None or early is None
+        else frozen(np.where(early[:, None], np.nan, torques)),
+        unseen=runner.unseen if isinstance(runner, AdaptiveFilter) else None,
+        state_kinds=state_kinds,
+        state_parts=state_parts,
     )
 
 

@@ -66,6 +66,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     if rig.discrepancy is not None:
         correct(means, covariances, log, rig, compiled, last)
     values, variances = runner.innovations_of(ys[last], samples)
+    prior_means, prior_stds = priors_of(runner)
     return Estimate(
         runner.name,
         rig.name,
@@ -76,12 +77,12 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         runner.measured,
         frozen(values),
         frozen(variances),
-        true_angles(log, joints),
-        frozen(covariances[last]),
-        joints,
-        (),
-        *priors_of(runner),
-        log.stamps,
+        truths=true_angles(log, joints),
+        covariances=frozen(covariances[last]),
+        joint_names=joints,
+        prior_means=prior_means,
+        prior_stds=prior_stds,
+        stamps=log.stamps,
         state_kinds=runner.state_kinds,
         state_parts=runner.state_parts,
     )
@@ -102,10 +103,7 @@ def correct(means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bo
     samples = samples_of(log, runner.channels, runner.name)
     belief = runner.initial(log.time[0], first_values(samples))
     rows, _ = runner.checked_rows(belief, log.time, samples)
-    carries, _ = runner.kernel.scan(belief.carry, rows, runner.numbers)
-    nj, memory = len(rig.joints), carries[last, runner.own_memory :]
-    joints = np.arange(nj)
-    means[last[:, None], joints] += memory[:, :nj]
-    # the filter's own doubt may count less beside the band that was learned; what is left is never negative
-    added = covariances[last[:, None], joints, joints] + memory[:, nj : 2 * nj]
-    covariances[last[:, None], joints, joints] = np.maximum(added, 0.0)
+    carries, ys = runner.kernel.scan(belief.carry, rows, runner.numbers)
+    own, report = carries[last, : means.shape[1]], runner.report.only(range(len(rig.joints)))
+    means[last] += report.means(own, ys[last]) - own
+    covariances[last] = report.covariances(covariances[last], ys[last])

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators import contact
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MEMORY, UNKNOWN
 from distal.estimators.adaptive.filter import adaptive_function
@@ -22,13 +21,14 @@ from distal.estimators.affine import start_of
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
-from distal.estimators.discrepancy import corrected_function, first_memory, numbers_of
 from distal.estimators.mask import is_read
+from distal.estimators.report import Report
 from distal.estimators.state_kinds import StateKind, states_of
 from distal.kernels import Kernel
 from distal.logs import frozen
 from distal.model import RESOLUTION, Mechanism, joint_frequency
-from distal.rig import Contact, Discrepancy, Rig, Sensor
+from distal.regression import first_memory, numbers_of, reporting_function
+from distal.rig import Contact, Discrepancy, LearnedMap, Rig, Sensor
 
 Floats = NDArray[np.float64]
 
@@ -85,50 +85,46 @@ class AdaptiveFilter(KernelEstimator):
         longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
         self._count = min(max(1, int(np.ceil(channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
         # a smoother goes back over the filter's own states
-        self._discrepancy = None if trace else rig.discrepancy
-        self._check_sensors(channels)
-        values = mechanism.parameters.values
-        self._contact = None if trace or rig.contact is None else rig.contact
-        self._check_contact(channels)
-        values = np.concatenate([values, *self._learned_numbers()])
+        learned = () if trace else (rig.discrepancy, rig.contact)
+        self._maps = tuple(one for one in learned if one is not None)
+        self._check_maps(channels)
+        numbers = [mechanism.parameters.values, *(numbers_of(one) for one in self._maps)]
+        function = self._reporting(adaptive_function(self._states, self._count, self._as_matrices, trace))
         super().__init__(
             name,
             rig,
-            Kernel(self._corrected(adaptive_function(self._states, self._count, self._as_matrices, trace)), compiled),
-            values,
+            Kernel(function, compiled),
+            np.concatenate(numbers),
             channels.names,
             tuple(sensor.name for sensor in channels.compared),
             self._states.names,
             channels.interval,
         )
+        self.report = Report.behind(2 * len(self.measured), [self._reported(one) for one in self._maps])
 
     @property
     def _as_matrices(self) -> bool:
         """Whether the update stays a function of matrices: it is faster where there are many states."""
         return len(self._states) > MOST_SCALARS
 
-    def _check_sensors(self, channels: Channels) -> None:
-        learned, read = self._discrepancy, channels.names[: len(channels.names) - len(channels.angles)]
-        if learned is not None and learned.channels != read:
-            raise EstimationError(
-                f"adaptive: [discrepancy] was learned from the sensors {', '.join(learned.channels)}, the rig now has "
-                f"{', '.join(read)}; learn it again (distal fit), or remove [discrepancy]"
-            )
-
-    def _check_contact(self, channels: Channels) -> None:
-        if self._contact is None:
-            return
+    def _check_maps(self, channels: Channels) -> None:
         read = channels.names[: len(channels.names) - len(channels.angles)]
-        if self._contact.channels != read:
-            raise EstimationError(
-                f"adaptive: [contact] was learned from the sensors {', '.join(self._contact.channels)}, the rig now has "
-                f"{', '.join(read)}; learn it again (distal fit), or remove [contact]"
-            )
-        if len(self._torques) < len(self._contact.joints):
-            raise EstimationError(
-                "adaptive: [contact] is a torque from outside, and the rig says that none can occur; give the joint's "
-                "external_torque a std, or remove [contact]"
-            )
+        for learned in self._maps:
+            table = type(learned).__name__.lower()
+            if learned.channels != read:
+                raise EstimationError(
+                    f"adaptive: [{table}] was learned from the sensors {', '.join(learned.channels)}, the rig now has "
+                    f"{', '.join(read)}; learn it again (distal fit), or remove [{table}]"
+                )
+            if len(self._reported(learned)) < len(learned.joints):
+                raise EstimationError(
+                    "adaptive: [contact] is a torque from outside, and the rig says that none can occur; give the joint's "
+                    "external_torque a std, or remove [contact]"
+                )
+
+    def _reported(self, learned: LearnedMap) -> list[int]:
+        """Return the states that a map speaks of: the joints' angles, or the torques on them."""
+        return self._torques if isinstance(learned, Contact) else list(range(len(learned.joints)))
 
     @property
     def _torques(self) -> list[int]:
@@ -136,24 +132,17 @@ class AdaptiveFilter(KernelEstimator):
         joints = [joint.name for joint in self._states.context.mechanism.rig.joints]
         return list(states_of(StateKind.EXTERNAL_TORQUE, joints, self.state_kinds, self.state_parts).values())
 
-    def _learned_numbers(self) -> list[Floats]:
-        """Return the numbers of what was learned, which come behind the model's parameters."""
-        learned = [] if self._discrepancy is None else [numbers_of(self._discrepancy)]
-        return [*learned, *([] if self._contact is None else [contact.numbers_of(self._contact)])]
-
-    def _corrected(self, function: ca.Function) -> ca.Function:
-        """Return the filter with the rig's discrepancy and its contact, if it has them."""
-        context, n = self._states.context, len(self._states)
-        width = len(context.channels.names)
-        if self._discrepancy is not None:
-            function = corrected_function(function, n, width, self.places, self._discrepancy)
-        if self._contact is not None:
-            function = contact.touched_function(function, n, width, self.places, self._torques, self._contact)
-        return function
+    def _reporting(self, function: ca.Function) -> ca.Function:
+        """Return the filter with what its maps say among its outputs; a torque's takes the place of the filter's own."""
+        if not self._maps:
+            return function
+        maps = [(one, self._reported(one), not isinstance(one, Contact)) for one in self._maps]
+        context = self._states.context
+        return reporting_function(function, maps, len(context.channels.names), self.places, context.n_joints)
 
     def export_function(self) -> ca.Function:
         """Return (carry, x, p) → (carry⁺, y) in the form for small memories: matrices as loops, the same numbers."""
-        return self._corrected(adaptive_function(self._states, self._count, loops=True))
+        return self._reporting(adaptive_function(self._states, self._count, loops=True))
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
@@ -195,10 +184,8 @@ class AdaptiveFilter(KernelEstimator):
             if first is not None:
                 (at,) = states.indices(block)
                 mean[at], variances[at] = first[0], first[1] ** 2
-        if self._discrepancy is not None:
-            memory = ca.vertcat(memory, first_memory(self._discrepancy, values, mask))
-        if self._contact is not None:
-            memory = ca.vertcat(memory, contact.first_memory(self._contact, values, mask))
+        for learned in self._maps:
+            memory = ca.vertcat(memory, first_memory(learned, values, mask))
         symbols, p = context.mechanism.parameters.symbols, ca.SX.sym("p", len(self._p))
         found = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
         return ca.Function("prior", [values, given, p], found)
@@ -226,7 +213,26 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def discrepancy(self) -> Discrepancy | None:
         """What is added to the angle, as learned; None where nothing is."""
-        return self._discrepancy
+        return next((one for one in self._maps if isinstance(one, Discrepancy)), None)
+
+    @property
+    def contact(self) -> Contact | None:
+        """The torque from outside, as learned; None where it is the filter's own."""
+        return next((one for one in self._maps if isinstance(one, Contact)), None)
+
+    def with_map(self, learned: LearnedMap) -> AdaptiveFilter:
+        """Return the same filter, kernel included, with other coefficients of the same terms of one of its maps.
+
+        Args:
+            learned: with the terms of the filter's own map of its kind.
+        """
+        other = copy(self)
+        other._maps = tuple(learned if type(one) is type(learned) else one for one in self._maps)
+        assert [one.terms for one in other._maps] == [one.terms for one in self._maps]
+        count = len(self.numbers) - sum(len(numbers_of(one)) for one in self._maps)
+        other._p = frozen(np.concatenate([self.numbers[:count], *(numbers_of(one) for one in other._maps)]))
+        other._begin = None
+        return other
 
     @property
     def places(self) -> tuple[int | None, ...]:
@@ -235,45 +241,6 @@ class AdaptiveFilter(KernelEstimator):
         drives = [drive.name for drive in self._states.context.mechanism.rig.drives]
         placed = [n + n * n + MEMORY * drives.index(sensor.of) for sensor in channels.positions]
         return (*placed, *([None] * (len(channels.tensions) + len(channels.forces))))
-
-    @property
-    def own_memory(self) -> int:
-        """Where in the carry the correction stands: after all that is the filter's own."""
-        n = len(self._states)
-        return n + n * n + (MEMORY + 1) * self._states.context.n_drives
-
-    def with_discrepancy(self, discrepancy: Discrepancy) -> AdaptiveFilter:
-        """Return the same filter, kernel included, with other coefficients of the same terms.
-
-        Args:
-            discrepancy: with the terms of its own.
-        """
-        assert self._discrepancy is not None
-        assert self._discrepancy.terms == discrepancy.terms
-        other = copy(self)
-        other._discrepancy, other._begin = discrepancy, None
-        count = len(self.numbers) - sum(len(each) for each in self._learned_numbers())
-        other._p = frozen(np.concatenate([self.numbers[:count], *other._learned_numbers()]))
-        return other
-
-    @property
-    def contact(self) -> Contact | None:
-        """The torque from outside, as learned; None where it is the filter's own."""
-        return self._contact
-
-    def with_contact(self, learned: Contact) -> AdaptiveFilter:
-        """Return the same filter, kernel included, with other coefficients of the same terms of its contact.
-
-        Args:
-            learned: with the terms of its own.
-        """
-        assert self._contact is not None
-        assert self._contact.terms == learned.terms
-        other = copy(self)
-        other._contact, other._begin = learned, None
-        count = len(self.numbers) - sum(len(each) for each in self._learned_numbers())
-        other._p = frozen(np.concatenate([self.numbers[:count], *other._learned_numbers()]))
-        return other
 
     @property
     def substeps(self) -> int:

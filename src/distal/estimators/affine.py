@@ -1,0 +1,288 @@
+"""`affine`, the obvious estimator: the angle as least squares of what the sensors read, from logs or a homing move."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import EstimationError
+from distal.estimators.channels import Channels, channels_of
+from distal.estimators.contract import KernelEstimator
+from distal.kernels import Kernel
+from distal.logs import Log, true_angles
+from distal.regression import (
+    EXPECTED,
+    Kind,
+    Samples,
+    affine_kind,
+    calibrate_window,
+    first_memory,
+    fit_coefficients,
+    map_function,
+    memory_size,
+    numbers_of,
+    seen,
+    student,
+)
+from distal.rig import Affine, LearnedMap, Rig, angle_names
+from distal.sensors import variance
+
+Floats = NDArray[np.float64]
+
+NAME = "affine"
+
+OUTSIDE = "outside_range"
+"""The state that says how far readings are outside the learned range, in halves of it; 0 within."""
+
+NOTICED = 0.1
+"""Readings this far outside the learned range, in halves of it, are said; the band grows from the range's end on."""
+
+NEEDS = "needs [affine] in the rig file (distal fit with logs whose angle is known), or a homing move (--homing 3s)"
+"""What to do where there is no map."""
+
+NOWHERE = 1e6
+"""Variance of an angle of which the map says nothing at the start [rad²]."""
+
+GROWTH, FARTHEST = 10.0, 1.0
+"""At the start: growth of the std, and the end of the map, in half ranges outside of what it was learned from."""
+
+
+def affine_of(rig: Rig) -> Kind:
+    """Return how the joints' angles are learned from what the sensors of a rig read.
+
+    Args:
+        rig: the description.
+    """
+    channels = channels_of(rig, NAME)
+    sensors = (*channels.positions, *channels.tensions, *channels.forces)
+    noise = np.sqrt([variance(sensor) for sensor in sensors])
+    joints = [joint.name for joint in rig.joints]
+    return affine_kind(channels.names, [sensor.name for sensor in channels.positions], joints, noise)
+
+
+def affine_samples(log: Log, rig: Rig) -> Samples:
+    """Return the samples of a log in which every sensor has had a value, missing ones held, with the joints' true angles.
+
+    Args:
+        log: with the truth of the joints, where it is known.
+        rig: the description.
+
+    Raises:
+        EstimationError: a sensor is not in the log or has no value.
+    """
+    names = channels_of(rig, NAME).names
+    for name in names:
+        if name not in log.channels or not np.isfinite(log.channels[name]).any():
+            raise EstimationError(f"{log.source}: affine needs the sensor '{name}', which has no value in this log")
+    values = np.column_stack([_held(log.channels[name]) for name in names])
+    joints = [joint.name for joint in rig.joints]
+    known = true_angles(log, joints)
+    angles = np.full((len(log), len(joints)), np.nan) if known is None else known
+    started = np.isfinite(values).all(axis=1)
+    count = int(started.sum())
+    interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
+    return Samples(
+        log.source,
+        (log.time - log.time[0])[started],
+        values[started],
+        np.zeros((count, 0)),
+        angles[started],
+        np.zeros((count, len(joints))),
+        interval,
+    )
+
+
+def _held(values: Floats) -> Floats:
+    """Return the values, each missing one replaced by the last before it."""
+    there = np.isfinite(values)
+    last = np.maximum.accumulate(np.where(there, np.arange(len(values)), -1))
+    return np.where(last >= 0, values[np.maximum(last, 0)], np.nan)
+
+
+class AffineEstimator(KernelEstimator):
+    """θ = Σ b_i φ_i of what the sensors read, from `[affine]` of the rig or a homing move; see `map_function`.
+
+    Args:
+        rig: the description.
+        compiled: compile its kernel where possible.
+        homing: whether a homing move will follow (`after_homing`), so that no stored map is needed.
+
+    Raises:
+        EstimationError: there is no map, or it is one of other sensors.
+    """
+
+    def __init__(self, rig: Rig, compiled: bool = True, homing: bool = False) -> None:
+        channels = channels_of(rig, NAME)
+        if rig.affine is None and not homing:
+            raise EstimationError(f"affine: '{rig.name}' has no map of what its sensors read; it {NEEDS}")
+        if rig.affine is not None and rig.affine.channels != channels.names:
+            raise EstimationError(
+                f"affine: [affine] of '{rig.name}' was learned from the sensors {', '.join(rig.affine.channels)}, the rig "
+                f"now has {', '.join(channels.names)}; learn it again (distal fit), or remove [affine]"
+            )
+        self._compiled = compiled
+        self._setup(rig, channels, rig.affine)
+
+    def _setup(
+        self,
+        rig: Rig,
+        channels: Channels,
+        affine: Affine | None,
+        kernel: Kernel | None = None,
+        notes: tuple[str, ...] = (),
+    ) -> None:
+        self.affine, self._channels, self._notes = affine, channels, notes
+        names = angle_names([joint.name for joint in rig.joints])
+        if kernel is None and affine is not None:
+            kernel = Kernel(affine_function(affine, len(channels.names)), self._compiled)
+        p = np.zeros(0) if affine is None else numbers_of(affine)
+        super().__init__(NAME, rig, kernel, p, channels.names, (), (*names, OUTSIDE), channels.interval)
+
+    def after_homing(self, log: Log, homing: float) -> AffineEstimator:
+        """Return the estimator with the map that a log's homing move teaches: alone, or as a correction of the rig's.
+
+        Args:
+            log: with the truth of the joints in the window.
+            homing: length of the window from the log's first sample [s].
+
+        Raises:
+            EstimationError: the window has too few samples.
+        """
+        samples, notes = affine_samples(log, self.rig), tuple[str, ...]()
+        early = samples.time < homing
+        window = samples.part(early)
+        if not np.isfinite(window.targets).any() or len(window.time) < 2:
+            raise EstimationError(
+                f"{log.source}: in the first {homing:g} s there are no samples with all sensors and the reference, which "
+                "affine needs; home for longer"
+            )
+        if self.affine is None:
+            corrected, kernel = learned_alone(window, affine_of(self.rig)), None
+            notes = tuple(f"affine: not used, {text}" for text in corrected.dropped)
+        else:
+            found, off = calibrate_window(self.affine, samples, early, by_motion=True)
+            corrected, kernel = seen(found, window), self.kernel
+            if off > EXPECTED:
+                notes = (
+                    f"affine: the homing move is {off:.1f} standard deviations from the map that the rig file has; "
+                    "that map counted less",
+                )
+        assert isinstance(corrected, Affine)
+        other = object.__new__(AffineEstimator)
+        other._compiled = self._compiled
+        other._setup(self.rig, self._channels, corrected, kernel, notes)
+        return other
+
+    def prior_function(self) -> ca.Function:
+        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
+
+        Raises:
+            EstimationError: there is no map yet.
+        """
+        if self.affine is None:
+            raise EstimationError(f"affine: '{self.rig.name}' has no map before its homing move; it {NEEDS}")
+        m = len(self.affine.channels)
+        values, mask, p = ca.SX.sym("values", m), ca.SX.sym("mask", m), ca.SX.sym("p", len(self._p))
+        joints = self.rig.joints
+        mean = ca.SX(ca.DM([*(joint.initial.value for joint in joints), 0.0]))
+        spread = ca.SX(ca.DM([*(joint.initial.std**2 for joint in joints), 0.0]))
+        return ca.Function("prior", [values, mask, p], [mean, spread, first_memory(self.affine, values, mask)])
+
+    def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
+        """Return what a user should know of an estimate: how much of it was outside the learned range, and of what.
+
+        Args:
+            means: states over the log, (k, n).
+            samples: values of `channels`, (k, n_channels).
+        """
+        far = means[:, self.state_names.index(OUTSIDE)]
+        if self.affine is None or not np.any(far > NOTICED):
+            return self._notes
+        low, high = np.asarray(self.affine.low), np.asarray(self.affine.high)
+        with np.errstate(invalid="ignore"):
+            beyond = np.any((samples < low) | (samples > high), axis=0)
+        left = [name for name, there in zip(self.channels, beyond) if there]
+        what = ", ".join(left) if left else "the sensors' combination"
+        share = 100.0 * float(np.mean(far > NOTICED))
+        logs = self.affine.logs
+        learned = "the homing move" if logs == 0 else "the one log" if logs == 1 else f"the {logs} logs"
+        note = (
+            f"affine: {share:.2g} % of the samples are outside the range of {learned} that it was learned from ({what}), "
+            f"by up to {float(far.max()):.2g} of half that range; the band is wider there"
+        )
+        return (*self._notes, note)
+
+
+def affine_function(affine: Affine, width: int) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y) of the estimator: its angle is the map's value, see `map_function`.
+
+    Args:
+        affine: the map.
+        width: number of sensors.
+    """
+    nj = len(affine.joints)
+    n = nj + 1
+    carry, x = ca.SX.sym("carry", n + n * n + memory_size(affine)), ca.SX.sym("x", 1 + 2 * width)
+    p, no = ca.SX.sym("p", len(numbers_of(affine))), ca.SX.zeros(nj)
+    one = map_function(affine, width, [False] * width)
+    values, _, variances, far, memory = one.call([carry[n + n * n :], x, ca.SX.zeros(width), no, p], True)
+    spread = ca.densify(ca.reshape(ca.diag(ca.vertcat(variances, 0)), n * n, 1))
+    following = ca.vertcat(values, far, spread, memory)
+    return ca.Function("affine", [carry, x, p], [following, ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"])
+
+
+def learned_alone(window: Samples, kind: Kind) -> LearnedMap:
+    """Return the map of a homing move alone: least squares over its window, without directions.
+
+    The window's residuals are correlated: N samples count as one, so k samples tell as much as k/N, and the band is that
+    of Student's distribution with the k/N − n degrees of freedom that n coefficients leave.
+
+    Args:
+        window: samples of the homing move.
+        kind: what is learned.
+
+    Raises:
+        EstimationError: the window has too few samples.
+    """
+    straight = kind.sets[0]
+    needed, there = len(straight.terms) + 2, np.isfinite(window.targets).all(axis=1)
+    if there.sum() < needed:
+        raise EstimationError(
+            f"{window.source}: the homing window has {int(there.sum())} samples with a reference, affine needs "
+            f"{needed} or more; home for longer, or learn from logs (distal fit)"
+        )
+    learned = fit_coefficients([window], kind, straight)
+    freedom = max(len(window.time) * window.interval / learned.correlation_time - len(straight.terms), 1.0)
+    wider = student(freedom)
+    return learned.model_copy(update={"logs": 0, "band": tuple(wider * c for c in learned.band)})
+
+
+def start_of(affine: Affine, joint: int, readings: Mapping[str, tuple[Any, Any]]) -> tuple[Any, Any]:
+    """Return angle and variance of a joint at the first readings; what a play remembers is not known yet.
+
+    Outside what the map was learned from its std grows, and far outside, or where a reading is missing, it says nothing.
+
+    Args:
+        affine: as learned.
+        joint: its index.
+        readings: channel → (first reading, 1 where there is one), symbolic.
+    """
+    own, phi, known, far = affine.joints[joint], dict[str, Any](), ca.SX(1), ca.SX(0)
+    for i, name in enumerate(affine.channels):
+        value, there = readings[name]
+        phi[name] = (value - affine.centre[i]) / affine.scale[i]
+        half = max((affine.high[i] - affine.low[i]) / 2, 1e-12)
+        far = ca.fmax(far, ca.fmax(affine.low[i] - value, value - affine.high[i]) / half)
+        known = ca.logic_and(known, there > 0)
+    plain = [i for i, term in enumerate(affine.terms) if term == "1" or term in affine.channels]
+    turns = [i for i in range(len(affine.terms)) if i not in plain]
+    column = ca.vertcat(*(1 if affine.terms[i] == "1" else phi[affine.terms[i]] for i in plain))
+    covariance, coefficients = np.asarray(own.covariance)[np.ix_(plain, plain)], np.asarray(own.coefficients)
+    angle = ca.dot(ca.DM(coefficients[plain]), column)
+    variance_of = affine.band[joint] ** 2 * (ca.bilin(ca.DM(covariance), column, column) + own.std**2)
+    variance_of += float(np.sum(coefficients[turns] ** 2))
+    return angle, ca.if_else(ca.logic_and(known, far < FARTHEST), variance_of * (1 + GROWTH * far) ** 2, NOWHERE)

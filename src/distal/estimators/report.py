@@ -1,0 +1,103 @@
+"""What an estimator reports of its states where a learned map speaks of some: values and errors behind the kernel's y."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Report:
+    """Where in a kernel's output y the reported values, gains and variances of some states stand.
+
+    A state x_i with error e_i is reported as a value v_i with the error g_i e_i + n_i, n_i of variance u_i and independent
+    of everything else. With G the diagonal of the gains, 1 where nothing is reported, the covariance P becomes G P Gᵀ +
+    diag(u), which is positive semidefinite as P is.
+
+    Args:
+        states: indices i, (r,).
+        values: of v in y, (r,).
+        gains: of g in y, (r,).
+        variances: of u in y, (r,).
+    """
+
+    states: tuple[int, ...] = ()
+    values: tuple[int, ...] = ()
+    gains: tuple[int, ...] = ()
+    variances: tuple[int, ...] = ()
+
+    @classmethod
+    def behind(cls, start: int, groups: Sequence[Sequence[int]]) -> Report:
+        """Return the report of several maps, whose values, gains and variances follow each other in y.
+
+        Args:
+            start: where in y they begin.
+            groups: the states of each map.
+        """
+        states, places = list[int](), (list[int](), list[int](), list[int]())
+        for group in groups:
+            for part, own in enumerate(places):
+                own += range(start + part * len(group), start + (part + 1) * len(group))
+            states += group
+            start += 3 * len(group)
+        return cls(tuple(states), *(tuple(own) for own in places))
+
+    def only(self, states: Sequence[int]) -> Report:
+        """Return the report of some of the states.
+
+        Args:
+            states: which.
+        """
+        kept = [k for k, state in enumerate(self.states) if state in states]
+        parts = (self.states, self.values, self.gains, self.variances)
+        return Report(*(tuple(part[k] for k in kept) for part in parts))
+
+    def means(self, means: Floats, ys: Floats) -> Floats:
+        """Return states as they are reported, (k, n).
+
+        Args:
+            means: the filter's own, (k, n).
+            ys: the kernel's outputs, (k, n_y).
+        """
+        if not self.states:
+            return means
+        reported = np.array(means)
+        reported[:, self.states] = ys[:, self.values]
+        return reported
+
+    def variances_of(self, variances: Floats, ys: Floats) -> Floats:
+        """Return variances as they are reported, (k, n).
+
+        Args:
+            variances: the filter's own, (k, n).
+            ys: the kernel's outputs, (k, n_y).
+        """
+        if not self.states:
+            return variances
+        reported = np.array(variances)
+        reported[:, self.states] = ys[:, self.gains] ** 2 * reported[:, self.states] + ys[:, self.variances]
+        return reported
+
+    def covariances(self, covariances: Floats, ys: Floats) -> Floats:
+        """Return covariances as they are reported, (k, n, n).
+
+        Args:
+            covariances: the filter's own, (k, n, n).
+            ys: the kernel's outputs, (k, n_y).
+        """
+        if not self.states:
+            return covariances
+        gains = np.ones(covariances.shape[:2])
+        gains[:, self.states] = ys[:, self.gains]
+        reported: Floats = covariances * gains[:, :, None] * gains[:, None, :]
+        reported[:, self.states, self.states] += ys[:, self.variances]
+        return reported
+
+
+NOTHING_REPORTED = Report()
+"""States are reported as the filter has them."""

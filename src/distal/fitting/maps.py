@@ -1,0 +1,413 @@
+"""`learn_affine`, `learn_discrepancy`, `learn_contact`: maps from logs with a truth, judged on logs left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import DistalError, EstimationError, FitError
+from distal.estimators import AdaptiveFilter, affine_of, affine_samples, channels_of
+from distal.fitting.fitted_file import fitted_text, plain
+from distal.fitting.groups import folds_of
+from distal.homing import (
+    Window,
+    check_homing,
+    numbers_homed,
+    plain_samples,
+    torque_samples,
+    with_references,
+)
+from distal.logs import Log, TruthKind, read_log, shown, true_angles, true_torques, write_whole
+from distal.regression import NORMAL, Kind, Samples, contact_kind, discrepancy_kind, errors_of, learn_map
+from distal.regression.learn import ENOUGH
+from distal.rig import LearnedMap, Rig, Sensor, load_rig
+from distal.run import first_values, samples_of
+from distal.sensors import variance
+
+Floats = NDArray[np.float64]
+
+FOR_SCORES = 3
+"""With so many logs or groups of logs each is left out once more, for scores that neither choice nor size has seen."""
+
+SETTLING = 0.5
+"""Without homing a filter finds the joint within so long [s]; errors count after that."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """How a map did on a log that it had not seen.
+
+    Args:
+        log: its name.
+        rms: error, in the unit of what is mapped; after the homing window where there is one.
+        inside: share of samples inside the 95 % band.
+        half: mean half-width of that band.
+    """
+
+    log: str
+    rms: float
+    inside: float
+    half: float
+
+
+@dataclass(frozen=True)
+class MapFit:
+    """A learned map, and how it did on logs left out.
+
+    Args:
+        rig: the description with the map in it.
+        start: the description as it came.
+        table: name of the map's table in the rig file.
+        logs: names of the logs.
+        homing: for how long a reference was used on the logs left out [s], or None.
+        left_out: one for each log; empty with fewer than three groups.
+        notes: plain sentences on how few logs there are, what was chosen and dropped.
+    """
+
+    rig: Rig
+    start: Rig
+    table: str
+    logs: tuple[str, ...]
+    homing: float | None
+    left_out: tuple[LeftOut, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def learned(self) -> LearnedMap:
+        """The map."""
+        learned = getattr(self.rig, self.table)
+        assert isinstance(learned, LearnedMap)
+        return learned
+
+    @property
+    def text(self) -> str:
+        """The outcome in one line."""
+        logs = f"{len(self.logs)} log{'s' if len(self.logs) != 1 else ''}"
+        if not self.left_out:
+            return f"{self.table}: learned from {logs}"
+        factor, unit = (1e3, " mN m") if self.table == "contact" else (np.rad2deg(1.0), "°")
+        rms = [factor * one.rms for one in self.left_out]
+        inside = 100.0 * float(np.mean([one.inside for one in self.left_out]))
+        half = factor * np.mean([one.half for one in self.left_out])
+        use = f" after a homing move of {self.homing:g} s" if self.homing is not None else ""
+        return (
+            f"{self.table}: learned from {logs}; each left out once{use}: mean RMS {np.mean(rms):.3f}{unit}, worst "
+            f"{max(rms):.3f}{unit}, {inside:.0f} % inside the band of ±{half:.2f}{unit}"
+        )
+
+    def as_table(self) -> dict[str, Any]:
+        """Return the map as a table of a rig file."""
+        table: dict[str, Any] = plain(self.learned.model_dump())
+        return table
+
+    def with_map(self, learned: LearnedMap) -> MapFit:
+        """Return the same with another map of the kind.
+
+        Args:
+            learned: the map.
+        """
+        return replace(self, rig=self.rig.model_copy(update={self.table: learned}))
+
+    def save(self, path: str | Path, text: str | None = None) -> None:
+        """Write the rig file with the map; what stood there survives a failure.
+
+        Args:
+            path: where.
+            text: TOML of the rig that the map is put into, so that its comments stay; default it is written anew.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        write_whole(path, fitted_text(self.rig, self.start, {self.table: self.as_table()}, "", text))
+
+
+def learn_affine(
+    logs: Sequence[Any] | Log | str | Path,
+    rig: Rig | str | Path,
+    homing: float | None = None,
+    truth: str | None = None,
+    groups: Sequence[str] | None = None,
+) -> MapFit:
+    """Learn the map of the estimator `affine` from logs whose angle is known.
+
+    Each log's coefficients are taken as drawn from one normal distribution (random effects; Laird and Ware, Biometrics 38,
+    1982). Directions of motion are used where they help on logs left out, and the band is sized by the errors there.
+
+    Args:
+        logs: each a `Log`, a path or a frame (see `read_log`); those without a truth are passed over.
+        rig: the description, or a shipped rig's name, or a path.
+        homing: learn for the use after a homing move of so long [s].
+        truth: where logs are read: the true angle's column.
+        groups: of each log with a truth, which are left out together; default each alone.
+
+    Raises:
+        FitError: no log has a truth.
+        EstimationError: the rig's sensors do not suffice, or a log lacks one.
+        LogError: a log cannot be read.
+        RigError: the rig is unknown or wrong.
+    """
+    rig, known = _with_truth(logs, rig, truth, "affine")
+    if homing is not None:
+        for log in known:
+            check_homing(homing, log, [joint.name for joint in rig.joints])
+    data = [affine_samples(log, rig) for log in known]
+    data = [one.part(np.asarray(np.isfinite(one.targets).any(axis=1))) for one in data]
+    return map_of(data, affine_of(rig), rig, homing, groups)
+
+
+def learn_discrepancy(
+    logs: Sequence[Any] | Log | str | Path,
+    rig: Rig | str | Path,
+    homing: float | None = None,
+    truth: str | None = None,
+    groups: Sequence[str] | None = None,
+    compiled: bool = True,
+) -> MapFit:
+    """Learn what `adaptive` errs by from logs whose angle is known, and size its band by logs left out.
+
+    Args:
+        logs: each a `Log`, a path or a frame (see `read_log`); those without a truth are passed over.
+        rig: the description, or a shipped rig's name, or a path.
+        homing: learn for the use after a homing move of so long [s].
+        truth: where logs are read: the true angle's column.
+        groups: of each log with a truth, which are left out together (one instrument, one pose); default each alone.
+        compiled: compile kernels where possible.
+
+    Raises:
+        FitError: no log has a truth, or the filter cannot run on any.
+        EstimationError: the rig's sensors do not suffice, or a log lacks one.
+        LogError: a log cannot be read.
+        RigError: the rig is unknown or wrong.
+    """
+    rig, known = _with_truth(logs, rig, truth, "discrepancy")
+    bare = rig.model_copy(update={"discrepancy": None})
+    data, refused = filtered(known, bare, homing, compiled)
+    if not data:
+        raise FitError(f"discrepancy: adaptive cannot run on any of the logs: {refused[0]}")
+    return map_of(data, discrepancy_of(rig, data), rig, homing, groups, notes=refused)
+
+
+def learn_contact(
+    logs: Sequence[Any],
+    rig: Rig | str | Path,
+    homing: float | None = None,
+    groups: Sequence[str] | None = None,
+    scored: bool = True,
+) -> MapFit:
+    """Learn the torque on the joints from outside from logs in which it was measured.
+
+    The rig's joint needs an ``external_torque.std``: where none can occur there is nothing to learn.
+
+    Args:
+        logs: each a `Log`, a path or a frame; those without a torque are passed over.
+        rig: the description, or a shipped rig's name, or a path.
+        homing: learn for the use after a window of so long [s] in which the torque is read.
+        groups: of each log with a torque, which are left out together; default each alone.
+        scored: whether each log is left out once more, for a score that neither choice nor size has seen.
+
+    Raises:
+        FitError: no log has a torque, or the rig says that none can occur.
+    """
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    read = [log if isinstance(log, Log) else read_log(log, rig) for log in logs]
+    for joint in rig.joints:
+        if joint.external_torque.std == 0.0:
+            raise FitError(
+                f"contact: the rig says that nothing touches '{joint.name}'; "
+                f"give its external_torque a std (--set 'joints.{joint.name}.external_torque.std=\"0.05 N m\"')"
+            )
+    data = [_torques_of(log, rig) for log in read if _has_torque(log, rig)]
+    if not data:
+        raise FitError(
+            "contact: no log has the torque on the joint; add a sensor with measures = 'torque' of it, and its column"
+        )
+    if groups is not None and len(groups) != len(data):
+        raise FitError(f"contact: {len(data)} logs have a torque, groups of {len(groups)} came")
+    sensors = _sensors(rig)
+    positions = [sensor.name for sensor in sensors if sensor.measures == "position"]
+    kind = contact_kind([s.name for s in sensors], positions, [joint.name for joint in rig.joints], _noise(sensors))
+    return map_of(data, kind, rig, homing, groups, scored=scored)
+
+
+def map_of(
+    data: Sequence[Samples],
+    kind: Kind,
+    rig: Rig,
+    homing: float | None,
+    groups: Sequence[str] | None = None,
+    *,
+    notes: Sequence[str] = (),
+    scored: bool = True,
+) -> MapFit:
+    """Return what logs teach of a kind of map, and how it does on logs left out.
+
+    Args:
+        data: of the logs.
+        kind: what is learned.
+        rig: the description.
+        homing: length of the homing window [s], or None.
+        groups: which logs are left out together; default each alone.
+        notes: said before those of this function.
+        scored: whether each log is left out once more, by the whole pipeline, for a score.
+    """
+    folds = folds_of(list(groups) if groups is not None else [str(i) for i in range(len(data))])
+    learned, chosen = learn_map(data, kind, folds, homing)
+    said, count = [*notes, f"{kind.name}: {chosen}"], len(set(folds))
+    if count < ENOUGH:
+        said.append(
+            f"{kind.name}: {count} log{'s' if count > 1 else ''} or groups of logs with a known truth: how much changes "
+            f"from log to log is hardly known, and the band is widened; {ENOUGH} or more are needed"
+        )
+    said += [f"{kind.name}: not used, {text}" for text in learned.dropped if kind.name == "affine"]
+    scores = list[LeftOut]()
+    for fold in sorted(set(folds)) if scored and count >= FOR_SCORES else ():
+        rest = [i for i, own in enumerate(folds) if own != fold]
+        others, _ = learn_map([data[i] for i in rest], kind, [folds[i] for i in rest], homing)
+        scores += [_score(others, data[i], kind, homing) for i in range(len(data)) if folds[i] == fold]
+    described = rig.with_values({kind.name: learned.model_dump()})
+    sources = tuple(one.source for one in data)
+    return MapFit(described, rig, kind.name, sources, homing, tuple(scores), tuple(said))
+
+
+def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
+    """Return how what the filter's angles lack is learned from some logs.
+
+    Args:
+        rig: the description.
+        data: of the logs; a sensor that never changes in them is no variable.
+    """
+    sensors = _sensors(rig)
+    every = np.vstack([one.readings for one in data])
+    moving = [sensor for sensor, column in zip(sensors, every.T) if np.ptp(column) > 0.0]
+    efforts = [sensor.name for sensor in moving if sensor.measures in ("force", "tension")]
+    return discrepancy_kind(
+        [s.name for s in sensors],
+        [s.name for s in moving],
+        efforts,
+        [joint.name for joint in rig.joints],
+        _noise(sensors),
+    )
+
+
+def filtered(logs: Sequence[Log], rig: Rig, homing: float | None, compiled: bool) -> tuple[list[Samples], list[str]]:
+    """Return what the filter makes of logs, and why of some it makes nothing.
+
+    Args:
+        logs: with truth.
+        rig: the description, without a discrepancy.
+        homing: length of the homing move [s], or None.
+        compiled: compile the kernel where possible.
+    """
+    data, refused, make = list[Samples](), list[str](), _filter_for(rig, homing, compiled)
+    for log in logs:
+        try:
+            one = _filtered(log, make(log), homing)
+        except DistalError as problem:
+            refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")
+            continue
+        if not np.isfinite(one.angles).all():
+            refused.append(f"discrepancy: {shown(log.source)} is left out: adaptive left all bounds on it")
+            continue
+        data.append(replace(one, reference_std=0.0 if homing is not None else reference_std(rig, log)))
+    return data, refused
+
+
+def _filter_for(rig: Rig, homing: float | None, compiled: bool) -> Callable[[Log], AdaptiveFilter]:
+    """Return what gives the filter of a log: one for all, that reads the reference where there is homing."""
+    made: list[AdaptiveFilter] = []
+
+    def filter_of(log: Log) -> AdaptiveFilter:
+        if not made:
+            described, references = with_references(rig, log) if homing is not None else (rig, ())
+            made.append(AdaptiveFilter(described, compiled, references=references))
+        return made[0]
+
+    return filter_of
+
+
+def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None) -> Samples:
+    truths = true_angles(log, [joint.name for joint in runner.rig.joints])
+    assert truths is not None
+    m = len(runner.places)
+    proximal = samples_of(log, runner.channels[:m], runner.name)
+    reference = np.full((len(log), len(runner.channels) - m), np.nan)
+    unaided = np.column_stack([proximal, reference])
+    start = runner.initial(log.time[0], np.append(first_values(proximal), reference[0]))
+    early = log.time - log.time[0] < (SETTLING if homing is None else homing)
+    if homing is not None:
+        check_homing(homing, log, [joint.name for joint in runner.rig.joints])
+        aided = np.column_stack([proximal, np.where(early[:, None], truths[:, : reference.shape[1]], np.nan)])
+        start = numbers_homed(Window.of(runner, start, log, aided, truths, homing))
+    elif log.time[-1] - log.time[0] > 4 * SETTLING:
+        # where the joint begins is not known yet: that is no error of the model
+        truths = np.where(early[:, None], np.nan, truths)
+    return plain_samples(runner, start, log, unaided, truths)
+
+
+def mean_rms(data: Sequence[Samples]) -> float:
+    """Return the mean over logs of the RMS of what the filter's angle errs by [rad].
+
+    Args:
+        data: of the logs.
+    """
+    return float(np.mean([np.sqrt(np.nanmean(one.targets**2)) for one in data]))
+
+
+def reference_std(rig: Rig, log: Log) -> float:
+    """Return what the angle sensor errs by that a log's truth comes from [rad]; 0 where it comes from elsewhere.
+
+    Args:
+        rig: the description.
+        log: with truth.
+    """
+    if log.truth_kind is not TruthKind.SENSOR:
+        return 0.0
+    stds = [float(np.hypot(s.bias.filter_std, np.sqrt(variance(s)))) for s in rig.sensors_of("angle")]
+    return max(stds, default=0.0)
+
+
+def _with_truth(logs: Any, rig: Rig | str | Path, truth: str | None, name: str) -> tuple[Rig, list[Log]]:
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    given = [logs] if isinstance(logs, (Log, str, Path)) else list(logs)
+    read = [log if isinstance(log, Log) else read_log(log, rig, truth) for log in given]
+    known = [log for log in read if true_angles(log, [joint.name for joint in rig.joints]) is not None]
+    if not known:
+        raise FitError(f"{name}: none of the {len(read)} logs has the joint's angle; give --truth, or log a reference")
+    return rig, known
+
+
+def _sensors(rig: Rig) -> tuple[Sensor, ...]:
+    channels = channels_of(rig, "adaptive")
+    return (*channels.positions, *channels.tensions, *channels.forces)
+
+
+def _noise(sensors: Sequence[Sensor]) -> Floats:
+    return np.sqrt([variance(sensor) for sensor in sensors])
+
+
+def _has_torque(log: Log, rig: Rig) -> bool:
+    torques = true_torques(log, [joint.name for joint in rig.joints])
+    return torques is not None and bool(np.isfinite(torques).any())
+
+
+def _torques_of(log: Log, rig: Rig) -> Samples:
+    torques = true_torques(log, [joint.name for joint in rig.joints])
+    assert torques is not None
+    names = [sensor.name for sensor in _sensors(rig)]
+    for name in names:
+        if name not in log.channels:
+            raise EstimationError(f"{log.source}: the sensor '{name}' is not in the log")
+    return torque_samples(log, rig, {name: log.channels[name] for name in names}, torques)
+
+
+def _score(learned: LearnedMap, out: Samples, kind: Kind, homing: float | None) -> LeftOut:
+    parts = errors_of(learned, out, kind, homing)
+    error = np.concatenate([part[0] for part in parts])
+    std = np.sqrt(np.concatenate([part[1] + part[2] for part in parts]))
+    inside = float(np.mean(np.abs(error) <= NORMAL * std))
+    return LeftOut(shown(out.source), float(np.sqrt(np.mean(error**2))), inside, float(NORMAL * std.mean()))

@@ -1,0 +1,41 @@
+"""The torque on the joints from outside, from what is read at the proximal end: the terms that are tried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.regression.learn import Kind, Terms
+from distal.rig import CONSTANT, Contact
+
+Floats = NDArray[np.float64]
+
+SLIPS = (0.025, 0.05, 0.1)
+"""Half-widths of the plays that are tried, in standard deviations of a drive's place."""
+
+BETTER = 0.97
+"""More terms are taken where their error on left-out logs is below this share of that of fewer terms."""
+
+
+def contact_kind(channels: Sequence[str], positions: Sequence[str], joints: Sequence[str], noise: Floats) -> Kind:
+    """Return how the torque from outside is learned; friction of the whole chain goes by the way a drive last moved.
+
+    Args:
+        channels: names of the sensors.
+        positions: those of drives' places; the others are efforts.
+        joints: names of the joints.
+        noise: standard deviation of each sensor's random error [SI], (m,).
+    """
+    efforts = [name for name in channels if name not in positions]
+    linear = (CONSTANT, *efforts)
+    sets = [Terms("a constant", (CONSTANT,), SLIPS[0]), Terms("linear in the efforts", linear, SLIPS[0])]
+    for width in SLIPS:
+        rubbing = tuple(f"slip({x})" for x in positions)
+        products = tuple(f"slip({x})*abs({e})" for x in positions for e in efforts)
+        along = tuple(t for x in positions for t in (x, f"{x}*{x}", *(f"{x}*{e}" for e in efforts)))
+        said = f"with friction by a play of {width:g} std"
+        sets.append(Terms(f"efforts {said}", (*linear, *rubbing, *products), width))
+        sets.append(Terms(f"efforts and places {said}", (*linear, *rubbing, *products, *along), width))
+    return Kind(Contact, "contact", tuple(channels), tuple(joints), noise, tuple(sets), BETTER)

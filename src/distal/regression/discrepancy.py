@@ -1,0 +1,62 @@
+"""What the model leaves of the angle (Kennedy and O'Hagan, J. R. Statist. Soc. B 63, 2001): the terms that are tried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.regression.affine import DEAD_BAND
+from distal.regression.learn import Kind, Terms
+from distal.rig import CONSTANT, Discrepancy
+
+Floats = NDArray[np.float64]
+
+PLAYS = (0.25, 0.5, 1.0)
+"""Half-widths of plays that are tried, in standard deviations of the reading."""
+
+NO_CORRECTION = Terms("the angle is not corrected", (CONSTANT,), corrects=False)
+
+
+def discrepancy_kind(
+    channels: Sequence[str],
+    moving: Sequence[str],
+    efforts: Sequence[str],
+    joints: Sequence[str],
+    noise: Floats,
+) -> Kind:
+    """Return how what a filter's angles lack is learned from readings and from the filter's own angles.
+
+    Args:
+        channels: names of the sensors.
+        moving: those that tell something of their own.
+        efforts: those of them that are forces, torques or tensions.
+        joints: names of the joints.
+        noise: standard deviation of each sensor's random error [SI], (m,).
+    """
+    own = tuple(f"angle({joint})" for joint in joints)
+    linear = (CONSTANT, *moving)
+    squares = tuple(f"{a}*{b}" for i, a in enumerate(moving) for b in moving[i:] if not (a == b and a in efforts))
+    magnitudes = tuple(f"{name}*abs({name})" for name in efforts)
+    places = tuple(name for name in moving if name not in efforts)
+    turns = tuple(f"slip({name})" for name in places)
+    sets = [
+        NO_CORRECTION,
+        Terms("a constant", (CONSTANT,)),
+        Terms("linear in what the sensors read", linear),
+        Terms("linear in what the sensors read and in the filter's own angle", (*linear, *own)),
+        # with the filter's angle taken off it is what `affine` says
+        Terms("linear with directions and the filter's own angle", (*linear, *turns, *own), DEAD_BAND, of_noise=True),
+    ]
+    for width in PLAYS:
+        plays = tuple(f"play({name})" for name in moving)
+        said = f"with a play of {width:g} std"
+        sets.append(Terms(f"linear, {said}", (*linear, *plays), width))
+        sets.append(Terms(f"linear with the filter's own angle, {said}", (*linear, *plays, *own), width))
+        if efforts:
+            mixed = tuple(f"{place}*play({effort})" for place in places for effort in efforts)
+            curved = (*linear, *(f"play({name})" for name in efforts), *squares, *magnitudes, *mixed)
+            sets.append(Terms(f"curves, {said}", curved, width))
+            sets.append(Terms(f"curves with the filter's own angle, {said}", (*curved, *own), width))
+    return Kind(Discrepancy, "discrepancy", tuple(channels), tuple(joints), noise, tuple(sets))

@@ -1,0 +1,225 @@
+"""The terms of a learned map over a log, and how far a log is outside the range that it was learned in.
+
+`variables` and `columns` build terms of symbols and of arrays alike, so that kernel and learning have one form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.rig import LearnedMap, factors
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+SMALLEST_HALF = 1e-12
+"""Half of a learned range is not taken as smaller than this [SI]."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A log as a map sees it.
+
+    Args:
+        source: name of the log.
+        time: since its first sample [s], (k,).
+        readings: of the channels, missing ones held, (k, m).
+        angles: of the joints by the filter, which a map may use, (k, n_joints), or none of them, (k, 0) [rad].
+        targets: what is mapped: angles, what the filter's lack, or torques, NaN where not known, (k, n_joints).
+        variances: of the filter's own angles, zero where there is no filter, (k, n_joints).
+        interval: between samples [s].
+        reference_std: what the reference of the targets itself errs by; 0 where that is not known.
+    """
+
+    source: str
+    time: Floats
+    readings: Floats
+    angles: Floats
+    targets: Floats
+    variances: Floats
+    interval: float
+    reference_std: float = 0.0
+
+    def part(self, rows: Bools) -> Samples:
+        """Return some of the samples.
+
+        Args:
+            rows: which, (k,).
+        """
+        names = ("time", "readings", "angles", "targets", "variances")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+    @property
+    def every(self) -> Floats:
+        """Readings and angles, (k, m) or (k, m + n_joints)."""
+        return np.column_stack([self.readings, self.angles])
+
+
+def half_ranges(learned: LearnedMap) -> Floats:
+    """Return half of the learned range of each reading and angle [SI].
+
+    Args:
+        learned: with its range.
+    """
+    halves: Floats = np.maximum((np.asarray(learned.high) - np.asarray(learned.low)) / 2.0, SMALLEST_HALF)
+    return halves
+
+
+def limits(learned: LearnedMap) -> tuple[Floats, Floats]:
+    """Return between which values the terms follow each reading and angle [SI].
+
+    Args:
+        learned: with its range.
+    """
+    half = half_ranges(learned)
+    return np.asarray(learned.low) - learned.MARGIN * half, np.asarray(learned.high) + learned.MARGIN * half
+
+
+def variables(
+    learned: LearnedMap,
+    scaled: Sequence[Any],
+    plays: Mapping[int, Any],
+    widths: Sequence[Any],
+    magnitude: Callable[[Any], Any] = np.abs,
+) -> dict[str, Any]:
+    """Return name → value of what terms are products of.
+
+    Args:
+        learned: the map.
+        scaled: scaled readings, then scaled angles by the filter: numbers, symbols or arrays.
+        plays: index of a channel → its scaled reading after its play.
+        widths: half-widths of the plays, (m,).
+        magnitude: the function |·| for what they are.
+    """
+    m, values = len(learned.channels), dict[str, Any]()
+    for i, name in enumerate(learned.channels):
+        values[name], values[f"abs({name})"] = scaled[i], magnitude(scaled[i])
+        if i in plays:
+            values[f"play({name})"] = plays[i]
+            values[f"slip({name})"] = (scaled[i] - plays[i]) / widths[i]
+    for joint, angle in zip(learned.joints, scaled[m:]):
+        values[f"angle({joint.joint})"] = angle
+    return values
+
+
+def columns(terms: Sequence[str], values: Mapping[str, Any], one: Any) -> list[Any]:
+    """Return the terms' values.
+
+    Args:
+        terms: to build.
+        values: from `variables`.
+        one: the constant, of the kind of the others.
+    """
+    built = []
+    for term in terms:
+        product = one
+        for factor in factors(term):
+            product = product * values[factor]
+        built.append(product)
+    return built
+
+
+def played(values: Floats, half: float) -> Floats:
+    """Return readings after a play of a half-width: z⁺ = min(max(z, x − w), x + w) (Visintin, 1994, ch. III).
+
+    Noise below w does not turn it over, a rest keeps it, and it does not depend on the rate.
+
+    Args:
+        values: x, (k,).
+        half: w.
+    """
+    play, after = float(values[0]), np.empty(len(values))
+    for k, value in enumerate(values.tolist()):
+        play = min(max(play, value - half), value + half)
+        after[k] = play
+    return after
+
+
+def design(learned: LearnedMap, samples: Samples) -> Floats:
+    """Return the terms over a log, (k, n_terms).
+
+    Args:
+        learned: terms, scales and ranges.
+        samples: of the log, whole, since plays remember.
+    """
+    clipped = np.clip(samples.every[:, : len(learned.centre)], *limits(learned))
+    scaled = (clipped - np.asarray(learned.centre)) / np.asarray(learned.scale)
+    plays = {i: played(scaled[:, i], learned.width[i]) for i in learned.played}
+    values = variables(learned, list(scaled.T), plays, learned.width)
+    return np.column_stack(columns(learned.terms, values, np.ones(len(scaled))))
+
+
+def outside(learned: LearnedMap, samples: Samples) -> Floats:
+    """Return how far a log is outside the learned range, 0 within; 1 is half a range beyond its end, (k,).
+
+    The larger of a single reading's excess and that of the Mahalanobis distance, which sees combinations that never came.
+
+    Args:
+        learned: with the range.
+        samples: of the log.
+    """
+    m, every = len(learned.channels), samples.every[:, : len(learned.centre)]
+    beyond = np.maximum(np.asarray(learned.low) - every, every - np.asarray(learned.high)) / half_ranges(learned)
+    z = (samples.readings - np.asarray(learned.centre)[:m]) / np.asarray(learned.scale)[:m]
+    squared = np.sum(z @ np.asarray(learned.distance) * z, axis=1)
+    far = np.sqrt(np.maximum(squared, 0.0)) / learned.reach - 1.0
+    excess: Floats = np.maximum(0.0, np.maximum(beyond.max(axis=1), far))
+    return excess
+
+
+def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
+    """Return how much a map takes of the filter's own angle of a joint, ∂(map)/∂θ, over a log, (k,).
+
+    Args:
+        learned: the map.
+        samples: of the log.
+        joint: its index.
+    """
+    name, column = f"angle({learned.joints[joint].joint})", len(learned.channels) + joint
+    if name not in learned.terms:
+        return np.zeros(len(samples.time))
+    low, high = (limit[column] for limit in limits(learned))
+    angles = samples.angles[:, joint]
+    slope = learned.joints[joint].coefficients[learned.terms.index(name)] / learned.scale[column]
+    return np.where((angles > low) & (angles < high), slope, 0.0)
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """What a map says over a log.
+
+    Args:
+        values: of what is mapped, (k,).
+        variances: of the map, (k,).
+        own: what counts of the filter's own variance, (k,).
+    """
+
+    values: Floats
+    variances: Floats
+    own: Floats
+
+
+def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:
+    """Return what a map says of a joint over a log: φᵀ b, with c² (φᵀ C φ + s²) + d² (s² + spread²) as its variance.
+
+    d is from `outside`; of the filter's own variance own² (1 + ∂(map)/∂θ)² counts.
+
+    Args:
+        learned: the map.
+        samples: of the log, whole.
+        joint: its index.
+    """
+    own, phi, far = learned.joints[joint], design(learned, samples), outside(learned, samples)
+    leverage = np.sum(phi @ np.asarray(own.covariance) * phi, axis=1)
+    beyond = far**2 * (own.std**2 + learned.spread[joint] ** 2)
+    weight = learned.own * (1.0 + own_slope(learned, samples, joint))
+    return Predicted(
+        phi @ np.asarray(own.coefficients),
+        learned.band[joint] ** 2 * (leverage + own.std**2) + beyond,
+        weight**2 * samples.variances[:, joint],
+    )

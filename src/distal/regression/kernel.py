@@ -1,0 +1,174 @@
+"""A learned map as a function of one sample, with what it remembers between samples; and a filter that reports by it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.regression.features import SMALLEST_HALF, columns, limits, variables
+from distal.rig import LearnedMap
+
+Floats = NDArray[np.float64]
+
+NEVER = 1e6
+"""Age of a reading that there has not been yet [s]."""
+
+
+def memory_size(learned: LearnedMap) -> int:
+    """Return how many numbers are remembered: readings held, their ages, plays.
+
+    Args:
+        learned: the map.
+    """
+    return 2 * len(learned.channels) + len(learned.played)
+
+
+def _number_sizes(learned: LearnedMap) -> list[int]:
+    """Return the sizes of what `numbers_of` puts side by side."""
+    m, n, nj, size = len(learned.channels), len(learned.centre), len(learned.joints), len(learned.terms)
+    return [n, n, n, n, n, m, m * m, 1, 1, nj, nj, *(nj * [size, size * size, 1])]
+
+
+def numbers_of(learned: LearnedMap) -> Floats:
+    """Return the parameters of `map_function`, (n_p,).
+
+    Args:
+        learned: the map.
+    """
+    names = ("centre", "scale", "low", "high", "rate", "width", "distance", "reach", "own", "spread", "band")
+    parts = [np.asarray(getattr(learned, name), dtype=np.float64).ravel() for name in names]
+    for joint in learned.joints:
+        parts += [np.asarray(joint.coefficients), np.asarray(joint.covariance).ravel(), np.array([joint.std])]
+    return np.concatenate(parts)
+
+
+def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.Function:
+    """Return (memory, x, places, angles, numbers) → (values, gains, variances, outside, memory⁺) of a map.
+
+    A value is φᵀ b. An error e of the filter's own angle becomes gain · e with gain = own (1 + ∂value/∂θ); what the map
+    itself does not know has the variance c² (φᵀ C φ + s²) + d² (s² + spread²), d being how far readings are outside the
+    learned range, and for each reading that is missing since a time a the square of ∂value/∂reading times
+    min(rate · a, its whole range).
+
+    Args:
+        learned: the map; its coefficients and ranges are parameters (`numbers_of`).
+        width: number of the estimator's channels, those of the map first.
+        placed: for each channel of the map whether its drive's place is tracked, and not read.
+    """
+    nj, m, k, n = len(learned.joints), len(learned.channels), len(learned.played), len(learned.centre)
+    memory, x = ca.SX.sym("memory", memory_size(learned)), ca.SX.sym("x", 1 + 2 * width)
+    places, angles = ca.SX.sym("places", m), ca.SX.sym("angles", nj)
+    sizes = _number_sizes(learned)
+    numbers = ca.SX.sym("numbers", sum(sizes))
+    centre, scale, low, high, rate, half_play, distance, reach, share, spread, band, *own = _split(numbers, sizes)
+    held, ages, plays = _split(memory, [m, m, k])
+    there = [x[1 + width + i] > 0 for i in range(m)]
+    aged = [ca.if_else(there[i], 0, ages[i] + x[0]) for i in range(m)]
+    readings = [places[i] if placed[i] else ca.if_else(there[i], x[1 + i], held[i]) for i in range(m)]
+    symbols = ca.SX.sym("symbols", n)
+    half = ca.fmax((high - low) / 2, SMALLEST_HALF)
+    clipped = [symbols[i] for i in range(n)]
+    if np.isfinite(learned.MARGIN):
+        ends = low - learned.MARGIN * half, high + learned.MARGIN * half
+        clipped = [ca.fmin(ca.fmax(symbols[i], ends[0][i]), ends[1][i]) for i in range(n)]
+    scaled = [(clipped[i] - centre[i]) / scale[i] for i in range(n)]
+    after = {
+        i: ca.fmin(ca.fmax(plays[at], scaled[i] - half_play[i]), scaled[i] + half_play[i])
+        for at, i in enumerate(learned.played)
+    }
+    widths = [half_play[i] for i in range(m)]
+    phi = ca.vertcat(*columns(learned.terms, variables(learned, scaled, after, widths, ca.fabs), ca.SX(1)))
+    z = (symbols[:m] - centre[:m]) / scale[:m]
+    far = ca.fmax(0, ca.sqrt(ca.fmax(_form(distance, z), 0)) / reach - 1)
+    for i in range(n):
+        far = ca.fmax(far, ca.fmax(low[i] - symbols[i], symbols[i] - high[i]) / half[i])
+    values, gains, variances = [], [], []
+    for j in range(nj):
+        coefficients, covariance, std = own[3 * j : 3 * j + 3]
+        value = ca.dot(coefficients, phi)
+        slopes = ca.jacobian(value, symbols)
+        variance = band[j] ** 2 * (_form(covariance, phi) + std**2) + far**2 * (std**2 + spread[j] ** 2)
+        for i in range(m):
+            variance += (slopes[i] * ca.fmin(rate[i] * aged[i], 2 * half[i])) ** 2
+        values.append(value)
+        gains.append(share * (1 + (slopes[m + j] if n > m else 0)))
+        variances.append(variance)
+    results = [ca.vertcat(*part) for part in (values, gains, variances)]
+    results += [far, ca.vertcat(*readings, *aged, *(after[i] for i in learned.played))]
+    given = ca.vertcat(*readings, angles)[:n]
+    results = ca.substitute(results, [symbols], [given])
+    return ca.Function("map", [memory, x, places, angles, numbers], ca.cse([ca.densify(each) for each in results]))
+
+
+def first_memory(learned: LearnedMap, values: ca.SX, mask: ca.SX) -> ca.SX:
+    """Return what is remembered before the first sample: readings as in that sample, or the usual ones.
+
+    Args:
+        learned: the map.
+        values: of the channels, those of the map first.
+        mask: 1 where there is a value.
+    """
+    m, (low, high) = len(learned.channels), limits(learned)
+    held = [ca.if_else(mask[i] > 0, values[i], learned.centre[i]) for i in range(m)]
+    ages = [ca.if_else(mask[i] > 0, 0.0, NEVER) for i in range(m)]
+    inside = [ca.fmin(ca.fmax(held[i], float(low[i])), float(high[i])) for i in learned.played]
+    plays = [(value - learned.centre[i]) / learned.scale[i] for value, i in zip(inside, learned.played)]
+    return ca.vertcat(*held, *ages, *plays)
+
+
+def reporting_function(
+    inner: ca.Function,
+    maps: Sequence[tuple[LearnedMap, Sequence[int], bool]],
+    width: int,
+    places: Sequence[int | None],
+    joints: int,
+) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y) of a filter that also puts out what maps say of some of its states.
+
+    The filter's own state goes on as without maps. Behind the filter's y stand, for each map, the reported values of its
+    states, the gains of these states' own errors, and the variances of what is added; see `distal.estimators.report`.
+
+    Args:
+        inner: the filter, whose first states are the joints' angles.
+        maps: each with the states it speaks of, and whether it corrects them; else it takes their place.
+        width: number of the filter's channels, those of the maps first.
+        places: for each channel of the maps where in the carry its drive's place stands, None for what is read.
+        joints: number of joints.
+    """
+    own, given = inner.size1_in(0), inner.size1_in(2)
+    sizes, counts = [memory_size(learned) for learned, *_ in maps], [len(numbers_of(learned)) for learned, *_ in maps]
+    carry, x = ca.MX.sym("carry", own + sum(sizes)), ca.MX.sym("x", inner.size1_in(1))
+    p = ca.MX.sym("p", given + sum(counts))
+    following, y = inner(carry[:own], x, p[:given])
+    read = ca.vertcat(*(0 if place is None else following[place] for place in places))
+    memories, reports, at, number = [], [], own, given
+    for (learned, states, corrects), size, count in zip(maps, sizes, counts):
+        function = map_function(learned, width, [place is not None for place in places])
+        values, gains, variances, _, memory = function(
+            carry[at : at + size], x, read, following[list(range(joints))], p[number : number + count]
+        )
+        if corrects:
+            reports += [following[list(states)] + values, gains, variances]
+        else:
+            reports += [values, ca.MX.zeros(len(states)), variances]
+        memories.append(memory)
+        at, number = at + size, number + count
+    names = ["carry", "x", "p"], ["next", "y"]
+    return ca.Function("reporting", [carry, x, p], [ca.vertcat(following, *memories), ca.vertcat(y, *reports)], *names)
+
+
+def _split(column: ca.SX, sizes: Sequence[int]) -> list[ca.SX]:
+    parts: list[ca.SX] = ca.vertsplit(column, [int(i) for i in np.cumsum([0, *sizes])])
+    return parts
+
+
+def _form(matrix: ca.SX, vector: ca.SX) -> ca.SX:
+    """Return vᵀ M v of a symmetric matrix that stands row by row."""
+    n = vector.numel()
+    total = ca.SX(0)
+    for i in range(n):
+        total += vector[i] * ca.dot(matrix[i * n : (i + 1) * n], vector)
+    return total

@@ -1,0 +1,356 @@
+"""The pipeline of all learned maps: choose terms by logs left out, fit coefficients, size the band by logs left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import FitError
+from distal.regression.conformal import NORMAL, Errors, conformal_factor, student
+from distal.regression.features import Samples, design, predict
+from distal.regression.random_effects import independent, random_effects, row_of, rows_of
+from distal.regression.window import calibrate_window
+from distal.rig import JointMap, LearnedMap
+
+Floats = NDArray[np.float64]
+
+ENOUGH = 5
+"""With fewer logs than this, what changes from log to log is hardly known, and the band is widened for that."""
+
+MOST_SAMPLES = 2500
+"""So many samples of a log are used to learn, evenly taken from it."""
+
+SAMPLES_PER_TERM = 20
+"""Terms are tried where the shortest log has so many samples for each."""
+
+LEAST, LARGEST = 0.5, 30.0
+"""Errors on left-out logs make the band between this much narrower and this much wider."""
+
+OWNS = (1.0, 0.5, 0.25)
+"""Shares of the filter's own std that are tried: beside a band that is learned it may count twice."""
+
+WORTH = 0.9
+"""A smaller share is taken where the band comes out below this share of the wider one's."""
+
+SPEED_OVER = 0.1
+"""Speeds of readings are differences over so long [s], so that noise counts little."""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """A set of terms that may be tried.
+
+    Args:
+        name: what it is called in a note.
+        terms: see `LearnedMap`.
+        width: half-width of the plays, in standard deviations of each reading.
+        of_noise: the width is in standard deviations of each sensor's random error instead.
+        corrects: whether anything is mapped; else only the band is sized.
+    """
+
+    name: str
+    terms: tuple[str, ...]
+    width: float = 0.5
+    of_noise: bool = False
+    corrects: bool = True
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What kind of map is learned.
+
+    Args:
+        form: class of its description.
+        name: for messages.
+        channels: names of the sensors.
+        joints: names of the joints.
+        noise: standard deviation of each sensor's random error [SI], (m,).
+        sets: terms that may be tried, fewer first.
+        better: a set of more terms is taken where its error on left-out logs is below this share of that of fewer.
+        by_motion: what is left lasts as long as the motion, see `calibrate_window`.
+        unknown_outside: outside the range all of what is mapped is unknown; else the residual grows.
+    """
+
+    form: type[LearnedMap]
+    name: str
+    channels: tuple[str, ...]
+    joints: tuple[str, ...]
+    noise: Floats
+    sets: tuple[Terms, ...]
+    better: float = 0.85
+    by_motion: bool = False
+    unknown_outside: bool = True
+
+
+def learn_map(
+    data: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None
+) -> tuple[LearnedMap, str]:
+    """Return the map that logs teach, its terms chosen and its band sized by logs left out, and the name of its terms.
+
+    Args:
+        data: of the logs.
+        kind: what is learned.
+        folds: of the logs; those of one are left out together.
+        homing: learn for the use after a homing window of so long [s], or None.
+    """
+    chosen = choose_terms(data, kind, folds, homing)
+    return calibrate_band(data, kind, chosen, folds, homing), chosen.name
+
+
+def choose_terms(data: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None) -> Terms:
+    """Return the set of terms with the least error on left-out logs, fewer terms preferred; of a single log on its halves.
+
+    Args:
+        data: of the logs.
+        kind: with the sets, fewer terms first.
+        folds: of the logs.
+        homing: length of the homing window [s], or None.
+    """
+    sets = kind.sets
+    if len(sets) == 1:
+        return sets[0]
+    if len(set(folds)) < 2:
+        if not sets[0].corrects and _honest(data):
+            return sets[0]  # one log does not tell what comes again, and the filter's band held it
+        data, folds, homing = _halves(data), [0, 1] * len(data), None
+    best, least = sets[0], float("inf")
+    for one in sets:
+        if len(one.terms) * SAMPLES_PER_TERM > min(len(each.time) for each in data):
+            continue
+        errors = left_out_errors(data, kind, one, folds, homing)
+        # of each log alone, so that one that is unlike the others does not decide
+        rms = float(np.mean([np.sqrt(np.mean(error**2)) for log in errors for error, _, _ in log if len(error)]))
+        if not one.corrects and rms < max(each.reference_std for each in data):
+            return one  # what is less than the reference's own error is not worth a correction
+        if rms < kind.better * least or (len(one.terms) == len(best.terms) and rms < least):
+            best, least = one, rms
+    return best
+
+
+HELD = 0.8
+"""A filter whose band holds this share of a single log needs no correction that only this log has taught."""
+
+
+def _honest(data: Sequence[Samples]) -> bool:
+    """Return whether the filter's own band holds what it is to hold on some logs, nearly."""
+    errors = np.concatenate([one.targets.ravel() for one in data])
+    stds = np.sqrt(np.concatenate([one.variances.ravel() for one in data]))
+    there = np.isfinite(errors)
+    return float(np.mean(np.abs(errors[there]) <= NORMAL * stds[there])) >= HELD
+
+
+def _halves(data: Sequence[Samples]) -> list[Samples]:
+    halves = []
+    for one in data:
+        first = np.arange(len(one.time)) < len(one.time) // 2
+        halves += [one.part(first), one.part(~first)]
+    return halves
+
+
+def fit_coefficients(data: Sequence[Samples], kind: Kind, chosen: Terms) -> LearnedMap:
+    """Return what some logs teach with a set of terms by random effects, its band not yet sized.
+
+    Args:
+        data: of the logs.
+        kind: what is learned.
+        chosen: the terms.
+
+    Raises:
+        FitError: what is mapped is known in no log.
+    """
+    learned, kept = frame(data, kind, chosen)
+    designs = [_thinned(design(learned, one)) for one in data]
+    joints, times, spreads = [], [], []
+    for j, joint in enumerate(learned.joints):
+        parts, squares = [], []
+        for one, phi in zip(data, designs):
+            target = _thinned(one.targets[:, j])
+            there = np.isfinite(target)
+            if there.sum() > len(kept):
+                parts.append((phi[there][:, kept], target[there], one.interval * _step(len(one.time))))
+                squares.append(float(np.mean(target[there] ** 2)))
+        if not parts:
+            raise FitError(f"{kind.name}: what it is to say of '{joint.joint}' is known in no log")
+        found, time = random_effects(joint, kept, parts)
+        if not chosen.corrects:  # what is off on average is not known to come again
+            square = found.covariance[0][0] + found.coefficients[0] ** 2
+            found = found.model_copy(update={"coefficients": (0.0,), "covariance": ((square,),)})
+        joints.append(found)
+        times.append(time)
+        spreads.append(float(np.sqrt(np.mean(squares))) if kind.unknown_outside else 0.0)
+    return learned.model_copy(
+        update={"joints": tuple(joints), "correlation_time": max(times), "spread": tuple(spreads)}
+    )
+
+
+def frame(data: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMap, list[int]]:
+    """Return a map with scales and range of some logs, its coefficients zero, and which of its terms tell something.
+
+    Args:
+        data: of the logs.
+        kind: what is learned.
+        chosen: the terms.
+    """
+    every, m, size = np.vstack([one.every for one in data]), len(kind.channels), len(chosen.terms)
+    centre, spread = every.mean(axis=0), every.std(axis=0)
+    alone = independent(every[:, :m] - centre[:m], kind.noise)
+    scale = np.where(spread > 1e-12, spread, 1.0)
+    z = ((every[:, :m] - centre[:m]) / scale[:m])[:, alone]
+    distance = np.zeros((m, m))
+    if alone.any():
+        distance[np.ix_(alone, alone)] = np.linalg.pinv(z.T @ z / len(z), rcond=1e-6)
+    reach = float(np.sqrt(np.max(np.sum(z @ distance[np.ix_(alone, alone)] * z, axis=1), initial=1.0)))
+    room = np.zeros(len(centre))
+    room[:m] = np.where(alone, 0.0, 3.0 * kind.noise)
+    zero = JointMap(joint="joint", coefficients=(0.0,) * size, covariance=((0.0,) * size,) * size, std=1.0)
+    learned = kind.form(
+        terms=chosen.terms,
+        channels=kind.channels,
+        centre=row_of(centre),
+        scale=row_of(scale),
+        low=row_of(np.minimum(every.min(axis=0), centre - room)),
+        high=row_of(np.maximum(every.max(axis=0), centre + room)),
+        rate=row_of(_speeds(data)),
+        width=row_of(np.maximum(chosen.width * (kind.noise / scale[:m] if chosen.of_noise else np.ones(m)), 1e-9)),
+        distance=rows_of(distance),
+        reach=reach,
+        correlation_time=data[0].interval,
+        spread=(0.0,) * len(kind.joints),
+        band=(1.0,) * len(kind.joints),
+        logs=len(data),
+        dropped=tuple(
+            f"{name}: {'was constant' if own <= 1.5 * sigma else 'follows from the others'}"
+            for name, own, sigma, told in zip(kind.channels, spread, kind.noise, alone)
+            if not told
+        ),
+        joints=tuple(zero.model_copy(update={"joint": joint}) for joint in kind.joints),
+    )
+    silent = {name for name, told in zip(kind.channels, alone) if not told}
+    return learned, [i for i, term in enumerate(chosen.terms) if term not in silent]
+
+
+def _speeds(data: Sequence[Samples]) -> Floats:
+    """Return the RMS speed of each reading and angle over some logs [SI/s]."""
+    squares, count = np.zeros(data[0].every.shape[1]), 0
+    for one in data:
+        lag = max(1, round(SPEED_OVER / one.interval))
+        if len(one.time) > lag:
+            every = one.every
+            changes = (every[lag:] - every[:-lag]) / (one.time[lag:] - one.time[:-lag])[:, None]
+            squares, count = squares + np.sum(changes**2, axis=0), count + len(changes)
+    return np.sqrt(squares / max(count, 1))
+
+
+def _step(count: int) -> int:
+    return max(1, count // MOST_SAMPLES)
+
+
+def _thinned(values: Floats) -> Floats:
+    return values[:: _step(len(values))]
+
+
+def errors_of(learned: LearnedMap, out: Samples, kind: Kind, homing: float | None) -> list[Errors]:
+    """Return errors on a left-out log, the variances of the map without its band's factor, and the filter's, per joint.
+
+    Args:
+        learned: what other logs teach.
+        out: the log.
+        kind: what is learned.
+        homing: length of the homing window [s], or None; with it errors count after the window.
+    """
+    late = np.ones(len(out.time), dtype=bool)
+    if homing is not None:
+        late = out.time >= homing
+        learned, _ = calibrate_window(learned, out, ~late, kind.by_motion)
+    errors = []
+    for j in range(len(learned.joints)):
+        said = predict(learned, out, j)
+        there = late & np.isfinite(out.targets[:, j])
+        errors.append(((said.values - out.targets[:, j])[there], said.variances[there], said.own[there]))
+    return errors
+
+
+def left_out_errors(
+    data: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
+) -> list[list[Errors]]:
+    """Return the errors on each log with what the logs of other folds teach.
+
+    Args:
+        data: of the logs.
+        kind: what is learned.
+        chosen: the terms.
+        folds: of the logs.
+        homing: length of the homing window [s], or None.
+    """
+    errors = []
+    for fold in sorted(set(folds)):
+        learned = fit_coefficients([one for one, own in zip(data, folds) if own != fold], kind, chosen)
+        errors += [errors_of(learned, one, kind, homing) for one, own in zip(data, folds) if own == fold]
+    return errors
+
+
+def calibrate_band(
+    data: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
+) -> LearnedMap:
+    """Return what logs teach with a set of terms, its band sized by the errors on logs left out.
+
+    Of `OWNS`, the shares of the filter's own doubt, that is taken with which the sized band is narrowest.
+
+    Args:
+        data: of the logs.
+        kind: what is learned.
+        chosen: the terms.
+        folds: of the logs; those of one are left out together.
+        homing: length of the homing window [s], or None.
+    """
+    learned, count = fit_coefficients(data, kind, chosen), len(set(folds))
+    # what scatters between few logs is known as Student's distribution says
+    wider = 1.0 if count >= ENOUGH else student(count - 1)
+    if count < 2:
+        return _wider_between(learned, wider)
+    errors = left_out_errors(data, kind, chosen, folds, homing)
+    filtered = any(np.any(v > 0.0) for log in errors for _, _, v in log)
+    shares = (1.0,) if not filtered else OWNS if count >= ENOUGH else (share_of_few(errors, wider),)
+    best, narrowest = learned, float("inf")
+    for share in shares:
+        parts = [[(e, u, share**2 * v) for e, u, v in (log[j] for log in errors)] for j in range(len(learned.joints))]
+        factors = [conformal_factor(logs, LEAST, LARGEST) for logs in parts]
+        width = float(np.mean([np.sqrt(c**2 * u + v).mean() for c, logs in zip(factors, parts) for _, u, v in logs]))
+        if width < WORTH * narrowest:
+            best, narrowest = inflate_band(learned.model_copy(update={"own": share}), factors), width
+    return _wider_between(best, wider)
+
+
+def share_of_few(errors: Sequence[Sequence[Errors]], wider: float) -> float:
+    """Return the share of the filter's own std that the worst of few logs left out needs, times Student's factor.
+
+    Args:
+        errors: of each log and joint.
+        wider: Student's factor.
+    """
+    needed = [
+        np.quantile(np.abs(e) / np.sqrt(np.maximum(v, 1e-30)), 0.95) for log in errors for e, _, v in log if len(e)
+    ]
+    return float(min(1.0, wider * max(needed, default=1.0) / NORMAL))
+
+
+def inflate_band(learned: LearnedMap, factors: Sequence[float]) -> LearnedMap:
+    """Return a map with a wider or narrower band.
+
+    Args:
+        learned: the map.
+        factors: on the standard deviation, one for each joint.
+    """
+    return learned.model_copy(update={"band": tuple(float(c * f) for c, f in zip(learned.band, factors))})
+
+
+def _wider_between(learned: LearnedMap, wider: float) -> LearnedMap:
+    """Return a map whose coefficients differ more from log to log."""
+    joints = tuple(
+        joint.model_copy(update={"covariance": tuple(tuple(wider**2 * v for v in row) for row in joint.covariance)})
+        for joint in learned.joints
+    )
+    return learned.model_copy(update={"joints": joints})

@@ -1,0 +1,257 @@
+"""Least squares over several logs whose coefficients differ: correlated samples, Gaussian updates, random effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.rig import JointMap
+
+Floats = NDArray[np.float64]
+
+ITERATIONS = 100
+"""Most steps of expectation–maximisation for the spread between logs."""
+
+SETTLED = 1e-3
+"""It ends where a step changes the spread by less than this share."""
+
+SMALLEST_SHARE = 1e-8
+"""Combinations of columns with less than this share of the largest one's mean square are left out."""
+
+SMALLEST_STD = 1e-6
+"""The std of a residual is not taken as smaller than this [rad]."""
+
+
+def correlated_samples(residuals: Floats) -> float:
+    """Return how many samples count as one, 1 + 2 Σ ρ_k up to the first ρ_k that is not positive (Sokal, 1997, §3).
+
+    Args:
+        residuals: in the order of time, evenly spaced, (k,).
+    """
+    centred, n = residuals - residuals.mean(), len(residuals)
+    power = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
+    correlation = np.fft.irfft(power)[:n]
+    if not correlation[0] > 0.0:
+        return 1.0
+    correlation = correlation / correlation[0]
+    ended = np.flatnonzero(correlation <= 0.0)
+    last = int(ended[0]) if len(ended) else n
+    return float(max(1.0, 1.0 + 2.0 * correlation[1:last].sum()))
+
+
+@dataclass(frozen=True)
+class Line:
+    """Coefficients of one log by least squares.
+
+    Args:
+        coefficients: b = (XᵀX)⁻¹Xᵀy, (n,).
+        covariance: s² N (XᵀX)⁻¹, N samples counting as one, (n, n).
+        std: s, with the degrees of freedom that are left: s² = RSS/(k − n N).
+        correlated: N.
+        freedom: k/N − n, at least 1.
+    """
+
+    coefficients: Floats
+    covariance: Floats
+    std: float
+    correlated: float
+    freedom: float
+
+
+def line(design: Floats, angles: Floats) -> Line:
+    """Return the least-squares coefficients, their covariance with correlated residuals, and the residuals' std.
+
+    Args:
+        design: X of full rank, (k, n).
+        angles: y [rad], (k,).
+    """
+    k, n = design.shape
+    inverse = np.asarray(np.linalg.pinv(design.T @ design), dtype=np.float64)
+    coefficients = inverse @ (design.T @ angles)
+    residuals = angles - design @ coefficients
+    correlated = correlated_samples(residuals)
+    # below one independent sample beyond the coefficients nothing could be said at all
+    freedom = max(k / correlated - n, 1.0)
+    std = max(float(np.sqrt(np.mean(residuals**2) * (freedom + n) / freedom)), SMALLEST_STD)
+    return Line(coefficients, std**2 * correlated * inverse, std, correlated, freedom)
+
+
+def updated(mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float) -> tuple[Floats, Floats]:
+    """Return mean and covariance of coefficients after samples, by P⁺ = (P⁻¹ + XᵀX/r)⁻¹ in a form that needs no P⁻¹.
+
+    Args:
+        mean: before, (n,).
+        covariance: P, may be singular, (n, n).
+        gram: XᵀX of the samples' columns X, (n, n).
+        moment: Xᵀy of their angles y [rad], (n,).
+        spread: r, variance of a sample times the number of samples that count as one.
+    """
+    n = len(mean)
+    root = _root(covariance)
+    told = root.T @ gram @ root / spread + np.eye(n)
+    gain = root @ np.linalg.solve(told, root.T)
+    after = mean + gain @ (moment - gram @ mean) / spread
+    return after, 0.5 * (gain + gain.T)
+
+
+def surprise(mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float) -> float:
+    """Return the squared Mahalanobis distance of a log's own coefficients from what was expected, for n numbers.
+
+    Args:
+        mean: expected, (n,).
+        covariance: of that, (n, n).
+        gram: XᵀX, (n, n).
+        moment: Xᵀy [rad], (n,).
+        spread: as for `updated`.
+    """
+    values, vectors = np.linalg.eigh(gram / spread)
+    seen = values > 1e-9 * values[-1]
+    scale = np.sqrt(values[seen])
+    off = (vectors[:, seen].T @ (moment - gram @ mean) / spread) / scale
+    expected = (scale[:, None] * (vectors[:, seen].T @ covariance @ vectors[:, seen])) * scale + np.eye(int(seen.sum()))
+    return float(off @ np.linalg.solve(expected, off))
+
+
+def independent(values: Floats, noise: Floats) -> NDArray[np.bool_]:
+    """Return which columns tell something of their own: what the others before it leave is more than its noise.
+
+    Args:
+        values: centred readings, (k, m).
+        noise: standard deviation of each sensor's random error, in the units of `values`, (m,).
+    """
+    kept = np.zeros(values.shape[1], dtype=bool)
+    for i in range(values.shape[1]):
+        column = values[:, i]
+        if kept.any():
+            others = values[:, kept]
+            column = column - others @ np.linalg.lstsq(others, column, rcond=None)[0]
+        own, size = float(np.sqrt(np.mean(column**2))), float(np.sqrt(np.mean(values[:, i] ** 2)))
+        # noise alone leaves one std of it; a rounded constant leaves nothing
+        kept[i] = own > max(ABOVE_NOISE * noise[i], RANK * size)
+    return kept
+
+
+ABOVE_NOISE = 1.5
+"""A sensor is used where what it alone tells has this many standard deviations of its noise."""
+
+RANK = 1e-6
+"""The same without noise: the share of its size below which a column is a combination of others."""
+
+
+def _root(covariance: Floats) -> Floats:
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
+
+
+def random_effects(
+    joint: JointMap, columns: Sequence[int], parts: Sequence[tuple[Floats, Floats, float]]
+) -> tuple[JointMap, float]:
+    """Return the coefficients of one joint and the correlation time of the residuals [s].
+
+    Args:
+        joint: whose; its coefficients give their number.
+        columns: which of them are learned, (n,).
+        parts: of each log (design (k, n), angles [rad] (k,), interval [s]).
+    """
+    if len(parts) == 1:
+        only = line(*parts[0][:2])
+        return filled(joint, columns, only.coefficients, only.covariance, only.std), only.correlated * parts[0][2]
+    basis = _basis([part[0] for part in parts])
+    designs = [part[0] @ basis for part in parts]
+    grams = [design.T @ design for design in designs]
+    moments = [design.T @ part[1] for design, part in zip(designs, parts)]
+    mean = np.linalg.pinv(sum(grams)) @ sum(moments)
+    ones = [line(design, part[1]) for design, part in zip(designs, parts)]
+    lengths = np.array([len(part[1]) for part in parts])
+    count = np.array([one.correlated for one in ones])
+    std = np.sqrt(max(np.average([one.std**2 for one in ones], weights=lengths), SMALLEST_STD**2))
+    spread = _start(designs, [part[1] for part in parts], mean, std)
+    for _ in range(ITERATIONS):
+        drawn = [updated(mean, spread, gram, moment, std**2 * own) for gram, moment, own in zip(grams, moments, count)]
+        means = np.array([after for after, _ in drawn])
+        mean = means.mean(axis=0)
+        off = means - mean
+        before = spread
+        # the mean is of the same logs: one degree of freedom less
+        spread = (off.T @ off + sum(left for _, left in drawn)) / (len(parts) - 1)
+        if np.abs(spread - before).max() < SETTLED * np.abs(spread).max():
+            break
+    spread = _shrunk(spread, len(parts))
+    residuals = [part[1] - design @ after for design, part, after in zip(designs, parts, means)]
+    std = max(float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))), SMALLEST_STD)
+    times = [correlated_samples(own) * part[2] for own, part in zip(residuals, parts)]
+    covariance = basis @ (spread * (1.0 + 1.0 / len(parts))) @ basis.T
+    covariance = 0.5 * (covariance + covariance.T)
+    return filled(joint, columns, basis @ mean, covariance, std), float(np.mean(times))
+
+
+def _basis(designs: Sequence[Floats]) -> Floats:
+    """Return W for which the columns of X W are uncorrelated and of size one over all logs, (n, up to n).
+
+    What is assumed of the spread between logs is assumed of such columns, so that it does not depend on how the same
+    columns are written; combinations that hardly ever differ from zero are left at zero.
+    """
+    whole = np.vstack(designs)
+    values, vectors = np.linalg.eigh(whole.T @ whole / len(whole))
+    kept = values > SMALLEST_SHARE * values[-1]
+    basis: Floats = vectors[:, kept] / np.sqrt(values[kept])
+    return basis
+
+
+def _start(designs: Sequence[Floats], angles: Sequence[Floats], mean: Floats, std: float) -> Floats:
+    """Return a wide spread to start from: as if every coefficient alone explained what the common map leaves."""
+    left = np.concatenate([y - x @ mean for x, y in zip(designs, angles)])
+    return np.eye(len(mean)) * max(float(np.mean(left**2)), std**2)
+
+
+def _shrunk(spread: Floats, logs: int) -> Floats:
+    """Return the spread with its correlations drawn to zero where logs are too few to tell them, fewer than 2n + 1 for n.
+
+    The share is n/(n + logs − 1): from few logs the spread has fewer directions than columns, and would be sure of the
+    rest.
+    """
+    n = len(spread)
+    if logs > 2 * n:
+        return spread
+    share = n / (n + logs - 1)
+    shrunk: Floats = (1.0 - share) * spread + share * np.diag(np.diag(spread))
+    return shrunk
+
+
+def filled(joint: JointMap, columns: Sequence[int], mean: Floats, covariance: Floats, std: float) -> JointMap:
+    """Return a joint's map with some of its coefficients; the others are zero for certain.
+
+    Args:
+        joint: whose.
+        columns: which coefficients, (n,).
+        mean: theirs [rad], (n,).
+        covariance: theirs [rad²], (n, n).
+        std: of the residual [rad].
+    """
+    size = len(joint.coefficients)
+    whole, square = np.zeros(size), np.zeros((size, size))
+    whole[list(columns)] = mean
+    square[np.ix_(columns, columns)] = covariance
+    return JointMap(joint=joint.joint, coefficients=row_of(whole), covariance=rows_of(square), std=float(std))
+
+
+def row_of(values: Floats) -> tuple[float, ...]:
+    """Return an array as plain numbers.
+
+    Args:
+        values: (n,).
+    """
+    return tuple(float(value) for value in values)
+
+
+def rows_of(matrix: Floats) -> tuple[tuple[float, ...], ...]:
+    """Return a matrix as rows of plain numbers.
+
+    Args:
+        matrix: (n, m).
+    """
+    return tuple(row_of(row) for row in matrix)

@@ -1,0 +1,90 @@
+"""A learned map after a homing move: this run's own coefficients, by Bayes' rule."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.regression.features import Samples, design
+from distal.regression.random_effects import correlated_samples, row_of, rows_of, surprise, updated
+from distal.rig import JointMap, LearnedMap
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+EXPECTED = 3.0
+"""A homing move whose coefficients are this many standard deviations off widens what the stored map said."""
+
+
+def calibrate_window(
+    learned: LearnedMap, samples: Samples, window: Bools, by_motion: bool = False
+) -> tuple[LearnedMap, float]:
+    """Return a map after a window in which its target was known, and how surprising that was in standard deviations.
+
+    Mean and covariance are the prior of this run's coefficients, the window their likelihood, with as many samples
+    counting as one as what is left is correlated. A window that is far off widens the prior.
+
+    Args:
+        learned: as learned from logs.
+        samples: of the run, whole.
+        window: where its targets may be used, (k,).
+        by_motion: let what is left last as long as the motion: errors that depend on the place repeat with it.
+    """
+    phi, joints, worst = design(learned, samples), [], 0.0
+    for j, joint in enumerate(learned.joints):
+        there = window & np.isfinite(samples.targets[:, j])
+        if not there.any():
+            joints.append(joint)
+            continue
+        x, y = phi[there], samples.targets[there, j]
+        count = max(learned.correlation_time / samples.interval, 1.0)
+        if by_motion:
+            count = max(count, correlated_samples(x @ np.asarray(joint.coefficients)))
+        after, off = _after_window(joint, x, y, count, learned.logs)
+        joints.append(after)
+        worst = max(worst, off)
+    return learned.model_copy(update={"joints": tuple(joints)}), worst
+
+
+def seen(learned: LearnedMap, samples: Samples) -> LearnedMap:
+    """Return a map whose range also holds what some samples read.
+
+    Args:
+        learned: with its range.
+        samples: of a homing window.
+    """
+    m, every = len(learned.channels), samples.every[:, : len(learned.centre)]
+    z = (samples.readings - np.asarray(learned.centre)[:m]) / np.asarray(learned.scale)[:m]
+    far = float(np.sqrt(np.max(np.sum(z @ np.asarray(learned.distance) * z, axis=1), initial=0.0)))
+    changes = {
+        "low": row_of(np.minimum(learned.low, every.min(axis=0))),
+        "high": row_of(np.maximum(learned.high, every.max(axis=0))),
+        "reach": max(learned.reach, far),
+    }
+    return learned.model_copy(update=changes)
+
+
+def _after_window(joint: JointMap, x: Floats, y: Floats, count: float, logs: int) -> tuple[JointMap, float]:
+    """Return a joint's coefficients after a window of samples, and how surprising it was in stds.
+
+    Args:
+        joint: mean and covariance before, the prior.
+        x: columns in the window, (k, n).
+        y: what they are to give, (k,).
+        count: how many samples count as one.
+        logs: how many logs the prior was learned from.
+    """
+    mean, covariance = np.asarray(joint.coefficients), np.asarray(joint.covariance)
+    gram, moment, spread = x.T @ x, x.T @ y, joint.std**2 * count
+    ratio = surprise(mean, covariance, gram, moment, spread) / max(int(np.count_nonzero(np.diag(covariance))), 1)
+    if ratio > EXPECTED**2:
+        covariance = covariance * ratio
+    after, left = updated(mean, covariance, gram, moment, spread)
+    rest = y - x @ after
+    # what this log leaves beyond the logs before it is its own
+    own, independent = float(np.mean(rest**2)), len(y) / max(count, correlated_samples(rest))
+    weight = max(logs, 1)
+    std = float(np.sqrt(max(joint.std**2, (weight * joint.std**2 + independent * own) / (weight + independent))))
+    return JointMap(joint=joint.joint, coefficients=row_of(after), covariance=rows_of(left), std=std), float(
+        np.sqrt(ratio)
+    )

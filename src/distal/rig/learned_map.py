@@ -1,0 +1,172 @@
+"""What logs taught by least squares: coefficients of terms of the sensors' readings, and how far to trust them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from distal.rig.quantities import Description, In
+
+Row = tuple[float, ...]
+
+CONSTANT = "1"
+"""The term that is the same everywhere."""
+
+
+def factors(term: str) -> tuple[str, ...]:
+    """Return the variables whose product a term is; none for the constant.
+
+    Args:
+        term: variables with ``*`` between them.
+    """
+    return () if term == CONSTANT else tuple(factor.strip() for factor in term.split("*"))
+
+
+class JointMap(Description):
+    """The map of one joint: Σ b_i φ_i."""
+
+    joint: str = Field(min_length=1, description="name of the joint")
+    coefficients: Row = Field(min_length=1, description="b, one for each term, in the unit of what is mapped")
+    covariance: tuple[Row, ...] = Field(
+        min_length=1, description="of the coefficients of the next log about these: between logs, and of the fit"
+    )
+    std: Annotated[float, In("rad", "positive")] = Field(description="residual with a log's own coefficients")
+
+    @model_validator(mode="after")
+    def _covariance_fits(self) -> Self:
+        n = len(self.coefficients)
+        if len(self.covariance) != n or any(len(row) != n for row in self.covariance):
+            raise ValueError(f"covariance must be {n} rows of {n} numbers, as there are {n} coefficients")
+        matrix = np.array(self.covariance)
+        if not (np.isfinite(matrix).all() and np.isfinite(self.coefficients).all()):
+            raise ValueError("coefficients and covariance must be finite numbers")
+        size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+        scaled = matrix / np.outer(size, size)
+        if np.abs(scaled - scaled.T).max() > 1e-6 or np.linalg.eigvalsh(0.5 * (scaled + scaled.T)).min() < -1e-6:
+            raise ValueError("covariance must be symmetric and positive semidefinite")
+        return self
+
+
+class LearnedMap(Description):
+    """Σ b_i φ_i of what the sensors read, its variance c² (φᵀ C φ + s²), and the range that it was learned in.
+
+    A term φ is a product of variables: ``SENSOR`` (its reading, less `centre`, over `scale`), ``abs(SENSOR)``,
+    ``play(SENSOR)`` (that variable z after a play of half-width w = `width`), ``slip(SENSOR)`` (which way it last moved,
+    (SENSOR − z)/w, between −1 and 1), ``angle(JOINT)`` (what the filter itself says, likewise scaled; alone).
+    """
+
+    MARGIN: ClassVar[float] = np.inf
+    """Terms go on beyond the learned range by this share of half of it; further out they stay as they are."""
+
+    terms: tuple[str, ...] = Field(min_length=1, description="what is summed; '1' is the constant")
+    channels: tuple[str, ...] = Field(min_length=1, description="the sensors, in the estimator's order")
+    centre: Row = Field(description="mean of each sensor's readings, then of each joint's angle by the filter [SI]")
+    scale: Row = Field(description="their standard deviations [SI]; 1 for what was constant")
+    low: Row = Field(description="smallest of each [SI]; below it the band grows")
+    high: Row = Field(description="largest of each [SI]")
+    rate: Row = Field(description="RMS speed of each [SI/s]: how fast a missing value loses its worth")
+    width: Row = Field(description="half-width of the play of each sensor, in units of `scale`")
+    distance: tuple[Row, ...] = Field(
+        description="matrix M of the squared Mahalanobis distance zᵀ M z of the sensors' scaled readings z"
+    )
+    reach: float = Field(gt=0.0, description="largest such distance in the logs")
+    correlation_time: Annotated[float, In("s", "positive")] = Field(description="of what is left")
+    own: float = Field(1.0, ge=0.0, le=1.0, description="share of the filter's own standard deviation that counts")
+    spread: Row = Field(description="RMS over the logs of what is mapped: outside the range so much is not known")
+    band: Row = Field(description="c, one for each joint: factor on the standard deviation, by logs left out")
+    logs: int = Field(ge=0, description="number of logs; 0: from a homing move alone")
+    dropped: tuple[str, ...] = Field((), description="sensors that told nothing of their own: constant, or collinear")
+    joints: tuple[JointMap, ...] = Field(min_length=1, description="coefficients and covariance, one for each joint")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_first_written(cls, raw: Any) -> Any:
+        """Read what a fit wrote before all maps had one form: widths by another name, no terms, no band."""
+        if not isinstance(raw, Mapping) or "width" in raw or "channels" not in raw or "joints" not in raw:
+            return raw
+        made, m, joints = dict(raw), len(raw["channels"]), len(raw["joints"])
+        if "dead_band" in made:  # [affine]: a straight line and directions of motion
+            bands = made.pop("dead_band")
+            turns = [f"slip({name})" for name in raw["channels"][: len(bands)]]
+            made["terms"] = [CONSTANT, *raw["channels"], *turns]
+            made["width"] = [bands[i] / raw["scale"][i] if i < len(bands) else 1.0 for i in range(m)]
+        else:
+            made["width"] = [made.pop("play", made.pop("slip", 1.0))] * m
+        made.setdefault("rate", [0.0] * len(raw["centre"]))
+        made.setdefault("distance", [[0.0] * m] * m)
+        made.setdefault("reach", 1.0)
+        made.setdefault("spread", [0.0] * joints)
+        band = made.get("band", 1.0)
+        made["band"] = [band] * joints if isinstance(band, (int, float)) else band
+        return made
+
+    @model_validator(mode="after")
+    def _sizes_fit(self) -> Self:
+        m, n, joints = len(self.channels), len(self.centre), len(self.joints)
+        if n not in (m, m + joints):
+            raise ValueError(
+                f"centre must have {m} entries, one for each channel, or {m + joints} with joints; {n} came"
+            )
+        for name in ("scale", "low", "high", "rate"):
+            if len(getattr(self, name)) != n:
+                raise ValueError(f"{name} must have {n} entries, as many as centre; {len(getattr(self, name))} came")
+        for name, size in (("width", m), ("spread", joints), ("band", joints)):
+            if len(getattr(self, name)) != size:
+                raise ValueError(f"{name} must have {size} entries; {len(getattr(self, name))} came")
+        if len(self.distance) != m or any(len(row) != m for row in self.distance):
+            raise ValueError(f"distance must be {m} rows of {m} numbers")
+        if (
+            any(not value > 0.0 for value in (*self.scale, *self.width, *self.band))
+            or not np.isfinite(self.scale).all()
+        ):
+            raise ValueError("every scale, width and band must be positive")
+        if any(not low <= high for low, high in zip(self.low, self.high)):
+            raise ValueError("low must not be above high")
+        for term in self.terms:
+            for factor in factors(term):
+                if factor not in self.variables:
+                    raise ValueError(f"terms: '{factor}' is no variable ({', '.join(self.variables)})")
+        for joint in self.joints:
+            if len(joint.coefficients) != len(self.terms):
+                raise ValueError(
+                    f"joint '{joint.joint}': {len(self.terms)} coefficients are needed, one for each term, "
+                    f"{len(joint.coefficients)} came"
+                )
+        return self
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """Names of all variables that a term may hold."""
+        of_channels = [
+            form.format(name) for form in ("{}", "abs({})", "play({})", "slip({})") for name in self.channels
+        ]
+        angles = [f"angle({joint.joint})" for joint in self.joints] if self.uses_angles else []
+        return (*of_channels, *angles)
+
+    @property
+    def uses_angles(self) -> bool:
+        """Whether the filter's own angles may be variables."""
+        return len(self.centre) > len(self.channels)
+
+    @property
+    def played(self) -> tuple[int, ...]:
+        """Indices of the channels that a play follows."""
+        used = {factor for term in self.terms for factor in factors(term)}
+        return tuple(i for i, name in enumerate(self.channels) if f"play({name})" in used or f"slip({name})" in used)
+
+
+class Affine(LearnedMap):
+    """Joints' angles by least squares of what the sensors read (as logged, biases included); `distal fit` writes it."""
+
+
+class Discrepancy(LearnedMap):
+    """The joints' angles less what `adaptive` makes of them (Kennedy and O'Hagan, 2001); `distal fit` writes it."""
+
+    MARGIN: ClassVar[float] = 0.5
+
+
+class Contact(LearnedMap):
+    """The torque on the joints from outside, of what is read at the proximal end; `distal fit` writes it."""
