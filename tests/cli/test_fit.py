@@ -90,7 +90,7 @@ def test_what_cannot_be_fitted_is_one_line_and_nothing_is_written(run, logs: lis
     refused(run("fit", logs[0], logs[0], *rig, "--out", out), "came more than once")
     refused(run("fit", logs[0], *rig, "--free", "tendons.*.stifness", "--out", out), "there is no 'stifness'")
     refused(run("fit", logs[0], *rig, "--out", tmp_path / "fitted.csv"), "a rig file ends in .toml")
-    refused(run("fit", logs[0], *rig, "--holdout", "log", "--out", out), "at least two groups")
+    refused(run("fit", logs[0], *rig, "--holdout", "log", "--out", out), "at least 2 groups")
     refused(run("fit", logs[0], *rig, "--out", out, "--report", out), "asked for twice")
     refused(run("fit", logs[0], *rig, "--homing", "3 apples", "--out", out), "apples")
     refused(run("fit", logs[0], *rig, "--homing", "30s", "--out", out), "shorter than the log")

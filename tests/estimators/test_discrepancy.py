@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from distal import LiveEstimator, Log, Rig, estimate, estimate_batch, load_rig, make_estimator, smooth
 from distal.errors import EstimationError, RigError
 from distal.estimators import AdaptiveFilter
-from distal.estimators.discrepancy import Samples, design, homed
 from distal.export.source import c_filter
 from distal.fitting.fitted_file import fitted_text
 from distal.fitting.fitted_file import plain as table_of
 from distal.logs import write_log
-from distal.rig import AffineJoint, Discrepancy, build_rig, parse_toml
+from distal.regression import Samples, calibrate_window, design
+from distal.rig import Discrepancy, JointMap, build_rig, parse_toml
 from distal.run import samples_of
 from tests.export.test_export import build, needs_compiler, replayed
 
@@ -50,7 +50,8 @@ def made(own: float = 0.5) -> Discrepancy:
         low=(-0.5, -0.1, -0.4),
         high=(0.6, 0.12, 0.5),
         rate=(0.8, 0.3, 0.5),
-        play=0.4,
+        width=(0.4, 0.4),
+        band=(1.0,),
         distance=((1.2, 0.3), (0.3, 0.9)),
         reach=2.2,
         correlation_time=0.1,
@@ -58,7 +59,7 @@ def made(own: float = 0.5) -> Discrepancy:
         spread=(0.03,),
         logs=7,
         joints=(
-            AffineJoint(
+            JointMap(
                 joint="jaw",
                 coefficients=(0.01, -0.02, 0.015, 0.02, -0.01, -0.3),
                 covariance=tuple(tuple(map(float, row)) for row in covariance),
@@ -96,7 +97,7 @@ def naive(
         held, age = (u, 0.0) if np.isfinite(u) else (held, age + dt)
         raw = np.array([s, held, theta])
         x, y, a = (np.clip(raw, low - 0.5 * half, high + 0.5 * half) - centre) / scale
-        play = y if play is None else min(max(play, y - d.play), y + d.play)
+        play = y if play is None else min(max(play, y - d.width[1]), y + d.width[1])
         phi = np.array([1.0, x, x * y, play, y * abs(y), a])
         z = (raw[:2] - centre[:2]) / scale[:2]
         far = max(
@@ -110,7 +111,7 @@ def naive(
             ends = []
             for moved in (held - step, held + step):
                 m = (np.clip(moved, low[1] - 0.5 * half[1], high[1] + 0.5 * half[1]) - centre[1]) / scale[1]
-                p = min(max(play, m - d.play), m + d.play) if abs(abs(y - play) - d.play) < 1e-12 else play
+                p = min(max(play, m - d.width[1]), m + d.width[1]) if abs(abs(y - play) - d.width[1]) < 1e-12 else play
                 ends.append(b[2] * x * m + b[3] * p + b[4] * m * abs(m))
             total += ((ends[1] - ends[0]) / (2 * step) * min(d.rate[1] * age, 2 * half[1])) ** 2
         deltas.append(float(phi @ b))
@@ -160,7 +161,7 @@ def test_the_filters_own_state_goes_on_without_it(plain: Rig, rig: Rig, log: Log
     np.testing.assert_allclose(corrected.innovations, bare.innovations, rtol=0, atol=1e-11)
     assert corrected.covariances is not None
     assert bare.covariances is not None
-    np.testing.assert_allclose(corrected.covariances[:, 1:, :], bare.covariances[:, 1:, :], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(corrected.covariances[:, 1:, 1:], bare.covariances[:, 1:, 1:], rtol=0, atol=1e-11)
 
 
 def test_sample_by_sample_live_and_in_a_batch(rig: Rig, log: Log) -> None:
@@ -200,9 +201,10 @@ def drawn(rng: np.random.Generator, b: Floats, d: Discrepancy) -> Samples:
     time = np.arange(0.0, 4.0, 0.01)
     readings = np.column_stack([0.4 * np.sin(3 * time), 0.08 * np.cos(5 * time)])
     angles = (0.3 * np.sin(3 * time + 0.2))[:, None]
-    run = Samples("run", time, readings, angles, np.full_like(angles, 1e-6), angles, 0.01)
+    none, own = np.zeros_like(angles), np.full_like(angles, 1e-6)
+    run = Samples("run", time, readings, angles, none, own, 0.01)
     left = design(d, run) @ b + d.joints[0].std * rng.normal(size=len(time))
-    return Samples("run", time, readings, angles, np.full_like(angles, 1e-6), angles + left[:, None], 0.01)
+    return Samples("run", time, readings, angles, left[:, None], own, 0.01)
 
 
 def test_homing_is_bayes_rule() -> None:
@@ -213,8 +215,8 @@ def test_homing_is_bayes_rule() -> None:
     b = rng.multivariate_normal(np.array(own.coefficients), np.array(own.covariance))
     run = drawn(rng, b, d)
     window = run.time < 1.0
-    after, surprise = homed(d, run, window)
-    x, y = design(d, run)[window], (run.truths - run.angles)[window, 0]
+    after, surprise = calibrate_window(d, run, window)
+    x, y = design(d, run)[window], run.targets[window, 0]
     prior = np.linalg.inv(np.array(own.covariance))
     information = prior + x.T @ x / (3 * own.std**2)
     mean = np.linalg.solve(information, prior @ np.array(own.coefficients) + x.T @ y / (3 * own.std**2))
@@ -222,10 +224,10 @@ def test_homing_is_bayes_rule() -> None:
     np.testing.assert_allclose(after.joints[0].covariance, np.linalg.inv(information), rtol=1e-5, atol=1e-12)
     assert surprise < 3.0
     # an angle that is off by far more than any log was makes the prior count less
-    far = Samples(**{**run.__dict__, "truths": run.truths + 0.5})
-    widened, surprise = homed(d, far, window)
+    far = Samples(**{**run.__dict__, "targets": run.targets + 0.5})
+    widened, surprise = calibrate_window(d, far, window)
     assert surprise > 3.0
-    left = design(d, far) @ np.array(widened.joints[0].coefficients) - (far.truths - far.angles)[:, 0]
+    left = design(d, far) @ np.array(widened.joints[0].coefficients) - far.targets[:, 0]
     assert np.sqrt(np.mean(left[window] ** 2)) < 2 * own.std
 
 
@@ -240,7 +242,7 @@ def test_refusals(plain: Rig, rig: Rig) -> None:
         ({"terms": ("1", "motor_angel")}, "'motor_angel' is no variable"),
         ({"low": (0.0, 0.0)}, "low must have 3 entries"),
         ({"low": (9.0, 9.0, 9.0)}, "low must not be above high"),
-        ({"scale": (1.0, 0.0, 1.0)}, "every scale must be positive"),
+        ({"scale": (1.0, 0.0, 1.0)}, "every scale, width and band must be positive"),
         (
             {"channels": ("motor_angle", "torque"), "terms": (*TERMS[:2], *["torque"] * 4)},
             "no sensor is called 'torque'",

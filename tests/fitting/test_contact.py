@@ -9,9 +9,10 @@ import pytest
 
 from distal import Estimate, LiveEstimator, Log, Rig, estimate, fit, learn_contact, load_rig, read_log
 from distal.errors import EstimationError, FitError
-from distal.estimators.contact import design, slips
-from distal.estimators.contact.terms import outside
+from distal.fitting.map_samples import torques_of
 from distal.logs import write_log
+from distal.regression import predict
+from distal.regression.features import played
 from distal.rig import build_rig, gain_of
 
 RATE, DURATION = 100.0, 8.0
@@ -36,7 +37,7 @@ def log(seed: int, share: float = 0.1, gain: float = 0.3) -> Log:
     place = 0.5 * np.sin(2 * np.pi * a * time + rng.uniform(0, 6)) + 0.2 * np.sin(2 * np.pi * b * time)
     effort = 0.08 * np.sin(2 * np.pi * 0.3 * time + rng.uniform(0, 6)) + 0.03 * rng.normal()
     effort += 2e-3 * rng.normal(size=len(time))
-    moved = slips(place, 0.02)
+    moved = (place - played(place, 0.02)) / 0.02
     own = 0.02 * (1 + share * rng.normal())
     torque = gain * effort + own * moved + 0.01 * rng.normal() + 1e-3 * rng.normal(size=len(time))
     truth = {"theta": 0.6 * place, "external_torque": torque}
@@ -54,7 +55,7 @@ def test_it_is_learned_and_its_band_holds() -> None:
     """After a window in which the torque is read, the error is that of the sensor; before, the offset is in the band."""
     found = learn_contact(LOGS, rig(), homing=2.0)
     assert len(found.left_out) == len(LOGS)
-    assert "slip(motor_angle)" in found.contact.terms
+    assert "slip(motor_angle)" in found.learned.terms
     for seed in (11, 12, 13):
         result = estimate(log(seed), found.rig, homing=2.0)
         late = np.isfinite(result.torque_errors())
@@ -85,13 +86,9 @@ def test_live_is_the_log_and_the_log_is_the_map() -> None:
         assert live.external_torques[0] == pytest.approx(whole.external_torque[k], abs=1e-12)
         assert live.external_torque_stds[0] == pytest.approx(whole.external_torque_std[k], rel=1e-9)
     assert live.torque_names == ("external_torque",)
-    contact, joint = taught.contact, taught.contact.joints[0]
-    phi = design(contact, samples)
-    np.testing.assert_allclose(whole.external_torque, phi @ np.array(joint.coefficients), atol=2e-4)
-    far = outside(contact, samples)
-    leverage = np.sum(phi @ np.array(joint.covariance) * phi, axis=1)
-    expected = contact.band**2 * (leverage + joint.std**2) + far**2 * (joint.std**2 + contact.spread[0] ** 2)
-    np.testing.assert_allclose(whole.external_torque_std, np.sqrt(expected), rtol=0.02)
+    said = predict(taught.learned, torques_of(one, taught.rig))
+    np.testing.assert_allclose(whole.external_torque, said.values, atol=2e-4)
+    np.testing.assert_allclose(whole.external_torque_std, np.sqrt(said.variances), rtol=0.02)
 
 
 def test_outside_the_range_the_band_grows() -> None:
@@ -114,10 +111,10 @@ def test_a_fit_learns_it_and_a_file_holds_it(tmp_path: object) -> None:
     again = read_log(paths[0], described)
     np.testing.assert_allclose(again.truth["external_torque"], LOGS[0].truth["external_torque"], atol=1e-9)
     found = fit(paths, described, ("joints.0.friction.coefficient",), noise=False, compiled=False)
-    assert found.contact is not None
+    assert "contact" in found.maps
     found.save(folder / "fitted.toml")
     assert load_rig(folder / "fitted.toml").contact == found.rig.contact
-    assert "torque from outside" in (folder / "fitted.toml").read_text()
+    assert "# contact: efforts" in (folder / "fitted.toml").read_text()
 
 
 def test_what_cannot_be_learned_is_said() -> None:

@@ -362,13 +362,13 @@ def test_the_obvious_estimator_is_learned_with_the_rig(rig: Rig, tmp_path: Path)
     plant, _ = drawn_plant(3)
     logs = logs_of(rig, plant, 3, ("ramps", "servo"), 4.0)
     found = fit(logs, rig, FREE[:1], noise=False)
-    assert found.affine is not None
-    assert found.rig.affine == found.affine.affine
-    assert found.affine.affine.logs == 2
+    assert "affine" in found.maps
+    assert found.rig.affine == found.maps["affine"].learned
+    assert found.maps["affine"].learned.logs == 2
     assert found.rig == rig.with_values(found.assignments())
     found.save(tmp_path / "fitted.toml")
     assert load_rig(tmp_path / "fitted.toml") == found.rig
-    assert "# affine: learned from 2 logs" in (tmp_path / "fitted.toml").read_text()
+    assert "# affine: a straight line" in (tmp_path / "fitted.toml").read_text()
     # what friction keeps back, over a travel of some 80°; a map that is not there would be tens of degrees off
     assert estimate(logs[0], found.rig, "affine").rms_error() < np.deg2rad(5.0)
     again = fit(without_truth(logs[0]), found.rig, FREE[:1], noise=False)

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, load_rig
-from distal.fitting.affine import AffineFit
-from distal.fitting.discrepancy import DiscrepancyFit, reference_std
-from distal.fitting.discrepancy_learning import _share_of_few
 from distal.fitting.fitted import FittedNumber, assignments
+from distal.fitting.map_samples import reference_std
 from distal.fitting.reference_error import with_reference_error
 from distal.logs import FROM_SENSOR, TruthKind, TruthSource
+from distal.regression.learn import share_of_few
 
 
 def log(source: TruthSource | str) -> Log:
@@ -25,21 +24,15 @@ def rig() -> Rig:
 
 
 def test_an_encoders_offset_is_in_the_bands(rig: Rig) -> None:
-    affine = AffineFit(rig, rig, ("a",), None, (), ())
-    discrepancy = DiscrepancyFit(rig, rig, ("a",), None, (), ())
+    """c² s² becomes c² s² + σ_b² in either map, and stays where the truth is of no sensor."""
     offset = np.deg2rad(0.35)
-    wider, corrected = with_reference_error(
-        affine, discrepancy, rig, [log(TruthSource(TruthKind.SENSOR, "column 'x'"))]
-    )
-    assert wider is not None
-    assert corrected is not None
-    before = affine.affine.joints[0].std
-    assert wider.affine.joints[0].std == pytest.approx(np.hypot(before, offset))
-    before = discrepancy.discrepancy.joints[0].std
-    assert corrected.discrepancy.joints[0].std == pytest.approx(np.hypot(before, offset))
-    same, alike = with_reference_error(affine, discrepancy, rig, [log("another file")])
-    assert same is affine
-    assert alike is discrepancy
+    for learned in (rig.affine, rig.discrepancy):
+        assert learned is not None
+        inflated = learned.model_copy(update={"band": (2.0,)})
+        wider = with_reference_error(inflated, rig, [log(TruthSource(TruthKind.SENSOR, "column 'x'"))])
+        before = 2.0 * learned.joints[0].std
+        assert 2.0 * wider.joints[0].std == pytest.approx(np.hypot(before, offset))
+        assert with_reference_error(inflated, rig, [log("another file")]) is inflated
 
 
 def test_what_the_reference_errs_by(rig: Rig) -> None:
@@ -75,6 +68,6 @@ def test_few_logs_share_the_filters_doubt_as_the_worst_needs() -> None:
     """Errors of 0.2 and 0.4 stds need 0.4 at 95 %; Student's factor comes on top, and all of it is the most."""
     rng = np.random.default_rng(2)
     logs = [[(size * rng.normal(size=40000), np.ones(40000), np.ones(40000))] for size in (0.2, 0.4)]
-    assert _share_of_few(logs, 1.0) == pytest.approx(0.4, rel=0.02)
-    assert _share_of_few(logs, 2.0) == pytest.approx(0.8, rel=0.02)
-    assert _share_of_few(logs, 5.0) == 1.0
+    assert share_of_few(logs, 1.0) == pytest.approx(0.4, rel=0.02)
+    assert share_of_few(logs, 2.0) == pytest.approx(0.8, rel=0.02)
+    assert share_of_few(logs, 5.0) == 1.0

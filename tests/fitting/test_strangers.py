@@ -8,7 +8,8 @@ from benchmarks.strangers.foreign_plants import finger_log, finger_rig, hand_log
 
 from distal import Log, estimate, fit, learn_discrepancy
 from distal.errors import FitError
-from distal.fitting.discrepancy_learning import factor_of
+from distal.regression import conformal_factor
+from distal.regression.learn import LARGEST, LEAST
 
 
 @pytest.mark.slow
@@ -25,6 +26,10 @@ def test_a_rig_with_other_physics(log_of: object, rig_of: object) -> None:
     assert rms < 1.1 * obvious
     assert np.mean([one.inside_band() for one in ours]) >= 0.88
     assert np.mean([1.96 * one.theta_std.mean() for one in ours]) < 5 * rms
+
+
+def factor_of(logs: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
+    return conformal_factor(logs, LEAST, LARGEST)
 
 
 def test_a_band_is_sized_by_the_errors_of_logs_left_out() -> None:
@@ -50,9 +55,9 @@ def test_few_logs_are_said() -> None:
     logs = [finger_log(seed, 6.0) for seed in range(2)]
     found = learn_discrepancy(logs, finger_rig(), compiled=False)
     assert any("2 logs or groups of logs" in note for note in found.notes)
-    assert len(found.left_out) == 2
+    assert not found.left_out
     assert found.rig.discrepancy is not None
-    assert "each left out once" in found.text
+    assert found.text == "discrepancy: learned from 2 logs"
 
 
 @pytest.mark.slow
@@ -65,7 +70,6 @@ def test_units_are_left_out_as_a_whole() -> None:
         logs.append(Log(log.time, log.channels, log.truth, f"unit_{seed // 2} {seed}"))
     found = fit(logs, finger_rig(), units=r"unit_(\d)")
     assert [one.log for one in found.compared] == [log.source for log in logs]
-    assert found.discrepancy is not None
-    assert any("3 logs or groups of logs" in note for note in found.discrepancy.notes)
+    assert any("3 logs or groups of logs" in note for note in found.maps["discrepancy"].notes)
     with pytest.raises(FitError, match="at least 2 groups"):
         fit(logs, finger_rig(), units=r"(unit)")

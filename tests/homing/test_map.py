@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from distal import Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter, Belief
-from distal.estimators.affine import correlated_samples
 from distal.homing import with_references
-from distal.homing.apply import begun_homed, numbers_filtered
+from distal.homing.apply import homing_prior, numbers_filtered
 from distal.homing.map import EVALUATIONS, KEPT, most_likely
 from distal.homing.window import Window
 from distal.logs import frozen
+from distal.regression import correlated_samples
 from distal.run import first_values, samples_of
 from distal.simulation import build_scenario
 from tests.estimators.adaptive.rigs import CERTAIN
@@ -79,7 +79,7 @@ def test_wide_priors_do_not_lead_it_astray(log: Log, monkeypatch: pytest.MonkeyP
     rms, inside = errors_after(log, rig)
     assert rms < 0.5
     assert inside > 0.9
-    monkeypatch.setattr("distal.run.offline.begun_homed", lambda window: window.start)
+    monkeypatch.setattr("distal.run.offline.homing_prior", lambda window: window.start)
     assert errors_after(log, rig)[0] > 5.0  # the filter alone, with the same stds
 
 
@@ -173,7 +173,7 @@ def test_where_the_filter_keeps_to_its_band_it_goes_on_from_its_prior(log: Log) 
     )
     window = window_of(servo, rig, 0.6)
     assert numbers_filtered(window, passes=1) is not None
-    assert begun_homed(window) is window.start
+    assert homing_prior(window) is window.start
 
 
 def test_the_covariance_goes_on_with_the_run(found: tuple[Window, Belief]) -> None:

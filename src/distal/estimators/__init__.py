@@ -2,14 +2,13 @@
 
 from distal.estimators.adaptive import AdaptiveFilter, Robustness
 from distal.estimators.affine import AffineEstimator, affine_of, affine_samples
+from distal.estimators.belief import Belief, Innovation
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import (
     LARGEST_ANGLE,
     SHORTEST,
     WILD,
-    Belief,
     Estimator,
-    Innovation,
     KernelEstimator,
     check_time,
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import casadi as ca
@@ -11,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
+from distal.estimators.belief import Belief, Innovation, innovation
 from distal.estimators.gaps import rows_of
-from distal.estimators.report import NOTHING_REPORTED, Report
+from distal.estimators.report import NOTHING_REPORTED
 from distal.kernels import Evaluation, Kernel
 from distal.logs import LARGEST_READING, frozen
 from distal.rig import Rig
@@ -29,61 +29,6 @@ SHORTEST = 1e-9
 """Stamps that are nearer to each other than this repeat [s]."""
 
 _BUILDING = threading.Lock()
-
-
-@dataclass(frozen=True)
-class Belief:
-    """What an estimator believes at a time; immutable.
-
-    Args:
-        time: of the last sample [s].
-        carry: mean (n,), covariance (n, n) row by row, and what the estimator remembers of its inputs.
-        size: number of states n.
-        samples: how many samples it has taken in; the first one may have the belief's own stamp.
-        output: of the last step's kernel, by which some states may be reported otherwise.
-        report: which, and how.
-    """
-
-    time: float
-    carry: Floats
-    size: int
-    samples: int = 0
-    output: Floats | None = None
-    report: Report = NOTHING_REPORTED
-
-    @property
-    def mean(self) -> Floats:
-        """State estimate as it is reported, (n,)."""
-        mean = self.carry[: self.size]
-        return mean if self.output is None else self.report.means(mean[None], self.output[None])[0]
-
-    @property
-    def covariance(self) -> Floats:
-        """Covariance of its error, (n, n)."""
-        n = self.size
-        covariance = self.carry[n : n + n * n].reshape(n, n)
-        return covariance if self.output is None else self.report.covariances(covariance[None], self.output[None])[0]
-
-
-@dataclass(frozen=True)
-class Innovation:
-    """What a sample told beyond the prediction.
-
-    Args:
-        values: measured minus predicted, one per measured channel, NaN where missing; each after the ones before it
-            have been taken into account, so that they are independent.
-        variances: their predicted variances.
-        log_likelihood: ln p(sample | past).
-    """
-
-    values: Floats
-    variances: Floats
-    log_likelihood: float
-
-    @property
-    def nis(self) -> float:
-        """Normalised innovation squared, Σ ν²/S; χ² distributed with one degree per value that is there."""
-        return float(np.nansum(self.values**2 / self.variances))
 
 
 @runtime_checkable
@@ -359,18 +304,6 @@ class KernelEstimator:
             EstimationError: a gap is too long.
         """
         return rows_of(self.name, steps, samples, self._interval, self.bridged)
-
-
-def innovation(values: Floats, variances: Floats) -> Innovation:
-    """Return the innovation with its log-likelihood, −½ Σ (ν²/S + ln 2πS) over the values that are there.
-
-    Args:
-        values: measured minus predicted, NaN where missing, (m,).
-        variances: their predicted variances, (m,).
-    """
-    there = np.isfinite(values)
-    terms = values[there] ** 2 / variances[there] + np.log(2 * np.pi * variances[there])
-    return Innovation(values, variances, float(-0.5 * terms.sum()))
 
 
 def _number(name: str, time: object) -> float:

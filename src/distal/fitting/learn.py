@@ -18,7 +18,8 @@ from distal.fitting.doubts import NOT_CONVERGED, SURPRISED, contradictions, doub
 from distal.fitting.fitted import FittedNumber, assignments
 from distal.fitting.free import Free
 from distal.fitting.groups import groups_of
-from distal.fitting.maps import MapFit, discrepancy_of, filtered, learn_contact, map_of, mean_rms
+from distal.fitting.map_samples import discrepancy_of, filtered, mean_rms
+from distal.fitting.maps import MapFit, learn_contact, map_of
 from distal.fitting.options import Options
 from distal.fitting.problem import FitFilter, Problem, steps_of
 from distal.fitting.reference_error import with_reference_error
@@ -45,7 +46,10 @@ FEW_ITERATIONS, AIDED_ITERATIONS = 3, 15
 SURER = 0.85
 """Narrower stds are taken where the angle's error is below this share."""
 
-PRIOR_SHARES = (1.0, 0.3, 0.1, 0.0)
+TOLD_OR_HELD: tuple[float | None, ...] = (None, 0.0)
+"""Stds that are tried after a fit: as the logs tell them, or none, so that no log teaches the numbers anew."""
+
+IN_DOUBT: tuple[float | None, ...] = (1.0, 0.3, 0.1, 0.0)
 """Shares of the priors' stds that are tried, widest first, where a fit is in doubt; 0 holds the numbers."""
 
 Problems = Callable[[bool], Problem]
@@ -125,7 +129,7 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
             "(affine) and no correction (discrepancy), which are of all joints"
         )
     unsure = numbers.found.interrupted or bool(doubts)
-    shares = PRIOR_SHARES if unsure else (None,)
+    shares = IN_DOUBT if unsure else TOLD_OR_HELD
     share, learned = shares[0], written(shares[0])
     maps = list[MapFit]()
     if known and not unknown:

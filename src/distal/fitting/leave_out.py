@@ -9,7 +9,7 @@ import numpy as np
 
 from distal.errors import DistalError
 from distal.fitting.learn import Learned, learn
-from distal.fitting.maps import discrepancy_of, filtered
+from distal.fitting.map_samples import discrepancy_of, filtered
 from distal.fitting.options import Options
 from distal.logs import Log, shown, true_angles
 from distal.regression import Errors, errors_of

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+FEWEST = 0.05
+"""A value counts for at most 20: a channel that is hardly compared tells hardly anything."""
+
 CORRELATED = 2.0
 """Scores that are this far apart in time are taken as independent [s]: sensors' curves last for a stroke."""
 
@@ -35,11 +38,14 @@ class Weighing:
         tolerance: ν²/S beyond which an innovation is an outlier, (m,).
         share: how much a value counts, (m,).
         times: stamps of the samples [s], (k,).
+        counts: how many values of each channel stand for all that are compared, (m,): which are (a drive's force near its
+            stop is not) depends on the numbers, and fewer of them would make a log look likelier or less likely.
     """
 
     tolerance: Floats
     share: Floats
     times: Floats
+    counts: Floats
 
 
 @dataclass(frozen=True)
@@ -76,8 +82,20 @@ def cost_of(run: Innovations, weighing: Weighing) -> float:
         return float("inf")
     ratio = nu * nu / spread
     inflation = np.maximum(1.0, ratio / np.broadcast_to(weighing.tolerance, run.values.shape)[there])
-    weight = np.broadcast_to(weighing.share, run.values.shape)[there]
+    weight = np.broadcast_to(weighing.share * evened(run, weighing), run.values.shape)[there]
     return 0.5 * float(np.sum(weight * (ratio / inflation + np.log(spread * inflation))))
+
+
+def evened(run: Innovations, weighing: Weighing) -> Floats:
+    """Return by what the values of each channel count more or less, so that their number does not matter, (m,).
+
+    Args:
+        run: of the filter.
+        weighing: with the numbers that they stand for.
+    """
+    compared = np.maximum(np.isfinite(run.values).sum(axis=0), FEWEST * weighing.counts)
+    shares: Floats = np.where(weighing.counts > 0, weighing.counts / np.maximum(compared, 1.0), 1.0)
+    return shares
 
 
 def derivatives_of(
@@ -109,7 +127,8 @@ def derivatives_of(
     inlier = inflation <= 1.0
     weight = np.broadcast_to(weighing.share, shape)[there]
     influence = np.where(inlier, nu / spread, 1.0 / np.where(nu == 0.0, 1.0, nu))
-    scores = weight * (slopes * influence + 0.5 * log_slopes * np.where(inlier, 1.0 - ratio, 0.0))
+    even = np.broadcast_to(evened(base, weighing), shape)[there]
+    scores = even * weight * (slopes * influence + 0.5 * log_slopes * np.where(inlier, 1.0 - ratio, 0.0))
     root = slopes * np.sqrt(weight / (spread * inflation))
     spreads = np.sqrt(0.5 * weight) * log_slopes * inlier
     meat, spans = long_run_covariance(scores, np.broadcast_to(weighing.times[:, None], shape)[there])

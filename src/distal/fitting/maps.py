@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,32 +10,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import DistalError, EstimationError, FitError
-from distal.estimators import AdaptiveFilter, affine_of, affine_samples, channels_of
+from distal.errors import FitError
+from distal.estimators import affine_of, affine_samples
 from distal.fitting.fitted_file import fitted_text, plain
 from distal.fitting.groups import folds_of
+from distal.fitting.map_samples import contact_of, discrepancy_of, filtered, has_torque, torques_of
 from distal.homing import (
-    Window,
     check_homing,
-    numbers_homed,
-    plain_samples,
-    torque_samples,
-    with_references,
 )
-from distal.logs import Log, TruthKind, read_log, shown, true_angles, true_torques, write_whole
-from distal.regression import NORMAL, Kind, Samples, contact_kind, discrepancy_kind, errors_of, learn_map
+from distal.logs import Log, read_log, shown, true_angles, write_whole
+from distal.regression import NORMAL, Kind, Samples, errors_of, learn_map
 from distal.regression.learn import ENOUGH
-from distal.rig import LearnedMap, Rig, Sensor, load_rig
-from distal.run import first_values, samples_of
-from distal.sensors import variance
+from distal.rig import LearnedMap, Rig, load_rig
 
 Floats = NDArray[np.float64]
 
 FOR_SCORES = 3
 """With so many logs or groups of logs each is left out once more, for scores that neither choice nor size has seen."""
-
-SETTLING = 0.5
-"""Without homing a filter finds the joint within so long [s]; errors count after that."""
 
 
 @dataclass(frozen=True)
@@ -221,17 +212,14 @@ def learn_contact(
                 f"contact: the rig says that nothing touches '{joint.name}'; "
                 f"give its external_torque a std (--set 'joints.{joint.name}.external_torque.std=\"0.05 N m\"')"
             )
-    data = [_torques_of(log, rig) for log in read if _has_torque(log, rig)]
+    data = [torques_of(log, rig) for log in read if has_torque(log, rig)]
     if not data:
         raise FitError(
             "contact: no log has the torque on the joint; add a sensor with measures = 'torque' of it, and its column"
         )
     if groups is not None and len(groups) != len(data):
         raise FitError(f"contact: {len(data)} logs have a torque, groups of {len(groups)} came")
-    sensors = _sensors(rig)
-    positions = [sensor.name for sensor in sensors if sensor.measures == "position"]
-    kind = contact_kind([s.name for s in sensors], positions, [joint.name for joint in rig.joints], _noise(sensors))
-    return map_of(data, kind, rig, homing, groups, scored=scored)
+    return map_of(data, contact_of(rig), rig, homing, groups, scored=scored)
 
 
 def map_of(
@@ -274,103 +262,6 @@ def map_of(
     return MapFit(described, rig, kind.name, sources, homing, tuple(scores), tuple(said))
 
 
-def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
-    """Return how what the filter's angles lack is learned from some logs.
-
-    Args:
-        rig: the description.
-        data: of the logs; a sensor that never changes in them is no variable.
-    """
-    sensors = _sensors(rig)
-    every = np.vstack([one.readings for one in data])
-    moving = [sensor for sensor, column in zip(sensors, every.T) if np.ptp(column) > 0.0]
-    efforts = [sensor.name for sensor in moving if sensor.measures in ("force", "tension")]
-    return discrepancy_kind(
-        [s.name for s in sensors],
-        [s.name for s in moving],
-        efforts,
-        [joint.name for joint in rig.joints],
-        _noise(sensors),
-    )
-
-
-def filtered(logs: Sequence[Log], rig: Rig, homing: float | None, compiled: bool) -> tuple[list[Samples], list[str]]:
-    """Return what the filter makes of logs, and why of some it makes nothing.
-
-    Args:
-        logs: with truth.
-        rig: the description, without a discrepancy.
-        homing: length of the homing move [s], or None.
-        compiled: compile the kernel where possible.
-    """
-    data, refused, make = list[Samples](), list[str](), _filter_for(rig, homing, compiled)
-    for log in logs:
-        try:
-            one = _filtered(log, make(log), homing)
-        except DistalError as problem:
-            refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")
-            continue
-        if not np.isfinite(one.angles).all():
-            refused.append(f"discrepancy: {shown(log.source)} is left out: adaptive left all bounds on it")
-            continue
-        data.append(replace(one, reference_std=0.0 if homing is not None else reference_std(rig, log)))
-    return data, refused
-
-
-def _filter_for(rig: Rig, homing: float | None, compiled: bool) -> Callable[[Log], AdaptiveFilter]:
-    """Return what gives the filter of a log: one for all, that reads the reference where there is homing."""
-    made: list[AdaptiveFilter] = []
-
-    def filter_of(log: Log) -> AdaptiveFilter:
-        if not made:
-            described, references = with_references(rig, log) if homing is not None else (rig, ())
-            made.append(AdaptiveFilter(described, compiled, references=references))
-        return made[0]
-
-    return filter_of
-
-
-def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None) -> Samples:
-    truths = true_angles(log, [joint.name for joint in runner.rig.joints])
-    assert truths is not None
-    m = len(runner.places)
-    proximal = samples_of(log, runner.channels[:m], runner.name)
-    reference = np.full((len(log), len(runner.channels) - m), np.nan)
-    unaided = np.column_stack([proximal, reference])
-    start = runner.initial(log.time[0], np.append(first_values(proximal), reference[0]))
-    early = log.time - log.time[0] < (SETTLING if homing is None else homing)
-    if homing is not None:
-        check_homing(homing, log, [joint.name for joint in runner.rig.joints])
-        aided = np.column_stack([proximal, np.where(early[:, None], truths[:, : reference.shape[1]], np.nan)])
-        start = numbers_homed(Window.of(runner, start, log, aided, truths, homing))
-    elif log.time[-1] - log.time[0] > 4 * SETTLING:
-        # where the joint begins is not known yet: that is no error of the model
-        truths = np.where(early[:, None], np.nan, truths)
-    return plain_samples(runner, start, log, unaided, truths)
-
-
-def mean_rms(data: Sequence[Samples]) -> float:
-    """Return the mean over logs of the RMS of what the filter's angle errs by [rad].
-
-    Args:
-        data: of the logs.
-    """
-    return float(np.mean([np.sqrt(np.nanmean(one.targets**2)) for one in data]))
-
-
-def reference_std(rig: Rig, log: Log) -> float:
-    """Return what the angle sensor errs by that a log's truth comes from [rad]; 0 where it comes from elsewhere.
-
-    Args:
-        rig: the description.
-        log: with truth.
-    """
-    if log.truth_kind is not TruthKind.SENSOR:
-        return 0.0
-    stds = [float(np.hypot(s.bias.filter_std, np.sqrt(variance(s)))) for s in rig.sensors_of("angle")]
-    return max(stds, default=0.0)
-
-
 def _with_truth(logs: Any, rig: Rig | str | Path, truth: str | None, name: str) -> tuple[Rig, list[Log]]:
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
     given = [logs] if isinstance(logs, (Log, str, Path)) else list(logs)
@@ -379,30 +270,6 @@ def _with_truth(logs: Any, rig: Rig | str | Path, truth: str | None, name: str) 
     if not known:
         raise FitError(f"{name}: none of the {len(read)} logs has the joint's angle; give --truth, or log a reference")
     return rig, known
-
-
-def _sensors(rig: Rig) -> tuple[Sensor, ...]:
-    channels = channels_of(rig, "adaptive")
-    return (*channels.positions, *channels.tensions, *channels.forces)
-
-
-def _noise(sensors: Sequence[Sensor]) -> Floats:
-    return np.sqrt([variance(sensor) for sensor in sensors])
-
-
-def _has_torque(log: Log, rig: Rig) -> bool:
-    torques = true_torques(log, [joint.name for joint in rig.joints])
-    return torques is not None and bool(np.isfinite(torques).any())
-
-
-def _torques_of(log: Log, rig: Rig) -> Samples:
-    torques = true_torques(log, [joint.name for joint in rig.joints])
-    assert torques is not None
-    names = [sensor.name for sensor in _sensors(rig)]
-    for name in names:
-        if name not in log.channels:
-            raise EstimationError(f"{log.source}: the sensor '{name}' is not in the log")
-    return torque_samples(log, rig, {name: log.channels[name] for name in names}, torques)
 
 
 def _score(learned: LearnedMap, out: Samples, kind: Kind, homing: float | None) -> LeftOut:

@@ -282,7 +282,13 @@ class Problem:
             np.where(self._is_reference, np.inf, Robustness().wild_force),
             np.where(self._is_reference, share, 1.0),
             times,
+            self._counts[log],
         )
+
+    @cached_property
+    def _counts(self) -> tuple[Floats, ...]:
+        """Return how many values of each channel are compared where the search begins, for each log."""
+        return tuple(np.isfinite(run.values).sum(axis=0).astype(np.float64) for run in self.at(np.zeros(self.size)))
 
     def at(self, z: Floats) -> list[Innovations]:
         """Return the innovations of every log.

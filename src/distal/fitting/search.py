@@ -13,7 +13,7 @@ from distal.fitting.problem import Problem
 
 Floats = NDArray[np.float64]
 
-MOST_ITERATIONS = 30
+MOST_ITERATIONS = 60
 
 ENOUGH = 3e-2
 """The search ends where the next step is predicted to gain less than this of −ln p: a quarter of a standard error."""
@@ -24,6 +24,9 @@ COARSEST = 16.0
 DAMPINGS = (1e-4, 1e-2, 1.0, 100.0)
 """Shares of the information's diagonal that are added to it: a step of each is tried, side by side."""
 
+AHEAD = (1.0, 4.0, 16.0)
+"""So many times the last step is tried too, from where it ended: in a bent valley every step is short."""
+
 FIRST_WIDTH = 1e-2
 """The first slopes are taken over this share of a value on either side, or of its scale where it may be zero."""
 
@@ -31,7 +34,8 @@ WIDTH = 0.3
 """Later ones over this share of what a number would be known to if all others were: over less, kinks of friction look like
 information (docs/results/fitting.md)."""
 
-SMALLEST_WIDTH = 1e-3
+SMALLEST_WIDTH, SMALLEST_NOISE_WIDTH = 1e-3, 0.05
+"""Least such shares: of a number, and of a noise, which changes where a joint slips and so what it seems to tell."""
 
 COARSE_SHARE, COARSE_LEAST, COARSE_ITERATIONS = 0.25, 400, 12
 """The start is searched with the first quarter of each log, at least so many samples, in so many iterations."""
@@ -175,20 +179,23 @@ def search(
     z = _inside(problem, start)
     widths = first_widths(problem) if first is None else widths_at(problem, z, first)
     found = Found(z, np.inf, Derivatives(np.inf, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)), 0))
-    coarser, near = 1.0, False
+    coarser, near, last = 1.0, False, np.zeros(problem.size)
     try:
         derivatives = problem.derivatives(z, np.where(free, widths, 0.0), False)
         found = Found(z, derivatives.cost, derivatives)
         for iteration in range(1, most + 1):
             steps = [_step(problem, found.z, derivatives, free, damping) for damping in DAMPINGS]
             found, predicted = replace(found, iterations=iteration), steps[0][1]
-            costs = problem.costs([found.z + step for step, _ in steps]) if predicted >= ENOUGH else np.full(1, np.inf)
+            ahead = [_inside(problem, found.z + share * last) for share in AHEAD if last.any()]
+            points = [*(found.z + step for step, _ in steps), *ahead]
+            costs = problem.costs(points) if predicted >= ENOUGH else np.full(1, np.inf)
             best = int(np.argmin(costs))
             if progress is not None:
                 progress(iteration, min(float(costs[best]), found.cost))
             gained = found.cost - float(costs[best])
             if gained >= ENOUGH:
-                found = replace(found, z=found.z + steps[best][0], cost=float(costs[best]))
+                last = points[best] - found.z
+                found = replace(found, z=points[best], cost=float(costs[best]))
                 near = central and (near or predicted < NEAR)
             elif central and not near:
                 near = True
@@ -238,7 +245,8 @@ def widths_at(problem: Problem, z: Floats, derivatives: Derivatives) -> Floats:
     """
     units = np.array([part.unit(float(at)) for (part, _), at in zip(problem.parts, z)])
     alone = 1.0 / np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-300))
-    share = np.clip(WIDTH * alone / units, SMALLEST_WIDTH, FIRST_WIDTH * 8)
+    least = np.where([part.noise for part, _ in problem.parts], SMALLEST_NOISE_WIDTH, SMALLEST_WIDTH)
+    share = np.clip(WIDTH * alone / units, least, FIRST_WIDTH * 8)
     widths: Floats = units * 2.0 ** np.round(np.log2(share))
     return widths
 

@@ -240,7 +240,7 @@ def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
     groups: dict[tuple[str, str, float], list[int]] = {}
     for i, sensor in enumerate(rig.sensors):
         smooth = sensor.measures == "force" and sensor.of in playing
-        if sensor.name not in angles and sensor.measures not in REFERENCES and sensor.noise > 0.0 and not smooth:
+        if sensor.measures not in ("position", *REFERENCES) and sensor.noise > 0.0 and not smooth:
             groups.setdefault((sensor.measures, sensor.si, sensor.noise), []).append(i)
     if homing:
         return []  # what is predicted after homing tells nothing of a sensor's own noise

@@ -996,7 +996,7 @@ void capstan_adaptive_begin(capstan_adaptive_state* state, const float* values) 
 }
 
 int capstan_adaptive_step(capstan_adaptive_state* state, float dt, const float* values, capstan_adaptive_output* out) {
-  float x[1 + 2 * 2], y[2 * 1];
+  float x[1 + 2 * 2], y[2];
   long parts, k;
   int i, wild = 0;
   if (!(dt >= 1e-09f) && !(dt == 0.0f && state->samples == 0)) return CAPSTAN_ADAPTIVE_LATE;

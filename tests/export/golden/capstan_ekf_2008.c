@@ -1032,7 +1032,7 @@ void capstan_ekf_2008_begin(capstan_ekf_2008_state* state, const float* values) 
 }
 
 int capstan_ekf_2008_step(capstan_ekf_2008_state* state, float dt, const float* values, capstan_ekf_2008_output* out) {
-  float x[1 + 2 * 2], y[2 * 1];
+  float x[1 + 2 * 2], y[2];
   long parts, k;
   int i, wild = 0;
   if (!(dt >= 1e-09f) && !(dt == 0.0f && state->samples == 0)) return CAPSTAN_EKF_2008_LATE;

@@ -1,0 +1,79 @@
+"""What an estimator believes at a time, and what a sample told it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators.report import NOTHING_REPORTED, Report
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What an estimator believes at a time; immutable.
+
+    Args:
+        time: of the last sample [s].
+        carry: mean (n,), covariance (n, n) row by row, and what the estimator remembers of its inputs.
+        size: number of states n.
+        samples: how many samples it has taken in; the first one may have the belief's own stamp.
+        output: of the last step's kernel, by which some states may be reported otherwise.
+        report: which, and how.
+    """
+
+    time: float
+    carry: Floats
+    size: int
+    samples: int = 0
+    output: Floats | None = None
+    report: Report = NOTHING_REPORTED
+
+    @property
+    def mean(self) -> Floats:
+        """State estimate as it is reported, (n,)."""
+        mean = self.carry[: self.size]
+        return mean if self.output is None else self.report.means(mean[None], self.output[None])[0]
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of its error, (n, n)."""
+        n = self.size
+        covariance = self.carry[n : n + n * n].reshape(n, n)
+        return covariance if self.output is None else self.report.covariances(covariance[None], self.output[None])[0]
+
+
+@dataclass(frozen=True)
+class Innovation:
+    """What a sample told beyond the prediction.
+
+    Args:
+        values: measured minus predicted, one per measured channel, NaN where missing; each after the ones before it
+            have been taken into account, so that they are independent.
+        variances: their predicted variances.
+        log_likelihood: ln p(sample | past).
+    """
+
+    values: Floats
+    variances: Floats
+    log_likelihood: float
+
+    @property
+    def nis(self) -> float:
+        """Normalised innovation squared, Σ ν²/S; χ² distributed with one degree per value that is there."""
+        return float(np.nansum(self.values**2 / self.variances))
+
+
+def innovation(values: Floats, variances: Floats) -> Innovation:
+    """Return the innovation with its log-likelihood, −½ Σ (ν²/S + ln 2πS) over the values that are there.
+
+    Args:
+        values: measured minus predicted, NaN where missing, (m,).
+        variances: their predicted variances, (m,).
+    """
+    there = np.isfinite(values)
+    terms = values[there] ** 2 / variances[there] + np.log(2 * np.pi * variances[there])
+    return Innovation(values, variances, float(-0.5 * terms.sum()))

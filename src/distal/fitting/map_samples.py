@@ -1,0 +1,170 @@
+"""What logs say to each kind of map: readings, targets and the filter's own angles; and which terms there may be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import DistalError, EstimationError
+from distal.estimators import AdaptiveFilter, channels_of
+from distal.homing import Window, check_homing, numbers_homed, plain_samples, torque_samples, with_references
+from distal.logs import Log, TruthKind, shown, true_angles, true_torques
+from distal.regression import Kind, Samples, contact_kind, discrepancy_kind
+from distal.rig import Rig, Sensor
+from distal.run import first_values, samples_of
+from distal.sensors import variance
+
+Floats = NDArray[np.float64]
+
+SETTLING = 0.5
+"""Without homing a filter finds the joint within so long [s]; errors count after that."""
+
+
+def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
+    """Return how what the filter's angles lack is learned from some logs.
+
+    Args:
+        rig: the description.
+        data: of the logs; a sensor that never changes in them is no variable.
+    """
+    sensors = _sensors(rig)
+    every = np.vstack([one.readings for one in data])
+    moving = [sensor for sensor, column in zip(sensors, every.T) if np.ptp(column) > 0.0]
+    efforts = [sensor.name for sensor in moving if sensor.measures in ("force", "tension")]
+    return discrepancy_kind(
+        [s.name for s in sensors],
+        [s.name for s in moving],
+        efforts,
+        [joint.name for joint in rig.joints],
+        _noise(sensors),
+    )
+
+
+def filtered(logs: Sequence[Log], rig: Rig, homing: float | None, compiled: bool) -> tuple[list[Samples], list[str]]:
+    """Return what the filter makes of logs, and why of some it makes nothing.
+
+    Args:
+        logs: with truth.
+        rig: the description, without a discrepancy.
+        homing: length of the homing move [s], or None.
+        compiled: compile the kernel where possible.
+    """
+    data, refused, make = list[Samples](), list[str](), _filter_for(rig, homing, compiled)
+    for log in logs:
+        try:
+            one = _filtered(log, make(log), homing)
+        except DistalError as problem:
+            refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")
+            continue
+        if not np.isfinite(one.angles).all():
+            refused.append(f"discrepancy: {shown(log.source)} is left out: adaptive left all bounds on it")
+            continue
+        data.append(replace(one, reference_std=0.0 if homing is not None else reference_std(rig, log)))
+    return data, refused
+
+
+def _filter_for(rig: Rig, homing: float | None, compiled: bool) -> Callable[[Log], AdaptiveFilter]:
+    """Return what gives the filter of a log: one for all, that reads the reference where there is homing."""
+    made: list[AdaptiveFilter] = []
+
+    def filter_of(log: Log) -> AdaptiveFilter:
+        if not made:
+            described, references = with_references(rig, log) if homing is not None else (rig, ())
+            made.append(AdaptiveFilter(described, compiled, references=references))
+        return made[0]
+
+    return filter_of
+
+
+def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None) -> Samples:
+    truths = true_angles(log, [joint.name for joint in runner.rig.joints])
+    assert truths is not None
+    m = len(runner.places)
+    proximal = samples_of(log, runner.channels[:m], runner.name)
+    reference = np.full((len(log), len(runner.channels) - m), np.nan)
+    unaided = np.column_stack([proximal, reference])
+    start = runner.initial(log.time[0], np.append(first_values(proximal), reference[0]))
+    early = log.time - log.time[0] < (SETTLING if homing is None else homing)
+    if homing is not None:
+        check_homing(homing, log, [joint.name for joint in runner.rig.joints])
+        aided = np.column_stack([proximal, np.where(early[:, None], truths[:, : reference.shape[1]], np.nan)])
+        start = numbers_homed(Window.of(runner, start, log, aided, truths, homing))
+    elif log.time[-1] - log.time[0] > 4 * SETTLING:
+        # where the joint begins is not known yet: that is no error of the model
+        truths = np.where(early[:, None], np.nan, truths)
+    return plain_samples(runner, start, log, unaided, truths)
+
+
+def mean_rms(data: Sequence[Samples]) -> float:
+    """Return the mean over logs of the RMS of what the filter's angle errs by [rad].
+
+    Args:
+        data: of the logs.
+    """
+    return float(np.mean([np.sqrt(np.nanmean(one.targets**2)) for one in data]))
+
+
+def reference_std(rig: Rig, log: Log) -> float:
+    """Return what the angle sensor errs by that a log's truth comes from [rad]; 0 where it comes from elsewhere.
+
+    Args:
+        rig: the description.
+        log: with truth.
+    """
+    if log.truth_kind is not TruthKind.SENSOR:
+        return 0.0
+    stds = [float(np.hypot(s.bias.filter_std, np.sqrt(variance(s)))) for s in rig.sensors_of("angle")]
+    return max(stds, default=0.0)
+
+
+def _sensors(rig: Rig) -> tuple[Sensor, ...]:
+    channels = channels_of(rig, "adaptive")
+    return (*channels.positions, *channels.tensions, *channels.forces)
+
+
+def _noise(sensors: Sequence[Sensor]) -> Floats:
+    return np.sqrt([variance(sensor) for sensor in sensors])
+
+
+def has_torque(log: Log, rig: Rig) -> bool:
+    """Return whether a log has the torque on a joint from outside.
+
+    Args:
+        log: the log.
+        rig: the description.
+    """
+    torques = true_torques(log, [joint.name for joint in rig.joints])
+    return torques is not None and bool(np.isfinite(torques).any())
+
+
+def torques_of(log: Log, rig: Rig) -> Samples:
+    """Return a log with the torque on its joints as the map of the torque sees it.
+
+    Args:
+        log: with the torque.
+        rig: the description.
+
+    Raises:
+        EstimationError: the log lacks a sensor.
+    """
+    torques = true_torques(log, [joint.name for joint in rig.joints])
+    assert torques is not None
+    names = [sensor.name for sensor in _sensors(rig)]
+    for name in names:
+        if name not in log.channels:
+            raise EstimationError(f"{log.source}: the sensor '{name}' is not in the log")
+    return torque_samples(log, rig, {name: log.channels[name] for name in names}, torques)
+
+
+def contact_of(rig: Rig) -> Kind:
+    """Return how the torque from outside is learned from what the sensors of a rig read.
+
+    Args:
+        rig: the description.
+    """
+    sensors = _sensors(rig)
+    positions = [sensor.name for sensor in sensors if sensor.measures == "position"]
+    return contact_kind([s.name for s in sensors], positions, [joint.name for joint in rig.joints], _noise(sensors))
