@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.cases import WINDOW, scenario
 from benchmarks.report import table
-from distal import Log, Rig, cross_validate, estimate, fit, load_rig, simulate
+from distal import Log, Rig, estimate, fit, load_rig, simulate
 from distal.errors import DistalError
 
 FREE = ("tendons.*.stiffness", "joints.0.friction.coefficient", "joints.0.damping")
@@ -156,27 +156,26 @@ def instrument() -> None:
     rig = load_rig(START)
     logs = [read_log(path, rig) for path in paths]
     started = time.perf_counter()
-    whole = fit(logs, rig, homing=3.0)
+    whole = fit(logs, rig, homing=3.0, units=r"run_(.)")
     took = time.perf_counter() - started
-    validation = cross_validate(logs, rig, r"run_(.)", homing=3.0)
     rows, point = [], []
-    for one, fitted in ((one, f) for f in validation.fits for one in validation.held_out if one.log not in f.logs):
-        log = next(log for log in logs if log.source == one.log)
-        near = estimate(log, fitted.rig, homing=0.2)
-        point.append(near)
-        rows.append(
-            [
-                Path(one.log).stem,
-                *(f"{np.rad2deg(e.rms_error()):.3f}" for e in (one.before, one.after, near)),
-                *(f"{100 * e.inside_band():.0f} %" for e in (one.after, near)),
-            ]
-        )
-    errors = np.rad2deg([one.rms_error() for one in point])
-    mean = ["mean", f"{np.rad2deg(np.mean([one.before.rms_error() for one in validation.held_out])):.3f}"]
-    mean += [f"{np.rad2deg(validation.mean_rms):.3f}", f"{errors.mean():.3f}", f"{100 * validation.inside_band:.0f} %"]
-    rows += [[*mean, f"{100 * np.mean([one.inside_band() for one in point]):.0f} %"]]
-    worst = np.rad2deg(max(one.before.rms_error() for one in validation.held_out))
-    rows += [["worst", f"{worst:.3f}", f"{np.rad2deg(validation.worst_rms):.3f}", f"{errors.max():.3f}", "", ""]]
+    for fold in whole.folds:
+        for one in fold.compared:
+            assert one.fitted is not None
+            assert one.before is not None
+            near = estimate(next(log for log in logs if log.source == one.log), fold.learned.rig, homing=0.2)
+            point.append(near)
+            errors = (one.before.rms, one.fitted.rms, near.rms_error())
+            shares = (one.fitted.inside, near.inside_band())
+            rows.append(
+                [Path(one.log).stem, *(f"{np.rad2deg(e):.3f}" for e in errors), *(f"{100 * s:.0f} %" for s in shares)]
+            )
+    said = [(one.before.rms, one.fitted.rms, one.fitted.inside) for one in whole.compared if one.before and one.fitted]
+    before, after, inside = (np.array(column) for column in zip(*said))
+    nears, shares = np.array([one.rms_error() for one in point]), [one.inside_band() for one in point]
+    for name, of in (("mean", np.mean), ("worst", np.max)):
+        rows.append([name, *(f"{np.rad2deg(of(each)):.3f}" for each in (before, after, nears)), "", ""])
+    rows[-2][-2:] = f"{100 * np.mean(inside):.0f} %", f"{100 * np.mean(shares):.0f} %"
     columns = ["run", "move, before [°]", "homing move [°]", "homing point [°]", "band, move", "band, point"]
     title = (
         f"da Vinci grasper, fitted without the run's motion class (all {len(logs)} runs at once: {took:.0f} s, "

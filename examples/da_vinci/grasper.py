@@ -48,7 +48,8 @@ for name in ("inextensible", "adaptive"):
 # The likelihood of what is predicted after homing. Nine numbers.
 
 # %%
-found = distal.fit(logs, start, homing=3.0)
+classes = r"run_(.)" if len({path.stem[4] for path in paths}) > 1 else None
+found = distal.fit(logs, start, homing=3.0, units=classes)
 for part in found.fitted:
     print(f"{part.name:32} {part.start:10.5g} -> {part.value:10.5g} ± {part.error:.2g} {part.si}, {part.origin}")
 for line in found.combinations:
@@ -58,25 +59,18 @@ found.save(arguments.out / "fitted.toml", text)
 
 # %% [markdown]
 # ## Is it right on other motions?
-# Runs are named XY, X being the class of motion. Each class is left out of the fit once, as a whole: halves of one
+# Runs are named XY, X being the class of motion. Each class was left out of the fit once, as a whole: halves of one
 # periodic run would know each other.
 
 # %%
-validation = None
-if len({path.stem[4] for path in paths}) > 1:
-    validation = distal.cross_validate(logs, start, r"run_(.)", homing=3.0)
-    for one in validation.held_out:
-        print(
-            f"{Path(one.log).stem}: {np.rad2deg(one.before.rms_error()):.2f}° -> {np.rad2deg(one.after.rms_error()):.2f}°"
-        )
-    print(
-        f"mean {np.rad2deg(validation.mean_rms):.2f}°, worst {np.rad2deg(validation.worst_rms):.2f}°, "
-        f"{100 * validation.inside_band:.0f} % inside the band"
-    )
+for one in found.compared:
+    print(f"{Path(one.log).stem}: {np.rad2deg(one.before.rms):.2f}° -> {np.rad2deg(one.fitted.rms):.2f}°")
+for name, rms, inside in found.scores():
+    print(f"{name}: mean {np.rad2deg(rms):.2f}°, {100 * inside:.0f} % inside the band")
 
 # %% [markdown]
 # ## Look at it
 
 # %%
 distal.estimate(log, found.rig, homing=3.0).plot(arguments.out / "jaw.png")
-print("wrote", fit_report(found, logs, arguments.out, validation))
+print("wrote", fit_report(found, logs, arguments.out))

@@ -6,7 +6,6 @@ from distal.estimators import ESTIMATORS, Belief, Estimator, Innovation, make_es
 from distal.export import export_c
 from distal.fitting import (
     Fit,
-    cross_validate,
     fit,
     learn_affine,
     learn_contact,
@@ -35,7 +34,6 @@ __all__ = [
     "Rig",
     "Scenario",
     "at_known_angle",
-    "cross_validate",
     "diagnose",
     "estimate",
     "estimate_batch",

@@ -114,7 +114,7 @@ def _no_work(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) ->
         (distal.logs, ("read_log", "write_whole")),
         (distal.run, ("LiveEstimator", "estimate", "estimate_batch", "smooth")),
         (distal.simulation, ("simulate", "simulate_batch")),
-        (distal.fitting, ("cross_validate", "fit")),
+        (distal.fitting, ("fit",)),
         (distal.reports, ("fit_report", "reproduce")),
         (distal.export, ("export_c",)),
     ):

@@ -37,8 +37,7 @@ def test_an_encoders_offset_is_in_the_bands(rig: Rig) -> None:
 
 def test_what_the_reference_errs_by(rig: Rig) -> None:
     noise = np.deg2rad(np.hypot(0.1, 0.09 / np.sqrt(12.0)))
-    expected = np.hypot(np.deg2rad(0.35), noise)
-    assert reference_std(rig, log(FROM_SENSOR)) == pytest.approx(expected, rel=1e-6)
+    assert reference_std(rig, log(FROM_SENSOR)) == pytest.approx(noise, rel=1e-6)
     assert reference_std(rig, log("the simulation")) == 0.0
 
 

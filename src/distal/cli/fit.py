@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -14,14 +13,17 @@ import typer
 from distal.cli.console import err, say, table
 from distal.cli.options import MemoryOption, RigOption, SetOption, seconds
 from distal.cli.outputs import check_outputs, to_file, to_folder
-from distal.errors import DistalWarning, FitError, OutputError
+from distal.errors import FitError, OutputError
 
 if TYPE_CHECKING:
-    from distal.fitting import CrossValidation, Fit, Score
+    from distal.fitting import Doing, Fit
 
 
 EVERY = 5.0
 """Where progress goes to a file or a pipe, a line is written so often [s]."""
+
+MOST_ROWS, MOST_NAMES, MOST_DOUBTS = 14, 4, 4
+"""So many numbers, names and doubts are printed; all are on the page."""
 
 
 def fit_command(
@@ -54,16 +56,6 @@ def fit_command(
             "--curves", help=("Learn the position sensors' systematic curves: for the same sensors, left in place.")
         ),
     ] = False,
-    holdout: Annotated[
-        str | None,
-        typer.Option(
-            "--holdout",
-            help=(
-                "Fit again without each log ('log') or group of logs (a regular expression, "
-                "'run_(.)'): slower, and all of the fit."
-            ),
-        ),
-    ] = None,
     units: Annotated[
         str | None,
         typer.Option(
@@ -85,10 +77,8 @@ def fit_command(
     set_: SetOption = None,
 ) -> None:
     """Fit a rig's parameters and noise to logs, say what they can tell, and write a rig that estimates well on the next."""
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    from distal.fitting import cross_validate, groups_of
     from distal.fitting import fit as fitted_to
+    from distal.fitting import groups_of
     from distal.logs import read_log
     from distal.reports import FIT_PAGES, fit_report
     from distal.rig import edited_text, load_rig
@@ -98,61 +88,61 @@ def fit_command(
     outputs = [*to_file("--out", out), *to_folder("--report", report, FIT_PAGES)]
     check_outputs(outputs, logs=[*logs, *([start] if start is not None else [])], rig=rig, truth=truth)
     _check_logs(logs)
-    if holdout is not None:
-        groups_of([str(path) for path in logs], None if holdout == "log" else holdout)
     if units is not None:
         groups_of([str(path) for path in logs], units)
     home = seconds(homing) if homing is not None else None
     description = load_rig(rig, set_ or ())
     read = [read_log(path, description, truth) for path in logs]
-    options: dict[str, Any] = {
-        "free": free or (),
-        "per_log": per_log or (),
-        "noise": noise,
-        "curves": curves,
-        "seed": seed,
-        "workers": jobs,
-        "units": units,
-        "start": start,
-    }
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    # a file or a pipe shows a line now and then instead
-    shown: dict[str, Any] = {"console": err(), "transient": True, "disable": not err().is_terminal}
-    validation = None
-    with Progress(*columns, **shown) as progress, warnings.catch_warnings():
-        task = progress.add_task("reading")
-
-        told = time.monotonic()
-
-        def show(stage: str, iteration: int, cost: float) -> None:
-            nonlocal told
-            line = f"{stage}: iteration {iteration}, −ln p = {cost:.1f}"
-            progress.update(task, description=line)
-            if not err().is_terminal and time.monotonic() - told > EVERY:
-                told = time.monotonic()
-                err().print(line)
-
-        result = fitted_to(read, description, homing=home, progress=show, **options)
-        # what it warns of was said of the fit to all logs
-        warnings.simplefilter("ignore", DistalWarning)
-        if holdout is not None and not result.interrupted:
-            pattern = None if holdout == "log" else holdout
-            validation = cross_validate(read, description, pattern, home, progress=show, **options)
+    with _Bar() as bar:
+        result = fitted_to(
+            read,
+            description,
+            free or (),
+            per_log or (),
+            homing=home,
+            noise=noise,
+            curves=curves,
+            seed=seed,
+            workers=jobs,
+            units=units,
+            start=start,
+            progress=bar.show,
+        )
     _say(result)
-    if validation is not None:
-        _say_held_out(validation)
     if out is not None:
         result.save(out, edited_text(rig, set_ or ()))
-    if report is not None:
-        with Progress(*columns, **shown) as progress:
-            progress.add_task("drawing")
-            page = fit_report(result, read, report, validation)
-    if out is not None:
         say(f"wrote {out}")
     if report is not None:
-        say(f"wrote {page}")
+        say(f"wrote {fit_report(result, read, report)}")
     if result.interrupted:
         raise typer.Exit(130)
+
+
+class _Bar:
+    """One bar for the whole fit on a terminal; a file or a pipe gets a line now and then."""
+
+    def __init__(self) -> None:
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self._told = time.monotonic()
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("time left"), TimeRemainingColumn())
+        self._bar = Progress(*columns, console=err(), transient=True, disable=not err().is_terminal)
+        self._task = self._bar.add_task("fitting", total=1.0)
+
+    def __enter__(self) -> _Bar:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def show(self, doing: Doing) -> None:
+        """Show what a fit is doing."""
+        part = "all logs" if doing.part == 0 else f"left out {doing.part} of {doing.parts - 1}"
+        self._bar.update(self._task, completed=doing.share, description=f"{part}: {doing.stage}")
+        if not err().is_terminal and time.monotonic() - self._told > EVERY:
+            self._told = time.monotonic()
+            err().print(f"{part}: {doing.stage}, about {100 * doing.share:.0f} % done")
 
 
 def _check_logs(logs: list[Path]) -> None:
@@ -164,75 +154,26 @@ def _check_logs(logs: list[Path]) -> None:
 
 
 def _say(result: Fit) -> None:
-    rows = [
-        (
-            part.name,
-            f"{part.start:.5g}" + ("" if np.isnan(part.prior_std) else f" ± {part.prior_std:.2g}"),
-            f"{part.value:.5g} ± {part.error:.2g}",
-            f"{part.si}, {part.origin}".lstrip(", "),
-        )
-        for part in result.fitted
-    ]
-    table(
-        f"fitted to {len(result.logs)} log{'s' if len(result.logs) > 1 else ''}, {result.duration:.0f} s",
-        ["number", "start ± prior std", "value ± standard error", "unit, from"],
-        rows,
-    )
-    for part in result.fitted:
-        for name, value in part.per_log.items():
-            say(f"  {part.name} in {Path(name).name}: {value:.5g} {part.si}")
-    for line in result.combinations:
-        say(f"these logs tell {line}")
-    ratios = ", ".join(
-        f"{name} {before:.2f} → {after:.2f}"
-        for name, before, after in zip(result.channels, result.nis_before, result.nis_after)
-        if np.isfinite(after)
-    )
-    say(f"normalised innovations ν²/S (1 is expected): {ratios}")
-    for one in result.maps.values():
-        for line in one.notes:
-            say(line)
-    if result.compared:
-        _say_left_out(result)
-    for line in result.doubts:
-        say(f"doubt: {line}")
-    if result.verdict:
-        say(result.verdict)
+    """Print what a fit found, within a screen: the numbers that the logs tell, how it does on logs left out, doubts."""
+    from distal.fitting import name_of, sizes
+
+    told = [part for part in result.fitted if part.identified and not part.noise]
+    rest = [part for part in result.fitted if not part.identified]
+    rows = [(name_of(result.start, part), *sizes(part)) for part in told[:MOST_ROWS]]
+    count = f"{len(result.logs)} log{'s' if len(result.logs) > 1 else ''}"
+    if rows:
+        table(f"fitted to {count}, {result.duration:.0f} s", ["number", "rig file", "fitted", "unit"], rows)
+    if len(told) > MOST_ROWS:
+        say(f"and {len(told) - MOST_ROWS} more numbers (--report shows all)")
+    if rest:
+        names = [name_of(result.start, part) for part in rest]
+        more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+        say(f"not told by these logs: {', '.join(names[:MOST_NAMES])}{more}")
+    scores = result.scores()
+    if scores:
+        said = ", ".join(f"{name} {np.rad2deg(rms):.3f}° ({100 * inside:.0f} %)" for name, rms, inside in scores)
+        say(f"each log left out once, RMS error (inside the 95 % band): {said}")
+    for line in result.advice()[:MOST_DOUBTS]:
+        say(line)
     if result.interrupted:
         say("interrupted: these are the best values so far")
-    elif not result.converged:
-        say("the search stopped before it converged; start closer, or fix what the logs cannot tell")
-
-
-def _say_left_out(result: Fit) -> None:
-    def cells(score: Score | None) -> tuple[str, str]:
-        return ("–", "–") if score is None else (f"{np.rad2deg(score.rms):.3f}", f"{100 * score.inside:.0f} %")
-
-    rows = [(Path(one.log).name, *cells(one.fitted), *cells(one.before), *cells(one.affine)) for one in result.compared]
-    heads = [
-        "log left out",
-        "adaptive, fitted [°]",
-        "in band",
-        "rig as it came [°]",
-        "in band",
-        "affine [°]",
-        "in band",
-    ]
-    table("each log left out once, RMS error by what the others teach", heads, rows)
-
-
-def _say_held_out(validation: CrossValidation) -> None:
-    rows = [
-        (
-            Path(one.log).name,
-            f"{np.rad2deg(one.before.rms_error()):.3f}",
-            f"{np.rad2deg(one.after.rms_error()):.3f}",
-            f"{100 * one.after.inside_band():.0f} %",
-        )
-        for one in validation.held_out
-    ]
-    table("logs that were not fitted", ["log", "RMS before [°]", "RMS after [°]", "inside 95 % band"], rows)
-    say(
-        f"held out: mean RMS {np.rad2deg(validation.mean_rms):.3f}°, worst {np.rad2deg(validation.worst_rms):.3f}°, "
-        f"{100 * validation.inside_band:.0f} % inside the band"
-    )

@@ -1,6 +1,5 @@
 """A rig's parameters and noise from its own logs, and what the logs can tell."""
 
-from distal.fitting.crossvalidation import CrossValidation, HeldOut, cross_validate
 from distal.fitting.fit import fit
 from distal.fitting.fitted import FittedNumber
 from distal.fitting.free import Free
@@ -8,31 +7,34 @@ from distal.fitting.groups import groups_of
 from distal.fitting.learn import Learned, learn
 from distal.fitting.leave_out import Compared, Fold, Score, leave_out
 from distal.fitting.maps import LeftOut, MapFit, learn_affine, learn_contact, learn_discrepancy
+from distal.fitting.naming import in_words, name_of, sizes
 from distal.fitting.observability import Observability, observability
 from distal.fitting.options import Options
+from distal.fitting.progress import Doing
 from distal.fitting.result import Fit
 
 __all__ = [
     "Compared",
-    "CrossValidation",
+    "Doing",
     "Fit",
     "FittedNumber",
     "Fold",
     "Free",
-    "HeldOut",
     "Learned",
     "LeftOut",
     "MapFit",
     "Observability",
     "Options",
     "Score",
-    "cross_validate",
     "fit",
     "groups_of",
+    "in_words",
     "learn",
     "learn_affine",
     "learn_contact",
     "learn_discrepancy",
     "leave_out",
+    "name_of",
     "observability",
+    "sizes",
 ]

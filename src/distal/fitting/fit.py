@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,9 @@ from distal.fitting.checks import check_logs
 from distal.fitting.doubts import far_from_priors
 from distal.fitting.groups import groups_of
 from distal.fitting.learn import Learned, learn
-from distal.fitting.leave_out import Fold, leave_out
+from distal.fitting.leave_out import MOST_LEFT_OUT, Fold, leave_out
 from distal.fitting.options import Options
+from distal.fitting.progress import Progress, of_part
 from distal.fitting.result import Fit
 from distal.homing import check_homing
 from distal.logs import Log, read_log, true_angles
@@ -26,8 +27,6 @@ from distal.rig import Rig, load_rig
 
 FOR_LEAVING_OUT = 3
 """With so many logs whose angle is known, each is left out once."""
-
-Progress = Callable[[str, int, float], None]
 
 
 def fit(
@@ -68,7 +67,7 @@ def fit(
         seed: of the starts.
         workers: threads; the numbers do not depend on them.
         compiled: compile kernels where possible.
-        progress: called with the stage, the iteration and −ln p.
+        progress: called with what is done.
         units: fit a *kind* of rig: a regular expression whose first parenthesis names the unit (an instrument, a pose, a
             day) in a log's name; units are left out as a whole, so that the band is that of a unit not seen.
         start: a fitted rig, whose values the search begins with; the priors are those of `rig`.
@@ -94,13 +93,14 @@ def fit(
         compiled=compiled,
     )
     read = _read(logs, rig, truth, homing)
-    learned = learn(read, rig, options, progress)
-    for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
-        warnings.warn(line, DistalWarning, stacklevel=2)
     known = [log for log in read if true_angles(log, [joint.name for joint in rig.joints]) is not None]
     sources = [log.source for log in read]
     groups = [str(i) for i in range(len(read))] if units is None else groups_of(sources, units)
     enough = len({group for log, group in zip(read, groups) if any(log is one for one in known)}) >= FOR_LEAVING_OUT
+    parts = min(len(set(groups)), MOST_LEFT_OUT) + 1 if enough else 1
+    learned = learn(read, rig, options, of_part(progress, 0, parts))
+    for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
+        warnings.warn(line, DistalWarning, stacklevel=2)
     folds = []
     if enough and "discrepancy" in learned.maps and not learned.numbers.found.interrupted:
         folds = leave_out(read, rig, options, groups, progress)

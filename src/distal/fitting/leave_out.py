@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from distal.errors import DistalError
 from distal.fitting.learn import Learned, learn
 from distal.fitting.map_samples import discrepancy_of, filtered
 from distal.fitting.options import Options
+from distal.fitting.progress import Progress, of_part
 from distal.logs import Log, shown, true_angles
 from distal.regression import Errors, errors_of
 from distal.rig import Rig
@@ -21,8 +22,6 @@ MOST_LEFT_OUT = 6
 
 CLEARLY = 1.1
 """`affine` is said to do better where the error of `adaptive` is this many times larger."""
-
-Progress = Callable[[str, int, float], None]
 
 
 @dataclass(frozen=True)
@@ -89,16 +88,16 @@ def leave_out(
         rig: the description as it came.
         options: of the fit.
         groups: of each log; those of one (a unit, a pose, a day) are left out together.
-        progress: called with the stage, the iteration and −ln p.
+        progress: called with what is done.
         most: so many groups are left out at most, spread over all.
     """
     units = list(dict.fromkeys(groups))
     chosen = np.unique(np.linspace(0, len(units) - 1, min(len(units), most)).round().astype(int))
     folds = []
-    for i in chosen:
+    for part, i in enumerate(chosen, 1):
         out = [log for log, group in zip(logs, groups) if group == units[i]]
         rest = [log for log, group in zip(logs, groups) if group != units[i]]
-        learned = learn(rest, rig, options, _named(progress, out[0].source))
+        learned = learn(rest, rig, options, of_part(progress, part, len(chosen) + 1))
         folds.append(_scored(out, rig, learned, options.homing))
         if learned.numbers.found.interrupted:
             break
@@ -130,28 +129,3 @@ def _score(log: Log, rig: Rig, estimator: str, homing: float | None) -> Score | 
     except DistalError:
         return None
     return Score(result.rms_error(), result.inside_band(), result.half_width())
-
-
-def verdict(compared: Sequence[Compared]) -> str:
-    """Return which estimator did better on logs left out, in a sentence; empty where none was left out.
-
-    Args:
-        compared: the logs.
-    """
-    ours = [one.fitted.rms for one in compared if one.fitted is not None]
-    if not ours:
-        return ""
-    said = f"on logs left out adaptive errs by {np.rad2deg(np.mean(ours)):.3f}° (mean RMS)"
-    known = [one.affine.rms for one in compared if one.affine is not None]
-    if not known:
-        return said
-    said += f", affine by {np.rad2deg(np.mean(known)):.3f}°"
-    if np.mean(ours) > CLEARLY * np.mean(known):
-        said += "; on this rig affine does better: estimate with -e affine"
-    return said
-
-
-def _named(progress: Progress | None, source: str) -> Progress | None:
-    if progress is None:
-        return None
-    return lambda stage, iteration, cost: progress(f"without {shown(source)}: {stage}", iteration, cost)

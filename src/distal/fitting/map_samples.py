@@ -19,6 +19,9 @@ from distal.sensors import variance
 
 Floats = NDArray[np.float64]
 
+OFFSETS = 2.0
+"""What angles lack in the mean may be the encoder's offset up to so many of its standard deviations."""
+
 SETTLING = 0.5
 """Without homing a filter finds the joint within so long [s]; errors count after that."""
 
@@ -63,7 +66,29 @@ def filtered(logs: Sequence[Log], rig: Rig, homing: float | None, compiled: bool
             refused.append(f"discrepancy: {shown(log.source)} is left out: adaptive left all bounds on it")
             continue
         data.append(replace(one, reference_std=0.0 if homing is not None else reference_std(rig, log)))
-    return data, refused
+    sensor = homing is None and any(log.truth_kind is TruthKind.SENSOR for log in logs)
+    return (without_offset(data, rig) if sensor and data else data), refused
+
+
+def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
+    """Return samples without what all logs' angles lack in the mean, where the encoder's own offset may be as large.
+
+    Model and encoder are both off by something, and no log tells which; a correction to an encoder that is mounted askew
+    would be worse than none. That the offset is not known is in the band, see `with_reference_error`.
+
+    Args:
+        data: of the logs, whose truth is an angle sensor's.
+        rig: the description, whose angle sensors say how unsure their offsets are.
+    """
+    doubts = {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
+    limits = OFFSETS * np.array([doubts.get(joint.name, 0.0) for joint in rig.joints])
+    known = [one.targets for one in data if np.isfinite(one.targets).any()]
+    if not known:
+        return list(data)
+    means = [np.array([np.mean(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in t.T]) for t in known]
+    common = np.mean(means, axis=0)
+    common = np.where(np.abs(common) <= limits, common, 0.0)
+    return [replace(one, targets=one.targets - common) for one in data]
 
 
 def _filter_for(rig: Rig, homing: float | None, compiled: bool) -> Callable[[Log], AdaptiveFilter]:
@@ -108,7 +133,9 @@ def mean_rms(data: Sequence[Samples]) -> float:
 
 
 def reference_std(rig: Rig, log: Log) -> float:
-    """Return what the angle sensor errs by that a log's truth comes from [rad]; 0 where it comes from elsewhere.
+    """Return the random error of the angle sensor that a log's truth comes from [rad]; 0 where it comes from elsewhere.
+
+    Its offset is not counted: it is the same everywhere, and what changes along a log is worth a correction beside it.
 
     Args:
         rig: the description.
@@ -116,7 +143,7 @@ def reference_std(rig: Rig, log: Log) -> float:
     """
     if log.truth_kind is not TruthKind.SENSOR:
         return 0.0
-    stds = [float(np.hypot(s.bias.filter_std, np.sqrt(variance(s)))) for s in rig.sensors_of("angle")]
+    stds = [float(np.sqrt(variance(s))) for s in rig.sensors_of("angle")]
     return max(stds, default=0.0)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from distal.fitting.fitted import FittedNumber, assignments
 from distal.fitting.fitted_file import MARK, fitted_text
 from distal.fitting.learn import Learned
-from distal.fitting.leave_out import Compared, Fold, verdict
+from distal.fitting.leave_out import CLEARLY, Compared, Fold
 from distal.fitting.maps import MapFit
 from distal.fitting.options import Options
 from distal.logs import Log, shown, write_whole
@@ -127,10 +127,35 @@ class Fit:
         """Each log left out once, with how the fitted rig, the rig as it came and `affine` do on it."""
         return tuple(one for fold in self.folds for one in fold.compared)
 
-    @property
-    def verdict(self) -> str:
-        """Which estimator did better on logs left out, in a sentence; empty where none was."""
-        return verdict(self.compared)
+    def scores(self) -> list[tuple[str, float, float]]:
+        """Return name, mean RMS error [rad] and mean share inside the band on logs left out, of each that was tried."""
+        columns = {
+            "adaptive": [one.fitted for one in self.compared],
+            "the rig as it came": [one.before for one in self.compared],
+            "affine": [one.affine for one in self.compared],
+        }
+        known = {name: [one for one in scores if one is not None] for name, scores in columns.items()}
+        return [
+            (name, float(np.mean([one.rms for one in own])), float(np.mean([one.inside for one in own])))
+            for name, own in known.items()
+            if own
+        ]
+
+    def advice(self) -> list[str]:
+        """Return what is to be known before the rig is used, a sentence each: doubts, what hides what, and what to do."""
+        lines = [f"doubt: {line}" for line in self.doubts]
+        for joint in self.rig.joints:
+            if joint.external_torque.std > 0.0:
+                torque = f"{1e3 * joint.external_torque.std:.3g} mN m"
+                lines.append(
+                    f"the torque from outside on {joint.name} ({torque}) takes up what the rig does not explain: the band "
+                    "does not count what it may hide; declare it only where something can touch the joint"
+                )
+        lines += [f"these logs tell {line}" for line in self.combinations]
+        errors = {name: rms for name, rms, _ in self.scores()}
+        if errors.get("adaptive", 0.0) > CLEARLY * errors.get("affine", np.inf):
+            lines.append("on this rig affine does better on logs left out: estimate with -e affine")
+        return lines
 
     def __getitem__(self, name: str) -> FittedNumber:
         """Return a fitted number by its name or one of its paths.
@@ -185,5 +210,5 @@ class Fit:
             )
         lines += [f"# These logs tell {line}." for line in self.combinations]
         lines += [f"# {line}" for one in self.maps.values() for line in one.notes]
-        lines += [f"# {line}" for line in (*self.doubts, self.verdict) if line]
+        lines += [f"# {line}" for line in self.advice()]
         return "\n".join(lines) + "\n\n"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.fitting import CrossValidation, Fit, Observability, Score, observability
+from distal.fitting import Fit, Observability, Score, name_of, observability, sizes
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
 from distal.reports.page import heading, html_table, page, paragraph, picture
@@ -35,7 +35,6 @@ def fit_report(
     fit: Fit,
     logs: Sequence[Log],
     out: str | Path,
-    validation: CrossValidation | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> Path:
     """Write one self-contained page on a fit, ``index.html``, and return where it is.
@@ -44,7 +43,6 @@ def fit_report(
         fit: the outcome.
         logs: that it was fitted to.
         out: folder, made if need be.
-        validation: cross-validation, where it was done.
         advance: called after each of 2 len(logs) + 2 steps.
 
     Raises:
@@ -59,8 +57,6 @@ def fit_report(
         after.append(estimate(log, fit.rig, homing=fit.homing))
         advance()
     parts = [*_doubts(fit), *_left_out(fit), *_parameters(fit), *_errors(logs, before, after)]
-    if validation is not None:
-        parts += _held_out(validation)
     parts += [heading("Along the logs")]
     for log, one, other in list(zip(logs, before, after))[:MOST_TRACES]:
         caption = (
@@ -94,23 +90,17 @@ def _svg(made: Figure) -> str:
 
 
 def _parameters(fit: Fit) -> list[str]:
-    rows = []
-    for part in fit.fitted:
-        mark = "yes" if part.identified else "no"
-        prior = "–" if np.isnan(part.prior_std) else f"{part.prior_std:.3g}"
-        rows.append(
-            (
-                f"<code>{escape(part.name)}</code>",
-                f"{part.start:.5g}",
-                prior,
-                f"<b>{part.value:.5g}</b>",
-                f"{part.error:.2g}",
-                escape(part.si),
-                f"<span class='{mark}'>{escape(part.origin)}</span>",
-            )
+    rows = [
+        (
+            escape(name_of(fit.start, part)),
+            f"<code>{escape(part.name)}</code>",
+            *map(escape, sizes(part)),
+            f"<span class='{'yes' if part.identified else 'no'}'>{escape(part.origin)}</span>",
         )
-    columns = ("number", "start", "prior std", "value", "standard error", "unit", "from")
-    parts = [heading("What was found"), html_table(columns, rows, numbers=(1, 2, 3, 4))]
+        for part in fit.fitted
+    ]
+    columns = ("number", "path", "rig file", "fitted ± standard error", "unit", "from")
+    parts = [heading("What was found"), html_table(columns, rows, numbers=(2, 3))]
     if fit.combinations:
         parts.append(paragraph("These logs tell " + "; ".join(fit.combinations) + "."))
     own = [
@@ -172,12 +162,10 @@ def _error(result: Estimate) -> tuple[str, str]:
 
 
 def _doubts(fit: Fit) -> list[str]:
-    if not fit.doubts:
+    lines = fit.advice()
+    if not lines:
         return []
-    return [
-        heading("What speaks against this fit"),
-        *(paragraph(f"{line[0].upper()}{line[1:]}.") for line in fit.doubts),
-    ]
+    return [heading("Before you use it"), *(paragraph(f"{line[0].upper()}{line[1:]}.") for line in lines)]
 
 
 def _left_out(fit: Fit) -> list[str]:
@@ -199,31 +187,12 @@ def _left_out(fit: Fit) -> list[str]:
         "affine [°]",
         "in the band",
     )
-    text = f"Each log was estimated by what the others teach alone. {fit.verdict[0].upper()}{fit.verdict[1:]}."
+    text = "Each log was estimated by what the others teach alone: all of the fit was done without it."
     return [
         heading("On logs that were not fitted"),
         paragraph(text),
         html_table(columns, rows, numbers=(1, 2, 3, 4, 5, 6)),
     ]
-
-
-def _held_out(validation: CrossValidation) -> list[str]:
-    rows = [
-        (
-            escape(shown(Path(one.log).name)),
-            escape(shown(Path(one.group).name)),
-            *_error(one.before),
-            *_error(one.after),
-        )
-        for one in validation.held_out
-    ]
-    columns = ("log", "held out with", "RMS before [°]", "in the band", "RMS after [°]", "in the band")
-    text = (
-        f"Each group of logs was estimated with a rig that was fitted to the others only: mean RMS "
-        f"{np.rad2deg(validation.mean_rms):.3f}°, worst {np.rad2deg(validation.worst_rms):.3f}°, "
-        f"{100 * validation.inside_band:.0f} % inside the 95 % band."
-    )
-    return [heading("Cross-validation"), paragraph(text), html_table(columns, rows, numbers=(2, 3, 4, 5))]
 
 
 def _seen(log: Log, seen: Observability) -> list[str]:

@@ -1,0 +1,133 @@
+"""Every reported covariance is positive semidefinite to rounding: estimators, rigs, learned maps, missing readings."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from distal import LiveEstimator, Log, Rig, estimate, load_rig, make_estimator, shipped_rigs
+from distal.errors import EstimationError
+from distal.estimators import ESTIMATORS
+from distal.run import samples_of
+
+ROUNDING = -1e-9
+"""Least eigenvalue of a matrix of correlations that is semidefinite but for rounding."""
+
+
+def least_eigenvalue(covariances: np.ndarray) -> float:
+    """Return the least eigenvalue of the correlations, of states that are not certain."""
+    least = 0.0
+    for covariance in covariances:
+        sure = np.sqrt(np.diagonal(covariance))
+        kept = sure > 0.0
+        correlations = covariance[np.ix_(kept, kept)] / np.outer(sure[kept], sure[kept])
+        least = min(least, float(np.linalg.eigvalsh((correlations + correlations.T) / 2).min(initial=0.0)))
+    return least
+
+
+def motion(rig: Rig, missing: float) -> Log:
+    """Return readings of every sensor that move, with a share of them missing."""
+    rng, count = np.random.default_rng(3), 150
+    rate = max(sensor.rate for sensor in rig.sensors)
+    time = np.arange(count) / rate
+    channels = {}
+    for i, sensor in enumerate(rig.sensors):
+        size = 0.002 if sensor.si == "m" else 0.3 if sensor.measures == "position" else 0.05
+        if sensor.si == "N":
+            size = 2.0
+        level = 2.0 * size if sensor.si == "N" else 0.0
+        values = level + size * np.sin(2 * np.pi * 2.0 * time + i)
+        channels[sensor.name] = np.where(rng.random(count) < missing, np.nan, values)
+        channels[sensor.name][0] = values[0]
+    return Log(time, channels)
+
+
+def with_maps(rig: Rig) -> Rig:
+    """Return a rig with a discrepancy and a contact that use all kinds of terms and overstate the filter's own angle."""
+    positions = [s.name for s in rig.sensors if s.measures == "position"]
+    channels = list(make_estimator("adaptive", rig, compiled=False).channels)
+    terms = ["1", *channels, f"slip({positions[0]})", *(f"angle({joint.name})" for joint in rig.joints)]
+    rng, m, n = np.random.default_rng(1), len(channels), len(channels) + len(rig.joints)
+    root = 0.05 * rng.normal(size=(len(terms), len(terms)))
+    joints = [
+        {
+            "joint": joint.name,
+            "coefficients": list(0.8 * rng.normal(size=len(terms))),
+            "covariance": (root @ root.T).tolist(),
+            "std": 0.01,
+        }
+        for joint in rig.joints
+    ]
+    learned = {
+        "terms": terms,
+        "channels": channels,
+        "centre": [0.0] * n,
+        "scale": [0.1] * n,
+        "low": [-0.1] * n,
+        "high": [0.1] * n,
+        "rate": [1.0] * n,
+        "width": [0.3] * m,
+        "distance": np.eye(m).tolist(),
+        "reach": 2.0,
+        "correlation_time": 0.1,
+        "own": 0.25,
+        "spread": [0.1] * len(joints),
+        "band": [0.5] * len(joints),
+        "logs": 5,
+        "joints": joints,
+    }
+    torques = {f"joints.{j}.external_torque.std": 0.02 for j in range(len(joints))}
+    return rig.with_values({**torques, "discrepancy": learned, "contact": learned})
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.3])
+@pytest.mark.parametrize("name", ["adaptive", "affine", "ekf", "ekf-2008", "elastic", "inextensible"])
+@pytest.mark.parametrize("rig_name", shipped_rigs())
+def test_a_reported_covariance_is_one(rig_name: str, name: str, missing: float) -> None:
+    assert name in ESTIMATORS
+    rig = load_rig(rig_name)
+    try:
+        result = estimate(motion(rig, missing), rig, name, compiled=False)
+    except EstimationError as problem:
+        pytest.skip(f"{name} is not for this rig, or leaves all bounds on this motion: {problem}")
+    assert result.covariances is not None
+    assert least_eigenvalue(result.covariances) > ROUNDING
+
+
+@pytest.mark.parametrize("rig_name", ["capstan-joint", "finger-2n"])
+def test_maps_keep_it_one_in_logs_and_live(rig_name: str) -> None:
+    rig = with_maps(load_rig(rig_name).bare())
+    runner = make_estimator("adaptive", rig, compiled=False)
+    log = motion(rig, 0.3)
+    result = estimate(log, rig, runner)
+    assert result.covariances is not None
+    assert least_eigenvalue(result.covariances) > ROUNDING
+    bare = estimate(log, rig.bare(), compiled=False)
+    assert np.abs(result.angles - bare.angles).max() > 0.01  # the maps say something
+    np.testing.assert_allclose(result.innovations, bare.innovations)  # and the filter goes on as without them
+    live, samples = LiveEstimator(rig, runner), samples_of(log, runner.channels)
+    for k in range(60):
+        live.step(log.time[k], samples[k])
+        np.testing.assert_array_equal(live.mean, result.means[k])
+        np.testing.assert_allclose(live.covariance, result.covariances[k], rtol=1e-12, atol=1e-300)
+    belief = live.belief()
+    np.testing.assert_array_equal(belief.mean, result.means[59])
+    np.testing.assert_allclose(belief.covariance, result.covariances[59], rtol=1e-12, atol=1e-300)
+
+
+def test_the_report_is_g_p_g_plus_u() -> None:
+    """Against numpy, of a state in the middle and one whose error is replaced."""
+    from distal.estimators.report import Report
+
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(4, 4))
+    covariance, y = root @ root.T, np.array([9.0, 9.0, 0.3, -0.7, 0.5, 0.0, 0.04, 0.09])
+    report = Report.behind(2, [[1, 3]])
+    gains = np.diag([1.0, 0.5, 1.0, 0.0])
+    expected = gains @ covariance @ gains + np.diag([0.0, 0.04, 0.0, 0.09])
+    np.testing.assert_allclose(report.covariances(covariance[None], y[None])[0], expected)
+    np.testing.assert_allclose(report.variances_of(np.diag(covariance)[None], y[None])[0], np.diag(expected))
+    np.testing.assert_allclose(report.means(np.zeros((1, 4)), y[None])[0], [0.0, 0.3, 0.0, -0.7])
+    assert dataclasses.astuple(report.only([3])) == ((3,), (3,), (5,), (7,))

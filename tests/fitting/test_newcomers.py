@@ -1,0 +1,81 @@
+"""Rigs of a newcomer: plants without inertia, of one joint and of a finger, by code that shares nothing with the model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from benchmarks.strangers.drawn import FITTED, logs_of
+from benchmarks.strangers.drawn_rigs import Drawn, drawn_rig
+
+from distal import Log, Rig, estimate, fit
+from distal.fitting import Fit, Options
+from distal.fitting.numbers import problem_of
+from distal.fitting.search import most_likely
+from distal.rig import build_rig
+
+pytestmark = pytest.mark.slow
+
+
+def drawn(seed: int) -> tuple[Drawn, Rig, list[Log]]:
+    described = drawn_rig(seed, False)
+    logs, _ = logs_of(described, seed)
+    short = [log.select(slice(0, 600)) for log in logs[:FITTED]]
+    return described, build_rig(described.raw, f"drawn {seed}"), [*short, *logs[FITTED:]]
+
+
+@pytest.fixture(scope="module")
+def finger() -> tuple[Drawn, Rig, list[Log], Fit]:
+    """Two joints, three tendons, no inertia in the plant."""
+    described, rig, logs = drawn(0)
+    return described, rig, logs, fit(logs[:FITTED], rig)
+
+
+def test_a_finger_without_inertia_converges(finger: tuple[Drawn, Rig, list[Log], Fit]) -> None:
+    """Nine of ten told numbers within two standard errors, and the angle on logs that were not seen."""
+    described, _, logs, found = finger
+    assert found.converged
+    close = [
+        abs(value - described.truth[path]) <= 2.0 * part.error
+        for part in found.fitted
+        if part.identified and not part.noise
+        for path, value in zip(part.paths[:1], part.values)
+        if path in described.truth
+    ]
+    assert len(close) >= 10
+    assert np.mean(close) >= 0.8
+    for log in logs[FITTED:]:
+        result = estimate(log, found.rig, compiled=False)
+        assert np.rad2deg(result.rms_error()) < 0.1
+        assert result.inside_band() >= 0.9
+
+
+def test_other_starts_end_no_lower() -> None:
+    """−ln p is rough by about one: a sample more or less of sticking is a jump."""
+    _, rig, logs = drawn(0)
+    problem = problem_of(logs[:FITTED], rig, Options())
+    found = most_likely(problem, 0)
+    assert found.converged
+    rng = np.random.default_rng(4)
+    for seed in (1, 2):
+        begin = np.clip(0.3 * rng.normal(size=problem.size), *problem.bounds.T)
+        assert most_likely(problem, seed, begin=begin).cost > found.cost - 1.5
+
+
+def test_a_report_of_a_chain(finger: tuple[Drawn, Rig, list[Log], Fit], tmp_path: object) -> None:
+    from pathlib import Path
+
+    from distal.reports import fit_report
+
+    _, _, logs, found = finger
+    page = fit_report(found, logs[:FITTED], Path(str(tmp_path)) / "page").read_text()
+    assert "radius of tendon tendon0 at joint1" in page
+    assert page.count("<svg") >= 4
+
+
+def test_a_joint_with_inertia_is_found() -> None:
+    described, rig, logs = drawn(1)
+    found = fit(logs[:FITTED], rig)
+    assert found.converged
+    stiffness = found["tendons.*.stiffness"]
+    assert stiffness.value == pytest.approx(described.truth["tendons.0.stiffness"], rel=0.02)
+    assert max(np.rad2deg(estimate(log, found.rig, compiled=False).rms_error()) for log in logs[FITTED:]) < 0.1
