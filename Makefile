@@ -56,6 +56,7 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.accuracy
 	$(BIN)/python -m benchmarks.chains accuracy
 	$(BIN)/python -m benchmarks.fitting
+	$(BIN)/python -m benchmarks.derivatives
 	$(BIN)/python -m benchmarks.parts
 	$(BIN)/python -m benchmarks.sheaths
 

@@ -291,7 +291,7 @@ def test_what_cannot_begin_is_one_line(run: Run, csv: str, tmp_path: Path) -> No
             ("a,b\n1,2\n", [], "lacks the time column 't'"),
             ("t,a\n1,2\n", [], "none of the columns x1, x2, u1, u2"),
             ("t,t,x1\n1,2,3\n", [], "'t' twice"),
-            (csv, ["-e", "particle"], "is no estimator to choose"),
+            (csv, ["-e", "particle"], "unknown estimator"),
             (csv, ["--record", str(tmp_path / "no" / "x.mcap")], "does not exist"),
             ("", ["--udp", busy], "is another program there"),
             (csv, ["--idle", "1"], "--idle is for --udp"),

@@ -24,7 +24,7 @@ def found(paths: tuple[str, ...], values: tuple[float, ...], error: float) -> Fi
 
 
 def varied(rig: Rig) -> dict[str, tuple[tuple[str, ...], float]]:
-    free = choose(rig, rig.sensors_of("angle"), (), (), False, False)
+    free = choose(rig, rig.sensors_of("angle"), (), (), noise=False, homing=False)
     return {part.name: (part.paths, part.std) for part in free if "stiffness" in part.name}
 
 

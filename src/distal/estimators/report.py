@@ -80,7 +80,8 @@ class Report:
         if not self.states:
             return variances
         reported = np.array(variances)
-        reported[:, self.states] = ys[:, self.gains] ** 2 * reported[:, self.states] + ys[:, self.variances]
+        gains = ys[:, self.gains]  # in the order in which `covariances` multiplies, to the last bit
+        reported[:, self.states] = reported[:, self.states] * gains * gains + ys[:, self.variances]
         return reported
 
     def covariances(self, covariances: Floats, ys: Floats) -> Floats:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError
+from distal.estimators import StateKind
 from distal.fitting.problem import Problem
 from distal.logs import true_angles
 
@@ -38,13 +39,15 @@ def curves(problem: Problem, z: Floats) -> dict[str, object]:
         raise FitError(
             "curves need a log with truth and a position sensor with a linearity; give both, or leave --curves out"
         )
-    names = problem.filter.runner.state_names
+    runner = problem.filter.runner
+    kinds, parts = runner.state_kinds, runner.state_parts
     ends = [problem.states(j, z) for j in known]
-    states = problem.filter.runner.states
+    states = runner.states
     start, spread = states.means, states.stds
     found: dict[str, object] = {}
     for sensor in sensors:
-        at = [names.index(name) for name in names if name.startswith(f"linearity_{sensor.name}_")]
+        weights_of = [kind is StateKind.LINEARITY and part == sensor.name for kind, part in zip(kinds, parts)]
+        at = np.flatnonzero(weights_of)
         block = np.ix_(at, at)
         prior = np.diag(1.0 / spread[at] ** 2)
         precision, weighted = prior.copy(), prior @ start[at]

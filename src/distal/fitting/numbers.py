@@ -28,7 +28,7 @@ from distal.fitting.search import (
     search,
 )
 from distal.fitting.selection import choose
-from distal.fitting.uncertainty import TOLD, Uncertainty, uncertainty_at
+from distal.fitting.uncertainty import CONFOUNDED, TOLD, Uncertainty, uncertainty_at
 from distal.homing import added_reference, with_references
 from distal.logs import Log, true_angles
 from distal.rig import Rig, Sensor, number
@@ -158,9 +158,8 @@ def _with_reference(problem: Problem, found: Found, progress: Progress | None) -
     own = np.flatnonzero([not part.noise for part, _ in problem.parts])
     known = uncertainty_at(problem, found.derivatives, found.z).covariance[np.ix_(own, own)]
     for share, most in ((COARSE_SHARE, FEW_ITERATIONS), (COARSE_SHARE, COARSE_ITERATIONS), (1.0, MOST_ITERATIONS)):
-        tried = search(
-            with_it.beginning(share, COARSE_LEAST), tried.z, staged(progress, "the angle as one more sensor"), most
-        )
+        some = with_it.beginning(share, COARSE_LEAST)
+        tried = search(some, tried.z, staged(progress, "the angle as one more sensor"), most=most)
         if tried.interrupted:
             return problem, replace(found, interrupted=True)
         moved = (tried.z - found.z)[own]
@@ -203,7 +202,7 @@ def _next_held(
     errors, limit = uncertainty.errors_holding(left), problem.prior_stds
     share = np.where(may_stay & ~left & ~uncertainty.told, errors / limit, 0.0)
     at = int(np.argmax(share))
-    return at if share[at] >= TOLD else None
+    return at if share[at] >= (CONFOUNDED if uncertainty.together[at] else TOLD) else None
 
 
 def _fitted(

@@ -100,10 +100,10 @@ def most_likely(problem: Problem, seed: int, progress: Progress | None = None, b
     noisy = _inside(problem, np.where(noise, zero + LOUDER, zero))
     spreads = np.where(noise, 0.0, np.where(np.isfinite(problem.prior_stds), problem.prior_stds, UNKNOWN_SPREAD))
     drawn = [_inside(problem, noisy + spreads * rng.normal(size=problem.size)) for _ in range(STARTS)]
-    ends = [search(coarse, noisy, progress, COARSE_ITERATIONS, central=False)]
+    ends = [search(coarse, noisy, progress, most=COARSE_ITERATIONS, central=False)]
     if begin is None and not (ends[0].interrupted or _accepted(coarse, ends[0])):
-        costs = coarse.costs(drawn)
-        ends.append(search(coarse, drawn[int(np.argmin(costs))], progress, COARSE_ITERATIONS, central=False))
+        start = drawn[int(np.argmin(coarse.costs(drawn)))]
+        ends.append(search(coarse, start, progress, most=COARSE_ITERATIONS, central=False))
     points = [zero, *(end.z for end in ends)]
     costs = problem.costs(points)
     best = int(np.argmin(costs))
@@ -154,6 +154,7 @@ def search(
     problem: Problem,
     start: Floats,
     progress: Progress | None = None,
+    *,
     most: int = MOST_ITERATIONS,
     fixed: NDArray[np.bool_] | None = None,
     first: Derivatives | None = None,

@@ -33,6 +33,7 @@ def choose(
     references: Sequence[Sensor],
     asked: Sequence[str],
     per_log: Sequence[str],
+    *,
     noise: bool,
     homing: bool,
     several: bool = False,

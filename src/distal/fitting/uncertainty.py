@@ -22,8 +22,9 @@ TOLD = 0.9
 VAGUE = 0.5
 """What stands for the prior's std of a number without one, as a share of its value."""
 
-SEEN_ALONE = 0.5
-"""A number that is not told is told together with others if its error would be below this share were they known."""
+CONFOUNDED, SEEN_ALONE = 0.5, 0.2
+"""A number is told only together with others if its error is above the first share of its prior's std, and would be below
+the second share of that if they were known."""
 
 WEAK = 0.5
 """A combination of which the logs tell less than this share of what the priors do is said."""
@@ -99,11 +100,10 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
     covariance *= np.outer(shrink, shrink)
     yardstick = yardsticks(problem, z)
     share = np.where(np.isfinite(limit), TOLD, 1.0)
-    told = np.sqrt(np.diag(covariance)) < share * yardstick
-    alone = 1.0 / np.sqrt(np.diag(np.linalg.inv(covariance)))
-    return Uncertainty(
-        covariance, told, ~told & (alone < SEEN_ALONE * yardstick), _combinations(problem, derivatives, z)
-    )
+    errors, alone = np.sqrt(np.diag(covariance)), 1.0 / np.sqrt(np.diag(np.linalg.inv(covariance)))
+    together = (errors > CONFOUNDED * yardstick) & (alone < SEEN_ALONE * errors)
+    told = (errors < share * yardstick) & ~together
+    return Uncertainty(covariance, told, together, _combinations(problem, derivatives, z))
 
 
 def yardsticks(problem: Problem, z: Floats) -> Floats:

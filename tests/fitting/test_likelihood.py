@@ -1,0 +1,92 @@
+"""−ln p of innovations and its derivatives, against textbook forms and finite differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from distal.fitting.likelihood import Innovations, Weighing, cost_of, derivatives_of, evened, long_run_covariance
+
+Floats = NDArray[np.float64]
+
+COUNT = 400
+TIMES = np.arange(COUNT) / 100.0
+
+
+def weighing(counts: Floats | None = None, tolerance: float = np.inf) -> Weighing:
+    return Weighing(
+        np.full(2, tolerance), np.array([1.0, 0.5]), TIMES, np.array([COUNT, COUNT]) if counts is None else counts
+    )
+
+
+def run(z: Floats) -> Innovations:
+    """A linear model with a variance that depends on the second coordinate."""
+    rng = np.random.default_rng(2)
+    design = rng.normal(size=(COUNT, 2))
+    values = np.column_stack([design @ np.array([z[0], 0.3]) - 0.2, 0.5 * z[0] + rng.normal(size=COUNT)])
+    return Innovations(values, np.full((COUNT, 2), 0.8 * np.exp(z[1])))
+
+
+def at(z: Floats, widths: Floats) -> list[tuple[Innovations, Innovations]]:
+    return [(run(z + step), run(z - step)) for step in np.diag(widths / 2)]
+
+
+def test_it_is_the_likelihood_of_a_normal_distribution() -> None:
+    made = run(np.array([0.4, 0.1]))
+    nu, spread = made.values, made.variances
+    expected = 0.5 * np.sum(np.array([1.0, 0.5]) * (nu**2 / spread + np.log(spread)))
+    assert cost_of(made, weighing()) == pytest.approx(expected)
+    broken = Innovations(nu, np.where(spread > 0, -1.0, spread))
+    assert cost_of(broken, weighing()) == np.inf
+
+
+def test_an_outlier_counts_as_in_the_filter() -> None:
+    """Beyond ν² = 9 S the variance grows with it: ½ (9 + ln ν²/9)."""
+    values, variances = np.full((COUNT, 2), np.nan), np.ones((COUNT, 2))
+    values[0, 0] = 30.0
+    single = Weighing(np.full(2, 9.0), np.ones(2), TIMES, np.array([1.0, 0.0]))
+    assert cost_of(Innovations(values, variances), single) == pytest.approx(0.5 * (9.0 + np.log(100.0)))
+
+
+@pytest.mark.parametrize("tolerance", [np.inf, 2.0])
+def test_the_gradient_is_that_of_the_cost(tolerance: float) -> None:
+    z, widths = np.array([0.4, 0.1]), np.full(2, 2e-4)
+    found = derivatives_of(run(z), at(z, widths), widths, weighing(tolerance=tolerance))
+    for k, step in enumerate(np.diag(np.full(2, 1e-6))):
+        slope = (
+            cost_of(run(z + step), weighing(tolerance=tolerance))
+            - cost_of(run(z - step), weighing(tolerance=tolerance))
+        ) / 2e-6
+        assert found.gradient[k] == pytest.approx(slope, rel=1e-3)
+    assert np.linalg.eigvalsh(found.information).min() > 0.0
+
+
+def test_fishers_information_of_a_variance() -> None:
+    """½ Σ w (∂ ln S)², and nothing between mean and variance."""
+    z, widths = np.array([0.4, 0.1]), np.full(2, 1e-4)
+    found = derivatives_of(run(z), at(z, widths), widths, weighing())
+    assert found.information[1, 1] == pytest.approx(0.5 * COUNT * 1.5, rel=1e-6)
+    assert found.information[0, 1] == pytest.approx(0.0, abs=1e-6)
+    still = derivatives_of(run(z), at(z, widths), np.array([1e-4, 0.0]), weighing())
+    assert still.information[1, 1] == 0.0
+
+
+def test_how_many_values_are_compared_does_not_matter() -> None:
+    """Half of the values of a channel stand for all; of hardly any each counts for at most twenty."""
+    made = run(np.array([0.4, 0.1]))
+    values = made.values.copy()
+    values[::2, 0] = np.nan
+    np.testing.assert_allclose(evened(Innovations(values, made.variances), weighing()), [2.0, 1.0])
+    half, whole = cost_of(Innovations(values, made.variances), weighing()), cost_of(made, weighing())
+    assert half == pytest.approx(whole, rel=0.1)
+    values[3:, 0] = np.nan
+    np.testing.assert_allclose(evened(Innovations(values, made.variances), weighing())[0], 20.0)
+
+
+def test_correlated_scores_count_by_spans_of_two_seconds() -> None:
+    """Four seconds of scores that are all alike are two spans of 200: 2 · 200²."""
+    meat, spans = long_run_covariance(np.ones((1, COUNT)), TIMES)
+    assert spans == 2
+    assert meat[0, 0] == pytest.approx(2 * 200**2)
+    assert long_run_covariance(np.ones((3, 0)), np.zeros(0))[1] == 0

@@ -1,0 +1,107 @@
+"""The search on problems whose answer is known: least squares, bounds, a bent valley, fixed coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from distal.fitting.free import Free
+from distal.fitting.likelihood import Derivatives
+from distal.fitting.search import first_widths, hessian, search, widths_at
+
+Floats = NDArray[np.float64]
+
+
+class Curve:
+    """−ln p = ½ |r(z)|² + prior, with exact slopes: what a `Problem` gives, of a function that is known."""
+
+    def __init__(
+        self, residuals: Callable[[Floats], Floats], size: int, std: float = 1e3, low: float = -np.inf
+    ) -> None:
+        self._residuals, self.size, self.calls = residuals, size, 0
+        free = Free("x", ("x",), (1.0,), std, 1.0, low, np.inf)
+        self.parts = tuple((free, None) for _ in range(size))
+        self.prior_stds = np.full(size, std)
+        self.bounds = np.array([free.bounds for _ in range(size)])
+
+    def costs(self, points: Sequence[Floats]) -> Floats:
+        self.calls += len(points)
+        return np.array(
+            [0.5 * np.sum(self._residuals(z) ** 2) + 0.5 * np.sum((z / self.prior_stds) ** 2) for z in points]
+        )
+
+    def derivatives(self, z: Floats, widths: Floats, central: bool = True) -> Derivatives:
+        base, columns = self._residuals(z), []
+        for k in range(self.size):
+            step = np.zeros(self.size)
+            step[k] = 1e-6
+            slope = (self._residuals(z + step) - self._residuals(z - step)) / 2e-6
+            columns.append(slope if widths[k] > 0.0 else np.zeros_like(base))
+        jacobian = np.column_stack(columns)
+        gradient = jacobian.T @ base + z / self.prior_stds**2
+        information = jacobian.T @ jacobian
+        return Derivatives(float(self.costs([z])[0]), gradient, information, information, len(base))
+
+
+def test_least_squares_is_found_with_its_prior() -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(30, 4)), 10.0 * rng.normal(size=30)
+    problem = Curve(lambda z: a @ z - b, 4, std=2.0)
+    found = search(problem, np.zeros(4))  # type: ignore[arg-type]
+    expected = np.linalg.solve(a.T @ a + np.eye(4) / 4.0, a.T @ b)
+    assert found.converged
+    np.testing.assert_allclose(found.z, expected, atol=0.1 * np.sqrt(np.diag(np.linalg.inv(a.T @ a))).max())
+    np.testing.assert_allclose(hessian(problem, found.derivatives), a.T @ a + np.eye(4) / 4.0, rtol=1e-5)  # type: ignore[arg-type]
+    assert found.cost == pytest.approx(problem.costs([found.z])[0])
+
+
+def test_fixed_coordinates_stay_and_the_others_go_where_these_leave_them() -> None:
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(size=(20, 3)), 10.0 * rng.normal(size=20)
+    problem = Curve(lambda z: a @ z - b, 3)
+    fixed = np.array([False, True, False])
+    found = search(problem, np.array([0.0, 0.7, 0.0]), fixed=fixed)  # type: ignore[arg-type]
+    assert found.z[1] == 0.7
+    rest = np.linalg.lstsq(a[:, ~fixed], b - 0.7 * a[:, 1], rcond=None)[0]
+    np.testing.assert_allclose(found.z[~fixed], rest, atol=0.05)
+
+
+def test_a_bound_holds() -> None:
+    """(1 − low)/scale is the lowest coordinate of a number that starts at 1 and is at least `low`."""
+    problem = Curve(lambda z: 10.0 * np.array([z[0] + 5.0, z[1] - 2.0]), 2, low=0.25)
+    found = search(problem, np.zeros(2))  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.z, [-0.75, 2.0], atol=1e-3)
+    assert found.converged
+
+
+def test_a_bent_valley_is_followed_to_its_end() -> None:
+    """Rosenbrock's, from where steepest descent takes thousands of steps."""
+    problem = Curve(lambda z: np.array([100.0 * (z[1] - z[0] ** 2), 10.0 * (1.0 - z[0])]), 2)
+    found = search(problem, np.array([-1.2, 1.0]))  # type: ignore[arg-type]
+    assert found.converged
+    np.testing.assert_allclose(found.z, [1.0, 1.0], atol=0.03)
+
+
+def test_it_stops_where_it_is_told_and_where_the_user_does() -> None:
+    problem = Curve(lambda z: np.array([100.0 * (z[1] - z[0] ** 2), 10.0 * (1.0 - z[0])]), 2)
+    short = search(problem, np.array([-1.2, 1.0]), most=2)  # type: ignore[arg-type]
+    assert not short.converged
+    assert not short.interrupted
+
+    def stop(iteration: int, cost: float) -> None:
+        raise KeyboardInterrupt
+
+    assert search(problem, np.array([-1.2, 1.0]), stop).interrupted  # type: ignore[arg-type]
+
+
+def test_slopes_are_taken_over_what_a_number_is_known_to() -> None:
+    """As a power of two of the value; two numbers that show only as a product have the same share."""
+    problem = Curve(lambda z: np.array([100.0 * (z[0] + z[1])]), 2)
+    here = problem.derivatives(np.zeros(2), first_widths(problem))  # type: ignore[arg-type]
+    widths = widths_at(problem, np.zeros(2), here)  # type: ignore[arg-type]
+    assert widths[0] == widths[1]
+    assert 0.5 * 0.3 / 100.0 <= widths[0] <= 2.0 * 0.3 / 100.0
+    assert np.log2(widths[0]) == round(np.log2(widths[0]))
