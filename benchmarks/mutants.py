@@ -31,7 +31,7 @@ MODULES = (
     f"{ESTIMATORS}/adaptive/**/*.py",
     f"{ESTIMATORS}/kalman.py",
     f"{ESTIMATORS}/channels.py",
-    "src/distal/running/smoothing.py",
+    "src/distal/run/smoothing.py",
 )
 """The modules of the adaptive filter; of these patterns, those count that match a file."""
 

@@ -100,14 +100,6 @@ class Free:
             return float(np.log(self.low / self.start)), float(np.log(self.high / self.start))
         return (self.low - self.start) / self.scale, (self.high - self.start) / self.scale
 
-    def prior_residual(self, z: float) -> float:
-        """Return z/σ, 0 where there is no prior.
-
-        Args:
-            z: the coordinate; 0 is the prior's mean.
-        """
-        return z / self.spread if self.has_prior else 0.0
-
     def unit(self, z: float) -> float:
         """Return how much of the coordinate is all of the value, or of the scale where the value may be zero or negative.
 
