@@ -164,7 +164,7 @@ def _say(result: Fit) -> None:
     if rows:
         table(f"fitted to {count}, {result.duration:.0f} s", ["number", "rig file", "fitted", "unit"], rows)
     if len(told) > MOST_ROWS:
-        say(f"and {len(told) - MOST_ROWS} more numbers (--report shows all)")
+        say(f"and {len(told) - MOST_ROWS} more (--report shows all)")
     if rest:
         names = [name_of(result.start, part) for part in rest]
         more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""

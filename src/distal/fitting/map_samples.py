@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from distal.errors import DistalError, EstimationError
 from distal.estimators import AdaptiveFilter, channels_of
+from distal.fitting.stops import in_stops
 from distal.homing import Window, check_homing, numbers_homed, plain_samples, torque_samples, with_references
 from distal.logs import Log, TruthKind, shown, true_angles, true_torques
 from distal.regression import Kind, Samples, contact_kind, discrepancy_kind
@@ -120,6 +121,8 @@ def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None) -> Samples
     elif log.time[-1] - log.time[0] > 4 * SETTLING:
         # where the joint begins is not known yet: that is no error of the model
         truths = np.where(early[:, None], np.nan, truths)
+    if homing is None:
+        truths = np.where(in_stops(log.time, truths, runner.rig)[:, None], np.nan, truths)
     return plain_samples(runner, start, log, unaided, truths)
 
 

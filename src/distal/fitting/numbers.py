@@ -103,6 +103,7 @@ def numbers_of(logs: Sequence[Log], rig: Rig, options: Options, known: bool, pro
         doubts += contradictions(problem, found) if len(logs) > 1 else []
         doubts += [] if found.converged else [NOT_CONVERGED]
     fitted = tuple(_fitted(problem, found, uncertainty, left, held))
+    begun = float(problem.costs([start])[0])  # with or without the reference, as the search ended
     return Numbers(problem, found, uncertainty, fitted, tuple(doubts), (before, after), begun)
 
 

@@ -15,6 +15,7 @@ from distal.estimators.mask import COMPARED_ONLY
 from distal.fitting.free import Free
 from distal.fitting.likelihood import Derivatives, Innovations, Weighing, cost_of, derivatives_of
 from distal.fitting.resampling import refined, steps_per_sample
+from distal.fitting.stops import in_stops
 from distal.kernels import CompileError, LaneKernel
 from distal.logs import Log, true_angles
 from distal.rig import Rig, Sensor
@@ -102,6 +103,8 @@ class FitFilter:
         known = true_angles(log, joints)
         truth = np.full((len(log), len(joints)), np.nan) if known is None else known
         samples = np.column_stack([proximal, truth[:, [joints.index(sensor.of) for sensor in self.references]]])
+        # how a joint rests in a stop is the stop's own affair: what is read there teaches nothing of the rest
+        samples[in_stops(log.time, truth, self.rig), runner.bridged :] = np.nan
         times, fine, own = refined(log.time, samples, runner.bridged, self.steps)
         rows, last = runner.rows(np.diff(times, prepend=times[0]), fine)
         return Data(log, samples, rows, last[own])

@@ -1,0 +1,36 @@
+"""Samples in which a joint rests in a stop: how it does so is the stop's own affair, and teaches nothing of the rest."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.rig import Rig
+
+Floats = NDArray[np.float64]
+
+NEAR_STOP = float(np.deg2rad(0.5))
+"""A joint is in a stop where it is so near to it [rad], beside what its encoder's offset is unsure by."""
+
+AFTER_STOP = 0.05
+"""It has left a stop so long after [s]."""
+
+
+def in_stops(times: Floats, truth: Floats, rig: Rig) -> NDArray[np.bool_]:
+    """Return which samples a joint is in one of its stops, or has just left it, by its known angle, (k,).
+
+    Args:
+        times: stamps [s], (k,).
+        truth: angles of the joints [rad], NaN where not known, (k, n_joints).
+        rig: the description.
+    """
+    found = np.zeros(len(times), dtype=bool)
+    for joint, angles in zip(rig.joints, truth.T):
+        if joint.stops is not None:
+            doubts = [sensor.bias.filter_std for sensor in rig.sensors_of("angle") if sensor.of == joint.name]
+            margin = NEAR_STOP + 2.0 * max(doubts, default=0.0)
+            low, high = joint.stops
+            with np.errstate(invalid="ignore"):
+                found |= (angles < low + margin) | (angles > high - margin)
+    last = np.maximum.accumulate(np.where(found, times, -np.inf))
+    return times - last <= AFTER_STOP
