@@ -131,7 +131,7 @@ def contradictions(problem: Problem, found: Found) -> list[str]:
         noise = np.array([part.noise for part, _ in alone.parts])
         own = search(alone, start, most=FEW_ITERATIONS, fixed=noise, central=False)
         with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = float(np.nanmax(_sizes(alone.at(start)[0]) / _sizes(alone.at(own.z)[0])))
+            ratio = float(np.nanmax(_sizes(alone.at(start)[0]) / _sizes(alone.at(own.z)[0]), initial=0.0))
         if ratio > worst:
             limits = np.where(np.isfinite(alone.prior_stds), alone.prior_stds, 1.0)
             k = int(np.argmax(np.abs(own.z - start) / limits))
