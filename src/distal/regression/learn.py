@@ -122,7 +122,10 @@ def choose_terms(data: Sequence[Samples], kind: Kind, folds: Sequence[int], homi
             continue
         errors = left_out_errors(data, kind, one, folds, homing)
         # of each log alone, so that one that is unlike the others does not decide
-        rms = float(np.mean([np.sqrt(np.mean(error**2)) for log in errors for error, _, _ in log if len(error)]))
+        squares = [float(np.mean(error**2)) for log in errors for error, _, _ in log if len(error)]
+        if not squares:
+            return sets[0]  # each log alone knows of a joint: there is nothing to choose by
+        rms = float(np.mean(np.sqrt(squares)))
         if not one.corrects and rms < max(each.reference_std for each in data):
             return one  # what is less than the reference's own error is not worth a correction
         if rms < kind.better * least or (len(one.terms) == len(best.terms) and rms < least):
@@ -287,9 +290,18 @@ def left_out_errors(
     """
     errors = []
     for fold in sorted(set(folds)):
-        learned = fit_coefficients([one for one, own in zip(data, folds) if own != fold], kind, chosen)
+        rest = [one for one, own in zip(data, folds) if own != fold]
+        if not _all_known(rest, kind):
+            continue  # without these logs nothing is known of a joint
+        learned = fit_coefficients(rest, kind, chosen)
         errors += [errors_of(learned, one, kind, homing) for one, own in zip(data, folds) if own == fold]
     return errors
+
+
+def _all_known(data: Sequence[Samples], kind: Kind) -> bool:
+    """Return whether some logs know what is mapped of every joint."""
+    known = [np.isfinite(one.targets).any(axis=0) for one in data]
+    return bool(known) and bool(np.all(np.any(known, axis=0))) and len(kind.joints) > 0
 
 
 def calibrate_band(
@@ -312,13 +324,16 @@ def calibrate_band(
     if count < 2:
         return _wider_between(learned, wider)
     errors = left_out_errors(data, kind, chosen, folds, homing)
+    if not errors:
+        return _wider_between(learned, wider)
     filtered = any(np.any(v > 0.0) for log in errors for _, _, v in log)
     shares = (1.0,) if not filtered else OWNS if count >= ENOUGH else (share_of_few(errors, wider),)
     best, narrowest = learned, float("inf")
     for share in shares:
         parts = [[(e, u, share**2 * v) for e, u, v in (log[j] for log in errors)] for j in range(len(learned.joints))]
         factors = [conformal_factor(logs, LEAST, LARGEST) for logs in parts]
-        width = float(np.mean([np.sqrt(c**2 * u + v).mean() for c, logs in zip(factors, parts) for _, u, v in logs]))
+        sizes = [np.sqrt(c**2 * u + v).mean() for c, logs in zip(factors, parts) for _, u, v in logs if len(u)]
+        width = float(np.mean(sizes))
         if width < WORTH * narrowest:
             best, narrowest = inflate_band(learned.model_copy(update={"own": share}), factors), width
     return _wider_between(best, wider)

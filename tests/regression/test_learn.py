@@ -1,0 +1,94 @@
+"""The pipeline of learned maps on data whose answer is known: terms, coefficients, bands, what is known of few logs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from distal.errors import FitError
+from distal.regression import (
+    Samples,
+    calibrate_band,
+    discrepancy_kind,
+    fit_coefficients,
+    inflate_band,
+    learn_map,
+    predict,
+)
+from distal.regression.affine import affine_kind
+from distal.regression.learn import Kind, choose_terms
+
+CHANNELS, NOISE = ("a", "b"), np.array([1e-3, 1e-3])
+
+
+def run(seed: int, offset: float = 0.0, noise: float = 0.01, joints: int = 1, turning: float = 0.0) -> Samples:
+    """A log whose targets are 0.5 a − 0.2 b + offset, for each joint once more as large."""
+    rng, time = np.random.default_rng(seed), np.arange(0.0, 8.0, 0.02)
+    a, b = np.sin(1.3 * time + rng.uniform(0, 6)), np.cos(2.1 * time + rng.uniform(0, 6))
+    line = 0.5 * a - 0.2 * b + offset + turning * np.sign(np.gradient(a))
+    targets = np.column_stack([(j + 1) * line for j in range(joints)]) + noise * rng.normal(size=(len(time), joints))
+    none = np.zeros((len(time), joints))
+    return Samples(f"log {seed}", time, np.column_stack([a, b]), np.zeros((len(time), 0)), targets, none, 0.02)
+
+
+def kind(joints: int = 1) -> Kind:
+    return affine_kind(CHANNELS, ("a",), [f"j{j}" for j in range(joints)], NOISE)
+
+
+def test_each_joint_has_its_own_line() -> None:
+    data = [run(seed, joints=2) for seed in range(5)]
+    learned, _ = learn_map(data, kind(2), range(5), None)
+    for j, joint in enumerate(learned.joints):
+        slopes = np.array(joint.coefficients[1:3]) / np.array(learned.scale)
+        np.testing.assert_allclose(slopes, (j + 1) * np.array([0.5, -0.2]), atol=0.01)
+        assert joint.std == pytest.approx(0.01, rel=0.1)
+
+
+def test_terms_are_taken_where_logs_left_out_gain() -> None:
+    plain = choose_terms([run(seed) for seed in range(5)], kind(), range(5), None)
+    turning = choose_terms([run(seed, turning=0.05) for seed in range(5)], kind(), range(5), None)
+    assert "slip(a)" not in plain.terms
+    assert "slip(a)" in turning.terms
+
+
+def test_a_band_holds_what_logs_left_out_err_by() -> None:
+    """Offsets that differ from log to log by 0.1: 95 % of new logs are inside, and hardly more."""
+    rng = np.random.default_rng(9)
+    data = [run(seed, offset=0.1 * rng.normal()) for seed in range(14)]
+    learned = calibrate_band(data, kind(), kind().sets[0], range(14), None)
+    shares = []
+    for seed in range(100, 160):
+        out = run(seed, offset=0.1 * rng.normal())
+        said = predict(learned, out)
+        shares.append(np.mean(np.abs(said.values - out.targets[:, 0]) < 1.96 * np.sqrt(said.variances)))
+    assert 0.85 < np.mean(shares) <= 1.0
+    wider = predict(inflate_band(learned, [2.0]), data[0])
+    np.testing.assert_allclose(wider.variances, 4.0 * predict(learned, data[0]).variances)
+
+
+def test_fewer_logs_are_less_sure_of_what_differs_between_them() -> None:
+    rng = np.random.default_rng(4)
+    data = [run(seed, offset=0.1 * rng.normal()) for seed in range(8)]
+    spread = [learn_map(data[:n], kind(), range(n), None)[0].joints[0].covariance[0][0] for n in (2, 8)]
+    assert spread[0] > 4.0 * spread[1]
+
+
+def test_a_joint_that_one_log_knows() -> None:
+    """Without that log nothing is known of it: it is not left out; a joint that none knows is refused by name."""
+    data = [run(seed, joints=2) for seed in range(2)]
+    blind = data[1].targets.copy()
+    blind[:, 1] = np.nan
+    learned, _ = learn_map([data[0], replace(data[1], targets=blind)], kind(2), range(2), None)
+    assert np.isfinite(learned.joints[1].coefficients).all()
+    with pytest.raises(FitError, match="'j1' is known in no log"):
+        fit_coefficients([replace(data[1], targets=blind)], kind(2), kind(2).sets[0])
+
+
+def test_what_is_smaller_than_the_references_noise_is_not_corrected() -> None:
+    made = discrepancy_kind(CHANNELS, CHANNELS, (), ("j0",), NOISE)
+    data = [replace(run(seed), angles=run(seed).targets, reference_std=1.0) for seed in range(4)]
+    assert not choose_terms(data, made, range(4), None).corrects
+    sharp = [replace(one, reference_std=1e-4) for one in data]
+    assert choose_terms(sharp, made, range(4), None).corrects
