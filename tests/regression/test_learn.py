@@ -10,6 +10,7 @@ import pytest
 from distal.errors import FitError
 from distal.regression import (
     Samples,
+    as_discrepancy,
     calibrate_band,
     discrepancy_kind,
     fit_coefficients,
@@ -92,3 +93,22 @@ def test_what_is_smaller_than_the_references_noise_is_not_corrected() -> None:
     assert not choose_terms(data, made, range(4), None).corrects
     sharp = [replace(one, reference_std=1e-4) for one in data]
     assert choose_terms(sharp, made, range(4), None).corrects
+
+
+def test_a_filter_can_say_what_affine_says() -> None:
+    """Within the learned range, with its own angle and error taken off; beyond it goes on with the filter's motion."""
+    rng = np.random.default_rng(2)
+    data = [run(seed, turning=0.02) for seed in range(5)]
+    line, _ = learn_map(data, kind(), range(5), None)
+    own = [replace(one, angles=one.targets + 0.1 * rng.normal(size=one.targets.shape)) for one in data]
+    made = discrepancy_kind(CHANNELS, CHANNELS, (), ("j0",), NOISE)
+    frame = calibrate_band(own, made, made.sets[0], range(5), None)
+    both = as_discrepancy(line, frame, np.array([0.05, 0.0]))
+    seen = replace(own[2], readings=own[2].readings - [0.05, 0.0], variances=np.ones((400, 1)))
+    known, said = predict(line, data[2]), predict(both, seen)
+    inside = np.abs(own[2].angles[:, 0] - np.mean([frame.low[2], frame.high[2]])) < 0.5 * (frame.high[2] - frame.low[2])
+    np.testing.assert_allclose((said.values + own[2].angles[:, 0])[inside], known.values[inside], atol=1e-12)
+    np.testing.assert_allclose(said.variances[inside], known.variances[inside], rtol=1e-9)
+    np.testing.assert_allclose(said.own[inside], 0.0, atol=1e-20)
+    far = replace(seen, angles=seen.angles + 50.0)
+    np.testing.assert_allclose(predict(both, far).own, 1.0)

@@ -154,7 +154,9 @@ class Fit:
         lines += [f"these logs tell {line}" for line in self.combinations]
         errors = {name: rms for name, rms, _ in self.scores()}
         if errors.get("adaptive", 0.0) > CLEARLY * errors.get("affine", np.inf):
-            lines.append("on this rig affine does better on logs left out: estimate with -e affine")
+            lines.append(
+                "on logs left out affine does better: where the logs have been, adaptive now says what affine says"
+            )
         return lines
 
     def __getitem__(self, name: str) -> FittedNumber:

@@ -1,6 +1,6 @@
 """Least squares over several logs: features, random effects, the size of a band, a homing window, the kernel."""
 
-from distal.regression.affine import affine_kind
+from distal.regression.affine import affine_kind, as_discrepancy
 from distal.regression.conformal import NORMAL, Errors, conformal_factor, student
 from distal.regression.contact import contact_kind
 from distal.regression.discrepancy import discrepancy_kind
@@ -19,6 +19,7 @@ __all__ = [
     "Samples",
     "Terms",
     "affine_kind",
+    "as_discrepancy",
     "calibrate_band",
     "calibrate_window",
     "conformal_factor",

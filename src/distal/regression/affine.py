@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.regression.learn import Kind, Terms
-from distal.rig import CONSTANT, Affine
+from distal.rig import CONSTANT, Affine, Discrepancy, JointMap, LearnedMap
 
 Floats = NDArray[np.float64]
 
@@ -44,4 +44,54 @@ def affine_kind(channels: Sequence[str], positions: Sequence[str], joints: Seque
         BETTER,
         by_motion=True,
         unknown_outside=False,
+    )
+
+
+def as_discrepancy(affine: LearnedMap, frame: LearnedMap, offsets: Floats) -> Discrepancy:
+    """Return the discrepancy with which a filter says what `affine` says, δ = φᵀ b − θ, where the logs have been.
+
+    Within the learned range the filter's own angle and its error are taken off. Beyond it the terms stay as they are,
+    and what is reported goes on with the filter's motion.
+
+    Args:
+        affine: the map of readings.
+        frame: a discrepancy of the same logs, for the range of the filter's own angles.
+        offsets: known offsets of the sensors, which the filter takes off its drives' places [SI], (m,).
+    """
+    m, nj = len(affine.channels), len(affine.joints)
+    shift = np.concatenate([offsets, np.zeros(nj)])
+
+    def both(name: str) -> tuple[float, ...]:
+        moved = shift if name in ("centre", "low", "high") else np.zeros(m + nj)
+        values = np.concatenate([getattr(affine, name), np.asarray(getattr(frame, name))[m:]]) - moved
+        return tuple(float(value) for value in values)
+
+    joints = []
+    for j, joint in enumerate(affine.joints):
+        coefficients = np.concatenate([joint.coefficients, np.zeros(nj)])
+        coefficients[affine.terms.index(CONSTANT)] -= frame.centre[m + j]
+        coefficients[len(affine.terms) + j] = -frame.scale[m + j]
+        covariance = np.zeros((len(coefficients), len(coefficients)))
+        covariance[: len(affine.terms), : len(affine.terms)] = joint.covariance
+        joints.append(
+            JointMap(
+                joint=joint.joint,
+                coefficients=tuple(float(value) for value in coefficients),
+                covariance=tuple(tuple(float(value) for value in row) for row in covariance),
+                std=joint.std,
+            )
+        )
+    return Discrepancy(
+        terms=(*affine.terms, *(f"angle({joint.joint})" for joint in affine.joints)),
+        channels=affine.channels,
+        **{name: both(name) for name in ("centre", "scale", "low", "high", "rate")},
+        width=affine.width,
+        distance=affine.distance,
+        reach=affine.reach,
+        correlation_time=affine.correlation_time,
+        spread=frame.spread,
+        band=affine.band,
+        logs=affine.logs,
+        dropped=affine.dropped,
+        joints=tuple(joints),
     )
