@@ -12,7 +12,7 @@ help:
 	@echo "make test-fast  the tests that finish within a minute"
 	@echo "make docs       a site with all pages and the reference of public names in out/site"
 	@echo "make bench      accuracy and speed of stepping, filters, batches, processes; the filter on a microcontroller"
-	@echo "make accuracy   rigs it was not built with; plants x scenarios x estimators x 20 seeds; fits (half an hour)"
+	@echo "make accuracy   rigs it was not built with; plants x scenarios x estimators x 20 seeds; fits (an hour)"
 	@echo "make strangers  rigs and logs that distal was not built with, beside release 0.1"
 	@echo "make reliability  20,000 hostile rigs, logs and stream inputs each (6 minutes)"
 	@echo "make clean      remove .venv, out and caches"
@@ -56,6 +56,7 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.accuracy
 	$(BIN)/python -m benchmarks.chains accuracy
 	$(BIN)/python -m benchmarks.fitting
+	$(BIN)/python -m benchmarks.strangers.drawn --starts 0 --processes 2
 	$(BIN)/python -m benchmarks.derivatives
 	$(BIN)/python -m benchmarks.parts
 	$(BIN)/python -m benchmarks.sheaths
