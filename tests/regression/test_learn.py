@@ -76,6 +76,18 @@ def test_fewer_logs_are_less_sure_of_what_differs_between_them() -> None:
     assert spread[0] > 4.0 * spread[1]
 
 
+def test_groups_of_logs_keep_the_prior_that_a_homing_window_is_weighed_against() -> None:
+    """Eight logs of two groups scatter as eight draws, unless the kind counts groups, of which two tell hardly anything."""
+    rng = np.random.default_rng(5)
+    data, one = [run(seed, offset=0.1 * rng.normal()) for seed in range(8)], kind().sets[0]
+    folds = [0] * 4 + [1] * 4
+    alone = np.array(fit_coefficients(data, kind(), one).joints[0].covariance)
+    of_logs = np.array(calibrate_band(data, kind(), one, folds, 2.0).joints[0].covariance)
+    of_groups = np.array(calibrate_band(data, replace(kind(), by_group=True), one, folds, 2.0).joints[0].covariance)
+    np.testing.assert_array_equal(of_logs, alone)
+    np.testing.assert_allclose(of_groups, (12.706 / 1.960) ** 2 * alone, rtol=1e-3, atol=1e-12)
+
+
 def test_a_joint_that_one_log_knows() -> None:
     """Without that log nothing is known of it: it is not left out; a joint that none knows is refused by name."""
     data = [run(seed, joints=2) for seed in range(2)]

@@ -59,4 +59,4 @@ def discrepancy_kind(
             curved = (*linear, *(f"play({name})" for name in efforts), *squares, *magnitudes, *mixed)
             sets.append(Terms(f"curves, {said}", curved, width))
             sets.append(Terms(f"curves with the filter's own angle, {said}", (*curved, *own), width))
-    return Kind(Discrepancy, "discrepancy", tuple(channels), tuple(joints), noise, tuple(sets))
+    return Kind(Discrepancy, "discrepancy", tuple(channels), tuple(joints), noise, tuple(sets), by_group=True)

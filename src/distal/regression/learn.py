@@ -72,6 +72,8 @@ class Kind:
         better: a set of more terms is taken where its error on left-out logs is below this share of that of fewer.
         by_motion: what is left lasts as long as the motion, see `calibrate_window`.
         unknown_outside: outside the range all of what is mapped is unknown; else the residual grows.
+        by_group: each group of logs, not each log, counts as one draw of the coefficients where Student's factor widens
+            their covariance. A prior that is much too wide lets a short homing window overrule what the logs told.
     """
 
     form: type[LearnedMap]
@@ -83,6 +85,7 @@ class Kind:
     better: float = 0.85
     by_motion: bool = False
     unknown_outside: bool = True
+    by_group: bool = False
 
 
 def learn_map(
@@ -320,7 +323,8 @@ def calibrate_band(
     """
     learned, count = fit_coefficients(data, kind, chosen), len(set(folds))
     # what scatters between few logs is known as Student's distribution says
-    wider = 1.0 if count >= ENOUGH else student(count - 1)
+    draws = count if kind.by_group else len(data)
+    wider = 1.0 if draws >= ENOUGH else student(draws - 1)
     if count < 2:
         return _wider_between(learned, wider)
     errors = left_out_errors(data, kind, chosen, folds, homing)
