@@ -41,6 +41,17 @@ def test_it_is_the_likelihood_of_a_normal_distribution() -> None:
     assert cost_of(broken, weighing()) == np.inf
 
 
+def test_a_filter_that_left_all_bounds() -> None:
+    """Innovations whose squares are no numbers cost infinitely much; as an end of a step they have no slope."""
+    z, made = np.array([0.4, 0.1]), run(np.array([0.4, 0.1]))
+    wild = Innovations(np.full_like(made.values, 1e200), made.variances)
+    assert cost_of(wild, weighing()) == np.inf
+    (first, _), second = at(z, np.full(2, 1e-4))
+    derivatives = derivatives_of(made, [(first, wild), second], np.full(2, 1e-4), weighing())
+    assert derivatives.gradient[0] == 0.0
+    assert np.isfinite(derivatives.information).all()
+
+
 def test_an_outlier_counts_as_in_the_filter() -> None:
     """Beyond ν² = 9 S the variance grows with it: ½ (9 + ln ν²/9)."""
     values, variances = np.full((COUNT, 2), np.nan), np.ones((COUNT, 2))

@@ -17,6 +17,10 @@ CORRELATED = 2.0
 """Scores that are this far apart in time are taken as independent [s]: sensors' curves last for a stroke."""
 
 
+UNBOUNDED = 1e100
+"""Innovations, variances and slopes beyond this are of a filter that left all bounds; below it squares are finite."""
+
+
 @dataclass(frozen=True)
 class Innovations:
     """What a run of the filter over a log expected wrongly.
@@ -78,7 +82,7 @@ def cost_of(run: Innovations, weighing: Weighing) -> float:
     """
     there = np.isfinite(run.values)
     nu, spread = run.values[there], run.variances[there]
-    if not np.all(np.isfinite(spread)) or np.any(spread <= 0.0):
+    if not np.all(spread < UNBOUNDED) or np.any(spread <= 0.0) or np.any(np.abs(nu) > UNBOUNDED):
         return float("inf")
     ratio = nu * nu / spread
     inflation = np.maximum(1.0, ratio / np.broadcast_to(weighing.tolerance, run.values.shape)[there])
@@ -117,11 +121,12 @@ def derivatives_of(
     slopes, log_slopes = np.zeros((len(ends), len(nu))), np.zeros((len(ends), len(nu)))
     for k, (up, down) in enumerate(ends):
         if widths[k] != 0.0:
-            slopes[k] = (up.values[there] - down.values[there]) / widths[k]
-            log_slopes[k] = np.log(up.variances[there] / down.variances[there]) / widths[k]
+            with np.errstate(all="ignore"):  # an end may have left all bounds
+                slopes[k] = (up.values[there] - down.values[there]) / widths[k]
+                log_slopes[k] = np.log(up.variances[there] / down.variances[there]) / widths[k]
     # what is compared may change at the ends (a slider at a stop): such a sample has no slope
-    slopes[~np.isfinite(slopes)] = 0.0
-    log_slopes[~np.isfinite(log_slopes)] = 0.0
+    slopes[~(np.abs(slopes) < UNBOUNDED)] = 0.0
+    log_slopes[~(np.abs(log_slopes) < UNBOUNDED)] = 0.0
     ratio = nu * nu / spread
     inflation = np.maximum(1.0, ratio / np.broadcast_to(weighing.tolerance, shape)[there])
     inlier = inflation <= 1.0
