@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
-from distal import Log
+from distal import Log, estimate
+from distal.fitting.fit import as_good_as_a_line
 from distal.fitting.learn import Learned, learn
-from distal.fitting.leave_out import leave_out
+from distal.fitting.leave_out import Compared, Fold, Score, leave_out
 from distal.fitting.options import Options
 
 pytestmark = pytest.mark.compiled
@@ -67,3 +68,16 @@ def test_each_planted_log_would_be_seen(kind: str, others: list[Log], alone: Lea
 
 def test_workers_change_no_number(others: list[Log], alone: Learned) -> None:
     assert learn(others, finger_rig().bare(), replace(OPTIONS, workers=3)).rig == alone.rig
+
+
+@pytest.mark.parametrize(("line", "replaced"), [(0.5, True), (1.0, False), (2.0, False)])
+def test_affine_replaces_the_correction_only_where_it_errs_clearly_less(
+    line: float, replaced: bool, others: list[Log], alone: Learned
+) -> None:
+    compared = Compared("planted", Score(0.01, 0.9, 0.02), None, Score(0.01 * line, 0.9, 0.02))
+    made = as_good_as_a_line(alone, [Fold(("planted",), alone, (compared,), ())], OPTIONS)
+    if not replaced:
+        assert made is alone
+        return
+    ours, affine = (estimate(others[0], made.rig, name, compiled=False) for name in ("adaptive", "affine"))
+    np.testing.assert_allclose(ours.angles[50:], affine.angles[50:], atol=1e-6)

@@ -85,6 +85,7 @@ def test_groups_of_logs_keep_the_prior_that_a_homing_window_is_weighed_against()
     of_logs = np.array(calibrate_band(data, kind(), one, folds, 2.0).joints[0].covariance)
     of_groups = np.array(calibrate_band(data, replace(kind(), by_group=True), one, folds, 2.0).joints[0].covariance)
     np.testing.assert_array_equal(of_logs, alone)
+    assert discrepancy_kind(CHANNELS, CHANNELS, (), ("j0",), NOISE).by_group  # its filter was fitted to all groups
     np.testing.assert_allclose(of_groups, (12.706 / 1.960) ** 2 * alone, rtol=1e-3, atol=1e-12)
 
 

@@ -104,7 +104,7 @@ def fit(
     folds = []
     if enough and "discrepancy" in learned.maps and not learned.numbers.found.interrupted:
         folds = leave_out(read, rig, options, groups, progress)
-        learned = _as_good_as_a_line(_as_wide_as_left_out(learned, folds), folds, options)
+        learned = as_good_as_a_line(_as_wide_as_left_out(learned, folds), folds, options)
     return Fit.of(learned, rig, read, options, tuple(folds))
 
 
@@ -123,8 +123,14 @@ def _as_wide_as_left_out(learned: Learned, folds: Sequence[Fold]) -> Learned:
     return replace(learned, maps={**learned.maps, "discrepancy": wider}, rig=rig)
 
 
-def _as_good_as_a_line(learned: Learned, folds: Sequence[Fold], options: Options) -> Learned:
-    """Return what was learned with `affine` in place of the correction, where it did clearly better on logs left out."""
+def as_good_as_a_line(learned: Learned, folds: Sequence[Fold], options: Options) -> Learned:
+    """Return what was learned with `affine` in place of the correction, where it did clearly better on logs left out.
+
+    Args:
+        learned: from all logs.
+        folds: with the errors of both on logs left out.
+        options: of the fit; after a homing move nothing is replaced.
+    """
     both = [(one.fitted.rms, one.affine.rms) for fold in folds for one in fold.compared if one.fitted and one.affine]
     if options.homing is not None or not both or "affine" not in learned.maps:
         return learned
