@@ -9,9 +9,13 @@ import pytest
 from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
 from distal import Log, estimate
-from distal.fitting.fit import as_good_as_a_line
-from distal.fitting.learn import Learned, learn
-from distal.fitting.leave_out import Compared, Fold, Score, leave_out
+from distal.fitting.angle_maps import angle_maps
+from distal.fitting.cross_fit import cross_fit
+from distal.fitting.fitted import assignments
+from distal.fitting.learn import Learned, described, learn
+from distal.fitting.leave_out import leave_out
+from distal.fitting.map_samples import filtered
+from distal.fitting.numbers import Numbers
 from distal.fitting.options import Options
 
 pytestmark = pytest.mark.compiled
@@ -70,14 +74,43 @@ def test_workers_change_no_number(others: list[Log], alone: Learned) -> None:
     assert learn(others, finger_rig().bare(), replace(OPTIONS, workers=3)).rig == alone.rig
 
 
-@pytest.mark.parametrize(("line", "replaced"), [(0.5, True), (1.0, False), (2.0, False)])
-def test_affine_replaces_the_correction_only_where_it_errs_clearly_less(
-    line: float, replaced: bool, others: list[Log], alone: Learned
+@pytest.fixture(scope="module")
+def two(others: list[Log], alone: Learned) -> list[Numbers]:
+    return cross_fit(alone.numbers, others, [0, 1])
+
+
+def test_maps_learn_from_numbers_that_have_not_seen_the_log(
+    two: list[Numbers], others: list[Log], alone: Learned
 ) -> None:
-    compared = Compared("planted", Score(0.01, 0.9, 0.02), None, Score(0.01 * line, 0.9, 0.02))
-    made = as_good_as_a_line(alone, [Fold(("planted",), alone, (compared,), ())], OPTIONS)
-    if not replaced:
-        assert made is alone
-        return
-    ours, affine = (estimate(others[0], made.rig, name, compiled=False) for name in ("adaptive", "affine"))
-    np.testing.assert_allclose(ours.angles[50:], affine.angles[50:], atol=1e-6)
+    """Each half of a cross-fit is of the other logs alone, likelier on these, and leaves what stays at its prior."""
+    whole = alone.numbers
+    for own, left_out in zip(two, others):
+        assert [data.log.source for data in own.problem.data] == [log.source for log in others if log is not left_out]
+        gone = [data.log.source for data in whole.problem.data].index(left_out.source)
+        shared = np.array([log != gone for _, log in whole.problem.parts])
+        before, after = own.problem.costs([whole.found.z[shared], own.found.z])
+        assert after <= before
+        moved = own.found.z != whole.found.z[shared]
+        assert moved.any()
+        assert not moved[whole.left[shared]].any()
+    assert cross_fit(whole, others, [0, 0]) == [whole]
+
+
+@pytest.mark.parametrize("replaced", [True, False])
+def test_affine_replaces_the_correction_only_where_it_errs_clearly_less(
+    replaced: bool, two: list[Numbers], others: list[Log], alone: Learned
+) -> None:
+    rig, prior, groups = alone.rig.bare(), finger_rig().bare(), ["0", "1"]
+    rigs = [described(prior, assignments(own.fitted, own.problem.filter.rig)) for own in two]
+    data, _ = filtered(others, rigs, None, False)
+    rng = np.random.default_rng(5)  # the filter errs by what no reading tells, where it is to lose
+    worse = {
+        i: replace(one, targets=one.targets + 0.1 * replaced * rng.normal(size=one.targets.shape))
+        for i, one in data.items()
+    }
+    affine, found = angle_maps(others, worse, groups, prior, rig, OPTIONS)
+    assert any("what affine says" in note for note in found.notes) == replaced
+    if replaced:
+        made = rig.model_copy(update={one.table: one.learned for one in (affine, found)})
+        ours, line = (estimate(others[0], made, name, compiled=False) for name in ("adaptive", "affine"))
+        np.testing.assert_allclose(ours.angles[50:], line.angles[50:], atol=1e-6)

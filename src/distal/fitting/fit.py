@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +13,13 @@ from distal.errors import DistalWarning, FitError
 from distal.fitting.checks import check_logs
 from distal.fitting.doubts import far_from_priors
 from distal.fitting.groups import groups_of
-from distal.fitting.learn import Learned, learn
-from distal.fitting.leave_out import CLEARLY, MOST_LEFT_OUT, Fold, leave_out
+from distal.fitting.learn import learn
+from distal.fitting.leave_out import MOST_LEFT_OUT, leave_out
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress, of_part
 from distal.fitting.result import Fit
 from distal.homing import check_homing
 from distal.logs import Log, read_log, true_angles
-from distal.regression import as_discrepancy, conformal_factor, inflate_band
-from distal.regression.learn import LARGEST, LEAST
 from distal.rig import Rig, load_rig
 
 FOR_LEAVING_OUT = 3
@@ -104,49 +101,7 @@ def fit(
     folds = []
     if enough and "discrepancy" in learned.maps and not learned.numbers.found.interrupted:
         folds = leave_out(read, rig, options, groups, progress)
-        learned = as_good_as_a_line(_as_wide_as_left_out(learned, folds), folds, options)
     return Fit.of(learned, rig, read, options, tuple(folds))
-
-
-def _as_wide_as_left_out(learned: Learned, folds: Sequence[Fold]) -> Learned:
-    """Return what was learned with a band that also holds the errors on logs that all of it was left without."""
-    errors = [one for fold in folds for one in fold.errors]
-    if not errors:
-        return learned
-    found = learned.maps["discrepancy"]
-    factors = [
-        max(1.0, conformal_factor([parts[j] for parts in errors], LEAST, LARGEST))
-        for j in range(len(found.learned.joints))
-    ]
-    wider = found.with_map(inflate_band(found.learned, factors))
-    rig = learned.rig.model_copy(update={"discrepancy": wider.learned})
-    return replace(learned, maps={**learned.maps, "discrepancy": wider}, rig=rig)
-
-
-def as_good_as_a_line(learned: Learned, folds: Sequence[Fold], options: Options) -> Learned:
-    """Return what was learned with `affine` in place of the correction, where it did clearly better on logs left out.
-
-    Args:
-        learned: from all logs.
-        folds: with the errors of both on logs left out.
-        options: of the fit; after a homing move nothing is replaced.
-    """
-    both = [(one.fitted.rms, one.affine.rms) for fold in folds for one in fold.compared if one.fitted and one.affine]
-    if options.homing is not None or not both or "affine" not in learned.maps:
-        return learned
-    ours, line = np.mean(both, axis=0)
-    if ours <= CLEARLY * line:
-        return learned
-    found, rig = learned.maps["discrepancy"], learned.rig
-    sensors = {sensor.name: sensor for sensor in rig.sensors}
-    affine = learned.maps["affine"].learned
-    offsets = [sensors[c].bias.value if sensors[c].measures == "position" else 0.0 for c in affine.channels]
-    other = as_discrepancy(affine, found.learned, np.array(offsets))
-    note = f"discrepancy: where the logs have been it is what affine says: {np.rad2deg(line):.3f}° on logs left out"
-    made = replace(found.with_map(other), notes=(*found.notes, f"{note}, the filter {np.rad2deg(ours):.3f}°"))
-    return replace(
-        learned, maps={**learned.maps, "discrepancy": made}, rig=rig.model_copy(update={"discrepancy": other})
-    )
 
 
 def _read(logs: Any, rig: Rig, truth: str | None, homing: float | None) -> list[Log]:

@@ -8,19 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators import affine_of, affine_samples
+from distal.fitting.angle_maps import angle_maps
 from distal.fitting.checks import unknown_joints
+from distal.fitting.cross_fit import cross_fit
 from distal.fitting.curves import curves
 from distal.fitting.fitted import assignments
-from distal.fitting.groups import groups_of
-from distal.fitting.map_samples import discrepancy_of, filtered, mean_rms
-from distal.fitting.maps import MapFit, learn_contact, map_of
+from distal.fitting.groups import folds_of, groups_of
+from distal.fitting.map_samples import filtered, mean_rms
+from distal.fitting.maps import MapFit, learn_contact
 from distal.fitting.numbers import Numbers, numbers_of
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress
-from distal.fitting.reference_error import with_reference_error
 from distal.logs import Log, true_angles, true_torques
-from distal.regression import Kind, Samples
+from distal.regression import Samples
 from distal.rig import Rig
 
 Floats = NDArray[np.float64]
@@ -72,11 +72,12 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
     """
     known = [log for log in logs if true_angles(log, _names(rig)) is not None]
     numbers = numbers_of(logs, rig, options, bool(known), progress)
-    learned_curves = curves(numbers.problem, numbers.found.z) if options.curves else {}
 
-    def written(prior_share: float | None) -> Rig:
-        values = {**assignments(numbers.fitted, numbers.problem.filter.rig, prior_share), **learned_curves}
-        return described(rig, values)
+    def curves_of(own: Numbers) -> dict[str, object]:
+        return dict(curves(own.problem, own.found.z)) if options.curves else {}
+
+    def written(own: Numbers, prior_share: float | None) -> Rig:
+        return described(rig, assignments(own.fitted, own.problem.filter.rig, prior_share) | curves_of(own))
 
     doubts = list(numbers.doubts)
     unknown = unknown_joints(known, rig) if known else []
@@ -86,40 +87,27 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
             "(affine) and no correction (discrepancy), which are of all joints"
         )
     unsure = numbers.found.interrupted or bool(doubts)
-    shares = IN_DOUBT if unsure else TOLD_OR_HELD
-    share, learned = shares[0], written(shares[0])
-    maps = list[MapFit]()
+    share, maps = (IN_DOUBT if unsure else TOLD_OR_HELD)[0], list[MapFit]()
     if known and not unknown:
-        data, refused = filtered(known, learned, options.homing, False)
-        for other in shares[1:] if data and not numbers.found.interrupted else ():
-            surer = written(other)
-            as_sure, _ = filtered(known, surer, options.homing, False)
-            if len(as_sure) == len(data) and mean_rms(as_sure) < SURER * mean_rms(data):
-                learned, data, share = surer, as_sure, other
+        groups = _groups([log.source for log in known], options)
+        folds = folds_of(groups)
+        unseen = cross_fit(numbers, known, folds)
+
+        def cross_filtered(prior_share: float | None) -> tuple[dict[int, Samples], list[str]]:
+            rigs = [written(own, prior_share) for own in unseen]
+            return filtered(known, [rigs[fold] for fold in folds], options.homing, False)
+
+        data, refused = cross_filtered(share)
         doubts += refused
-        maps += _angle_maps(known, data, rig, learned, options)
+        for other in (IN_DOUBT if unsure else TOLD_OR_HELD)[1:] if data and not numbers.found.interrupted else ():
+            as_sure, _ = cross_filtered(other)
+            if len(as_sure) == len(data) and mean_rms(as_sure) < SURER * mean_rms(data):
+                data, share = as_sure, other
+        maps += angle_maps(known, data, groups, rig, written(numbers, share), options)
+    learned = written(numbers, share)
     maps += _contact_map(logs, learned, options)
     whole = learned.with_values({one.table: one.learned.model_dump() for one in maps}) if maps else learned
-    return Learned(whole, numbers, share, learned_curves, {one.table: one for one in maps}, tuple(doubts))
-
-
-def _angle_maps(
-    known: Sequence[Log], data: Sequence[Samples], rig: Rig, learned: Rig, options: Options
-) -> list[MapFit]:
-    """Return the map of `affine`, and of what the filter's angles lack, from logs with a truth."""
-    straight = [affine_samples(log, learned) for log in known]
-    straight = [one.part(np.asarray(np.isfinite(one.targets).any(axis=1))) for one in straight]
-    kinds: list[tuple[Kind, Sequence[Samples]]] = [(affine_of(learned), straight)]
-    if data:
-        kinds.append((discrepancy_of(learned, data), data))
-    maps = []
-    for kind, samples in kinds:
-        groups = _groups([one.source for one in samples], options)
-        one = map_of(samples, kind, learned, options.homing, groups, scored=False)
-        if options.homing is None:
-            one = one.with_map(with_reference_error(one.learned, rig, known))
-        maps.append(one)
-    return maps
+    return Learned(whole, numbers, share, curves_of(numbers), {one.table: one for one in maps}, tuple(doubts))
 
 
 def _contact_map(logs: Sequence[Log], learned: Rig, options: Options) -> list[MapFit]:

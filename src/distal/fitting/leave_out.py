@@ -9,19 +9,14 @@ import numpy as np
 
 from distal.errors import DistalError
 from distal.fitting.learn import Learned, learn
-from distal.fitting.map_samples import discrepancy_of, filtered
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress, of_part
 from distal.logs import Log, shown, true_angles
-from distal.regression import Errors, errors_of
 from distal.rig import Rig
 from distal.run import estimate
 
 MOST_LEFT_OUT = 6
 """So many logs, or units of them, are left out at most, spread over all: each costs a fit of the others."""
-
-CLEARLY = 1.1
-"""`affine` does clearly better where the error of `adaptive` on logs left out is this many times larger."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +59,11 @@ class Fold:
         left_out: names of the logs.
         learned: by `learn` from the others, and from nothing else.
         compared: one for each log with truth that was left out.
-        errors: of each of them: errors, variances of the correction, the filter's own, of each joint.
     """
 
     left_out: tuple[str, ...]
     learned: Learned
     compared: tuple[Compared, ...]
-    errors: tuple[Sequence[Errors], ...]
 
 
 def leave_out(
@@ -105,7 +98,7 @@ def leave_out(
 
 
 def _scored(out: Sequence[Log], rig: Rig, learned: Learned, homing: float | None) -> Fold:
-    compared, errors = [], []
+    compared = []
     for log in out:
         if true_angles(log, [joint.name for joint in rig.joints]) is None:
             continue
@@ -114,11 +107,7 @@ def _scored(out: Sequence[Log], rig: Rig, learned: Learned, homing: float | None
             for each, name in ((learned.rig, "adaptive"), (rig, "adaptive"), (learned.rig, "affine"))
         ]
         compared.append(Compared(shown(log.source), *scores))
-        corrects = learned.rig.discrepancy
-        if corrects is not None:
-            seen, _ = filtered([log], learned.rig.model_copy(update={"discrepancy": None}), homing, False)
-            errors += [errors_of(corrects, one, discrepancy_of(rig, seen), homing) for one in seen]
-    return Fold(tuple(log.source for log in out), learned, tuple(compared), tuple(errors))
+    return Fold(tuple(log.source for log in out), learned, tuple(compared))
 
 
 def _score(log: Log, rig: Rig, estimator: str, homing: float | None) -> Score | None:

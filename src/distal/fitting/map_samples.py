@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -47,28 +47,35 @@ def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
     )
 
 
-def filtered(logs: Sequence[Log], rig: Rig, homing: float | None, compiled: bool) -> tuple[list[Samples], list[str]]:
-    """Return what the filter makes of logs, and why of some it makes nothing.
+def filtered(
+    logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None, compiled: bool
+) -> tuple[dict[int, Samples], list[str]]:
+    """Return what the filter makes of logs, by the index of the log, and why of some it makes nothing.
 
     Args:
         logs: with truth.
-        rig: the description, without a discrepancy.
+        rigs: the description for each, without a discrepancy.
         homing: length of the homing move [s], or None.
-        compiled: compile the kernel where possible.
+        compiled: compile kernels where possible.
     """
-    data, refused, make = list[Samples](), list[str](), _filter_for(rig, homing, compiled)
-    for log in logs:
+    data, refused, made = dict[int, Samples](), list[str](), dict[int, AdaptiveFilter]()
+    for i, (log, rig) in enumerate(zip(logs, rigs)):
         try:
-            one = _filtered(log, make(log), homing)
+            if id(rig) not in made:
+                described, references = with_references(rig, log) if homing is not None else (rig, ())
+                made[id(rig)] = AdaptiveFilter(described, compiled, references=references)
+            one = _filtered(log, made[id(rig)], homing)
         except DistalError as problem:
             refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")
             continue
         if not np.isfinite(one.angles).all():
             refused.append(f"discrepancy: {shown(log.source)} is left out: adaptive left all bounds on it")
             continue
-        data.append(replace(one, reference_std=0.0 if homing is not None else reference_std(rig, log)))
+        data[i] = replace(one, reference_std=0.0 if homing is not None else reference_std(rig, log))
     sensor = homing is None and any(log.truth_kind is TruthKind.SENSOR for log in logs)
-    return (without_offset(data, rig) if sensor and data else data), refused
+    if sensor and data:
+        data = dict(zip(data, without_offset(list(data.values()), rigs[0])))
+    return data, refused
 
 
 def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
@@ -92,19 +99,6 @@ def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
     return [replace(one, targets=one.targets - common) for one in data]
 
 
-def _filter_for(rig: Rig, homing: float | None, compiled: bool) -> Callable[[Log], AdaptiveFilter]:
-    """Return what gives the filter of a log: one for all, that reads the reference where there is homing."""
-    made: list[AdaptiveFilter] = []
-
-    def filter_of(log: Log) -> AdaptiveFilter:
-        if not made:
-            described, references = with_references(rig, log) if homing is not None else (rig, ())
-            made.append(AdaptiveFilter(described, compiled, references=references))
-        return made[0]
-
-    return filter_of
-
-
 def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None) -> Samples:
     truths = true_angles(log, [joint.name for joint in runner.rig.joints])
     assert truths is not None
@@ -126,13 +120,13 @@ def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None) -> Samples
     return plain_samples(runner, start, log, unaided, truths)
 
 
-def mean_rms(data: Sequence[Samples]) -> float:
+def mean_rms(data: Mapping[int, Samples]) -> float:
     """Return the mean over logs of the RMS of what the filter's angle errs by [rad].
 
     Args:
-        data: of the logs.
+        data: of the logs, by their index.
     """
-    return float(np.mean([np.sqrt(np.nanmean(one.targets**2)) for one in data]))
+    return float(np.mean([np.sqrt(np.nanmean(one.targets**2)) for one in data.values()]))
 
 
 def reference_std(rig: Rig, log: Log) -> float:

@@ -19,7 +19,7 @@ from distal.homing import (
     check_homing,
 )
 from distal.logs import Log, read_log, shown, true_angles, write_whole
-from distal.regression import NORMAL, Kind, Samples, errors_of, learn_map
+from distal.regression import NORMAL, Kind, Samples, Terms, errors_of, learn_map
 from distal.regression.learn import ENOUGH
 from distal.rig import LearnedMap, Rig, load_rig
 
@@ -58,6 +58,7 @@ class MapFit:
         homing: for how long a reference was used on the logs left out [s], or None.
         left_out: one for each log; empty with fewer than three groups.
         notes: plain sentences on how few logs there are, what was chosen and dropped.
+        terms: that were chosen.
     """
 
     rig: Rig
@@ -67,6 +68,7 @@ class MapFit:
     homing: float | None
     left_out: tuple[LeftOut, ...]
     notes: tuple[str, ...]
+    terms: Terms
 
     @property
     def learned(self) -> LearnedMap:
@@ -177,7 +179,8 @@ def learn_discrepancy(
     """
     rig, known = _with_truth(logs, rig, truth, "discrepancy")
     bare = rig.model_copy(update={"discrepancy": None})
-    data, refused = filtered(known, bare, homing, compiled)
+    found, refused = filtered(known, [bare] * len(known), homing, compiled)
+    data = list(found.values())
     if not data:
         raise FitError(f"discrepancy: adaptive cannot run on any of the logs: {refused[0]}")
     return map_of(data, discrepancy_of(rig, data), rig, homing, groups, notes=refused)
@@ -245,7 +248,7 @@ def map_of(
     """
     folds = folds_of(list(groups) if groups is not None else [str(i) for i in range(len(data))])
     learned, chosen = learn_map(data, kind, folds, homing)
-    said, count = [*notes, f"{kind.name}: {chosen}"], len(set(folds))
+    said, count = [*notes, f"{kind.name}: {chosen.name}"], len(set(folds))
     if count < ENOUGH:
         said.append(
             f"{kind.name}: {count} log{'s' if count > 1 else ''} or groups of logs with a known truth: how much changes "
@@ -259,7 +262,7 @@ def map_of(
         scores += [_score(others, data[i], kind, homing) for i in range(len(data)) if folds[i] == fold]
     described = rig.with_values({kind.name: learned.model_dump()})
     sources = tuple(one.source for one in data)
-    return MapFit(described, rig, kind.name, sources, homing, tuple(scores), tuple(said))
+    return MapFit(described, rig, kind.name, sources, homing, tuple(scores), tuple(said), chosen)
 
 
 def _with_truth(logs: Any, rig: Rig | str | Path, truth: str | None, name: str) -> tuple[Rig, list[Log]]:

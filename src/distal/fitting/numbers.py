@@ -54,6 +54,8 @@ class Numbers:
         found: where its search ended.
         uncertainty: there.
         fitted: every free number.
+        left: which coordinates stay at their prior, (n,).
+        held: which of them filters are to take as they are, (n,).
         doubts: what speaks against them.
         nis: mean ν²/S per channel at the start, and at the end.
         begun: −ln p where the search began.
@@ -63,6 +65,8 @@ class Numbers:
     found: Found
     uncertainty: Uncertainty
     fitted: tuple[FittedNumber, ...]
+    left: NDArray[np.bool_]
+    held: NDArray[np.bool_]
     doubts: tuple[str, ...]
     nis: tuple[tuple[float, ...], tuple[float, ...]]
     begun: float
@@ -102,9 +106,9 @@ def numbers_of(logs: Sequence[Log], rig: Rig, options: Options, known: bool, pro
         doubts += doubts_of(problem, found.z, after)
         doubts += contradictions(problem, found) if len(logs) > 1 else []
         doubts += [] if found.converged else [NOT_CONVERGED]
-    fitted = tuple(_fitted(problem, found, uncertainty, left, held))
+    fitted = tuple(fitted_numbers(problem, found, uncertainty, left, held))
     begun = float(problem.costs([start])[0])  # with or without the reference, as the search ended
-    return Numbers(problem, found, uncertainty, fitted, tuple(doubts), (before, after), begun)
+    return Numbers(problem, found, uncertainty, fitted, left, held, tuple(doubts), (before, after), begun)
 
 
 def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
@@ -206,9 +210,18 @@ def _next_held(
     return at if share[at] >= (CONFOUNDED if uncertainty.together[at] else TOLD) else None
 
 
-def _fitted(
+def fitted_numbers(
     problem: Problem, found: Found, uncertainty: Uncertainty, left: NDArray[np.bool_], held: NDArray[np.bool_]
 ) -> list[FittedNumber]:
+    """Return what a search found of every free number, in its own unit.
+
+    Args:
+        problem: that was minimised.
+        found: where its search ended; without convergence no standard error is told.
+        uncertainty: there.
+        left: which coordinates stay at their prior, (n,).
+        held: which of them filters are to take as they are, (n,).
+    """
     coordinates = [problem.columns(j) for j in range(len(problem.data))]
     given_held, known = uncertainty.errors_holding(held), found.converged and not found.interrupted
     numbers = []

@@ -6,7 +6,16 @@ from distal.regression.contact import contact_kind
 from distal.regression.discrepancy import discrepancy_kind
 from distal.regression.features import Predicted, Samples, design, half_ranges, limits, outside, predict
 from distal.regression.kernel import first_memory, map_function, memory_size, numbers_of, reporting_function
-from distal.regression.learn import Kind, Terms, calibrate_band, errors_of, fit_coefficients, inflate_band, learn_map
+from distal.regression.learn import (
+    Kind,
+    Terms,
+    calibrate_band,
+    errors_of,
+    fit_coefficients,
+    inflate_band,
+    learn_map,
+    left_out_errors,
+)
 from distal.regression.random_effects import correlated_samples, independent, line
 from distal.regression.window import EXPECTED, calibrate_window, seen
 
@@ -34,6 +43,7 @@ __all__ = [
     "independent",
     "inflate_band",
     "learn_map",
+    "left_out_errors",
     "limits",
     "line",
     "map_function",

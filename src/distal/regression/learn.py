@@ -90,8 +90,8 @@ class Kind:
 
 def learn_map(
     data: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None
-) -> tuple[LearnedMap, str]:
-    """Return the map that logs teach, its terms chosen and its band sized by logs left out, and the name of its terms.
+) -> tuple[LearnedMap, Terms]:
+    """Return the map that logs teach, its terms chosen and its band sized by logs left out, and these terms.
 
     Args:
         data: of the logs.
@@ -100,7 +100,7 @@ def learn_map(
         homing: learn for the use after a homing window of so long [s], or None.
     """
     chosen = choose_terms(data, kind, folds, homing)
-    return calibrate_band(data, kind, chosen, folds, homing), chosen.name
+    return calibrate_band(data, kind, chosen, folds, homing), chosen
 
 
 def choose_terms(data: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None) -> Terms:
