@@ -331,7 +331,7 @@ def calibrate_band(
     if not errors:
         return _wider_between(learned, wider)
     filtered = any(np.any(v > 0.0) for log in errors for _, _, v in log)
-    shares = (1.0,) if not filtered else OWNS if count >= ENOUGH else (share_of_few(errors, wider),)
+    shares = (1.0,) if not filtered else OWNS if count >= ENOUGH else (share_of_few(errors),)
     best, narrowest = learned, float("inf")
     for share in shares:
         parts = [[(e, u, share**2 * v) for e, u, v in (log[j] for log in errors)] for j in range(len(learned.joints))]
@@ -343,17 +343,16 @@ def calibrate_band(
     return _wider_between(best, wider)
 
 
-def share_of_few(errors: Sequence[Sequence[Errors]], wider: float) -> float:
-    """Return the share of the filter's own std that the worst of few logs left out needs, times Student's factor.
+def share_of_few(errors: Sequence[Sequence[Errors]]) -> float:
+    """Return the share of the filter's own std that the worst of few logs left out needs, at most 1.
 
     Args:
         errors: of each log and joint.
-        wider: Student's factor.
     """
     needed = [
         np.quantile(np.abs(e) / np.sqrt(np.maximum(v, 1e-30)), 0.95) for log in errors for e, _, v in log if len(e)
     ]
-    return float(min(1.0, wider * max(needed, default=1.0) / NORMAL))
+    return float(min(1.0, max(needed, default=NORMAL) / NORMAL))
 
 
 def inflate_band(learned: LearnedMap, factors: Sequence[float]) -> LearnedMap:
