@@ -8,7 +8,7 @@ import pytest
 from distal import Rig
 from distal.estimators import AdaptiveFilter
 from distal.estimators.gaps import rows_of
-from distal.estimators.mask import COMPARED_ONLY, MISSING, READ, bridge, is_bridge, is_read, is_there, share_used
+from distal.kernels.mask import COMPARED_ONLY, MISSING, READ, bridge, is_bridge, is_read, is_there, share_used
 
 
 def test_each_value_of_a_mask_says_one_thing() -> None:

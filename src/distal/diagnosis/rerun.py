@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import AdaptiveFilter, Robustness
+from distal.kernels import mean_of, variances_of
 from distal.logs import Log
 from distal.run.offline import out_of_bounds, prepared
 
@@ -118,6 +119,6 @@ class Rerun:
         carries, ys = runner.kernel.scan(carry, rows, p)
         carries = carries[last]
         values, spreads = runner.innovations_of(ys[last], samples)
-        means, diagonal = carries[:, :n].copy(), carries[:, n : n + n * n : n + 1].copy()
+        means, diagonal = mean_of(carries, n).copy(), variances_of(carries, n).copy()
         bounded = len(out_of_bounds(means, diagonal, len(runner.rig.joints))) == 0
         return Outcome(means, diagonal, values, spreads, bounded)

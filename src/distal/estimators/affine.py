@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from distal.errors import EstimationError
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import KernelEstimator
-from distal.kernels import Kernel
+from distal.kernels import Kernel, carry_layout
+from distal.kernels.mask import is_read
 from distal.logs import Log, true_angles
 from distal.regression import (
     EXPECTED,
@@ -226,12 +227,13 @@ def affine_function(affine: Affine, width: int) -> ca.Function:
     """
     nj = len(affine.joints)
     n = nj + 1
-    carry, x = ca.SX.sym("carry", n + n * n + memory_size(affine)), ca.SX.sym("x", 1 + 2 * width)
+    layout = carry_layout(n, map=memory_size(affine))
+    carry, x = ca.SX.sym("carry", layout.size), ca.SX.sym("x", 1 + 2 * width)
     p, no = ca.SX.sym("p", len(numbers_of(affine))), ca.SX.zeros(nj)
     one = map_function(affine, width, [False] * width)
-    values, _, variances, far, memory = one.call([carry[n + n * n :], x, ca.SX.zeros(width), no, p], True)
-    spread = ca.densify(ca.reshape(ca.diag(ca.vertcat(variances, 0)), n * n, 1))
-    following = ca.vertcat(values, far, spread, memory)
+    values, _, variances, far, memory = one.call([layout.part(carry, "map"), x, ca.SX.zeros(width), no, p], True)
+    spread = ca.diag(ca.vertcat(variances, 0))
+    following = layout.joined(mean=ca.vertcat(values, far), covariance=spread, map=memory)
     return ca.Function("affine", [carry, x, p], [following, ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"])
 
 
@@ -277,7 +279,7 @@ def start_of(affine: Affine, joint: int, readings: Mapping[str, tuple[Any, Any]]
         phi[name] = (value - affine.centre[i]) / affine.scale[i]
         half = max((affine.high[i] - affine.low[i]) / 2, 1e-12)
         far = ca.fmax(far, ca.fmax(affine.low[i] - value, value - affine.high[i]) / half)
-        known = ca.logic_and(known, there > 0)
+        known = ca.logic_and(known, is_read(there))
     plain = [i for i, term in enumerate(affine.terms) if term == "1" or term in affine.channels]
     turns = [i for i in range(len(affine.terms)) if i not in plain]
     column = ca.vertcat(*(1 if affine.terms[i] == "1" else phi[affine.terms[i]] for i in plain))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators.report import NOTHING_REPORTED, Report
+from distal.kernels import covariance_of, mean_of
 
 Floats = NDArray[np.float64]
 
@@ -35,14 +36,13 @@ class Belief:
     @property
     def mean(self) -> Floats:
         """State estimate as it is reported, (n,)."""
-        mean = self.carry[: self.size]
+        mean: Floats = mean_of(self.carry, self.size)
         return mean if self.output is None else self.report.means(mean[None], self.output[None])[0]
 
     @property
     def covariance(self) -> Floats:
         """Covariance of its error, (n, n)."""
-        n = self.size
-        covariance = self.carry[n : n + n * n].reshape(n, n)
+        covariance: Floats = covariance_of(self.carry, self.size)
         return covariance if self.output is None else self.report.covariances(covariance[None], self.output[None])[0]
 
 

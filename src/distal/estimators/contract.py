@@ -13,7 +13,7 @@ from distal.errors import EstimationError
 from distal.estimators.belief import Belief, Innovation, innovation
 from distal.estimators.gaps import rows_of
 from distal.estimators.report import NOTHING_REPORTED
-from distal.kernels import Evaluation, Kernel
+from distal.kernels import Evaluation, Kernel, covariance_of, mean_of
 from distal.logs import LARGEST_READING, frozen
 from distal.rig import Rig
 
@@ -191,8 +191,8 @@ class KernelEstimator:
         carries, ys = self.kernel.scan(belief.carry, rows, self._p)
         carries, ys, n = carries[last], ys[last], belief.size
         values, variances = self.innovations_of(ys, np.asarray(samples, dtype=np.float64))
-        means = self.report.means(carries[:, :n].copy(), ys)
-        covariances = self.report.covariances(carries[:, n : n + n * n].reshape(-1, n, n).copy(), ys)
+        means = self.report.means(mean_of(carries, n).copy(), ys)
+        covariances = self.report.covariances(covariance_of(carries, n).copy(), ys)
         return means, covariances, values, variances
 
     def checked_rows(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:

@@ -13,8 +13,8 @@ from distal.errors import EstimationError
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.kalman import predict_covariance, update
-from distal.estimators.mask import is_read
-from distal.kernels import Kernel
+from distal.kernels import Kernel, carry_layout
+from distal.kernels.mask import is_read
 from distal.model import Mechanism, substeps, tangent_step
 from distal.rig import Rig, angle_names, effort_unit, gain_of, position_unit, speed_names, tendon_angle_name
 from distal.sensors import systematic_variance, variance
@@ -54,10 +54,11 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
     n, n_p = 2 * nb, len(mechanism.parameters)
     measured = [*channels.positions, *channels.tensions]
     m, width = len(measured), len(channels.names)
-    carry, x = ca.MX.sym("carry", n + n * n + nd), ca.MX.sym("x", 1 + 2 * width)
+    layout = carry_layout(n, pulls=nd)
+    carry, x = ca.MX.sym("carry", layout.size), ca.MX.sym("x", 1 + 2 * width)
     p = ca.MX.sym("p", n_p + nd + nd + n + m)
     model, _, q_u, q_x, r = ca.vertsplit(p, [int(i) for i in np.cumsum([0, n_p, nd, nd, n, m])])
-    mean, covariance, held = carry[:n], ca.reshape(carry[n : n + n * n], n, n), carry[n + n * n :]
+    mean, covariance, held = (layout.part(carry, name) for name in ("mean", "covariance", "pulls"))
     dt, values, mask = x[0], x[1 : 1 + width], x[1 + width :]
 
     pulls = []
@@ -73,7 +74,7 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
     q_next, v_next, slopes = tangent_step(mechanism, count)(mean[:nb], mean[nb:], before, after, dt, model)
     update_function = _update_function(mechanism, channels, measured)
     carried = update_function(q_next, v_next, slopes, covariance, dt, values[:m], mask[:m], model, q_u, q_x, r)
-    following = ca.vertcat(carried[0], ca.reshape(carried[1], n * n, 1), pull)
+    following = layout.joined(mean=carried[0], covariance=carried[1], pulls=pull)
     y = ca.vertcat(carried[2], carried[3])
     return ca.Function("full_state", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
 

@@ -1,6 +1,6 @@
 """Gaps between samples: a long interval is bridged by several predictions, so that sub-steps stay short.
 
-A row of a kernel is x = (dt, values, mask), see `distal.estimators.mask`. In a row without a sample of its own nothing is
+A row of a kernel is x = (dt, values, mask), see `distal.kernels.mask`. In a row without a sample of its own nothing is
 read, and displacements cross the gap in a straight line to the reading that ends it.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators.mask import MISSING, bridge
+from distal.kernels.mask import MISSING, bridge
 
 Floats = NDArray[np.float64]
 

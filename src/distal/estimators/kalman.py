@@ -68,7 +68,7 @@ def update(
         residuals: z − h(x⁻), (m,).
         jacobian: H, (m, n).
         variances: R, (m,).
-        mask: READ or MISSING, see `distal.estimators.mask`, (m,).
+        mask: READ or MISSING, see `distal.kernels.mask`, (m,).
     """
     prior, innovations, spreads = mean, [], []
     for i in range(residuals.numel()):

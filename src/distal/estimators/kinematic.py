@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from distal.estimators.channels import Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.drive_readings import first_drives, read_drives, tension_share
-from distal.kernels import Kernel
+from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism
 from distal.rig import Rig, angle_names, tendon_angle_name
 from distal.sensors import systematic_variance, variance
@@ -35,13 +35,10 @@ def kinematic_function(
     """
     k, nd, nj = len(tendons), mechanism.n_drives, mechanism.n_joints
     n, width = nj + k, len(channels.names)
-    carry, x, p = (
-        ca.SX.sym("carry", n + n * n + k + 3 * nd),
-        ca.SX.sym("x", 1 + 2 * width),
-        mechanism.parameters.symbols,
-    )
-    mean, rest = carry[:n], carry[n + n * n :]
-    lengths, drives, pulls, first = ca.vertsplit(rest, [int(i) for i in np.cumsum([0, k, nd, nd, nd])])
+    layout = carry_layout(n, lengths=k, places=nd, pulls=nd, first_pulls=nd)
+    carry, x = ca.SX.sym("carry", layout.size), ca.SX.sym("x", 1 + 2 * width)
+    mean, covariance, lengths = (layout.part(carry, name) for name in ("mean", "covariance", "lengths"))
+    drives, pulls, first = (layout.part(carry, name) for name in ("places", "pulls", "first_pulls"))
     positions, filtered = read_drives(mechanism.rig, channels, drives, pulls, x)
     q = ca.vertcat(mean[:nj], positions)
     angles = []
@@ -53,7 +50,15 @@ def kinematic_function(
             length += change / mechanism.parameters[f"tendons.{tendon}.stiffness"]
         angles.append(mechanism.angle_at(tendon, length, q))
     joints = [sum(angles) / len(angles)]
-    following = ca.vertcat(*joints, *angles, carry[n : n + n * n], lengths, positions, filtered, first)
+    following = layout.joined(
+        mean=ca.vertcat(*joints, *angles),
+        covariance=covariance,
+        lengths=lengths,
+        places=positions,
+        pulls=filtered,
+        first_pulls=first,
+    )
+    p = mechanism.parameters.symbols
     return ca.Function("kinematic", [carry, x, p], [following, ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"])
 
 

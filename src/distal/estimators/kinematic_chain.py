@@ -10,7 +10,7 @@ from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
 from distal.estimators.drive_readings import first_drives, read_drives, tension_share
-from distal.kernels import Kernel
+from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism, solver
 from distal.rig import Rig, angle_names
 from distal.sensors import systematic_variance, variance
@@ -77,8 +77,9 @@ def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int,
     """
     nd, nj, free = mechanism.n_drives, mechanism.n_joints, mechanism.free
     n, width, p = nj, len(channels.names), mechanism.parameters
-    carry, x = ca.SX.sym("carry", n + n * n + 2 * nd), ca.SX.sym("x", 1 + 2 * width)
-    places, pulls = carry[n + n * n : n + n * n + nd], carry[n + n * n + nd :]
+    layout = carry_layout(n, places=nd, pulls=nd)
+    carry, x = ca.SX.sym("carry", layout.size), ca.SX.sym("x", 1 + 2 * width)
+    places, pulls = layout.part(carry, "places"), layout.part(carry, "pulls")
     positions, filtered = read_drives(mechanism.rig, channels, places, pulls, x)
     errors = [ca.SX(0)] * nd
     for sensor in channels.positions:
@@ -114,7 +115,7 @@ def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int,
     )
     whole = ca.mtimes(mechanism.spread, gain)
     covariance = ca.mtimes([whole, spread, whole.T]) + ca.DM(unseen_covariance(mechanism.rig))
-    following = ca.vertcat(angles, ca.densify(ca.vec(covariance)), positions, filtered)
+    following = layout.joined(mean=angles, covariance=covariance, places=positions, pulls=filtered)
     return ca.Function(
         "kinematic", [carry, x, p.symbols], [ca.cse(following), ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"]
     )

@@ -9,10 +9,10 @@ from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import LARGEST_ANGLE, SHORTEST, FullStateFilter, KernelEstimator, make_estimator, state_units
 from distal.estimators.gaps import MOST_BRIDGES, SPLIT
-from distal.estimators.mask import MISSING, READ
 from distal.export.fields import comment, members, outputs
 from distal.export.names import c_name, checked_name
 from distal.export.replay import replay_program
+from distal.kernels.mask import MISSING, READ
 from distal.logs import LARGEST_READING
 from distal.rig import Rig
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from distal.errors import FitError
 from distal.estimators import AdaptiveFilter, Directions, directions
 from distal.homing import check_homing, with_references
+from distal.kernels import covariance_of, variances_of
 from distal.logs import Log
 from distal.results import BAND, COLOURS, DASHES, Estimate, figure, from_start, legend_above, save_figure, time_label
 from distal.rig import Rig, Sensor
@@ -157,9 +158,9 @@ def observability(
             continue
         start = last[own[0] - 1] + 1 if own[0] else 0
         carry = np.array(carries[start - 1] if start else belief.carry)
-        covariance = carry[n : n + n * n].reshape(n, n)
+        covariance = covariance_of(carry, n)
         covariance[at, :], covariance[:, at] = 0.0, 0.0
         covariance[at, at] = LOST**2
         after, _ = runner.kernel.scan(carry, rows[start : last[own[-1]] + 1], runner.numbers)
-        found[own] = np.sqrt(np.maximum(after[last[own] - start, n + at * (n + 1)], 0.0))
+        found[own] = np.sqrt(np.maximum(variances_of(after[last[own] - start], n)[:, at], 0.0))
     return Observability(log.time, np.maximum(found, std), std, window, known, at, directions(rig))

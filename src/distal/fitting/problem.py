@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import AdaptiveFilter, Robustness
-from distal.estimators.mask import COMPARED_ONLY
 from distal.fitting.free import Free
 from distal.fitting.likelihood import Derivatives, Innovations, Weighing, cost_of, derivatives_of
 from distal.fitting.resampling import refined, steps_per_sample
 from distal.fitting.stops import in_stops
-from distal.kernels import CompileError, LaneKernel
+from distal.kernels import CompileError, LaneKernel, covariance_of, mean_of
+from distal.kernels.mask import COMPARED_ONLY
 from distal.logs import Log, true_angles
 from distal.rig import Rig, Sensor
 from distal.run import first_values, samples_of
@@ -381,4 +381,4 @@ class Problem:
         data, runner, n = self.data[log], self.filter.runner, len(self.filter.runner.state_names)
         carry, p = self._begin(data, z[self.columns(log)])
         end = runner.kernel.scan(carry, self._rows[log], p)[0][-1]
-        return end[:n], end[n : n + n * n].reshape(n, n)
+        return mean_of(end, n), covariance_of(end, n)

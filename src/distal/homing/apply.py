@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from distal.estimators import AdaptiveFilter, Belief
 from distal.homing.map import most_likely
 from distal.homing.window import Window
+from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen, true_torques
 from distal.regression import Samples, calibrate_window
 from distal.rig import Rig
@@ -37,7 +38,7 @@ def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floa
     carries, _ = runner.kernel.scan(start.carry, rows, runner.numbers)
     carries = carries[last]
     nj, n = truths.shape[1], start.size
-    angles, variances = carries[:, :nj].copy(), carries[:, n : n + n * nj : n + 1].copy()
+    angles, variances = mean_of(carries, n)[:, :nj].copy(), variances_of(carries, n)[:, :nj].copy()
     readings = [
         carries[:, place] if place is not None else held(samples[:, i]) for i, place in enumerate(runner.places)
     ]
@@ -105,8 +106,7 @@ def numbers_filtered(window: Window, passes: int = PASSES) -> Belief | None:
         carry = start.carry.copy()
         carry[lasting] = after[lasting]
     square = np.ix_(lasting, lasting)
-    covariance = carry[n : n + n * n].reshape(n, n)
-    covariance[square] = after[n : n + n * n].reshape(n, n)[square]
+    covariance_of(carry, n)[square] = covariance_of(after, n)[square]
     return Belief(start.time, frozen(carry), n) if window.within(carry, ASTRAY) else None
 
 

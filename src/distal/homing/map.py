@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from distal.estimators import Belief
 from distal.homing.window import Window
+from distal.kernels import covariance_of, variances_of
 from distal.logs import frozen
 from distal.regression import correlated_samples
 
@@ -76,7 +77,7 @@ def most_likely(window: Window) -> Belief:
     slopes = search.slopes(z, weights)
     covariance = KEPT * np.linalg.inv(slopes.T @ slopes) * np.outer(search.stds, search.stds)
     carry, n = search.carry(z), window.start.size
-    whole = carry[n : n + n * n].reshape(n, n)
+    whole = covariance_of(carry, n)
     whole[np.ix_(search.at, search.at)] = covariance
     return Belief(window.start.time, frozen(carry), n)
 
@@ -87,7 +88,7 @@ class _Search:
     def __init__(self, window: Window) -> None:
         self._window, self._unaided = window, window.unaided
         runner, start, n = window.runner, window.start, window.start.size
-        spread = np.sqrt(np.diagonal(start.carry[n : n + n * n].reshape(n, n)))
+        spread = np.sqrt(variances_of(start.carry, n))
         lasting = np.flatnonzero(runner.states.lasting)
         self.at = lasting[spread[lasting] > 0.0]
         self.means, self.stds = start.carry[self.at], spread[self.at]
@@ -106,7 +107,7 @@ class _Search:
         """Return the carry before the first sample: numbers certain, the first angles those of the reference."""
         window, n = self._window, self._window.start.size
         carry = window.anchored(window.start.carry)
-        whole = carry[n : n + n * n].reshape(n, n)
+        whole = covariance_of(carry, n)
         whole[self.at, :] = whole[:, self.at] = 0.0
         return carry
 

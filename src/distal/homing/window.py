@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import AdaptiveFilter, Belief, StateKind, states_of
+from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen
 from distal.sensors import variance
 
@@ -81,7 +82,8 @@ class Window:
         rows, last = runner.checked_rows(Belief(self.start.time, frozen(carry), size), self.time, samples)
         carries, ys = runner.kernel.scan(carry, rows, runner.numbers)
         kept = carries[last]
-        return (kept, ys[last]) if np.isfinite(kept[:, : size + size**2]).all() else None
+        known = np.isfinite(mean_of(kept, size)).all() and np.isfinite(covariance_of(kept, size)).all()
+        return (kept, ys[last]) if known else None
 
     def errors(self, carries: Floats) -> tuple[Floats, Floats]:
         """Return what the angles err by, with their references' offsets taken off, and their variances, (k, n_joints).
@@ -90,7 +92,7 @@ class Window:
             carries: of an unaided run.
         """
         n, nj, biases = self.start.size, self.known.shape[1], self._biases
-        errors, variances = self.known - carries[:, :nj], carries[:, n : n + n * nj : n + 1].copy()
+        errors, variances = self.known - carries[:, :nj], variances_of(carries, n)[:, :nj].copy()
         sensors = {sensor.name: sensor for sensor in self.runner.rig.sensors_of("angle")}
         for channel, joint in self.references.items():
             name = self.runner.channels[channel]
@@ -109,7 +111,7 @@ class Window:
         names, biases = self.runner.channels, self._biases
         offsets = {j: float(states.stds[biases[names[c]]]) for c, j in self.references.items() if names[c] in biases}
         carry = carry.copy()
-        whole = carry[n : n + n * n].reshape(n, n)
+        whole = covariance_of(carry, n)
         for joint, column in enumerate(self.known.T):
             there = column[np.isfinite(column)]
             if len(there):

@@ -4,6 +4,7 @@ from distal.kernels.cache import cache_folder
 from distal.kernels.compiler import CompileError, Compiler, c_source, find_compiler
 from distal.kernels.kernel import Evaluation, Kernel
 from distal.kernels.lanes import LaneKernel, grouped, lanes_here
+from distal.kernels.layout import Layout, carry_layout, covariance_of, mean_of, variances_of
 from distal.kernels.probe import probe
 
 __all__ = [
@@ -12,10 +13,15 @@ __all__ = [
     "Evaluation",
     "Kernel",
     "LaneKernel",
+    "Layout",
     "c_source",
     "cache_folder",
+    "carry_layout",
+    "covariance_of",
     "find_compiler",
     "grouped",
     "lanes_here",
+    "mean_of",
     "probe",
+    "variances_of",
 ]

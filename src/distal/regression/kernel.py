@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.kernels.mask import is_read
 from distal.regression.features import SMALLEST_HALF, columns, limits, variables
 from distal.rig import LearnedMap
 
@@ -65,7 +66,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     numbers = ca.SX.sym("numbers", sum(sizes))
     centre, scale, low, high, rate, half_play, distance, reach, share, spread, band, *own = _split(numbers, sizes)
     held, ages, plays = _split(memory, [m, m, k])
-    there = [x[1 + width + i] > 0 for i in range(m)]
+    there = [is_read(x[1 + width + i]) for i in range(m)]
     aged = [ca.if_else(there[i], 0, ages[i] + x[0]) for i in range(m)]
     readings = [places[i] if placed[i] else ca.if_else(there[i], x[1 + i], held[i]) for i in range(m)]
     symbols = ca.SX.sym("symbols", n)
@@ -112,8 +113,8 @@ def first_memory(learned: LearnedMap, values: ca.SX, mask: ca.SX) -> ca.SX:
         mask: 1 where there is a value.
     """
     m, (low, high) = len(learned.channels), limits(learned)
-    held = [ca.if_else(mask[i] > 0, values[i], learned.centre[i]) for i in range(m)]
-    ages = [ca.if_else(mask[i] > 0, 0.0, NEVER) for i in range(m)]
+    held = [ca.if_else(is_read(mask[i]), values[i], learned.centre[i]) for i in range(m)]
+    ages = [ca.if_else(is_read(mask[i]), 0.0, NEVER) for i in range(m)]
     inside = [ca.fmin(ca.fmax(held[i], float(low[i])), float(high[i])) for i in learned.played]
     plays = [(value - learned.centre[i]) / learned.scale[i] for value, i in zip(inside, learned.played)]
     return ca.vertcat(*held, *ages, *plays)

@@ -16,7 +16,7 @@ import numpy as np
 from distal.errors import DistalError, EstimationError
 from distal.estimators import DEFAULT, Estimator, KernelEstimator
 from distal.homing.reference import check_homing
-from distal.kernels import LaneKernel, grouped
+from distal.kernels import LaneKernel, grouped, variances_of
 from distal.logs import Log, read_log
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
@@ -205,7 +205,7 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
             rows.append(runner.checked_rows(run.start, run.log.time, run.samples))
         except DistalError:
             return [_alone(each) for each in runs]
-    keep = [*range(n), *range(n, n + n * n, n + 1)]
+    keep = [*range(n), *variances_of(np.arange(n + n * n), n)]  # of each carry the mean and the variances
     # a homing move gives each run numbers of its own
     numbers = [run.runner.numbers for run in runs if isinstance(run.runner, KernelEstimator)]
     scanned = lanes.scan([run.start.carry for run in runs], [row for row, _ in rows], numbers, keep)

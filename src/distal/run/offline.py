@@ -28,6 +28,7 @@ from distal.estimators import (
 from distal.homing.apply import calibrate_contact, calibrated, homing_prior
 from distal.homing.reference import check_homing, homed, with_references
 from distal.homing.window import Window
+from distal.kernels import covariance_of
 from distal.logs import LARGEST_READING, Log, frozen, read_log, true_angles, true_torques
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
@@ -387,5 +388,5 @@ def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[
 def with_covariance(belief: Belief, covariance: Floats) -> Belief:
     """Return the belief with another covariance, (n, n)."""
     carry = np.array(belief.carry)
-    carry[belief.size : belief.size + belief.size**2] = covariance.ravel()
+    covariance_of(carry, belief.size)[:] = covariance
     return Belief(belief.time, frozen(carry), belief.size, belief.samples)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
+from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen, true_angles
 from distal.results import Estimate
 from distal.rig import Rig
@@ -38,9 +39,9 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     rows, last = runner.checked_rows(belief, log.time, samples)
     carries, ys = runner.kernel.scan(belief.carry, rows, runner.numbers)
     n, m, joints = belief.size, len(runner.measured), tuple(joint.name for joint in rig.joints)
-    if len(out_of_bounds(carries[:, :n], carries[:, n : n + n * n : n + 1], len(joints))):
+    if len(out_of_bounds(mean_of(carries, n), variances_of(carries, n), len(joints))):
         raise EstimationError(f"{log.source}: the filter left all bounds; check the units of the log and the rig")
-    means, covariances = carries[:, :n].copy(), carries[:, n : n + n * n].reshape(-1, n, n).copy()
+    means, covariances = mean_of(carries, n).copy(), covariance_of(carries, n).copy()
     predicted, rest = ys[:, 2 * m : 2 * m + n], ys[:, 2 * m + n :].reshape(-1, 2, n, n)
     # columns lie one after the other: a covariance is symmetric, a transition is turned round
     uncertain, transitions = rest[:, 0], np.swapaxes(rest[:, 1], 1, 2)

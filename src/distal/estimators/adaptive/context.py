@@ -94,7 +94,7 @@ class FilterContext:
         return offset if isinstance(gain, float) and gain == 1.0 else offset / gain
 
     def mask(self, x: Any, sensor: Sensor) -> Any:
-        """Return the mask of a sensor's value in a sample, see `distal.estimators.mask`; a wild value is missing.
+        """Return the mask of a sensor's value in a sample, see `distal.kernels.mask`; a wild value is missing.
 
         Args:
             x: the sample.

@@ -13,13 +13,13 @@ import casadi as ca
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.robustness import Robustness, chance_of_jump, is_far, jump_evidence
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.mask import is_bridge, is_read, is_there, rows_left
+from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
 
 MOTION_TIME = 0.025
 """Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz."""
 
 REMEMBERED = ("place", "doubt", "speed", "square", "unknown", "lost")
-"""Names of the numbers that are remembered of each drive."""
+"""Names of the numbers that are remembered of each drive, see `Drive`."""
 
 PULL_STD = 0.1
 """Share of a drive's pull that is not known where a jump is judged by it: stiffness and angle [1]."""
@@ -27,7 +27,8 @@ PULL_STD = 0.1
 LEAST_DOUBT = 0.25
 """A jump that no force judges leaves the place in doubt by at least this share of (1 − P) times the jump squared [1]."""
 
-MEMORY, UNKNOWN = len(REMEMBERED), REMEMBERED.index("unknown")
+MEMORY = len(REMEMBERED)
+"""How many numbers are remembered of each drive."""
 
 TRACKED = (*REMEMBERED, "bend", "variance")
 """Names of the numbers that are known of each drive after a reading."""
@@ -95,13 +96,23 @@ class Tracks:
         return self.vector[(MEMORY + 1) * self._n :]
 
 
+def remembered_place(drive: int, name: str) -> int:
+    """Return where a number of a drive stands in what is remembered of all drives, which stand one after the other.
+
+    Args:
+        drive: index of the drive.
+        name: of the number, one of `REMEMBERED`.
+    """
+    return MEMORY * drive + REMEMBERED.index(name)
+
+
 @dataclass(frozen=True)
 class ForceEvidence:
     """What the force of a drive says of a jump of its place, all scalars.
 
     Args:
         missing: what is read less what is expected where the mean speed leads, U − F [N, N m].
-        mask: of the force, see `distal.estimators.mask`.
+        mask: of the force, see `distal.kernels.mask`.
         stiffness: change of the drive's pull with its place, ∂F/∂s.
         variance: of how far both may differ where there was no jump: noise, friction, and what is not known of the pull.
         least: smallest share of the change of the pull that a real jump may show.
@@ -123,7 +134,7 @@ def tracking(states: StateVector) -> ca.Function:
     context = states.context
     n, p, nj = context.n_drives, context.mechanism.parameters.symbols, context.n_joints
     mean, memory, x = ca.SX.sym("mean", len(states)), ca.SX.sym("memory", MEMORY * n), ca.SX.sym("x", context.width)
-    led = [memory[MEMORY * i] + memory[MEMORY * i + 2] * x[0] for i in range(n)]
+    led = [memory[remembered_place(i, "place")] + memory[remembered_place(i, "speed")] * x[0] for i in range(n)]
     q = ca.vertcat(mean[:nj], *(states.place(i, place, mean) for i, place in enumerate(led)))
     v = ca.SX.zeros(context.mechanism.n_bodies)
     _, pulls, _, limits, _, _, slopes = mechanics_function(context)(q, v, states.parameters(mean))
@@ -178,7 +189,7 @@ def track(
     Args:
         memory: of the last interval, (MEMORY,).
         reading: displacement [m, rad].
-        mask: of the reading, see `distal.estimators.mask`.
+        mask: of the reading, see `distal.kernels.mask`.
         noise: variance of the sensor's random error.
         dt: length of the interval [s].
         robustness: the guards.

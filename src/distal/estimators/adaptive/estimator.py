@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 
 from distal.errors import EstimationError
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.drive_tracking import MEMORY, UNKNOWN
-from distal.estimators.adaptive.filter import adaptive_function
+from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_place
+from distal.estimators.adaptive.filter import adaptive_function, adaptive_layout
 from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.adaptive.states import KINDS, Begin, Kind, StateVector
 from distal.estimators.affine import start_of
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
-from distal.estimators.mask import is_read
 from distal.estimators.report import Report
 from distal.estimators.state_kinds import StateKind, states_of
 from distal.kernels import Kernel
+from distal.kernels.mask import is_read
 from distal.logs import frozen
 from distal.model import RESOLUTION, Mechanism, joint_frequency
 from distal.regression import first_memory, numbers_of, reporting_function
@@ -165,7 +165,8 @@ class AdaptiveFilter(KernelEstimator):
             position, effort, transmitted = context.position_sensor(i), context.force_sensor(i), states.transmitted(i)
             if position is not None:
                 unknown = ca.if_else(is_read(mask[names.index(position.name)]), 0.0, UNKNOWN_PLACE[drive.kind] ** 2)
-                memory[MEMORY * i], memory[MEMORY * i + UNKNOWN] = read(position, 0.0), unknown
+                memory[remembered_place(i, "place")] = read(position, 0.0)
+                memory[remembered_place(i, "unknown")] = unknown
             if transmitted is not None and effort is not None:
                 at = transmitted[0]
                 mean[at] = read(effort, float(states.means[at]))
@@ -237,9 +238,10 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def places(self) -> tuple[int | None, ...]:
         """For each channel where in the carry its drive's place stands; None for one that is read as it comes."""
-        n, channels = len(self._states), self._states.context.channels
-        drives = [drive.name for drive in self._states.context.mechanism.rig.drives]
-        placed = [n + n * n + MEMORY * drives.index(sensor.of) for sensor in channels.positions]
+        context = self._states.context
+        channels, drives = context.channels, [drive.name for drive in context.mechanism.rig.drives]
+        begin = adaptive_layout(len(self._states), len(drives))["drives"].start
+        placed = [begin + remembered_place(drives.index(sensor.of), "place") for sensor in channels.positions]
         return (*placed, *([None] * (len(channels.tensions) + len(channels.forces))))
 
     @property

@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from distal.estimators.adaptive.drive_tracking import MEMORY, tracking
+from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, tracking
 from distal.estimators.adaptive.following import follow
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.motion import Moved, moved
@@ -20,6 +20,17 @@ from distal.estimators.adaptive.prediction import predicted, revert
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.update import updated
 from distal.estimators.kalman import symmetric
+from distal.kernels import Layout, carry_layout
+
+
+def adaptive_layout(states: int, drives: int) -> Layout:
+    """Return the layout of the carry: mean, covariance, what is remembered of each drive's motion and of its force.
+
+    Args:
+        states: number of states.
+        drives: number of drives.
+    """
+    return carry_layout(states, drives=MEMORY * drives, forces=drives)
 
 
 def adaptive_function(states: StateVector, count: int, loops: bool = False, trace: bool = False) -> ca.Function:
@@ -32,15 +43,16 @@ def adaptive_function(states: StateVector, count: int, loops: bool = False, trac
         trace: append the predicted mean, its covariance and the transition to y, for smoothing.
     """
     n, nd, context = len(states), states.context.n_drives, states.context
-    carry, x = ca.MX.sym("carry", n + n * n + nd * (MEMORY + 1)), ca.MX.sym("x", context.width)
+    layout = adaptive_layout(n, nd)
+    carry, x = ca.MX.sym("carry", layout.size), ca.MX.sym("x", context.width)
     p = ca.MX.sym("p", len(context.mechanism.parameters))
-    mean, covariance = carry[:n], ca.reshape(carry[n : n + n * n], n, n)
-    memory, forces = carry[n + n * n : n + n * n + nd * MEMORY], carry[n + n * n + nd * MEMORY :]
+    mean, covariance, memory, forces = (layout.part(carry, name) for name in ("mean", "covariance", "drives", "forces"))
     tracks = tracking(states)(mean, memory, x, p)  # (1) to (6)
     motion = moved(states, count, mean, covariance, Interval(tracks, memory, x, p))  # (7) to (10)
     arguments = [mean, covariance, *_parts(motion), tracks, memory, forces, x, p]
     step = corrected(states, arguments, loops=True) if loops else _Step(*_scalars(states, arguments)(*arguments))
-    following = ca.vertcat(step.mean, ca.vec(step.covariance), tracks[: MEMORY * nd], step.forces)
+    remembered = Tracks(tracks, nd).memory
+    following = layout.joined(mean=step.mean, covariance=step.covariance, drives=remembered, forces=step.forces)
     y = step.y
     if trace:
         y = ca.vertcat(y, step.predicted_mean, ca.vec(step.predicted_covariance), ca.vec(step.transition))

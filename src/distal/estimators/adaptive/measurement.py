@@ -28,7 +28,7 @@ class Row:
         name: of its sensor, or of the drive where the pull is only nominal.
         residual: measured minus expected without friction.
         variance: of the sensor and of the drive's place.
-        mask: 0 where it does not count, else see `distal.estimators.mask`.
+        mask: 0 where it does not count, else see `distal.kernels.mask`.
         limit: friction limit of the drive, the mean of both directions.
         asymmetry: by how much the limit is larger against motion to +, and smaller against motion to −.
         drive: index of the drive whose friction is in it, or None.

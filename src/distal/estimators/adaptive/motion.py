@@ -11,7 +11,7 @@ from typing import Any
 
 import casadi as ca
 
-from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks
+from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_place
 from distal.estimators.adaptive.interval import Interval
 from distal.estimators.adaptive.joint_slopes import moving
 from distal.estimators.adaptive.states import StateVector
@@ -124,7 +124,7 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     x, tracks = ca.SX.sym("x", context.width), Tracks(vector, nd)
     dt, starts, rates, slopes = x[0], list[Any](), list[Any](), list[Any]()
     for i in range(nd):
-        first = states.place(i, memory[MEMORY * i], mean)
+        first = states.place(i, memory[remembered_place(i, "place")], mean)
         last = states.place(i, tracks[i].place, mean)
         starts.append(first)
         measured = context.position_sensor(i) is not None

@@ -11,7 +11,7 @@ from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.prediction import set_row
 from distal.estimators.adaptive.states import StateVector, Transmitted
-from distal.estimators.mask import is_read
+from distal.kernels.mask import is_read
 from distal.model import clip_moments
 from distal.sensors import variance
 

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.drive_tracking import MEMORY, UNKNOWN, Tracks
+from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_place
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.motion import Moved
 from distal.estimators.adaptive.robustness import followed_share
@@ -105,7 +105,7 @@ def followed_variance(context: FilterContext, joint: int, tracks: Any, memory: A
         share = arms[name] ** 2 / sum(arm**2 for arm in arms.values()) if len(arms) > 1 else 1.0
         if arms[name] == 0.0:
             continue
-        grown = ca.fmax(drives[i].unknown - memory[MEMORY * i + UNKNOWN], 0)
+        grown = ca.fmax(drives[i].unknown - memory[remembered_place(i, "unknown")], 0)
         follows = (lever / arms[name] * share) ** 2
         total += followed_share(context.robustness, drives[i].lost) * grown * follows
     return total

@@ -14,7 +14,7 @@ import casadi as ca
 
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MOTION_TIME, Drive
-from distal.estimators.mask import is_read
+from distal.kernels.mask import is_read
 
 MOTION_SPAN = MOTION_TIME / 2.5
 """Time over which a drive's motion is compared with its sensor's noise [s]: one sample at 100 Hz."""
@@ -77,7 +77,7 @@ class Residual:
         limit_variance: of the limit by the state's, l P lᵀ.
         value_variance: of the residual by the state's, h P hᵀ.
         memory: what is remembered of the drive's force.
-        mask: of the force, see `distal.estimators.mask`.
+        mask: of the force, see `distal.kernels.mask`.
     """
 
     value: Any

@@ -15,7 +15,7 @@ from distal.estimators.adaptive.robustness import Robustness, robust_variance
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
 from distal.estimators.kalman import lowered
-from distal.estimators.mask import is_there, share_used
+from distal.kernels.mask import is_there, share_used
 
 
 def updated(

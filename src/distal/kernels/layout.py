@@ -1,0 +1,90 @@
+"""Named parts of a vector, the same for NumPy and CasADi: the carry of a filter, what is remembered of a drive."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import prod
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+
+class Layout:
+    """Where the parts of a vector stand.
+
+    Args:
+        parts: name → length, or (rows, columns) of a symmetric matrix, in their order.
+    """
+
+    def __init__(self, **parts: int | tuple[int, int]) -> None:
+        self._shapes = {name: (part,) if isinstance(part, int) else part for name, part in parts.items()}
+        ends = np.cumsum([0, *(prod(shape) for shape in self._shapes.values())])
+        self._slices = {name: slice(int(a), int(b)) for name, a, b in zip(parts, ends, ends[1:])}
+        self.size = int(ends[-1])
+
+    def __getitem__(self, name: str) -> slice:
+        """Return where a part stands."""
+        return self._slices[name]
+
+    def part(self, vector: Any, name: str) -> Any:
+        """Return a part of a vector; of an array (…, size) with its shape behind the other axes, a view where it can be.
+
+        Args:
+            vector: an array, or a column of CasADi's; it may be longer than this layout.
+            name: of the part.
+        """
+        at, shape = self._slices[name], self._shapes[name]
+        if isinstance(vector, np.ndarray):
+            return vector[..., at].reshape(*vector.shape[:-1], *shape)
+        return vector[at] if len(shape) == 1 else ca.reshape(vector[at], *shape)
+
+    def joined(self, **parts: Any) -> Any:
+        """Return the column of CasADi's that has these parts.
+
+        Args:
+            parts: all of them, by name.
+        """
+        assert set(parts) == set(self._shapes), (set(parts), set(self._shapes))
+        return ca.vertcat(*(ca.vec(ca.densify(parts[name])) for name in self._shapes))
+
+
+@lru_cache(maxsize=64)
+def carry_layout(states: int, **memory: int) -> Layout:
+    """Return the layout of a filter's carry: the mean, its covariance, what the filter remembers of its inputs.
+
+    Args:
+        states: number of states n.
+        memory: name → length of what is remembered.
+    """
+    return Layout(mean=states, covariance=(states, states), **memory)
+
+
+def mean_of(carry: Any, states: int) -> Any:
+    """Return the mean, (…, n), of carries (…, size).
+
+    Args:
+        carry: an array, or a column of CasADi's.
+        states: number of states n.
+    """
+    return carry_layout(states).part(carry, "mean")
+
+
+def covariance_of(carry: Any, states: int) -> Any:
+    """Return the covariance, (…, n, n), of carries (…, size).
+
+    Args:
+        carry: an array, or a column of CasADi's.
+        states: number of states n.
+    """
+    return carry_layout(states).part(carry, "covariance")
+
+
+def variances_of(carry: Any, states: int) -> Any:
+    """Return the variances of the states, (…, n), of carries (…, size).
+
+    Args:
+        carry: an array.
+        states: number of states n.
+    """
+    return np.diagonal(covariance_of(carry, states), axis1=-2, axis2=-1)
