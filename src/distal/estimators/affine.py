@@ -141,7 +141,7 @@ class AffineEstimator(KernelEstimator):
         if kernel is None and affine is not None:
             kernel = Kernel(affine_function(affine, len(channels.names)), self._compiled)
         p = np.zeros(0) if affine is None else numbers_of(affine)
-        super().__init__(NAME, rig, kernel, p, channels.names, (), (*names, OUTSIDE), channels.interval)
+        super().__init__(NAME, rig, kernel, p, channels=channels, state_names=(*names, OUTSIDE))
 
     def after_homing(self, log: Log, homing: float) -> AffineEstimator:
         """Return the estimator with the map that a log's homing move teaches: alone, or as a correction of the rig's.

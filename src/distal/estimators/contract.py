@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from distal.errors import EstimationError
 from distal.estimators.belief import Belief, Innovation, innovation
+from distal.estimators.channels import Channels
 from distal.estimators.gaps import rows_of
 from distal.estimators.report import NOTHING_REPORTED
 from distal.kernels import Evaluation, Kernel, covariance_of, mean_of
@@ -86,10 +87,9 @@ class KernelEstimator:
         rig: the description.
         kernel: the function, or None where `step` is the estimator's own.
         p: its parameters.
-        channels: names of the sensors it reads.
-        measured: those of them that have an innovation.
+        channels: the sensors it reads.
         state_names: names of the states; the joints' angles are the first.
-        interval: nominal time between samples [s].
+        measured: names of the sensors that have an innovation.
     """
 
     def __init__(
@@ -98,15 +98,15 @@ class KernelEstimator:
         rig: Rig,
         kernel: Kernel | None,
         p: Floats,
-        channels: tuple[str, ...],
-        measured: tuple[str, ...],
+        *,
+        channels: Channels,
         state_names: tuple[str, ...],
-        interval: float,
+        measured: tuple[str, ...] = (),
     ) -> None:
         self.name, self.rig = name, rig
         self.kernel: Any = kernel
-        self.channels, self.measured, self.state_names = channels, measured, state_names
-        self._p, self._interval = frozen(p), interval
+        self.channels, self.measured, self.state_names = channels.names, measured, state_names
+        self._p, self._interval = frozen(p), channels.interval
         self._begin: Evaluation | None = None
         self.report = NOTHING_REPORTED
 

@@ -151,10 +151,9 @@ class FullStateFilter(KernelEstimator):
             rig,
             Kernel(function, compiled),
             p,
-            self._channels.names,
-            measured,
-            state_names(rig),
-            self._channels.interval,
+            channels=self._channels,
+            state_names=state_names(rig),
+            measured=measured,
         )
 
     def prior_function(self) -> ca.Function:

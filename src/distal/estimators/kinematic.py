@@ -97,7 +97,7 @@ class KinematicEstimator(KernelEstimator):
         joints = [joint.name for joint in rig.joints]
         names = (*angle_names(joints), *(tendon_angle_name(rig.tendons[i].name) for i in self._tendons))
         channels = self._channels
-        super().__init__(name, rig, Kernel(function, compiled), p.values, channels.names, (), names, channels.interval)
+        super().__init__(name, rig, Kernel(function, compiled), p.values, channels=channels, state_names=names)
 
     def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
         """Return mean, covariance and remembered inputs before the first sample.

@@ -143,7 +143,7 @@ class ChainKinematics(KernelEstimator):
         function = chain_function(self._mechanism, self._channels, tendons, elastic)
         names, channels = angle_names([joint.name for joint in rig.joints]), self._channels
         p = self._mechanism.parameters.values
-        super().__init__(name, rig, Kernel(function, compiled), p, channels.names, (), names, channels.interval)
+        super().__init__(name, rig, Kernel(function, compiled), p, channels=channels, state_names=names)
 
     def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
         """Return mean, covariance and remembered inputs before the first sample.

@@ -95,10 +95,9 @@ class AdaptiveFilter(KernelEstimator):
             rig,
             Kernel(function, compiled),
             np.concatenate(numbers),
-            channels.names,
-            tuple(sensor.name for sensor in channels.compared),
-            self._states.names,
-            channels.interval,
+            channels=channels,
+            state_names=self._states.names,
+            measured=tuple(sensor.name for sensor in channels.compared),
         )
         self.report = Report.behind(2 * len(self.measured), [self._reported(one) for one in self._maps])
 
