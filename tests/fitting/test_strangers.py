@@ -9,7 +9,7 @@ from benchmarks.strangers.foreign_plants import finger_log, finger_rig, hand_log
 from distal import Log, estimate, fit, learn_discrepancy
 from distal.errors import FitError
 from distal.regression import conformal_factor
-from distal.regression.learn import LARGEST, LEAST
+from distal.regression.learn import LARGEST_FACTOR, SMALLEST_FACTOR
 
 
 @pytest.mark.slow
@@ -29,7 +29,7 @@ def test_a_rig_with_other_physics(log_of: object, rig_of: object) -> None:
 
 
 def factor_of(logs: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
-    return conformal_factor(logs, LEAST, LARGEST)
+    return conformal_factor(logs, SMALLEST_FACTOR, LARGEST_FACTOR)
 
 
 def test_a_band_is_sized_by_the_errors_of_logs_left_out() -> None:

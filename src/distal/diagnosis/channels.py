@@ -8,25 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding
 from distal.results.estimate import Estimate
 from distal.results.thresholds import SMALL
 
 Floats = NDArray[np.float64]
 
-LARGE = 1.7
+LARGE_RATIO = 1.7
 """Mean of ν²/S of a channel from which on it is larger than expected."""
 
-WINDOW = 1.0
+CHANNEL_WINDOW = 1.0
 """Length of the windows in which a channel is looked at [s]."""
 
 SELDOM = 0.5
 """Share of a channel's samples that are compared, below which that is said."""
 
-NEVER = 0.1
+NEVER_COMPARED = 0.1
 """Share of a channel's samples that are compared, below which it tests nothing."""
 
-MOST = 0.5
+MOST_WINDOWS = 0.5
 """Share of the windows since then in which a channel that disagrees is larger than expected."""
 
 WHITE = 0.5
@@ -67,7 +68,7 @@ class Channels:
     def tested(self) -> tuple[str, ...]:
         """Names of the channels that could have disagreed."""
         every = zip(self.names, self.ratios, self.shares)
-        return tuple(name for name, ratio, share in every if ratio >= SMALL and share >= NEVER)
+        return tuple(name for name, ratio, share in every if ratio >= SMALL and share >= NEVER_COMPARED)
 
     def findings(self) -> list[Finding]:
         """Return what the innovations say."""
@@ -75,45 +76,34 @@ class Channels:
 
     def _disagreeing(self) -> list[Finding]:
         names, ratios = self.names, self.ratios
-        large = [i for i, ratio in enumerate(ratios) if ratio > LARGE]
+        large = [i for i, ratio in enumerate(ratios) if ratio > LARGE_RATIO]
         drifting = [names[i] for i, value in enumerate(self.correlations) if value > WHITE and ratios[i] > WHOLE]
         if drifting and len(drifting) == len(names) and not large:
-            several = ", ".join(drifting)
-            why = "something acts that the rig does not have (a hand: external_torque; friction at a drive)"
-            return [Finding("drifts", several, f"innovations of {several} drift: {why}")]
+            return [sentences.all_drift(drifting)]
         late = [i for i, start in enumerate(self.since) if np.isfinite(start)]
         if len(late) == 1:
             i = late[0]
             others = [ratio for j, ratio in enumerate(ratios) if j != i and np.isfinite(ratio)]
             if len(large) <= 1 or ratios[i] > 4 * max(others, default=0.0):
-                since = f"from {self.since[i]:.1f} s on: its innovations are too large to the end"
-                return [Finding("disagrees", names[i], f"sensor {names[i]} disagrees {since}")]
+                return [sentences.disagrees_since(names[i], self.since[i])]
         if len(large) == 1 and len(names) > 1:
-            i = large[0]
-            size = f"innovations {np.sqrt(ratios[i]):.1f}× larger than expected"
-            return [Finding("too large", names[i], f"sensor {names[i]} disagrees: {size}")]
+            return [sentences.one_too_large(names[large[0]], ratios[large[0]])]
         if large:
-            factor = np.sqrt(np.mean([ratios[i] for i in large]))
-            text = f"innovations {factor:.1f}× larger than expected: the rig's stiffness, friction or geometry is off"
-            return [Finding("too large", ", ".join(names[i] for i in large), text)]
+            ratio = float(np.mean([ratios[i] for i in large]))
+            return [sentences.several_too_large([names[i] for i in large], ratio)]
         pairs = zip(names, ratios, self.correlations)
         coloured = [(name, value) for name, ratio, value in pairs if value > COLOURED and ratio > WHOLE]
         if coloured:
-            most = max(value for _, value in coloured)
-            several = ", ".join(each for each, _ in coloured)
-            text = f"innovations of {several} are not white (correlation {most:.1f})"
-            return [Finding("drifts", several, f"{text}: geometry, stiffness or friction is off")]
+            return [sentences.some_drift([name for name, _ in coloured], max(value for _, value in coloured))]
         return []
 
     def _untested(self) -> list[Finding]:
         found = []
         for name, ratio, share in zip(self.names, self.ratios, self.shares):
             if share < SELDOM:
-                text = f"only {100 * share:.0f} % of {name} could be compared (missing, or the slider at a stop)"
-                found.append(Finding("hardly compared", name, text))
-            if share >= NEVER and ratio < SMALL:
-                text = f"not tested by {name}: its innovations are {np.sqrt(ratio):.2f} of what is allowed"
-                found.append(Finding("not tested", name, text))
+                found.append(sentences.hardly_compared(name, share))
+            if share >= NEVER_COMPARED and ratio < SMALL:
+                found.append(sentences.not_tested(name, ratio))
         return found
 
 
@@ -150,7 +140,7 @@ def _neighbours(values: Floats) -> float:
 
 def _since(time: Floats, scaled: Floats) -> float:
     """Return from when on a channel is large to the end: in the last window, and in most of all since then."""
-    edges = np.arange(time[0], time[-1] + WINDOW, WINDOW)
+    edges = np.arange(time[0], time[-1] + CHANNEL_WINDOW, CHANNEL_WINDOW)
     starts, large = [], []
     for start, end in itertools.pairwise(edges):
         inside = scaled[(time >= start) & (time < end)]
@@ -160,8 +150,8 @@ def _since(time: Floats, scaled: Floats) -> float:
             large.append(bool(np.median(np.abs(inside)) > 1.35))  # twice the median of a normal distribution
     if not large or not large[-1]:
         return float("nan")
-    first = next(start for k, start in enumerate(starts) if large[k] and np.mean(large[k:]) >= MOST)
+    first = next(start for k, start in enumerate(starts) if large[k] and np.mean(large[k:]) >= MOST_WINDOWS)
     if first == time[0]:
         return float("nan")
-    inside = np.flatnonzero((time >= first - WINDOW) & (np.abs(scaled) > 3.0))
+    inside = np.flatnonzero((time >= first - CHANNEL_WINDOW) & (np.abs(scaled) > 3.0))
     return float(time[inside[0]]) if len(inside) else first

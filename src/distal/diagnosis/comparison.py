@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding
 from distal.errors import EstimationError
 from distal.logs import Log
@@ -46,8 +47,7 @@ def disagreement(result: Estimate, log: Log, rig: Rig, homing: float | None = No
     share = float(np.mean(outside))
     if share <= OFTEN:
         return []
-    text = f"{name} lies outside both bands {100 * share:.0f} % of the time: stiffness, friction or a zero is off"
-    return [Finding("other estimate", name, text)]
+    return [sentences.kinematics_disagree(name, share)]
 
 
 def disagreement_with_map(result: Estimate, log: Log, rig: Rig, homing: float | None = None) -> list[Finding]:
@@ -69,8 +69,7 @@ def disagreement_with_map(result: Estimate, log: Log, rig: Rig, homing: float | 
     share = float(np.mean(apart.any(axis=1)))
     if share <= OFTEN:
         return []
-    text = f"affine, learned from logs, lies outside both bands {100 * share:.0f} % of the time"
-    return [Finding("other estimate", "affine", text)]
+    return [sentences.map_disagrees(share)]
 
 
 def stretch(log: Log, rig: Rig, joint: str) -> Floats:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from distal.diagnosis import sentences
 from distal.diagnosis.comparison import disagreement, disagreement_with_map
 from distal.diagnosis.explanations import explanations
 from distal.diagnosis.finding import Finding
@@ -21,7 +22,7 @@ from distal.rig import Rig
 from distal.run.offline import runner_for
 from distal.run.places import place_range
 
-OUTSIDE = 0.05
+OUTSIDE_SHARE = 0.05
 """Share of a log outside of where it can be, or of what a fit has seen, from which on that is said."""
 
 
@@ -101,9 +102,8 @@ def elsewhere(log: Log, rig: Rig) -> list[Finding]:
             continue
         low, high = place_range(mechanism, sensor)
         there = values[np.isfinite(values)]
-        if len(there) and np.mean((there < low) | (there > high)) > OUTSIDE:
-            text = f"{sensor.name} is where its drive cannot be: unit, zero or side?"
-            found.append(Finding("cannot be there", sensor.name, text))
+        if len(there) and np.mean((there < low) | (there > high)) > OUTSIDE_SHARE:
+            found.append(sentences.drive_elsewhere(sensor.name))
     return found
 
 
@@ -119,9 +119,6 @@ def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Fi
         values = log.channels.get(name, np.zeros(0))
         there = values[np.isfinite(values)]
         share = float(np.mean((there < low) | (there > high))) if len(there) else 0.0
-        if share > OUTSIDE:
-            text = (
-                f"{name} is outside the range of the fit for {100 * share:.0f} % of the log ({low:.3g} to {high:.3g})"
-            )
-            found.append(Finding("out of range", name, text))
+        if share > OUTSIDE_SHARE:
+            found.append(sentences.outside_the_fit(name, share, low, high))
     return found

@@ -6,13 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding
 from distal.diagnosis.of_estimate import diagnose_estimate
 from distal.diagnosis.rerun import Change, Outcome, Rerun
 from distal.diagnosis.what_if import as_estimate
 from distal.rig import REFERENCES
 
-FACTORS: dict[float, dict[str, str]] = {
+UNIT_FACTORS: dict[float, dict[str, str]] = {
     -1.0: {"": "as if its sign were wrong"},
     1 / 57.295779513: {"rad": "like degrees", "": "57.3 times too large (degrees?)"},
     57.295779513: {"": "57.3 times too small (converted from degrees twice?)"},
@@ -29,7 +30,7 @@ GEARS = tuple(float(n) for n in np.geomspace(2.0, 200.0, 14))
 GAIN = 0.5
 """Gain in ln p per compared value that a change must bring to explain something."""
 
-TIE = 0.05
+ALIKE = 0.05
 """Gains that differ by less are alike: nothing tells which of two signs is wrong."""
 
 
@@ -46,11 +47,11 @@ def explanations(rerun: Rerun) -> list[Finding]:
     for finding, change in _candidates(rerun):
         outcome = rerun(change)
         gain = _likelihood(outcome) - base
-        near = max((known for known, _ in explain), default=GAIN) - TIE
+        near = max((known for known, _ in explain), default=GAIN) - ALIKE
         if outcome.bounded and gain > max(GAIN, near) and _agrees(rerun, outcome):
             explain.append((gain, finding))
     explain.sort(key=lambda one: -one[0])
-    alike = {one.subject: one.text for gain, one in explain if gain > explain[0][0] - TIE}
+    alike = {one.subject: one.text for gain, one in explain if gain > explain[0][0] - ALIKE}
     return [Finding("looks like", explain[0][1].subject, ", or ".join(list(alike.values())[:2]))] if explain else []
 
 
@@ -58,9 +59,9 @@ def _candidates(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
     rig, channels = rerun.runner.rig, rerun.runner.channels
     for sensor in rig.sensors:
         if sensor.name in channels and sensor.measures not in REFERENCES:
-            for factor, words in FACTORS.items():
-                text = f"{sensor.name} looks {words.get(sensor.si, words[''])}"
-                yield Finding("looks like", sensor.name, text), Change(channels={sensor.name: factor})
+            for factor, words in UNIT_FACTORS.items():
+                like = words.get(sensor.si, words[""])
+                yield sentences.looks(sensor.name, like), Change(channels={sensor.name: factor})
     for drive in rig.drives:
         own = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive.name}
         if drive.kind == "capstan" and own.get("position") in channels:
@@ -68,8 +69,8 @@ def _candidates(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
                 change = {own["position"]: 1 / ratio}
                 if own.get("force") in channels:
                     change[own["force"]] = ratio
-                text = f"{drive.name} looks as if a gear of about {ratio:.2g}:1 were forgotten"
-                yield Finding("looks like", drive.name, text), Change(channels=change)
+                like = f"as if a gear of about {ratio:.2g}:1 were forgotten"
+                yield sentences.looks(drive.name, like), Change(channels=change)
 
 
 def _likelihood(outcome: Outcome) -> float:

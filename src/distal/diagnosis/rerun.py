@@ -15,7 +15,7 @@ from distal.run.offline import out_of_bounds, prepared
 
 Floats = NDArray[np.float64]
 
-MOST = 2000
+MOST_RERUN = 2000
 """So many samples of a log are run again, the first ones: 60 compiled runs of them take about a second."""
 
 OUTLIER = Robustness().wild_force
@@ -74,17 +74,17 @@ class Rerun:
     """Runs the adaptive filter over a log, as it is and with changes; its kernel is built once.
 
     Args:
-        log: as it was estimated; of a long one the first `MOST` samples are used.
+        log: as it was estimated; of a long one the first `MOST_RERUN` samples are used.
         runner: the filter, see `runner_for`.
         homing: for how long the truth is used [s], or None.
     """
 
     def __init__(self, log: Log, runner: AdaptiveFilter, homing: float | None = None) -> None:
-        if len(log) > MOST:
+        if len(log) > MOST_RERUN:
             log = Log(
-                log.time[:MOST],
-                {name: values[:MOST] for name, values in log.channels.items()},
-                {name: values[:MOST] for name, values in log.truth.items()},
+                log.time[:MOST_RERUN],
+                {name: values[:MOST_RERUN] for name, values in log.channels.items()},
+                {name: values[:MOST_RERUN] for name, values in log.truth.items()},
                 log.source,
                 log.truth_source,
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding
 from distal.estimators import StateKind
 from distal.results.estimate import Estimate
@@ -15,7 +16,7 @@ WALKS = 8.0
 On right rigs the 95th percentile is 3 to 6 (friction is not normal, and a start is not linear); on wrong ones 10 to 30.
 """
 
-FARTHEST = float(np.deg2rad(270.0))
+LARGEST_TRAVEL = float(np.deg2rad(270.0))
 """An angle that covers more than this is of no joint that tendons pull [rad]; fingers and wrists turn by 180° at most."""
 
 BEGUN = 1.0
@@ -45,10 +46,9 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
         # the weights of a sensor's linearity are one thing
         subject = f"linearity_{part}" if kind is StateKind.LINEARITY else name
         if abs(value - prior) - std > LARGE_PRIOR * stds[i]:
-            said = f"{subject} is {value:.3g} ± {std:.1g}, its prior {prior:.3g} ± {stds[i]:.1g}"
-            found = Finding("left its prior", subject, said)
+            found = sentences.left_its_prior(subject, value, std, prior, float(stds[i]))
         elif abs(change) > WALKS * np.sqrt(learned) and abs(change) > BEGUN * stds[i]:
-            found = Finding("left its prior", subject, f"{subject} does not settle: it moves by {change:.2g} late")
+            found = sentences.does_not_settle(subject, change)
         else:
             continue
         size = max(abs(away), 0.0)
@@ -63,15 +63,8 @@ def turning_too_far(estimate: Estimate) -> list[Finding]:
     Args:
         estimate: over a log.
     """
-    found = []
-    for joint, angles in zip(estimate.joint_names, estimate.angles.T):
-        if float(np.ptp(angles)) > FARTHEST:
-            covered = np.rad2deg(float(np.ptp(angles)))
-            text = (
-                f"the angle of {joint} covers {covered:.0f}°, which no joint does: is a gear, a unit or a radius wrong?"
-            )
-            found.append(Finding("cannot be there", joint, text))
-    return found
+    covered = [(joint, float(np.ptp(angles))) for joint, angles in zip(estimate.joint_names, estimate.angles.T)]
+    return [sentences.turns_too_far(joint, most) for joint, most in covered if most > LARGEST_TRAVEL]
 
 
 def undeclared_friction(estimate: Estimate) -> list[Finding]:
@@ -85,7 +78,5 @@ def undeclared_friction(estimate: Estimate) -> list[Finding]:
         value, std = estimate.means[-1, i], np.sqrt(estimate.variances[-1, i])
         prior = np.sqrt(estimate.variances[0, i])
         if kind is StateKind.FRICTION and value > 0.25 * prior and value > 3.0 * std:
-            size = f"friction that the rig does not have: {value:.2g} at '{drive}' [SI]"
-            text = f"{size} (set drives.*.friction, or a hand acts)"
-            found.append(Finding("friction", drive, text))
+            found.append(sentences.friction_undeclared(drive, float(value)))
     return found

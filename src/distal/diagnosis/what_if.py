@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.of_estimate import diagnose_estimate
 from distal.diagnosis.rerun import Change, Outcome, Rerun
@@ -31,7 +32,7 @@ TURNS = 57.3
 GEAR = 10.0
 """Ratio of a gear that is tried, on a capstan's angle and torque."""
 
-SETTLED = 0.5
+START_FORGOTTEN = 0.5
 """The first moments of a log, in which a start is forgotten, do not count [s]."""
 
 HANGS = 1.1
@@ -72,7 +73,7 @@ def untestable(rerun: Rerun) -> list[Finding]:
     found, known = list[Finding](), {(one.kind, one.subject) for one in _contradictions(rerun, rerun.base)}
     for subject, changes in _suspects(rerun):
         if any(_unseen(rerun, rerun(change), known) for change in changes):
-            found.append(Finding("cannot test", subject, f"a wrong {subject} moves the angle and no innovation"))
+            found.append(sentences.cannot_test(subject))
     return found
 
 
@@ -90,7 +91,7 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
     states = runner.states
     joints = len(runner.rig.joints)
     time = rerun.log.time
-    settled = time >= time[0] + min(SETTLED, 0.1 * float(np.ptp(time)))
+    settled = time >= time[0] + min(START_FORGOTTEN, 0.1 * float(np.ptp(time)))
     width = np.mean(base.variances[settled, :joints], axis=0)
     moved: dict[str, NDArray[np.float64]] = {}
     angles = {name for name, kind in zip(runner.state_names, runner.state_kinds) if kind is StateKind.ANGLE}
@@ -111,9 +112,7 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
     if spread <= HANGS:
         return []
     most = max(moved, key=lambda name: float(moved[name][worst]))
-    what = f"where {most}" if most in angles else f"what {most}"
-    text = f"the band is too narrow: the angle hangs {spread:.1f}× as much as it allows on {what} begins with"
-    return [Finding("overconfident", most, text)]
+    return [sentences.hangs_on_the_start(most, spread, is_angle=most in angles)]
 
 
 def _suspects(rerun: Rerun) -> Iterator[tuple[str, list[Change]]]:

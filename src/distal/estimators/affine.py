@@ -48,7 +48,7 @@ NEEDS = "needs [affine] in the rig file (distal fit with logs whose angle is kno
 NOWHERE = 1e6
 """Variance of an angle of which the map says nothing at the start [rad²]."""
 
-GROWTH, FARTHEST = 10.0, 1.0
+START_GROWTH, START_REACH = 10.0, 1.0
 """At the start: growth of the std, and the end of the map, in half ranges outside of what it was learned from."""
 
 
@@ -287,4 +287,6 @@ def start_of(affine: Affine, joint: int, readings: Mapping[str, tuple[Any, Any]]
     angle = ca.dot(ca.DM(coefficients[plain]), column)
     variance_of = affine.band[joint] ** 2 * (ca.bilin(ca.DM(covariance), column, column) + own.std**2)
     variance_of += float(np.sum(coefficients[turns] ** 2))
-    return angle, ca.if_else(ca.logic_and(known, far < FARTHEST), variance_of * (1 + GROWTH * far) ** 2, NOWHERE)
+    return angle, ca.if_else(
+        ca.logic_and(known, far < START_REACH), variance_of * (1 + START_GROWTH * far) ** 2, NOWHERE
+    )

@@ -15,7 +15,7 @@ from distal.fitting.numbers import Numbers, fitted_numbers
 from distal.fitting.search import search
 from distal.logs import Log
 
-ITERATIONS = 4
+WARM_ITERATIONS = 4
 """The search without some logs begins where that with all of them ended; more iterations gained less than 1 of −ln p on
 three of four rigs (docs/results/fitting.md)."""
 
@@ -47,7 +47,7 @@ def without(numbers: Numbers, logs: Sequence[Log]) -> Numbers:
     own = np.array([k for k, (_, log) in enumerate(problem.parts) if log is None or not out[log]])
     square, first = np.ix_(own, own), found.derivatives
     near = replace(first, gradient=first.gradient[own], information=first.information[square], meat=first.meat[square])
-    again = search(rest, found.z[own], most=ITERATIONS, fixed=numbers.left[own], first=near, central=False)
+    again = search(rest, found.z[own], most=WARM_ITERATIONS, fixed=numbers.left[own], first=near, central=False)
     errors = replace(known, covariance=known.covariance[square], told=known.told[own], together=known.together[own])
     left, held = numbers.left[own], numbers.held[own]
     fitted = tuple(fitted_numbers(rest, replace(again, converged=found.converged), errors, left, held))

@@ -12,7 +12,7 @@ from distal.logs import true_angles
 
 Floats = NDArray[np.float64]
 
-REMEMBERED = 1.5
+LINEARITY_LEFT = 1.5
 """The linearity that is left is this much larger than the filter says: curves wander a little from day to day."""
 
 AGREE = 4.0
@@ -72,5 +72,5 @@ def curves(problem: Problem, z: Floats) -> dict[str, object]:
         share = float(np.sqrt(np.trace(left) / np.sum(spread[at] ** 2)))
         index = [each.name for each in problem.filter.rig.sensors].index(sensor.name)
         found[f"sensors.{index}.curve"] = [float(f"{w:.4g}") for w in weights]
-        found[f"sensors.{index}.linearity"] = float(f"{min(REMEMBERED * share, 1.0) * sensor.linearity:.3g}")
+        found[f"sensors.{index}.linearity"] = float(f"{min(LINEARITY_LEFT * share, 1.0) * sensor.linearity:.3g}")
     return found

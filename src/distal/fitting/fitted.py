@@ -13,7 +13,7 @@ from distal.rig import Number, Rig, number
 DIGITS = 7
 """Significant digits of a value in a file: far more than any log tells."""
 
-SMALLEST_STD = 0.002
+SMALLEST_RELATIVE_STD = 0.002
 """A std in a fitted file is at least this share of its value: no two days are more alike."""
 
 
@@ -92,7 +92,7 @@ def assignments(numbers: Sequence[FittedNumber], start: Rig, prior_share: float 
             share = abs(value / part.value) if part.value else 1.0
             least = 0.0 if prior_share is None else prior_share * part.prior_std
             told = part.held_error if np.isfinite(part.held_error) else part.prior_std
-            std = max(min(max(told, least), part.prior_std) * share, SMALLEST_STD * abs(value))
+            std = max(min(max(told, least), part.prior_std) * share, SMALLEST_RELATIVE_STD * abs(value))
             changed[path] = {"value": rounded, **_spread(part, before, std, value, start)}
             if prior_share == 0.0:
                 changed[path]["hold"] = True

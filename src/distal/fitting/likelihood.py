@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-FEWEST = 0.05
+FEWEST_SHARE = 0.05
 """A value counts for at most 20: a channel that is hardly compared tells hardly anything."""
 
 CORRELATED = 2.0
@@ -97,7 +97,7 @@ def evened(run: Innovations, weighing: Weighing) -> Floats:
         run: of the filter.
         weighing: with the numbers that they stand for.
     """
-    compared = np.maximum(np.isfinite(run.values).sum(axis=0), FEWEST * weighing.counts)
+    compared = np.maximum(np.isfinite(run.values).sum(axis=0), FEWEST_SHARE * weighing.counts)
     shares: Floats = np.where(weighing.counts > 0, weighing.counts / np.maximum(compared, 1.0), 1.0)
     return shares
 

@@ -20,7 +20,7 @@ from distal.homing import (
 )
 from distal.logs import Log, read_log, shown, true_angles, write_whole
 from distal.regression import NORMAL, Kind, Samples, Terms, errors_of, learn_map
-from distal.regression.learn import ENOUGH
+from distal.regression.learn import ENOUGH_LOGS
 from distal.rig import LearnedMap, Rig, load_rig
 
 Floats = NDArray[np.float64]
@@ -249,10 +249,10 @@ def map_of(
     folds = folds_of(list(groups) if groups is not None else [str(i) for i in range(len(data))])
     learned, chosen = learn_map(data, kind, folds, homing)
     said, count = [*notes, f"{kind.name}: {chosen.name}"], len(set(folds))
-    if count < ENOUGH:
+    if count < ENOUGH_LOGS:
         said.append(
             f"{kind.name}: {count} log{'s' if count > 1 else ''} or groups of logs with a known truth: how much changes "
-            f"from log to log is hardly known, and the band is widened; {ENOUGH} or more are needed"
+            f"from log to log is hardly known, and the band is widened; {ENOUGH_LOGS} or more are needed"
         )
     said += [f"{kind.name}: not used, {text}" for text in learned.dropped if kind.name == "affine"]
     scores = list[LeftOut]()

@@ -41,7 +41,7 @@ UNAIDED = 3.0
 HAUSMAN = 4.0
 """The rig's numbers may move by so many variances each, in the mean, where the reference becomes one more sensor."""
 
-FEW_ITERATIONS = 3
+TRIAL_ITERATIONS = 3
 """The search with the reference is given up after a few iterations where they lead astray."""
 
 
@@ -162,7 +162,7 @@ def _with_reference(problem: Problem, found: Found, progress: Progress | None) -
     with_it, tried = replace(problem, aided=True), found
     own = np.flatnonzero([not part.noise for part, _ in problem.parts])
     known = uncertainty_at(problem, found.derivatives, found.z).covariance[np.ix_(own, own)]
-    for share, most in ((COARSE_SHARE, FEW_ITERATIONS), (COARSE_SHARE, COARSE_ITERATIONS), (1.0, MOST_ITERATIONS)):
+    for share, most in ((COARSE_SHARE, TRIAL_ITERATIONS), (COARSE_SHARE, COARSE_ITERATIONS), (1.0, MOST_ITERATIONS)):
         some = with_it.beginning(share, COARSE_LEAST)
         tried = search(some, tried.z, staged(progress, "the angle as one more sensor"), most=most)
         if tried.interrupted:

@@ -30,7 +30,7 @@ LOST = np.deg2rad(10.0)
 SEEN, HARDLY = 0.2, 0.7
 """It is seen where a window's forces find it again to within this share of `LOST`, hardly seen to within that one."""
 
-WINDOW = 0.5
+OBSERVED_WINDOW = 0.5
 """Length of the windows [s]."""
 
 
@@ -107,7 +107,7 @@ class Observability:
 
 
 def observability(
-    log: Log, rig: Rig, window: float = WINDOW, homing: float | None = None, joint: str | None = None
+    log: Log, rig: Rig, window: float = OBSERVED_WINDOW, homing: float | None = None, joint: str | None = None
 ) -> Observability:
     """Return how well the joint's angle is seen along a log.
 

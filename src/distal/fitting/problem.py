@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 FINE = 0.2
 """Largest product of sub-step and a joint's own frequency in a fit: its errors must not look like parameters."""
 
-LASTING = 0.5
+ERROR_LASTS = 0.5
 """What the unaided angle errs by lasts about so long [s]: samples within it tell as much as one."""
 
 
@@ -280,7 +280,7 @@ class Problem:
         """Return how channels count: a reference is never wild, and one that is only compared counts once in a while."""
         times = self.data[log].log.time
         rate = 1.0 / float(np.median(np.diff(times)))
-        share = 1.0 if self.homing is not None or self.aided else min(1.0, 1.0 / (LASTING * rate))
+        share = 1.0 if self.homing is not None or self.aided else min(1.0, 1.0 / (ERROR_LASTS * rate))
         return Weighing(
             np.where(self._is_reference, np.inf, Robustness().wild_force),
             np.where(self._is_reference, share, 1.0),

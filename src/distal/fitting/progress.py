@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-ITERATIONS = 40.0
+TYPICAL_ITERATIONS = 40.0
 """A part of a fit takes about so many iterations: only a bar goes by it."""
 
 
@@ -32,7 +32,7 @@ class Doing:
     @property
     def share(self) -> float:
         """Share of the whole fit that is done, about."""
-        return (self.part + self.done / (self.done + ITERATIONS)) / self.parts
+        return (self.part + self.done / (self.done + TYPICAL_ITERATIONS)) / self.parts
 
 
 Progress = Callable[[Doing], None]

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 MOST_ITERATIONS = 60
 
-ENOUGH = 3e-2
+SMALLEST_GAIN = 3e-2
 """The search ends where the next step is predicted to gain less than this of −ln p: a quarter of a standard error."""
 
 COARSEST = 16.0
@@ -24,13 +24,13 @@ COARSEST = 16.0
 DAMPINGS = (1e-4, 1e-2, 1.0, 100.0)
 """Shares of the information's diagonal that are added to it: a step of each is tried, side by side."""
 
-AHEAD = (1.0, 4.0, 16.0)
+STRIDES = (1.0, 4.0, 16.0)
 """So many times the last step is tried too, from where it ended: in a bent valley every step is short."""
 
 FIRST_WIDTH = 1e-2
 """The first slopes are taken over this share of a value on either side, or of its scale where it may be zero."""
 
-WIDTH = 0.3
+SLOPE_WIDTH = 0.3
 """Later ones over this share of what a number would be known to if all others were: over less, kinks of friction look like
 information (docs/results/fitting.md)."""
 
@@ -55,7 +55,7 @@ LOUDER = 1.0
 ACCEPTED = 1.5
 """Mean ν²/S of every channel below which the end of the first coarse search is accepted, and no other start is tried."""
 
-NEAR = 1.0
+NEAR_GAIN = 1.0
 """Slopes are taken on both sides where the next step is predicted to gain less than this of −ln p."""
 
 
@@ -141,7 +141,7 @@ def polished(problem: Problem, found: Found, rng: np.random.Generator, progress:
             ]
             costs = problem.costs(near)
             best = int(np.argmin(costs))
-            if not costs[best] < found.cost - ENOUGH:
+            if not costs[best] < found.cost - SMALLEST_GAIN:
                 break
             again = search(problem, near[best], progress, first=found.derivatives)
             found = replace(again, iterations=found.iterations + again.iterations)
@@ -187,20 +187,20 @@ def search(
         for iteration in range(1, most + 1):
             steps = [_step(problem, found.z, derivatives, free, damping) for damping in DAMPINGS]
             found, predicted = replace(found, iterations=iteration), steps[0][1]
-            ahead = [_inside(problem, found.z + share * last) for share in AHEAD if last.any()]
+            ahead = [_inside(problem, found.z + share * last) for share in STRIDES if last.any()]
             points = [*(found.z + step for step, _ in steps), *ahead]
-            costs = problem.costs(points) if predicted >= ENOUGH else np.full(1, np.inf)
+            costs = problem.costs(points) if predicted >= SMALLEST_GAIN else np.full(1, np.inf)
             best = int(np.argmin(costs))
             if progress is not None:
                 progress(iteration, min(float(costs[best]), found.cost))
             gained = found.cost - float(costs[best])
-            if gained >= ENOUGH:
+            if gained >= SMALLEST_GAIN:
                 last = points[best] - found.z
                 found = replace(found, z=points[best], cost=float(costs[best]))
-                near = central and (near or predicted < NEAR)
+                near = central and (near or predicted < NEAR_GAIN)
             elif central and not near:
                 near = True
-            elif predicted >= ENOUGH and coarser < COARSEST:
+            elif predicted >= SMALLEST_GAIN and coarser < COARSEST:
                 coarser *= 4.0  # no way down by these slopes: they may be those of a kink
             else:
                 return replace(found, converged=True)
@@ -235,7 +235,7 @@ def first_widths(problem: Problem) -> Floats:
 
 
 def widths_at(problem: Problem, z: Floats, derivatives: Derivatives) -> Floats:
-    """Return half of the distance over which slopes are taken, (n,): `WIDTH` of what each number alone is known to.
+    """Return half of the distance over which slopes are taken, (n,): `SLOPE_WIDTH` of what each number alone is known to.
 
     As a share of the value it is a power of two, so that two numbers that show only as a product meet the same kinks.
 
@@ -247,7 +247,7 @@ def widths_at(problem: Problem, z: Floats, derivatives: Derivatives) -> Floats:
     units = np.array([part.unit(float(at)) for (part, _), at in zip(problem.parts, z)])
     alone = 1.0 / np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-300))
     least = np.where([part.noise for part, _ in problem.parts], SMALLEST_NOISE_WIDTH, SMALLEST_WIDTH)
-    share = np.clip(WIDTH * alone / units, least, FIRST_WIDTH * 8)
+    share = np.clip(SLOPE_WIDTH * alone / units, least, FIRST_WIDTH * 8)
     widths: Floats = units * 2.0 ** np.round(np.log2(share))
     return widths
 

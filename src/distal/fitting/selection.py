@@ -24,7 +24,7 @@ NOISE_PRIOR = 1.0
 EXACT = np.deg2rad(0.02)
 """No truth is taken as better than this [rad]: the model's own steps are not."""
 
-SMALLEST = 1e-3
+SMALLEST_NUMBER = 1e-3
 """A positive parameter stays above this share of where it starts."""
 
 
@@ -201,7 +201,7 @@ def _free(name: str, numbers: Sequence[Number], per_log: bool) -> Free:
         )
     if per_log and first.std == 0.0:
         raise FitError(f"'{first.path}' has no std; what differs from log to log needs one (--set {first.path}.std=…)")
-    low = {"any": -np.inf, "nonnegative": 0.0, "positive": SMALLEST * first.value}[first.quantity.bound]
+    low = {"any": -np.inf, "nonnegative": 0.0, "positive": SMALLEST_NUMBER * first.value}[first.quantity.bound]
     if len(numbers) > 1 and any(one.value == 0.0 for one in numbers) and len({one.value for one in numbers}) > 1:
         raise FitError(f"'{name}' varies its numbers by one factor, but some are zero; name them one by one")
     scale = first.std if first.std > 0.0 else 0.1 * abs(first.value)

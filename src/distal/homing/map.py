@@ -40,7 +40,7 @@ INDEPENDENT = 0.1
 UNEXPLAINED = 10.0
 """Errors of the angle begin with a variance of so many times what the filter thinks."""
 
-LARGEST = 1e3
+LARGEST_RESIDUAL = 1e3
 """A residual counts as at most so many standard deviations."""
 
 KEPT = 0.3
@@ -123,13 +123,11 @@ class _Search:
             return self._last[1]
         done = self._window.scan(self.carry(z), self._unaided)
         if done is None:
-            ratios = tuple(np.full_like(base, LARGEST) for base in self._bases)
+            ratios = tuple(np.full_like(base, LARGEST_RESIDUAL) for base in self._bases)
         else:
             errors, innovations = self._window.errors(done[0])[0], self._innovations(done[1])[0]
             ratios = tuple(
-                np.clip(
-                    np.nan_to_num(part / np.sqrt(base), nan=0.0, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST
-                )
+                np.clip(np.nan_to_num(part / np.sqrt(base), nan=0.0), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
                 for part, base in zip((errors, innovations), self._bases)
             )
         self._last = (z.tobytes(), (ratios[0], ratios[1]))

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 DEAD_BAND = 6.0
 """Half-width of the play that finds a direction, in standard deviations of the position sensor."""
 
-BETTER = 0.95
+DIRECTIONS_HELP = 0.95
 """Directions are used where they bring the RMS error on left-out logs below this share of that without them."""
 
 
@@ -41,7 +41,7 @@ def affine_kind(channels: Sequence[str], positions: Sequence[str], joints: Seque
         tuple(joints),
         noise,
         sets,
-        BETTER,
+        DIRECTIONS_HELP,
         by_motion=True,
         unknown_outside=False,
     )

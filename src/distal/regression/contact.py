@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 SLIPS = (0.025, 0.05, 0.1)
 """Half-widths of the plays that are tried, in standard deviations of a drive's place."""
 
-BETTER = 0.97
+TERMS_HELP = 0.97
 """More terms are taken where their error on left-out logs is below this share of that of fewer terms."""
 
 
@@ -38,4 +38,4 @@ def contact_kind(channels: Sequence[str], positions: Sequence[str], joints: Sequ
         said = f"with friction by a play of {width:g} std"
         sets.append(Terms(f"efforts {said}", (*linear, *rubbing, *products), width))
         sets.append(Terms(f"efforts and places {said}", (*linear, *rubbing, *products, *along), width))
-    return Kind(Contact, "contact", tuple(channels), tuple(joints), noise, tuple(sets), BETTER)
+    return Kind(Contact, "contact", tuple(channels), tuple(joints), noise, tuple(sets), TERMS_HELP)

@@ -14,7 +14,7 @@ from distal.rig import LearnedMap
 
 Floats = NDArray[np.float64]
 
-NEVER = 1e6
+UNREAD_AGE = 1e6
 """Age of a reading that there has not been yet [s]."""
 
 
@@ -114,7 +114,7 @@ def first_memory(learned: LearnedMap, values: ca.SX, mask: ca.SX) -> ca.SX:
     """
     m, (low, high) = len(learned.channels), limits(learned)
     held = [ca.if_else(is_read(mask[i]), values[i], learned.centre[i]) for i in range(m)]
-    ages = [ca.if_else(is_read(mask[i]), 0.0, NEVER) for i in range(m)]
+    ages = [ca.if_else(is_read(mask[i]), 0.0, UNREAD_AGE) for i in range(m)]
     inside = [ca.fmin(ca.fmax(held[i], float(low[i])), float(high[i])) for i in learned.played]
     plays = [(value - learned.centre[i]) / learned.scale[i] for value, i in zip(inside, learned.played)]
     return ca.vertcat(*held, *ages, *plays)

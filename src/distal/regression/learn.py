@@ -17,7 +17,7 @@ from distal.rig import JointMap, LearnedMap
 
 Floats = NDArray[np.float64]
 
-ENOUGH = 5
+ENOUGH_LOGS = 5
 """With fewer logs than this, what changes from log to log is hardly known, and the band is widened for that."""
 
 MOST_SAMPLES = 2500
@@ -26,7 +26,7 @@ MOST_SAMPLES = 2500
 SAMPLES_PER_TERM = 20
 """Terms are tried where the shortest log has so many samples for each."""
 
-LEAST, LARGEST = 0.5, 30.0
+SMALLEST_FACTOR, LARGEST_FACTOR = 0.5, 30.0
 """Errors on left-out logs make the band between this much narrower and this much wider."""
 
 OWNS = (1.0, 0.5, 0.25)
@@ -324,18 +324,18 @@ def calibrate_band(
     learned, count = fit_coefficients(data, kind, chosen), len(set(folds))
     # what scatters between few logs is known as Student's distribution says
     draws = count if kind.by_group else len(data)
-    wider = 1.0 if draws >= ENOUGH else student(draws - 1)
+    wider = 1.0 if draws >= ENOUGH_LOGS else student(draws - 1)
     if count < 2:
         return _wider_between(learned, wider)
     errors = left_out_errors(data, kind, chosen, folds, homing)
     if not errors:
         return _wider_between(learned, wider)
     filtered = any(np.any(v > 0.0) for log in errors for _, _, v in log)
-    shares = (1.0,) if not filtered else OWNS if count >= ENOUGH else (share_of_few(errors),)
+    shares = (1.0,) if not filtered else OWNS if count >= ENOUGH_LOGS else (share_of_few(errors),)
     best, narrowest = learned, float("inf")
     for share in shares:
         parts = [[(e, u, share**2 * v) for e, u, v in (log[j] for log in errors)] for j in range(len(learned.joints))]
-        factors = [conformal_factor(logs, LEAST, LARGEST) for logs in parts]
+        factors = [conformal_factor(logs, SMALLEST_FACTOR, LARGEST_FACTOR) for logs in parts]
         sizes = [np.sqrt(c**2 * u + v).mean() for c, logs in zip(factors, parts) for _, u, v in logs if len(u)]
         width = float(np.mean(sizes))
         if width < WORTH * narrowest:

@@ -12,16 +12,16 @@ from distal.rig import JointMap
 
 Floats = NDArray[np.float64]
 
-ITERATIONS = 100
+EM_ITERATIONS = 100
 """Most steps of expectation–maximisation for the spread between logs."""
 
-SETTLED = 1e-3
+EM_SETTLED = 1e-3
 """It ends where a step changes the spread by less than this share."""
 
 SMALLEST_SHARE = 1e-8
 """Combinations of columns with less than this share of the largest one's mean square are left out."""
 
-SMALLEST_STD = 1e-6
+SMALLEST_RESIDUAL = 1e-6
 """The std of a residual is not taken as smaller than this [rad]."""
 
 
@@ -75,7 +75,7 @@ def line(design: Floats, angles: Floats) -> Line:
     correlated = correlated_samples(residuals)
     # below one independent sample beyond the coefficients nothing could be said at all
     freedom = max(k / correlated - n, 1.0)
-    std = max(float(np.sqrt(np.mean(residuals**2) * (freedom + n) / freedom)), SMALLEST_STD)
+    std = max(float(np.sqrt(np.mean(residuals**2) * (freedom + n) / freedom)), SMALLEST_RESIDUAL)
     return Line(coefficients, std**2 * correlated * inverse, std, correlated, freedom)
 
 
@@ -168,9 +168,9 @@ def random_effects(
     ones = [line(design, part[1]) for design, part in zip(designs, parts)]
     lengths = np.array([len(part[1]) for part in parts])
     count = np.array([one.correlated for one in ones])
-    std = np.sqrt(max(np.average([one.std**2 for one in ones], weights=lengths), SMALLEST_STD**2))
+    std = np.sqrt(max(np.average([one.std**2 for one in ones], weights=lengths), SMALLEST_RESIDUAL**2))
     spread = _start(designs, [part[1] for part in parts], mean, std)
-    for _ in range(ITERATIONS):
+    for _ in range(EM_ITERATIONS):
         drawn = [updated(mean, spread, gram, moment, std**2 * own) for gram, moment, own in zip(grams, moments, count)]
         means = np.array([after for after, _ in drawn])
         mean = means.mean(axis=0)
@@ -178,11 +178,11 @@ def random_effects(
         before = spread
         # the mean is of the same logs: one degree of freedom less
         spread = (off.T @ off + sum(left for _, left in drawn)) / (len(parts) - 1)
-        if np.abs(spread - before).max() < SETTLED * np.abs(spread).max():
+        if np.abs(spread - before).max() < EM_SETTLED * np.abs(spread).max():
             break
     spread = _shrunk(spread, len(parts))
     residuals = [part[1] - design @ after for design, part, after in zip(designs, parts, means)]
-    std = max(float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))), SMALLEST_STD)
+    std = max(float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))), SMALLEST_RESIDUAL)
     times = [correlated_samples(own) * part[2] for own, part in zip(residuals, parts)]
     covariance = basis @ (spread * (1.0 + 1.0 / len(parts))) @ basis.T
     covariance = 0.5 * (covariance + covariance.T)

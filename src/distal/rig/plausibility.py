@@ -17,7 +17,7 @@ USUAL: dict[str, tuple[float, float, str]] = {
 """Between which values such numbers are in hands, instruments and benches, SI."""
 
 
-FARTHEST = 2.0
+LARGEST_OFFSET = 2.0
 """Offsets and centres of links beyond this are probably without their unit [m]."""
 
 
@@ -34,7 +34,7 @@ def doubts(rig: Rig) -> list[str]:
             said.append(f"{path} is {value:g} {unit}; between {low:g} and {high:g} is usual: is its unit there?")
     for joint in rig.joints:
         away = max(abs(part) for part in (*joint.offset, *(joint.link.centre if joint.link is not None else ())))
-        if away > FARTHEST:
+        if away > LARGEST_OFFSET:
             said.append(f"joints.{joint.name} sits or weighs {away:g} m away; is its unit there?")
         if (
             rig.is_chain

@@ -15,7 +15,7 @@ from distal.estimators.channels import Channels, sensor_for
 from distal.model import Mechanism, joint_frequency
 from distal.rig import Sensor, gain_of
 
-FARTHEST = 20.0
+MOST_TRAVELS = 20.0
 """A drive is never this many times its travel away from the middle of it."""
 
 
@@ -106,7 +106,7 @@ class FilterContext:
     def credible(self, sensor: Sensor, reading: Any) -> Any:
         """Return 1 where a drive could be where its sensor says, 0 where it is a wild value.
 
-        Geometry is not defined at a place that is `FARTHEST` times the travel away, so that no later guard would stop it.
+        Geometry is not defined at a place `MOST_TRAVELS` times the travel away, so that no later guard would stop it.
 
         Args:
             sensor: one of the channels; what measures no position is always credible.
@@ -117,7 +117,7 @@ class FilterContext:
         drives = [drive.name for drive in self.mechanism.rig.drives]
         low, high = travel(self.mechanism, drives.index(sensor.of))
         away = ca.fabs(reading - sensor.bias.value - 0.5 * (low + high))
-        return away <= FARTHEST * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
+        return away <= MOST_TRAVELS * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
 
     def number(self, path: str, otherwise: float) -> Any:
         """Return a number of the description: an input of the filter where it is given, else a constant.

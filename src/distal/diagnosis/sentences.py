@@ -1,0 +1,118 @@
+"""Every finding and its words: one function each, called by what finds it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from distal.diagnosis.finding import Finding
+
+
+def all_drift(channels: Sequence[str]) -> Finding:
+    """Return that the innovations of all channels are correlated."""
+    several = ", ".join(channels)
+    why = "something acts that the rig does not have (a hand: external_torque; friction at a drive)"
+    return Finding("drifts", several, f"innovations of {several} drift: {why}")
+
+
+def some_drift(channels: Sequence[str], correlation: float) -> Finding:
+    """Return that the innovations of some channels are correlated."""
+    several = ", ".join(channels)
+    text = f"innovations of {several} are not white (correlation {correlation:.1f})"
+    return Finding("drifts", several, f"{text}: geometry, stiffness or friction is off")
+
+
+def disagrees_since(channel: str, since: float) -> Finding:
+    """Return that a sensor disagrees from some time [s] to the end."""
+    text = f"sensor {channel} disagrees from {since:.1f} s on: its innovations are too large to the end"
+    return Finding("disagrees", channel, text)
+
+
+def one_too_large(channel: str, ratio: float) -> Finding:
+    """Return that the innovations of one channel are too large, by the mean of ν²/S."""
+    text = f"sensor {channel} disagrees: innovations {np.sqrt(ratio):.1f}× larger than expected"
+    return Finding("too large", channel, text)
+
+
+def several_too_large(channels: Sequence[str], ratio: float) -> Finding:
+    """Return that the innovations of several channels are too large, by the mean of ν²/S."""
+    text = f"innovations {np.sqrt(ratio):.1f}× larger than expected: the rig's stiffness, friction or geometry is off"
+    return Finding("too large", ", ".join(channels), text)
+
+
+def hardly_compared(channel: str, share: float) -> Finding:
+    """Return that few samples of a channel are compared."""
+    text = f"only {100 * share:.0f} % of {channel} could be compared (missing, or the slider at a stop)"
+    return Finding("hardly compared", channel, text)
+
+
+def not_tested(channel: str, ratio: float) -> Finding:
+    """Return that a channel tests nothing: its innovations are much smaller than expected, by the mean of ν²/S."""
+    text = f"not tested by {channel}: its innovations are {np.sqrt(ratio):.2f} of what is allowed"
+    return Finding("not tested", channel, text)
+
+
+def left_its_prior(state: str, value: float, std: float, prior: float, prior_std: float) -> Finding:
+    """Return that a state ends where its prior says that it is not."""
+    return Finding(
+        "left its prior", state, f"{state} is {value:.3g} ± {std:.1g}, its prior {prior:.3g} ± {prior_std:.1g}"
+    )
+
+
+def does_not_settle(state: str, change: float) -> Finding:
+    """Return that a state still moves at the end of the log, by how much since its middle."""
+    return Finding("left its prior", state, f"{state} does not settle: it moves by {change:.2g} late")
+
+
+def turns_too_far(joint: str, covered: float) -> Finding:
+    """Return that an angle covers more than a joint can [rad]."""
+    degrees = np.rad2deg(covered)
+    text = f"the angle of {joint} covers {degrees:.0f}°, which no joint does: is a gear, a unit or a radius wrong?"
+    return Finding("cannot be there", joint, text)
+
+
+def friction_undeclared(drive: str, value: float) -> Finding:
+    """Return that a drive has friction that the rig does not declare [N, N m]."""
+    size = f"friction that the rig does not have: {value:.2g} at '{drive}' [SI]"
+    return Finding("friction", drive, f"{size} (set drives.*.friction, or a hand acts)")
+
+
+def drive_elsewhere(sensor: str) -> Finding:
+    """Return that a displacement is where its drive cannot be."""
+    return Finding("cannot be there", sensor, f"{sensor} is where its drive cannot be: unit, zero or side?")
+
+
+def outside_the_fit(channel: str, share: float, low: float, high: float) -> Finding:
+    """Return that a channel left what a fit has seen, SI."""
+    text = f"{channel} is outside the range of the fit for {100 * share:.0f} % of the log ({low:.3g} to {high:.3g})"
+    return Finding("out of range", channel, text)
+
+
+def kinematics_disagree(estimator: str, share: float) -> Finding:
+    """Return that a kinematic estimate lies outside both bands."""
+    text = f"{estimator} lies outside both bands {100 * share:.0f} % of the time: stiffness, friction or a zero is off"
+    return Finding("other estimate", estimator, text)
+
+
+def map_disagrees(share: float) -> Finding:
+    """Return that `affine` lies outside both bands."""
+    text = f"affine, learned from logs, lies outside both bands {100 * share:.0f} % of the time"
+    return Finding("other estimate", "affine", text)
+
+
+def looks(subject: str, like: str) -> Finding:
+    """Return what would explain that a log disagrees with its rig."""
+    return Finding("looks like", subject, f"{subject} looks {like}")
+
+
+def cannot_test(subject: str) -> Finding:
+    """Return what no sensor there can test."""
+    return Finding("cannot test", subject, f"a wrong {subject} moves the angle and no innovation")
+
+
+def hangs_on_the_start(state: str, spread: float, *, is_angle: bool) -> Finding:
+    """Return that the angle depends on where the filter began by more than its band."""
+    what = f"where {state}" if is_angle else f"what {state}"
+    text = f"the band is too narrow: the angle hangs {spread:.1f}× as much as it allows on {what} begins with"
+    return Finding("overconfident", state, text)
