@@ -2,8 +2,9 @@
 
 from distal.kernels.cache import cache_folder
 from distal.kernels.compiler import CompileError, Compiler, c_source, find_compiler
+from distal.kernels.in_order import in_order
 from distal.kernels.kernel import Evaluation, Kernel
-from distal.kernels.lanes import LaneKernel, grouped, lanes_here
+from distal.kernels.lanes import LaneKernel, lanes_here
 from distal.kernels.layout import Layout, carry_layout, covariance_of, mean_of, variances_of
 from distal.kernels.probe import probe
 
@@ -19,7 +20,7 @@ __all__ = [
     "carry_layout",
     "covariance_of",
     "find_compiler",
-    "grouped",
+    "in_order",
     "lanes_here",
     "mean_of",
     "probe",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import platform
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -58,31 +58,6 @@ def lanes_here() -> int:
     if "avx512f" in known:
         return 8
     return 4 if "avx2" in known or platform.machine() == "x86_64" else 2
-
-
-Item = TypeVar("Item")
-
-
-def grouped(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
-    """Yield items in groups for the lanes; those that came before an error are yielded before it is raised.
-
-    Args:
-        items: any.
-        size: of a group; the last may be smaller.
-    """
-    group: list[Item] = []
-    try:
-        for item in items:
-            group.append(item)
-            if len(group) == size:
-                yield group
-                group = []
-    except Exception:
-        if group:
-            yield group
-        raise
-    if group:
-        yield group
 
 
 class LaneKernel:

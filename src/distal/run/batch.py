@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -16,14 +14,11 @@ import numpy as np
 from distal.errors import DistalError, EstimationError
 from distal.estimators import DEFAULT, Estimator, KernelEstimator
 from distal.homing.reference import check_homing
-from distal.kernels import LaneKernel, grouped, variances_of
+from distal.kernels import LaneKernel, in_order, variances_of
 from distal.logs import Log, read_log
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
 from distal.run.offline import Run, check_bounds, finished, prepared, runner_for
-
-AHEAD = 2
-"""Groups of runs in work or ready, per worker."""
 
 Skip = Callable[[str, DistalError], None]
 
@@ -124,50 +119,14 @@ def _batch(
         return
     lanes = _lanes(runner)
     size = lanes.lanes if lanes is not None else 1
-    every = chain([first], logs)
-    yield from _ahead(every, size, work, workers=workers, refused=refused, done=done, progress=progress)
-
-
-def _ahead(
-    logs: Iterator[Any],
-    size: int,
-    work: Callable[[Sequence[Any]], list[Estimate | DistalError]],
-    *,
-    workers: int,
-    refused: Callable[[Any, DistalError], None],
-    done: int,
-    progress: Callable[[int], None] | None,
-) -> Iterator[Estimate]:
-    """Yield estimates in order, with a few groups of logs in work; what came before an error is yielded before it."""
-    groups = grouped(logs, size)
-    waiting: deque[tuple[list[Any], Future[list[Estimate | DistalError]]]] = deque()
-    ended: BaseException | None = None
-    pool = ThreadPoolExecutor(workers)
-    try:
-        while True:
-            try:
-                while ended is None and len(waiting) < AHEAD * workers:
-                    group = next(groups, None)
-                    if group is None:
-                        break
-                    waiting.append((group, pool.submit(work, group)))
-            except Exception as problem:
-                ended = problem
-            if not waiting:
-                if ended is not None:
-                    raise ended
-                return
-            sources, future = waiting.popleft()
-            for source, result in zip(sources, future.result()):
-                done += 1
-                if progress is not None:
-                    progress(done)
-                if isinstance(result, Estimate):
-                    yield result
-                else:
-                    refused(source, result)
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    for source, result in in_order(chain([first], logs), size, work, workers):
+        done += 1
+        if progress is not None:
+            progress(done)
+        if isinstance(result, Estimate):
+            yield result
+        else:
+            refused(source, result)
 
 
 def _lanes(runner: Estimator) -> LaneKernel | None:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from threading import Lock
 
@@ -13,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import ScenarioError
-from distal.kernels import Kernel, grouped, lanes_here
+from distal.kernels import Kernel, in_order, lanes_here
 from distal.logs import Log
 from distal.rig import Rig, load_rig
 from distal.simulation.plant import plant_function, run_plants
@@ -21,9 +19,6 @@ from distal.simulation.scenario import Scenario
 from distal.simulation.simulate import Prepared, prepare, sampled
 
 Floats = NDArray[np.float64]
-
-AHEAD = 2
-"""Groups of runs in work or ready, per worker."""
 
 Job = tuple[Scenario | str | Path, int]
 
@@ -63,34 +58,14 @@ def _job(job: object) -> Job:
 
 
 def _batch(rig: Rig, jobs: Iterator[Job], workers: int, progress: Callable[[int], None] | None) -> Iterator[Log]:
-    groups = grouped(jobs, lanes_here())
-    waiting: deque[Future[list[Log | Exception]]] = deque()
-    kernels, done = _Kernels(), 0
-    ended: BaseException | None = None
-    pool = ThreadPoolExecutor(workers)
-    try:
-        while True:
-            try:
-                while ended is None and len(waiting) < AHEAD * workers:
-                    group = next(groups, None)
-                    if group is None:
-                        break
-                    waiting.append(pool.submit(_group, rig, group, kernels))
-            except Exception as problem:  # what came before it is yielded before it
-                ended = problem
-            if not waiting:
-                if ended is not None:
-                    raise ended
-                return
-            for log in waiting.popleft().result():
-                done += 1
-                if progress is not None:
-                    progress(done)
-                if isinstance(log, Exception):
-                    raise log
-                yield log
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    kernels = _Kernels()
+    runs = in_order(jobs, lanes_here(), lambda group: _group(rig, group, kernels), workers)
+    for done, (_, log) in enumerate(runs, 1):
+        if progress is not None:
+            progress(done)
+        if isinstance(log, Exception):
+            raise log
+        yield log
 
 
 class _Kernels:

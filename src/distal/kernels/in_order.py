@@ -1,0 +1,71 @@
+"""Work on many items at once, all workers busy, their results in order, and no more in memory than is in work."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+AHEAD = 2
+"""Groups of items in work or ready, per worker."""
+
+
+def grouped(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
+    """Yield items in groups for the lanes; those that came before an error are yielded before it is raised.
+
+    Args:
+        items: any.
+        size: of a group; the last may be smaller.
+    """
+    group: list[Item] = []
+    try:
+        for item in items:
+            group.append(item)
+            if len(group) == size:
+                yield group
+                group = []
+    except Exception:
+        if group:
+            yield group
+        raise
+    if group:
+        yield group
+
+
+def in_order(
+    items: Iterable[Item], size: int, work: Callable[[list[Item]], list[Result]], workers: int
+) -> Iterator[tuple[Item, Result]]:
+    """Yield each item with its result, in order, with a few groups in work; what came before an error is yielded before it.
+
+    Args:
+        items: may be a generator.
+        size: of a group.
+        work: returns the results of a group.
+        workers: threads.
+    """
+    groups = grouped(items, size)
+    waiting: deque[tuple[list[Item], Future[list[Result]]]] = deque()
+    ended: BaseException | None = None
+    pool = ThreadPoolExecutor(workers)
+    try:
+        while True:
+            try:
+                while ended is None and len(waiting) < AHEAD * workers:
+                    group = next(groups, None)
+                    if group is None:
+                        break
+                    waiting.append((group, pool.submit(work, group)))
+            except Exception as problem:
+                ended = problem
+            if not waiting:
+                if ended is not None:
+                    raise ended
+                return
+            done, future = waiting.popleft()
+            yield from zip(done, future.result())
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
