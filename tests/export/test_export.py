@@ -18,12 +18,13 @@ from typer.testing import CliRunner
 from distal import Log, Rig, estimate, load_rig, load_scenario, make_estimator, read_log, scenario_rig, simulate
 from distal.cli.app import app
 from distal.errors import EstimationError, ExportError, OutputError, RigError
+from distal.estimators import first_values
 from distal.export import Exported, c_filter, export_c, project_files
 from distal.export.names import c_name
 from distal.kernels import find_compiler
 from distal.logs import write_log
 from distal.rig import build_rig, set_value
-from distal.run import first_values, samples_of
+from distal.run import samples_of
 from distal.simulation import build_scenario
 from tests.export.helpers import spoiled
 

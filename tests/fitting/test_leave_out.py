@@ -108,7 +108,7 @@ def test_affine_replaces_the_correction_only_where_it_errs_clearly_less(
         i: replace(one, targets=one.targets + 0.1 * replaced * rng.normal(size=one.targets.shape))
         for i, one in data.items()
     }
-    affine, found = angle_maps(others, worse, groups, prior, rig, OPTIONS)
+    affine, found = angle_maps(others, worse, {}, groups, prior, rig, OPTIONS)
     assert any("what affine says" in note for note in found.notes) == replaced
     if replaced:
         made = rig.model_copy(update={one.table: one.learned for one in (affine, found)})

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, estimate, load_rig
-from distal.estimators import AdaptiveFilter, Belief
+from distal.estimators import AdaptiveFilter, Belief, first_values
 from distal.homing import Window, numbers_homed, plain_samples, with_references
-from distal.run import first_values, samples_of
+from distal.run import samples_of
 from tests.estimators.test_discrepancy import made
 
 

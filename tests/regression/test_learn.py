@@ -12,6 +12,7 @@ from distal.regression import (
     Samples,
     as_discrepancy,
     calibrate_band,
+    calibrate_window,
     discrepancy_kind,
     fit_coefficients,
     inflate_band,
@@ -19,6 +20,7 @@ from distal.regression import (
     predict,
 )
 from distal.regression.affine import affine_kind
+from distal.regression.kernel import map_function, numbers_of
 from distal.regression.learn import Kind, choose_terms
 
 CHANNELS, NOISE = ("a", "b"), np.array([1e-3, 1e-3])
@@ -125,3 +127,34 @@ def test_a_filter_can_say_what_affine_says() -> None:
     np.testing.assert_allclose(said.own[inside], 0.0, atol=1e-20)
     far = replace(seen, angles=seen.angles + 50.0)
     np.testing.assert_allclose(predict(both, far).own, 1.0)
+
+
+def lacking(seed: int, slope: float) -> Samples:
+    """A log of a filter whose angle covers ±1 rad, and that errs by a slope of its own beyond 0, where it was not homed."""
+    one = run(seed)
+    angle = -np.sin(0.9 * one.time)[:, None]
+    error = 0.001 * np.random.default_rng(seed).normal(size=angle.shape) + slope * np.maximum(angle, 0.0)
+    usable = angle[:, 0] < 0.0 if slope else None
+    return replace(one, angles=angle, targets=error, variances=np.full(angle.shape, 1e-6), usable=usable)
+
+
+def test_a_motion_beyond_the_homing_move_widens_the_band_by_what_logs_left_out_erred_by() -> None:
+    """Slopes of ±0.1 rad/rad beyond the move are κ = 0.1; within what it covered the band stays as it was."""
+    made = discrepancy_kind(CHANNELS, CHANNELS, (), ("j0",), NOISE)
+    data = [lacking(seed, 0.0) for seed in range(5)]
+    partly = {i: lacking(10 + i, 0.1 * (-1) ** i) for i in range(5)}
+    learned, _ = learn_map(data, made, range(5), 4.0, partly)
+    assert learned.extrapolation[0] == pytest.approx(0.1, rel=0.1)
+    assert learn_map(data, made, range(5), 4.0)[0].extrapolation == ()
+    after, _ = calibrate_window(learned, partly[0], partly[0].window(4.0))
+    without = predict(after.model_copy(update={"extrapolation": ()}), partly[0])
+    said = predict(after, partly[0])
+    h = np.maximum(0.0, partly[0].angles[:, 0] + said.values - after.homed[0][1])
+    np.testing.assert_allclose(said.variances - without.variances, (learned.extrapolation[0] * h) ** 2, atol=1e-12)
+    assert np.mean(h == 0.0) > 0.4
+    function = map_function(after, 2, [False, False])
+    memory = np.concatenate([partly[0].readings[0], np.zeros(2), np.zeros(len(after.played))])
+    for k in (0, 80, 399):
+        x = np.concatenate([[0.02], partly[0].readings[k], np.ones(2)])
+        *_, variance, _, _ = function(memory, x, np.zeros(2), partly[0].angles[k], numbers_of(after))
+        assert float(variance) == pytest.approx(said.variances[k], rel=1e-9)

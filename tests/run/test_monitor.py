@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from distal import LiveEstimator, Log, Monitor, Rig, estimate, load_scenario, scenario_rig, simulate
+from distal.estimators import first_values
 from distal.rig import build_rig
-from distal.run import HEALTH, Reading, first_values, samples_of
+from distal.run import HEALTH, Reading, samples_of
 
 
 @pytest.fixture(scope="module")

@@ -18,8 +18,8 @@ from distal import (
     simulate,
     smooth,
 )
-from distal.estimators import AdaptiveFilter
-from distal.run import first_values, samples_of
+from distal.estimators import AdaptiveFilter, first_values
+from distal.run import samples_of
 from distal.simulation import build_scenario
 from tests.helpers import rms_degrees
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from distal.errors import EstimationError
-from distal.estimators import AdaptiveFilter, Robustness
+from distal.estimators import AdaptiveFilter, Robustness, first_values
 from distal.logs import Log, true_angles
 from distal.rig import Rig
-from distal.run import first_values, samples_of
+from distal.run import samples_of
 
 
 def lower_bound(rig: Rig, log: Log) -> float:

@@ -14,6 +14,7 @@ from distal.estimators.contract import (
 )
 from distal.estimators.directions import Directions, directions
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise, state_units
+from distal.estimators.gaps import first_values
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.kinematic_chain import ChainKinematics
 from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
@@ -45,6 +46,7 @@ __all__ = [
     "check_time",
     "directions",
     "external_torques_of",
+    "first_values",
     "kinds_by_joint",
     "kinds_of",
     "make_estimator",

@@ -26,6 +26,17 @@ ROUNDING = 1e-9
 """Share of an interval by which a stamp may be off without another prediction."""
 
 
+def first_values(samples: Floats) -> Floats:
+    """Return the first value of each channel that is not missing, (n_channels,).
+
+    Args:
+        samples: NaN where missing, (k, n_channels).
+    """
+    there = np.isfinite(samples)
+    values: Floats = samples[there.argmax(axis=0), np.arange(samples.shape[1])]
+    return values
+
+
 def predictions(dt: float, interval: float) -> int:
     """Return how many predictions an interval needs; twice `MOST_BRIDGES` stands for any number that is as large.
 

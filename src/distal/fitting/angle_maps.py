@@ -24,6 +24,7 @@ CLEARLY = 1.1
 def angle_maps(
     known: Sequence[Log],
     data: Mapping[int, Samples],
+    partly: Mapping[int, Samples],
     groups: Sequence[str],
     prior: Rig,
     learned: Rig,
@@ -34,6 +35,7 @@ def angle_maps(
     Args:
         known: logs with a truth.
         data: what the filter makes of them with numbers that have not seen them, by the index of the log.
+        partly: the same of some of these logs, after a homing move that covers half of their range.
         groups: of each log, which are left out together.
         prior: the description as it came.
         learned: with the fitted numbers.
@@ -46,7 +48,8 @@ def angle_maps(
     if data:
         samples, own = list(data.values()), [groups[i] for i in data]
         kind = discrepancy_of(learned, samples)
-        found = map_of(samples, kind, learned, options.homing, own, scored=False)
+        half = {k: partly[i] for k, i in enumerate(data) if i in partly}
+        found = map_of(samples, kind, learned, options.homing, own, scored=False, partly=half)
         if options.homing is None:
             among = [_at_times_of(data[i], affine_samples(known[i], learned)) for i in data]
             found = as_good_as_a_line(found, affine, [(kind, samples), (affine_of(learned), among)], own, learned)

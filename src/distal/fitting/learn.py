@@ -14,7 +14,7 @@ from distal.fitting.cross_fit import cross_fit
 from distal.fitting.curves import curves
 from distal.fitting.fitted import assignments
 from distal.fitting.groups import folds_of, groups_of
-from distal.fitting.map_samples import filtered, mean_rms
+from distal.fitting.map_samples import filtered, mean_rms, partly_homed
 from distal.fitting.maps import MapFit, learn_contact
 from distal.fitting.numbers import Numbers, numbers_of
 from distal.fitting.options import Options
@@ -103,7 +103,9 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
             as_sure, _ = cross_filtered(other)
             if len(as_sure) == len(data) and mean_rms(as_sure) < SURER * mean_rms(data):
                 data, share = as_sure, other
-        maps += angle_maps(known, data, groups, rig, written(numbers, share), options)
+        rigs = [written(own, share) for own in unseen]
+        partly = partly_homed(known, [rigs[fold] for fold in folds], options.homing, False) if data else {}
+        maps += angle_maps(known, data, partly, groups, rig, written(numbers, share), options)
     learned = written(numbers, share)
     maps += _contact_map(logs, learned, options)
     whole = learned.with_values({one.table: one.learned.model_dump() for one in maps}) if maps else learned

@@ -9,19 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalError, EstimationError
-from distal.estimators import AdaptiveFilter, channels_of
+from distal.estimators import AdaptiveFilter, channels_of, first_values
 from distal.fitting.stops import in_stops
 from distal.homing import Window, check_homing, numbers_homed, plain_samples, torque_samples, with_references
 from distal.logs import Log, TruthKind, shown, true_angles, true_torques
 from distal.regression import Kind, Samples, contact_kind, discrepancy_kind
 from distal.rig import Rig, Sensor
-from distal.run import first_values, samples_of
+from distal.run import samples_of
 from distal.sensors import variance
 
 Floats = NDArray[np.float64]
 
 OFFSETS = 2.0
 """What angles lack in the mean may be the encoder's offset up to so many of its standard deviations."""
+
+MOST_PARTLY, FEWEST_PARTLY = 12, 20
+"""So many logs at most say what a homing move that covers half of the range costs, each with so many samples in it."""
 
 SETTLING = 0.5
 """Without homing a filter finds the joint within so long [s]; errors count after that."""
@@ -48,7 +51,11 @@ def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
 
 
 def filtered(
-    logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None, compiled: bool
+    logs: Sequence[Log],
+    rigs: Sequence[Rig],
+    homing: float | None,
+    compiled: bool,
+    usable: NDArray[np.bool_] | None = None,
 ) -> tuple[dict[int, Samples], list[str]]:
     """Return what the filter makes of logs, by the index of the log, and why of some it makes nothing.
 
@@ -57,6 +64,7 @@ def filtered(
         rigs: the description for each, without a discrepancy.
         homing: length of the homing move [s], or None.
         compiled: compile kernels where possible.
+        usable: which samples of each log the homing move may use; default all.
     """
     data, refused, made = dict[int, Samples](), list[str](), dict[int, AdaptiveFilter]()
     for i, (log, rig) in enumerate(zip(logs, rigs)):
@@ -64,7 +72,7 @@ def filtered(
             if id(rig) not in made:
                 described, references = with_references(rig, log) if homing is not None else (rig, ())
                 made[id(rig)] = AdaptiveFilter(described, compiled, references=references)
-            one = _filtered(log, made[id(rig)], homing)
+            one = _filtered(log, made[id(rig)], homing, usable)
         except DistalError as problem:
             refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")
             continue
@@ -76,6 +84,35 @@ def filtered(
     if sensor and data:
         data = dict(zip(data, without_offset(list(data.values()), rigs[0])))
     return data, refused
+
+
+def partly_homed(logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None, compiled: bool) -> dict[int, Samples]:
+    """Return what the filter makes of some logs after a homing move that covers half of their range, by their index.
+
+    The half is that of the first angle. Used are `MOST_PARTLY` logs, spread over all, where the window has such samples.
+
+    Args:
+        logs: with truth.
+        rigs: the description for each.
+        homing: length of the homing move [s]; None gives nothing.
+        compiled: compile kernels where possible.
+    """
+    if homing is None:
+        return {}
+    chosen = np.unique(np.linspace(0, len(logs) - 1, min(len(logs), MOST_PARTLY)).round().astype(int))
+    found = dict[int, Samples]()
+    for i in map(int, chosen):
+        truths = true_angles(logs[i], [joint.name for joint in rigs[i].joints])
+        assert truths is not None
+        middle = 0.5 * (np.nanmin(truths, axis=0) + np.nanmax(truths, axis=0))
+        side = np.sign(truths - middle) * np.sign(truths[np.isfinite(truths).all(axis=1)][:1] - middle)
+        usable = (side >= 0.0).all(axis=1)
+        if np.count_nonzero(usable & (logs[i].time - logs[i].time[0] < homing)) < FEWEST_PARTLY:
+            continue
+        one, _ = filtered([logs[i]], [rigs[i]], homing, compiled, usable)
+        if one:
+            found[i] = replace(one[0], usable=usable)
+    return found
 
 
 def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
@@ -99,7 +136,7 @@ def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
     return [replace(one, targets=one.targets - common) for one in data]
 
 
-def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None) -> Samples:
+def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None, usable: NDArray[np.bool_] | None) -> Samples:
     truths = true_angles(log, [joint.name for joint in runner.rig.joints])
     assert truths is not None
     m = len(runner.places)
@@ -110,8 +147,9 @@ def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None) -> Samples
     early = log.time - log.time[0] < (SETTLING if homing is None else homing)
     if homing is not None:
         check_homing(homing, log, [joint.name for joint in runner.rig.joints])
-        aided = np.column_stack([proximal, np.where(early[:, None], truths[:, : reference.shape[1]], np.nan)])
-        start = numbers_homed(Window.of(runner, start, log, aided, truths, homing))
+        known = truths if usable is None else np.where(usable[:, None], truths, np.nan)
+        aided = np.column_stack([proximal, np.where(early[:, None], known[:, : reference.shape[1]], np.nan)])
+        start = numbers_homed(Window.of(runner, start, log, aided, known, homing))
     elif log.time[-1] - log.time[0] > 4 * SETTLING:
         # where the joint begins is not known yet: that is no error of the model
         truths = np.where(early[:, None], np.nan, truths)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from distal.errors import FitError
 from distal.estimators import affine_of, affine_samples
 from distal.fitting.fitted_file import fitted_text, plain
 from distal.fitting.groups import folds_of
-from distal.fitting.map_samples import contact_of, discrepancy_of, filtered, has_torque, torques_of
+from distal.fitting.map_samples import contact_of, discrepancy_of, filtered, has_torque, partly_homed, torques_of
 from distal.homing import (
     check_homing,
 )
@@ -183,7 +184,9 @@ def learn_discrepancy(
     data = list(found.values())
     if not data:
         raise FitError(f"discrepancy: adaptive cannot run on any of the logs: {refused[0]}")
-    return map_of(data, discrepancy_of(rig, data), rig, homing, groups, notes=refused)
+    ran = [known[i] for i in found]
+    partly = partly_homed(ran, [bare] * len(ran), homing, compiled)
+    return map_of(data, discrepancy_of(rig, data), rig, homing, groups, notes=refused, partly=partly)
 
 
 def learn_contact(
@@ -234,6 +237,7 @@ def map_of(
     *,
     notes: Sequence[str] = (),
     scored: bool = True,
+    partly: Mapping[int, Samples] = MappingProxyType({}),
 ) -> MapFit:
     """Return what logs teach of a kind of map, and how it does on logs left out.
 
@@ -245,9 +249,10 @@ def map_of(
         groups: which logs are left out together; default each alone.
         notes: said before those of this function.
         scored: whether each log is left out once more, by the whole pipeline, for a score.
+        partly: some of the logs after a homing move of half their range, see `learn_map`.
     """
     folds = folds_of(list(groups) if groups is not None else [str(i) for i in range(len(data))])
-    learned, chosen = learn_map(data, kind, folds, homing)
+    learned, chosen = learn_map(data, kind, folds, homing, partly)
     said, count = [*notes, f"{kind.name}: {chosen.name}"], len(set(folds))
     if count < ENOUGH_LOGS:
         said.append(
@@ -258,7 +263,8 @@ def map_of(
     scores = list[LeftOut]()
     for fold in sorted(set(folds)) if scored and count >= FOR_SCORES else ():
         rest = [i for i, own in enumerate(folds) if own != fold]
-        others, _ = learn_map([data[i] for i in rest], kind, [folds[i] for i in rest], homing)
+        half = {k: partly[i] for k, i in enumerate(rest) if i in partly}
+        others, _ = learn_map([data[i] for i in rest], kind, [folds[i] for i in rest], homing, half)
         scores += [_score(others, data[i], kind, homing) for i in range(len(data)) if folds[i] == fold]
     described = rig.with_values({kind.name: learned.model_dump()})
     sources = tuple(one.source for one in data)

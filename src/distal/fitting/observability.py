@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError
-from distal.estimators import AdaptiveFilter, Directions, directions
+from distal.estimators import AdaptiveFilter, Directions, directions, first_values
 from distal.homing import check_homing, with_references
 from distal.kernels import covariance_of, variances_of
 from distal.logs import Log
 from distal.results import BAND, COLOURS, DASHES, Estimate, figure, from_start, legend_above, save_figure, time_label
 from distal.rig import Rig, Sensor
-from distal.run import estimate, first_values, samples_of, with_channel
+from distal.run import estimate, samples_of, with_channel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

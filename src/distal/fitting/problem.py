@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators import AdaptiveFilter, Robustness
+from distal.estimators import AdaptiveFilter, Robustness, first_values
 from distal.fitting.free import Free
 from distal.fitting.likelihood import Derivatives, Innovations, Weighing, cost_of, derivatives_of
 from distal.fitting.resampling import refined, steps_per_sample
@@ -19,7 +19,7 @@ from distal.kernels import CompileError, LaneKernel, covariance_of, mean_of
 from distal.kernels.mask import COMPARED_ONLY
 from distal.logs import Log, true_angles
 from distal.rig import Rig, Sensor
-from distal.run import first_values, samples_of
+from distal.run import samples_of
 from distal.sensors import variance
 
 Floats = NDArray[np.float64]

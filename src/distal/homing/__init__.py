@@ -9,6 +9,8 @@ from distal.homing.apply import (
     plain_samples,
     torque_samples,
 )
+from distal.homing.home import Homed, home
+from distal.homing.least_squares import led_astray, with_straight_line
 from distal.homing.reference import (
     TRUTH_NOISE,
     added_reference,
@@ -21,6 +23,7 @@ from distal.homing.window import Window
 
 __all__ = [
     "TRUTH_NOISE",
+    "Homed",
     "Window",
     "added_reference",
     "at_known_angle",
@@ -28,10 +31,13 @@ __all__ = [
     "calibrated",
     "check_homing",
     "held",
+    "home",
     "homed",
     "homing_prior",
+    "led_astray",
     "numbers_homed",
     "plain_samples",
     "torque_samples",
     "with_references",
+    "with_straight_line",
 ]

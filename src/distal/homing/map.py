@@ -34,7 +34,7 @@ EVALUATIONS = 30
 STEP = 0.02
 """Change of a number by which its slope is found, in stds of its prior."""
 
-INDEPENDENT = 0.1
+INDEPENDENT = 1.0
 """Errors are taken to last at least so long [s]: 0.02 to 0.3 s gave the same, 1 s and more lost (docs/estimators.md)."""
 
 UNEXPLAINED = 10.0

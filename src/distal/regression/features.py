@@ -34,6 +34,7 @@ class Samples:
         variances: of the filter's own angles, zero where there is no filter, (k, n_joints).
         interval: between samples [s].
         reference_std: what the reference of the targets itself errs by; 0 where that is not known.
+        usable: which samples a homing move may use, (k,); None for all before its end.
     """
 
     source: str
@@ -44,6 +45,7 @@ class Samples:
     variances: Floats
     interval: float
     reference_std: float = 0.0
+    usable: Bools | None = None
 
     def part(self, rows: Bools) -> Samples:
         """Return some of the samples.
@@ -53,6 +55,15 @@ class Samples:
         """
         names = ("time", "readings", "angles", "targets", "variances")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+    def window(self, homing: float) -> Bools:
+        """Return which samples a homing move of so long [s] may use, (k,).
+
+        Args:
+            homing: its length.
+        """
+        early: Bools = self.time < homing
+        return early if self.usable is None else early & self.usable
 
     @property
     def every(self) -> Floats:
@@ -172,6 +183,22 @@ def outside(learned: LearnedMap, samples: Samples) -> Floats:
     return excess
 
 
+def beyond_homing(learned: LearnedMap, samples: Samples, joint: int, values: Floats) -> Floats:
+    """Return how far the corrected angle of a joint is beyond what a homing move covered [rad], (k,).
+
+    Args:
+        learned: the map after the move; before it nothing is beyond.
+        samples: of the log.
+        joint: its index.
+        values: of the map, which are added to the filter's own angle, (k,).
+    """
+    if not learned.homed:
+        return np.zeros(len(samples.time))
+    (low, high), angles = learned.homed[joint], values + (samples.angles[:, joint] if learned.uses_angles else 0.0)
+    beyond: Floats = np.maximum(0.0, np.maximum(low - angles, angles - high))
+    return beyond
+
+
 def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
     """Return how much a map takes of the filter's own angle of a joint, ∂(map)/∂θ, over a log, (k,).
 
@@ -205,9 +232,10 @@ class Predicted:
 
 
 def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:
-    """Return what a map says of a joint over a log: φᵀ b, with c² (φᵀ C φ + s²) + d² (s² + spread²) as its variance.
+    """Return what a map says of a joint over a log, φᵀ b, and its variance c² (φᵀ C φ + s²) + d² (s² + spread²) + (κ h)².
 
-    d is from `outside`; of the filter's own variance own² (1 + ∂(map)/∂θ)² counts.
+    d is from `outside`, h from `beyond_homing`, κ is `LearnedMap.extrapolation`; of the filter's own variance
+    own² (1 + ∂(map)/∂θ)² counts.
 
     Args:
         learned: the map.
@@ -215,11 +243,14 @@ def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:
         joint: its index.
     """
     own, phi, far = learned.joints[joint], design(learned, samples), outside(learned, samples)
+    values = phi @ np.asarray(own.coefficients)
     leverage = np.sum(phi @ np.asarray(own.covariance) * phi, axis=1)
     beyond = far**2 * (own.std**2 + learned.spread[joint] ** 2)
+    if learned.extrapolation:
+        beyond = beyond + (learned.extrapolation[joint] * beyond_homing(learned, samples, joint, values)) ** 2
     weight = learned.own * (1.0 + own_slope(learned, samples, joint))
     return Predicted(
-        phi @ np.asarray(own.coefficients),
+        values,
         learned.band[joint] ** 2 * (leverage + own.std**2) + beyond,
         weight**2 * samples.variances[:, joint],
     )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from distal.kernels.mask import is_read
 from distal.regression.features import SMALLEST_HALF, columns, limits, variables
+from distal.regression.window import ANYWHERE
 from distal.rig import LearnedMap
 
 Floats = NDArray[np.float64]
@@ -30,7 +31,7 @@ def memory_size(learned: LearnedMap) -> int:
 def _number_sizes(learned: LearnedMap) -> list[int]:
     """Return the sizes of what `numbers_of` puts side by side."""
     m, n, nj, size = len(learned.channels), len(learned.centre), len(learned.joints), len(learned.terms)
-    return [n, n, n, n, n, m, m * m, 1, 1, nj, nj, *(nj * [size, size * size, 1])]
+    return [n, n, n, n, n, m, m * m, 1, 1, nj, nj, nj, nj, nj, *(nj * [size, size * size, 1])]
 
 
 def numbers_of(learned: LearnedMap) -> Floats:
@@ -41,6 +42,8 @@ def numbers_of(learned: LearnedMap) -> Floats:
     """
     names = ("centre", "scale", "low", "high", "rate", "width", "distance", "reach", "own", "spread", "band")
     parts = [np.asarray(getattr(learned, name), dtype=np.float64).ravel() for name in names]
+    homed = np.array(learned.homed or [ANYWHERE] * len(learned.joints))
+    parts += [np.array(learned.extrapolation or [0.0] * len(learned.joints)), *homed.T]
     for joint in learned.joints:
         parts += [np.asarray(joint.coefficients), np.asarray(joint.covariance).ravel(), np.array([joint.std])]
     return np.concatenate(parts)
@@ -52,7 +55,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     A value is φᵀ b. An error e of the filter's own angle becomes gain · e with gain = own (1 + ∂value/∂θ); what the map
     itself does not know has the variance c² (φᵀ C φ + s²) + d² (s² + spread²), d being how far readings are outside the
     learned range, and for each reading that is missing since a time a the square of ∂value/∂reading times
-    min(rate · a, its whole range).
+    min(rate · a, its whole range). Each radian beyond what a homing move covered adds κ², see `beyond_homing`.
 
     Args:
         learned: the map; its coefficients and ranges are parameters (`numbers_of`).
@@ -64,7 +67,8 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     places, angles = ca.SX.sym("places", m), ca.SX.sym("angles", nj)
     sizes = _number_sizes(learned)
     numbers = ca.SX.sym("numbers", sum(sizes))
-    centre, scale, low, high, rate, half_play, distance, reach, share, spread, band, *own = _split(numbers, sizes)
+    centre, scale, low, high, rate, half_play, distance, reach, share, spread, band, *rest = _split(numbers, sizes)
+    extrapolation, homed_low, homed_high, *own = rest
     held, ages, plays = _split(memory, [m, m, k])
     there = [is_read(x[1 + width + i]) for i in range(m)]
     aged = [ca.if_else(there[i], 0, ages[i] + x[0]) for i in range(m)]
@@ -92,6 +96,9 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         value = ca.dot(coefficients, phi)
         slopes = ca.jacobian(value, symbols)
         variance = band[j] ** 2 * (_form(covariance, phi) + std**2) + far**2 * (std**2 + spread[j] ** 2)
+        corrected = symbols[m + j] + value if n > m else value
+        past = ca.fmax(0, ca.fmax(homed_low[j] - corrected, corrected - homed_high[j]))
+        variance += (extrapolation[j] * past) ** 2
         for i in range(m):
             variance += (slopes[i] * ca.fmin(rate[i] * aged[i], 2 * half[i])) ** 2
         values.append(value)

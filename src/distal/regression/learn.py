@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError
-from distal.regression.conformal import NORMAL, Errors, conformal_factor, student
-from distal.regression.features import Samples, design, predict
+from distal.regression.conformal import COVERED, NORMAL, Errors, conformal_factor, student
+from distal.regression.features import Samples, beyond_homing, design, predict
 from distal.regression.random_effects import independent, random_effects, row_of, rows_of
 from distal.regression.window import calibrate_window
 from distal.rig import JointMap, LearnedMap
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 ENOUGH_LOGS = 5
 """With fewer logs than this, what changes from log to log is hardly known, and the band is widened for that."""
@@ -89,7 +91,11 @@ class Kind:
 
 
 def learn_map(
-    data: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None
+    data: Sequence[Samples],
+    kind: Kind,
+    folds: Sequence[int],
+    homing: float | None,
+    partly: Mapping[int, Samples] = MappingProxyType({}),
 ) -> tuple[LearnedMap, Terms]:
     """Return the map that logs teach, its terms chosen and its band sized by logs left out, and these terms.
 
@@ -98,9 +104,15 @@ def learn_map(
         kind: what is learned.
         folds: of the logs; those of one are left out together.
         homing: learn for the use after a homing window of so long [s], or None.
+        partly: some of the logs, by their index, after a homing move that covers half of their range: what they err by
+            beyond it sizes `LearnedMap.extrapolation`.
     """
     chosen = choose_terms(data, kind, folds, homing)
-    return calibrate_band(data, kind, chosen, folds, homing), chosen
+    learned = calibrate_band(data, kind, chosen, folds, homing)
+    if partly and homing is not None and len(set(folds)) > 1:
+        costs = extrapolation(data, learned, kind, chosen, folds, homing, partly)
+        learned = learned.model_copy(update={"extrapolation": costs})
+    return learned, chosen
 
 
 def choose_terms(data: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None) -> Terms:
@@ -270,7 +282,7 @@ def errors_of(learned: LearnedMap, out: Samples, kind: Kind, homing: float | Non
     late = np.ones(len(out.time), dtype=bool)
     if homing is not None:
         late = out.time >= homing
-        learned, _ = calibrate_window(learned, out, ~late, kind.by_motion)
+        learned, _ = calibrate_window(learned, out, out.window(homing), kind.by_motion)
     errors = []
     for j in range(len(learned.joints)):
         said = predict(learned, out, j)
@@ -353,6 +365,59 @@ def share_of_few(errors: Sequence[Sequence[Errors]]) -> float:
         np.quantile(np.abs(e) / np.sqrt(np.maximum(v, 1e-30)), 0.95) for log in errors for e, _, v in log if len(e)
     ]
     return float(min(1.0, max(needed, default=NORMAL) / NORMAL))
+
+
+def extrapolation(
+    data: Sequence[Samples],
+    learned: LearnedMap,
+    kind: Kind,
+    chosen: Terms,
+    folds: Sequence[int],
+    homing: float,
+    partly: Mapping[int, Samples],
+) -> tuple[float, ...]:
+    """Return by how much an angle errs for each radian beyond what a homing move covered, by logs left out.
+
+    Of a log κ² = (mean e² − mean v)/mean h² over what lies beyond, with the variance v that is said without it and the
+    distance h of `beyond_homing`; of several logs it is the 95 % quantile, since each run has one of its own.
+
+    Args:
+        data: of the logs.
+        learned: from all of them, its band sized.
+        kind: what is learned.
+        chosen: the terms.
+        folds: of the logs.
+        homing: length of the homing window [s].
+        partly: see `learn_map`.
+    """
+    costs: list[list[float]] = [[0.0] for _ in learned.joints]
+    for i, out in partly.items():
+        rest = [one for one, own in zip(data, folds) if own != folds[i]]
+        if not _all_known(rest, kind):
+            continue
+        told = fit_coefficients(rest, kind, chosen).model_copy(update={"band": learned.band, "own": learned.own})
+        told, _ = calibrate_window(told, out, out.window(homing), kind.by_motion)
+        for j, own in enumerate(costs):
+            own += cost_beyond(told, out, j, out.time >= homing)
+    return tuple(float(np.quantile(own[1:] or own, COVERED)) for own in costs)
+
+
+def cost_beyond(learned: LearnedMap, samples: Samples, joint: int, judged: Bools) -> list[float]:
+    """Return κ of a log: what a map errs by for each radian beyond what its homing move covered; none if nothing is beyond.
+
+    Args:
+        learned: after the move.
+        samples: of the log.
+        joint: its index.
+        judged: which samples say so, (k,).
+    """
+    said = predict(learned, samples, joint)
+    past, target = beyond_homing(learned, samples, joint, said.values), samples.targets[:, joint]
+    there = judged & np.isfinite(target) & (past > 0.0)
+    if not there.any():
+        return []
+    excess = float(np.mean(((said.values - target) ** 2 - said.variances - said.own)[there]))
+    return [float(np.sqrt(max(excess, 0.0) / float(np.mean(past[there] ** 2))))]
 
 
 def inflate_band(learned: LearnedMap, factors: Sequence[float]) -> LearnedMap:

@@ -12,6 +12,9 @@ from distal.rig import JointMap, LearnedMap
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+ANYWHERE = (-1e9, 1e9)
+"""Range of an angle without bounds [rad]."""
+
 EXPECTED = 3.0
 """A homing move whose coefficients are this many standard deviations off widens what the stored map said."""
 
@@ -43,7 +46,20 @@ def calibrate_window(
         after, off = _after_window(joint, x, y, count, learned.logs)
         joints.append(after)
         worst = max(worst, off)
-    return learned.model_copy(update={"joints": tuple(joints)}), worst
+    return learned.model_copy(update={"joints": tuple(joints), "homed": _covered(learned, samples, window)}), worst
+
+
+def _covered(learned: LearnedMap, samples: Samples, window: Bools) -> tuple[tuple[float, float], ...]:
+    """Return lowest and highest truth of each joint in a window; one that is not known there has no bounds.
+
+    Args:
+        learned: the map.
+        samples: of the log.
+        window: which of them, (k,).
+    """
+    known = [window & np.isfinite(target) for target in samples.targets.T]
+    truths = (samples.targets + samples.angles if learned.uses_angles else samples.targets).T
+    return tuple((float(a[k].min()), float(a[k].max())) if k.any() else ANYWHERE for a, k in zip(truths, known))
 
 
 def seen(learned: LearnedMap, samples: Samples) -> LearnedMap:

@@ -77,6 +77,13 @@ class LearnedMap(Description):
     own: float = Field(1.0, ge=0.0, le=1.0, description="share of the filter's own standard deviation that counts")
     spread: Row = Field(description="RMS over the logs of what is mapped: outside the range so much is not known")
     band: Row = Field(description="c, one for each joint: factor on the standard deviation, by logs left out")
+    extrapolation: Row = Field(
+        (), description="what the angle errs by for each radian beyond what a homing move covered, of each joint [1]"
+    )
+    homed: tuple[tuple[float, float], ...] = Field(
+        (),
+        description="lowest and highest angle that this run's homing move covered, of each joint [rad]",
+    )
     logs: int = Field(ge=0, description="number of logs; 0: from a homing move alone")
     dropped: tuple[str, ...] = Field((), description="sensors that told nothing of their own: constant, or collinear")
     joints: tuple[JointMap, ...] = Field(min_length=1, description="coefficients and covariance, one for each joint")
@@ -116,6 +123,9 @@ class LearnedMap(Description):
         for name, size in (("width", m), ("spread", joints), ("band", joints)):
             if len(getattr(self, name)) != size:
                 raise ValueError(f"{name} must have {size} entries; {len(getattr(self, name))} came")
+        for name in ("extrapolation", "homed"):
+            if len(getattr(self, name)) not in (0, joints):
+                raise ValueError(f"{name} must have {joints} entries or none; {len(getattr(self, name))} came")
         if len(self.distance) != m or any(len(row) != m for row in self.distance):
             raise ValueError(f"distance must be {m} rows of {m} numbers")
         if (

@@ -4,7 +4,7 @@ from distal.run.batch import estimate_batch
 from distal.run.health import log_health
 from distal.run.live import LiveEstimator
 from distal.run.monitor import HEALTH, Monitor, Reading
-from distal.run.offline import HOMED, estimate, first_values, samples_of, with_channel
+from distal.run.offline import HOMED, estimate, samples_of, with_channel
 from distal.run.smoothing import smooth
 
 __all__ = [
@@ -15,7 +15,6 @@ __all__ = [
     "Reading",
     "estimate",
     "estimate_batch",
-    "first_values",
     "log_health",
     "samples_of",
     "smooth",

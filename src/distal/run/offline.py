@@ -22,12 +22,12 @@ from distal.estimators import (
     Estimator,
     FullStateFilter,
     KernelEstimator,
+    first_values,
     kinds_of,
     make_estimator,
 )
-from distal.homing.apply import calibrate_contact, calibrated, homing_prior
+from distal.homing.home import home
 from distal.homing.reference import check_homing, homed, with_references
-from distal.homing.window import Window
 from distal.kernels import covariance_of
 from distal.logs import LARGEST_READING, Log, frozen, read_log, true_angles, true_torques
 from distal.results import Estimate
@@ -87,13 +87,6 @@ def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
                 stacklevel=4,
             )
     return np.where(wild, np.nan, samples)
-
-
-def first_values(samples: Floats) -> Floats:
-    """Return the first value of each channel that is not missing, (n_channels,)."""
-    there = np.isfinite(samples)
-    values: Floats = samples[there.argmax(axis=0), np.arange(samples.shape[1])]
-    return values
 
 
 def estimate(
@@ -160,6 +153,7 @@ class Run:
         samples: values of its channels, (k, n_channels).
         start: what it believes before the first sample.
         homing: for how long the truth is used [s], or None.
+        notes: on how the homing move was used.
     """
 
     log: Log
@@ -167,6 +161,7 @@ class Run:
     samples: Floats
     start: Belief
     homing: float | None
+    notes: tuple[str, ...] = ()
 
     @property
     def reads_reference(self) -> bool:
@@ -255,12 +250,8 @@ def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
     samples = samples_of(read, runner.channels, runner.name)
     start = runner.initial(log.time[0], first_values(samples))
     if homing is not None and isinstance(runner, AdaptiveFilter) and references_of(runner):
-        if runner.discrepancy is not None:
-            runner, start, samples, _ = calibrated(runner, start, log, samples, known, homing)
-        else:
-            start = homing_prior(Window.of(runner, start, log, samples, known, homing))
-        if runner.contact is not None:
-            runner = calibrate_contact(runner, log, samples, homing)
+        found = home(runner, start, log, samples, known, homing)
+        return Run(log, found.runner, found.samples, found.start, homing, found.notes)
     return Run(log, runner, samples, start, homing)
 
 
@@ -326,7 +317,7 @@ def finished(
         truths=known,
         covariances=None if covariances is None else frozen(covariances),
         joint_names=joints,
-        notes=runner.notes_of(means, run.samples) if isinstance(runner, KernelEstimator) else (),
+        notes=(*run.notes, *(runner.notes_of(means, run.samples) if isinstance(runner, KernelEstimator) else ())),
         prior_means=prior_means,
         prior_stds=prior_stds,
         stamps=log.stamps,

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators import AdaptiveFilter
+from distal.estimators import AdaptiveFilter, first_values
 from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen, true_angles
 from distal.results import Estimate
 from distal.rig import Rig
-from distal.run.offline import first_values, out_of_bounds, priors_of, samples_of
+from distal.run.offline import out_of_bounds, priors_of, samples_of
 
 Floats = NDArray[np.float64]
 

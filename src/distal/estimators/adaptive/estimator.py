@@ -28,7 +28,7 @@ from distal.kernels.mask import is_read
 from distal.logs import frozen
 from distal.model import RESOLUTION, Mechanism, joint_frequency
 from distal.regression import first_memory, numbers_of, reporting_function
-from distal.rig import Contact, Discrepancy, LearnedMap, Rig, Sensor
+from distal.rig import Affine, Contact, Discrepancy, LearnedMap, Rig, Sensor
 
 Floats = NDArray[np.float64]
 
@@ -59,6 +59,7 @@ class AdaptiveFilter(KernelEstimator):
             `CHAIN_RESOLUTION`.
         trace: let the kernel put out what a smoother needs.
         kinds: kinds of states that there may be; each returns the blocks of a rig.
+        line: a map of the readings whose angles are reported in place of the filter's own and of its discrepancy.
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -76,6 +77,7 @@ class AdaptiveFilter(KernelEstimator):
         resolution: float | None = None,
         trace: bool = False,
         kinds: Sequence[Kind] = KINDS,
+        line: Affine | None = None,
     ) -> None:
         mechanism, channels = Mechanism(rig, inputs, remembers=True), channels_of(rig, name, references)
         guards = Robustness.usual(len(rig.joints)) if robustness is None else robustness
@@ -85,7 +87,7 @@ class AdaptiveFilter(KernelEstimator):
         longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
         self._count = min(max(1, int(np.ceil(channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
         # a smoother goes back over the filter's own states
-        learned = () if trace else (rig.discrepancy, rig.contact)
+        learned = () if trace else (rig.discrepancy if line is None else line, rig.contact)
         self._maps = tuple(one for one in learned if one is not None)
         self._check_maps(channels)
         numbers = [mechanism.parameters.values, *(numbers_of(one) for one in self._maps)]
@@ -132,10 +134,10 @@ class AdaptiveFilter(KernelEstimator):
         return list(states_of(StateKind.EXTERNAL_TORQUE, joints, self.state_kinds, self.state_parts).values())
 
     def _reporting(self, function: ca.Function) -> ca.Function:
-        """Return the filter with what its maps say among its outputs; a torque's takes the place of the filter's own."""
+        """Return the filter with what its maps say among its outputs; only a discrepancy is added to its own."""
         if not self._maps:
             return function
-        maps = [(one, self._reported(one), not isinstance(one, Contact)) for one in self._maps]
+        maps = [(one, self._reported(one), isinstance(one, Discrepancy)) for one in self._maps]
         context = self._states.context
         return reporting_function(function, maps, len(context.channels.names), self.places, context.n_joints)
 

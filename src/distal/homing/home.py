@@ -1,0 +1,66 @@
+"""What a filter begins a run with after its homing move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators import AdaptiveFilter, Belief
+from distal.homing.apply import calibrate_contact, calibrated, homing_prior
+from distal.homing.least_squares import led_astray, with_straight_line
+from distal.homing.window import Window
+from distal.logs import Log
+
+Floats = NDArray[np.float64]
+
+ASTRAY_NOTE = (
+    "on the second half of the homing move the filter erred by {} and least squares on the first half clearly less: the "
+    "rig is described wrong, and the angle is that of least squares on the whole move (affine)"
+)
+
+
+@dataclass(frozen=True)
+class Homed:
+    """A run after its homing move.
+
+    Args:
+        runner: the filter, its maps those of this run.
+        start: what it believes before the first sample.
+        samples: values of its channels, (k, n_channels).
+        notes: on how the move was used.
+    """
+
+    runner: AdaptiveFilter
+    start: Belief
+    samples: Floats
+    notes: tuple[str, ...] = ()
+
+
+def home(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, known: Floats, homing: float) -> Homed:
+    """Return filter, first belief and samples of a run, as its homing move tells them.
+
+    With a discrepancy the move corrects it. Else the filter reads the reference; where least squares does clearly better
+    within the move, that is reported.
+
+    Args:
+        runner: the filter, the reference among its channels.
+        start: what it believes before the first sample.
+        log: the log.
+        samples: values of its channels, the reference known within the window, (k, n_channels).
+        known: true angles [rad], NaN where not known, (k, n_joints).
+        homing: length of the window [s].
+    """
+    notes = tuple[str, ...]()
+    if runner.discrepancy is not None:
+        runner, begun, samples, _ = calibrated(runner, start, log, samples, known, homing)
+    else:
+        begun = homing_prior(Window.of(runner, start, log, samples, known, homing))
+        errs = led_astray(runner, start, log, samples, known, homing)
+        if errs is not None:
+            runner, begun = with_straight_line(runner, begun, log, samples, homing)
+            notes = (ASTRAY_NOTE.format(", ".join(f"{np.rad2deg(size):.1f}°" for size in errs)),)
+    if runner.contact is not None:
+        runner = calibrate_contact(runner, log, samples, homing)
+    return Homed(runner, begun, samples, notes)

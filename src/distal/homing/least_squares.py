@@ -1,0 +1,101 @@
+"""Is the filter led astray by a homing move? Least squares on the same window says so, and what to report instead.
+
+The first half of the window teaches both, the second half judges both: a filter whose numbers fit the half that they were
+found in, and err on the other outside of its own band and by more than a straight line does, is of a rig that is
+described wrong. Its angle is then reported by the straight line of the whole window.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import EstimationError
+from distal.estimators import AdaptiveFilter, AffineEstimator, Belief, affine_samples, first_values
+from distal.homing.apply import ASTRAY, homing_prior
+from distal.homing.window import Window
+from distal.logs import Log, frozen
+from distal.regression import predict
+from distal.regression.random_effects import row_of
+from distal.rig import Affine, Rig
+
+Floats = NDArray[np.float64]
+
+SHIFTED = ("centre", "low", "high")
+"""What of a map is in the unit of the readings, their offsets included."""
+
+CLEARLY = 1.2
+"""Least squares is taken where the filter errs this many times more on the second half of the window."""
+
+
+def led_astray(
+    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, known: Floats, homing: float
+) -> Floats | None:
+    """Return the RMS error of the filter on the second half of a homing move [rad], (n_joints,), if it was led astray.
+
+    It was where, of some joint, it errs outside of its own band and clearly more than least squares does.
+
+    Args:
+        runner: the filter, with the reference among its channels.
+        start: what it believes before the first sample.
+        log: the log.
+        samples: values of its channels, the reference known within the window, (k, n_channels).
+        known: true angles [rad], NaN where not known, (k, n_joints).
+        homing: length of the window [s].
+    """
+    since = log.time - log.time[0]
+    until = int(np.searchsorted(since, homing))
+    late, half = since[:until] >= homing / 2, samples[:until].copy()
+    half[late, len(runner.places) :] = np.nan
+    try:
+        line, straight = _line(runner.rig, log, homing / 2), affine_samples(log, runner.rig)
+    except EstimationError:
+        return None  # too few samples for a straight line
+    begun = homing_prior(Window.of(runner, start, log, half, known, homing / 2))
+    window = Window(runner, begun, log.time[:until], half, known[:until])
+    done = window.scan(begun.carry, half)
+    if done is None:
+        left: Floats = np.nanstd(known, axis=0)
+        return left
+    errors, variances = window.errors(done[0])
+    astray, sizes = False, np.zeros(errors.shape[1])
+    for j, error in enumerate(errors.T):
+        there = late & np.isfinite(error)
+        if not there.any():
+            continue
+        said = np.interp(since[:until], straight.time, predict(line, straight, j).values)
+        sizes[j] = np.sqrt(np.mean(error[there] ** 2))
+        of_line = np.sqrt(np.mean((known[:until, j] - said)[there] ** 2))
+        surprise = np.mean(error[there] ** 2 / variances[there, j])
+        astray |= bool(sizes[j] > CLEARLY * of_line and surprise > ASTRAY)
+    return sizes if astray else None
+
+
+def with_straight_line(
+    runner: AdaptiveFilter, begun: Belief, log: Log, samples: Floats, homing: float
+) -> tuple[AdaptiveFilter, Belief]:
+    """Return a filter that reports the angle by least squares on a homing move, and what it believes at the start.
+
+    Args:
+        runner: the filter, without a discrepancy.
+        begun: what it believes after the move was used.
+        log: the log.
+        samples: values of its channels, (k, n_channels).
+        homing: length of the window [s].
+    """
+    line, sensors = _line(runner.rig, log, homing), {sensor.name: sensor for sensor in runner.rig.sensors}
+    own = [sensors[name] for name in line.channels]
+    # the filter takes known offsets off its drives' places
+    biases = np.array([sensor.bias.value if sensor.measures == "position" else 0.0 for sensor in own])
+    line = line.model_copy(update={name: row_of(np.array(getattr(line, name)) - biases) for name in SHIFTED})
+    references = [sensors[name] for name in runner.channels[len(runner.places) :]]
+    other = AdaptiveFilter(runner.rig, False, references=references, line=line)
+    memory = other.initial(begun.time, first_values(samples)).carry[len(begun.carry) :]
+    return other, Belief(begun.time, frozen(np.concatenate([begun.carry, memory])), begun.size)
+
+
+def _line(rig: Rig, log: Log, homing: float) -> Affine:
+    """Return the straight line of a window, by least squares alone or as a correction of the one in the rig file."""
+    found = AffineEstimator(rig, False, homing=True).after_homing(log, homing).affine
+    assert found is not None
+    return found
