@@ -362,7 +362,7 @@ class Twin:
         u, noise = z[column] - force.bias.value, variance(force)
         h0 = self.play_at_rest(i)
         rho = min((h0 / 8) ** 2 / noise, 1.0)
-        lam = max(2 * rho / (1 + rho), 0.02)
+        lam = 2 * rho / (1 + rho)
         effort = u if d.effort == 0 else d.effort + lam * (u - d.effort)  # (14)
         left = noise * lam / (2 - lam)
         self.drives[i] = d = replace(d, effort=effort)

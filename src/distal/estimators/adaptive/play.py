@@ -21,9 +21,6 @@ CALM = 8.0
 CREST = 2.0
 """A play is moved by the crests of the noise: its limits are wider by this many of its standard deviations."""
 
-LEAST_WEIGHT = 0.02
-"""Smallest weight of a new reading of the effort: 50 samples."""
-
 TINY_STD = 1e-9
 """Added to the standard deviation of z, so that its moments stay finite where it is certain [N, N m]."""
 
@@ -66,7 +63,7 @@ def reading_weight(block: Transmitted) -> float:
         block: of what the drive transmits.
     """
     ratio = min((block.limit / CALM) ** 2 / variance(block.sensor), 1.0)
-    return max(2.0 * ratio / (1.0 + ratio), LEAST_WEIGHT)
+    return 2.0 * ratio / (1.0 + ratio)
 
 
 def smoothed_effort(context: FilterContext, block: Transmitted, remembered: Any, x: Any) -> Any:
