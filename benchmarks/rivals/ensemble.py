@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from distal.estimators import Belief, Innovation, KernelEstimator, Robustness, channels_of
 from distal.estimators.adaptive import FilterContext, StateVector
-from distal.estimators.adaptive.drive_tracking import MEMORY, UNKNOWN, Tracks, tracking
+from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_place, tracking
 from distal.estimators.adaptive.estimator import LONGEST_SUBSTEP
 from distal.estimators.adaptive.measurement import Row, rows_of
 from distal.estimators.adaptive.states.external_torque import ExternalTorque
@@ -64,10 +64,9 @@ class EnsembleFilter(KernelEstimator, ABC):
             rig,
             None,
             context.mechanism.parameters.values,
-            channels.names,
-            tuple(sensor.name for sensor in channels.compared),
-            states.names,
-            channels.interval,
+            channels=channels,
+            state_names=states.names,
+            measured=tuple(sensor.name for sensor in channels.compared),
         )
 
     def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
@@ -149,7 +148,9 @@ class EnsembleFilter(KernelEstimator, ABC):
             if sensor is not None:
                 read = sample[context.channels.names.index(sensor.name)] - sensor.bias.value
                 known = bool(np.isfinite(read))
-                memory[i, 0], memory[i, UNKNOWN] = (read, 0.0) if known else (0.0, UNKNOWN_PLACE[drive.kind] ** 2)
+                memory[i, 0], memory[i, remembered_place(0, "unknown")] = (
+                    (read, 0.0) if known else (0.0, UNKNOWN_PLACE[drive.kind] ** 2)
+                )
         return (
             states.means,
             np.diag(states.stds**2),

@@ -10,109 +10,201 @@ from distal.diagnosis.finding import Finding
 
 
 def all_drift(channels: Sequence[str]) -> Finding:
-    """Return that the innovations of all channels are correlated."""
+    """Return that the innovations of all channels are correlated.
+
+    Args:
+        channels: names of the channels.
+    """
     several = ", ".join(channels)
     why = "something acts that the rig does not have (a hand: external_torque; friction at a drive)"
     return Finding("drifts", several, f"innovations of {several} drift: {why}")
 
 
 def some_drift(channels: Sequence[str], correlation: float) -> Finding:
-    """Return that the innovations of some channels are correlated."""
+    """Return that the innovations of some channels are correlated.
+
+    Args:
+        channels: names of the channels.
+        correlation: largest of neighbouring innovations.
+    """
     several = ", ".join(channels)
     text = f"innovations of {several} are not white (correlation {correlation:.1f})"
     return Finding("drifts", several, f"{text}: geometry, stiffness or friction is off")
 
 
 def disagrees_since(channel: str, since: float) -> Finding:
-    """Return that a sensor disagrees from some time [s] to the end."""
+    """Return that a sensor disagrees from some time [s] to the end.
+
+    Args:
+        channel: name of the channel.
+        since: from when on [s].
+    """
     text = f"sensor {channel} disagrees from {since:.1f} s on: its innovations are too large to the end"
     return Finding("disagrees", channel, text)
 
 
 def one_too_large(channel: str, ratio: float) -> Finding:
-    """Return that the innovations of one channel are too large, by the mean of ν²/S."""
+    """Return that the innovations of one channel are too large, by the mean of ν²/S.
+
+    Args:
+        channel: name of the channel.
+        ratio: mean of ν²/S.
+    """
     text = f"sensor {channel} disagrees: innovations {np.sqrt(ratio):.1f}× larger than expected"
     return Finding("too large", channel, text)
 
 
 def several_too_large(channels: Sequence[str], ratio: float) -> Finding:
-    """Return that the innovations of several channels are too large, by the mean of ν²/S."""
+    """Return that the innovations of several channels are too large, by the mean of ν²/S.
+
+    Args:
+        channels: names of the channels.
+        ratio: mean of ν²/S.
+    """
     text = f"innovations {np.sqrt(ratio):.1f}× larger than expected: the rig's stiffness, friction or geometry is off"
     return Finding("too large", ", ".join(channels), text)
 
 
 def hardly_compared(channel: str, share: float) -> Finding:
-    """Return that few samples of a channel are compared."""
+    """Return that few samples of a channel are compared.
+
+    Args:
+        channel: name of the channel.
+        share: of the log, or of its samples.
+    """
     text = f"only {100 * share:.0f} % of {channel} could be compared (missing, or the slider at a stop)"
     return Finding("hardly compared", channel, text)
 
 
 def not_tested(channel: str, ratio: float) -> Finding:
-    """Return that a channel tests nothing: its innovations are much smaller than expected, by the mean of ν²/S."""
+    """Return that a channel tests nothing: its innovations are much smaller than expected, by the mean of ν²/S.
+
+    Args:
+        channel: name of the channel.
+        ratio: mean of ν²/S.
+    """
     text = f"not tested by {channel}: its innovations are {np.sqrt(ratio):.2f} of what is allowed"
     return Finding("not tested", channel, text)
 
 
 def left_its_prior(state: str, value: float, std: float, prior: float, prior_std: float) -> Finding:
-    """Return that a state ends where its prior says that it is not."""
+    """Return that a state ends where its prior says that it is not.
+
+    Args:
+        state: name of the state.
+        value: where it ends, SI.
+        std: of that, SI.
+        prior: mean of its prior, SI.
+        prior_std: of its prior, SI.
+    """
     return Finding(
         "left its prior", state, f"{state} is {value:.3g} ± {std:.1g}, its prior {prior:.3g} ± {prior_std:.1g}"
     )
 
 
 def does_not_settle(state: str, change: float) -> Finding:
-    """Return that a state still moves at the end of the log, by how much since its middle."""
+    """Return that a state still moves at the end of the log, by how much since its middle.
+
+    Args:
+        state: name of the state.
+        change: since the middle of the log, SI.
+    """
     return Finding("left its prior", state, f"{state} does not settle: it moves by {change:.2g} late")
 
 
 def turns_too_far(joint: str, covered: float) -> Finding:
-    """Return that an angle covers more than a joint can [rad]."""
+    """Return that an angle covers more than a joint can [rad].
+
+    Args:
+        joint: name of the joint.
+        covered: range of its angle [rad].
+    """
     degrees = np.rad2deg(covered)
     text = f"the angle of {joint} covers {degrees:.0f}°, which no joint does: is a gear, a unit or a radius wrong?"
     return Finding("cannot be there", joint, text)
 
 
 def friction_undeclared(drive: str, value: float) -> Finding:
-    """Return that a drive has friction that the rig does not declare [N, N m]."""
+    """Return that a drive has friction that the rig does not declare [N, N m].
+
+    Args:
+        drive: name of the drive.
+        value: where it ends, SI.
+    """
     size = f"friction that the rig does not have: {value:.2g} at '{drive}' [SI]"
     return Finding("friction", drive, f"{size} (set drives.*.friction, or a hand acts)")
 
 
 def drive_elsewhere(sensor: str) -> Finding:
-    """Return that a displacement is where its drive cannot be."""
+    """Return that a displacement is where its drive cannot be.
+
+    Args:
+        sensor: name of the sensor.
+    """
     return Finding("cannot be there", sensor, f"{sensor} is where its drive cannot be: unit, zero or side?")
 
 
 def outside_the_fit(channel: str, share: float, low: float, high: float) -> Finding:
-    """Return that a channel left what a fit has seen, SI."""
+    """Return that a channel left what a fit has seen, SI.
+
+    Args:
+        channel: name of the channel.
+        share: of the log, or of its samples.
+        low: lowest value of the fit, SI.
+        high: highest, SI.
+    """
     text = f"{channel} is outside the range of the fit for {100 * share:.0f} % of the log ({low:.3g} to {high:.3g})"
     return Finding("out of range", channel, text)
 
 
 def kinematics_disagree(estimator: str, share: float) -> Finding:
-    """Return that a kinematic estimate lies outside both bands."""
+    """Return that a kinematic estimate lies outside both bands.
+
+    Args:
+        estimator: name of the estimator.
+        share: of the log, or of its samples.
+    """
     text = f"{estimator} lies outside both bands {100 * share:.0f} % of the time: stiffness, friction or a zero is off"
     return Finding("other estimate", estimator, text)
 
 
 def map_disagrees(share: float) -> Finding:
-    """Return that `affine` lies outside both bands."""
+    """Return that `affine` lies outside both bands.
+
+    Args:
+        share: of the log, or of its samples.
+    """
     text = f"affine, learned from logs, lies outside both bands {100 * share:.0f} % of the time"
     return Finding("other estimate", "affine", text)
 
 
 def looks(subject: str, like: str) -> Finding:
-    """Return what would explain that a log disagrees with its rig."""
+    """Return what would explain that a log disagrees with its rig.
+
+    Args:
+        subject: of what: a sensor, a drive, a number of the rig.
+        like: what it looks like, in words.
+    """
     return Finding("looks like", subject, f"{subject} looks {like}")
 
 
 def cannot_test(subject: str) -> Finding:
-    """Return what no sensor there can test."""
+    """Return what no sensor there can test.
+
+    Args:
+        subject: of what: a sensor, a drive, a number of the rig.
+    """
     return Finding("cannot test", subject, f"a wrong {subject} moves the angle and no innovation")
 
 
 def hangs_on_the_start(state: str, spread: float, *, is_angle: bool) -> Finding:
-    """Return that the angle depends on where the filter began by more than its band."""
+    """Return that the angle depends on where the filter began by more than its band.
+
+    Args:
+        state: name of the state.
+        spread: of the angle over starts, in its standard deviations.
+        is_angle: whether the state is a joint's angle.
+    """
     what = f"where {state}" if is_angle else f"what {state}"
     text = f"the band is too narrow: the angle hangs {spread:.1f}× as much as it allows on {what} begins with"
     return Finding("overconfident", state, text)

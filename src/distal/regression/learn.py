@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError
-from distal.regression.conformal import COVERED, NORMAL, Errors, conformal_factor, student
-from distal.regression.features import Samples, beyond_homing, design, predict
+from distal.regression.conformal import NORMAL, Errors, conformal_factor, student
+from distal.regression.extrapolation import extrapolation
+from distal.regression.features import Samples, design, predict
 from distal.regression.random_effects import independent, random_effects, row_of, rows_of
 from distal.regression.window import calibrate_window
 from distal.rig import JointMap, LearnedMap
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 ENOUGH_LOGS = 5
 """With fewer logs than this, what changes from log to log is hardly known, and the band is widened for that."""
@@ -110,8 +110,14 @@ def learn_map(
     chosen = choose_terms(data, kind, folds, homing)
     learned = calibrate_band(data, kind, chosen, folds, homing)
     if partly and homing is not None and len(set(folds)) > 1:
-        costs = extrapolation(data, learned, kind, chosen, folds, homing, partly)
-        learned = learned.model_copy(update={"extrapolation": costs})
+
+        def told(out: int) -> LearnedMap | None:
+            rest = [one for one, own in zip(data, folds) if own != folds[out]]
+            sized = {"band": learned.band, "own": learned.own}
+            return fit_coefficients(rest, kind, chosen).model_copy(update=sized) if _all_known(rest, kind) else None
+
+        costs = extrapolation(partly, told, len(kind.joints), homing, kind.by_motion)
+        return learned.model_copy(update={"extrapolation": costs}), chosen
     return learned, chosen
 
 
@@ -365,59 +371,6 @@ def share_of_few(errors: Sequence[Sequence[Errors]]) -> float:
         np.quantile(np.abs(e) / np.sqrt(np.maximum(v, 1e-30)), 0.95) for log in errors for e, _, v in log if len(e)
     ]
     return float(min(1.0, max(needed, default=NORMAL) / NORMAL))
-
-
-def extrapolation(
-    data: Sequence[Samples],
-    learned: LearnedMap,
-    kind: Kind,
-    chosen: Terms,
-    folds: Sequence[int],
-    homing: float,
-    partly: Mapping[int, Samples],
-) -> tuple[float, ...]:
-    """Return by how much an angle errs for each radian beyond what a homing move covered, by logs left out.
-
-    Of a log κ² = (mean e² − mean v)/mean h² over what lies beyond, with the variance v that is said without it and the
-    distance h of `beyond_homing`; of several logs it is the 95 % quantile, since each run has one of its own.
-
-    Args:
-        data: of the logs.
-        learned: from all of them, its band sized.
-        kind: what is learned.
-        chosen: the terms.
-        folds: of the logs.
-        homing: length of the homing window [s].
-        partly: see `learn_map`.
-    """
-    costs: list[list[float]] = [[0.0] for _ in learned.joints]
-    for i, out in partly.items():
-        rest = [one for one, own in zip(data, folds) if own != folds[i]]
-        if not _all_known(rest, kind):
-            continue
-        told = fit_coefficients(rest, kind, chosen).model_copy(update={"band": learned.band, "own": learned.own})
-        told, _ = calibrate_window(told, out, out.window(homing), kind.by_motion)
-        for j, own in enumerate(costs):
-            own += cost_beyond(told, out, j, out.time >= homing)
-    return tuple(float(np.quantile(own[1:] or own, COVERED)) for own in costs)
-
-
-def cost_beyond(learned: LearnedMap, samples: Samples, joint: int, judged: Bools) -> list[float]:
-    """Return κ of a log: what a map errs by for each radian beyond what its homing move covered; none if nothing is beyond.
-
-    Args:
-        learned: after the move.
-        samples: of the log.
-        joint: its index.
-        judged: which samples say so, (k,).
-    """
-    said = predict(learned, samples, joint)
-    past, target = beyond_homing(learned, samples, joint, said.values), samples.targets[:, joint]
-    there = judged & np.isfinite(target) & (past > 0.0)
-    if not there.any():
-        return []
-    excess = float(np.mean(((said.values - target) ** 2 - said.variances - said.own)[there]))
-    return [float(np.sqrt(max(excess, 0.0) / float(np.mean(past[there] ** 2))))]
 
 
 def inflate_band(learned: LearnedMap, factors: Sequence[float]) -> LearnedMap:
