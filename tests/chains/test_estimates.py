@@ -107,6 +107,7 @@ def test_batches_and_smoothing(rig: Rig, log: Log) -> None:
     assert smoothed.angles.shape == (len(log), 2)
 
 
+@pytest.mark.slow
 def test_diagnosis_names_no_friction_that_is_declared(rig: Rig, log: Log) -> None:
     text = diagnose(estimate(log, rig), log, rig, what_if=False).text
     assert "friction that the rig does not have" not in text
@@ -157,6 +158,7 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
 
 
 @needs_compiler
+@pytest.mark.slow
 def test_in_c_it_is_the_same(rig: Rig, log: Log, tmp_path: Path) -> None:
     touched = rig.with_values({"joints.*.external_torque.std": 0.04})
     write_log(log, touched, tmp_path / "log.csv")
@@ -166,6 +168,7 @@ def test_in_c_it_is_the_same(rig: Rig, log: Log, tmp_path: Path) -> None:
     np.testing.assert_allclose(rows[:, [2, 4]], known.angle_stds, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_homing_of_some_joints(rig: Rig, log: Log) -> None:
     """An encoder of pip alone for half a second; then pip at a mark, and then both."""
     only = replace(log, truth={"theta_pip": log.truth["theta_pip"]})
@@ -300,6 +303,7 @@ def test_coupled_joints_and_the_full_filters() -> None:
         make_estimator("ekf", build_rig(raw, "coupled"))
 
 
+@pytest.mark.slow
 def test_a_stream_of_a_finger(rig: Rig, log: Log, tmp_path: Path) -> None:
     """`distal stream`: every joint has its angle and its std in each line."""
     write_log(replace(log, truth={}).select(np.arange(len(log)) < 20), rig, tmp_path / "log.csv")

@@ -157,6 +157,7 @@ def test_truth_as_column_or_file(run, log: Path, tmp_path: Path) -> None:
     assert by_file.out.count("ekf") >= 1
 
 
+@pytest.mark.slow
 def test_gaps_and_missing_values_are_named(run, log: Path, tmp_path: Path) -> None:
     frame = pl.read_csv(log).with_columns(x1=pl.when(pl.col("t") < 0.055).then(None).otherwise(pl.col("x1")))
     holed = tmp_path / "holed.csv"
@@ -352,6 +353,7 @@ def test_reproduce(run, tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
+@pytest.mark.slow
 def test_an_estimator_that_fails_is_a_row(run, log: Path, tmp_path: Path) -> None:
     """The others are compared and written; where the first fails, they are shown, nothing is written, and it ends."""
     out = tmp_path / "out.csv"
@@ -374,6 +376,7 @@ def test_an_estimator_that_fails_is_a_row(run, log: Path, tmp_path: Path) -> Non
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_the_first_steps_fit_each_other(run, tmp_path: Path) -> None:
     """The file of `rig new` reads the log of `simulate template`, with nothing to set."""
     rig, log = tmp_path / "mine.toml", tmp_path / "log.csv"
@@ -463,6 +466,7 @@ def test_closed_and_full_outputs(tmp_path: Path) -> None:
     assert len(bash(f"printf '{lines}' | {distal} stream --rig template 2>&-").stdout.splitlines()) == 3
 
 
+@pytest.mark.slow
 def test_view(run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One page where it was asked for; without --out it is a temporary one, which is opened."""
     import webbrowser

@@ -93,6 +93,7 @@ class TestExplanations:
         assert "motor_torque looks as if its sign were wrong" in finding.text
         assert "motor_angle looks as if its sign were wrong" in finding.text
 
+    @pytest.mark.slow
     def test_a_right_log_is_not_explained(self, rig: Rig, log: Log) -> None:
         verdict = diagnose(estimate(log, rig), log, rig)
         assert verdict.consistent
@@ -138,6 +139,7 @@ class TestFurther:
         wrong = scaled(log, x2=-1.0)
         assert [one.subject for one in disagreement(estimate(log, rig), wrong, rig)] == ["elastic"]
 
+    @pytest.mark.slow
     def test_a_band_that_hangs_on_the_start(self, rig: Rig, log: Log) -> None:
         """A rig whose stds are what its log forgets; then the same runs with bands ten times too narrow."""
         rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
@@ -147,6 +149,7 @@ class TestFurther:
         assert [one.kind for one in overconfidence(rerun)] == ["overconfident"]
 
 
+@pytest.mark.slow
 def test_what_logs_taught_is_asked_too() -> None:
     """A map in the rig file that says otherwise, and readings that its logs never had, are told by name."""
     log = finger_log(3, 8.0)

@@ -51,6 +51,7 @@ def rms(result: Estimate) -> float:
     return float(np.sqrt(np.nanmean(result.torque_errors() ** 2)))
 
 
+@pytest.mark.slow
 def test_it_is_learned_and_its_band_holds() -> None:
     """After a window in which the torque is read, the error is that of the sensor; before, the offset is in the band."""
     found = learn_contact(LOGS, rig(), homing=2.0)

@@ -74,6 +74,7 @@ def test_without_truth_the_next_log_is_estimated_as_with_the_true_rig(rig: Rig) 
     assert ours <= 1.2 * best
 
 
+@pytest.mark.slow
 def test_what_the_logs_cannot_tell_stays_at_its_prior(rig: Rig, tmp_path: Path) -> None:
     """A joint that is only pulled, quasi-statically, tells its damping to nobody: it is marked, and not changed."""
     described = rig.with_values({"joints.0.damping": {"value": 1e-5, "std": 1e-6}})
@@ -91,6 +92,7 @@ def test_what_the_logs_cannot_tell_stays_at_its_prior(rig: Rig, tmp_path: Path) 
     assert load_rig(tmp_path / "fitted.toml") == found.rig
 
 
+@pytest.mark.slow
 def test_a_product_is_named(rig: Rig) -> None:
     """Stiffness and force sensor's scale show as a product: so do, here, friction coefficient and axle radius."""
     described = rig.with_values({"joints.0.friction.radius": {"value": 3.18e-3, "std": 3e-4}})

@@ -39,6 +39,7 @@ def test_a_rig_that_is_right_is_left_alone() -> None:
     assert not any("least squares" in note for note in result.notes)
 
 
+@pytest.mark.slow
 def test_a_batch_may_have_both(wrong: Log) -> None:
     """Runs side by side share a kernel; one that reports least squares has its own."""
     logs = [run(1.0), wrong, run(1.0, 2)]

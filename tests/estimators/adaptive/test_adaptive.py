@@ -303,6 +303,7 @@ def test_a_wild_force_counts_little() -> None:
     assert np.rad2deg(change.max()) < 0.5
 
 
+@pytest.mark.slow
 def test_spoiled_logs_do_not_diverge() -> None:
     """30 % missing, 2 % wild, a gap of 0.5 s."""
     rig = paper_rig("as the rig")

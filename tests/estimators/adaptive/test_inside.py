@@ -67,6 +67,7 @@ def without(name: str) -> Rig:
 
 
 @pytest.mark.parametrize("name", ["creep", "backlash of a drive", "backlash of the joint", "sheath"])
+@pytest.mark.slow
 def test_without_it_the_angle_is_worse(name: str) -> None:
     known, _ = errors(estimate(plant(name), rig_of(part(name)), compiled=False))
     ignored, _ = errors(estimate(plant(name), without(name), compiled=False))
