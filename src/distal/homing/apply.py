@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import AdaptiveFilter, Belief
-from distal.homing.map import most_likely
+from distal.homing.map import INDEPENDENT_CORRECTED, most_likely
 from distal.homing.window import Window
 from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen, true_torques
@@ -63,13 +63,14 @@ def held(values: Floats) -> Floats:
 def numbers_homed(window: Window) -> Belief:
     """Return a belief before the first sample with the rig's numbers as a homing move tells them.
 
-    They are the filter's own where it keeps to its band with them, else the `most_likely`.
+    They are the filter's own where it keeps to its band with them, else the `most_likely`. A learned map corrects what the
+    angle then errs by.
 
     Args:
         window: see `Window`.
     """
     filtered = numbers_filtered(window)
-    return filtered if filtered is not None else most_likely(window)
+    return filtered if filtered is not None else most_likely(window, INDEPENDENT_CORRECTED)
 
 
 def homing_prior(window: Window) -> Belief:

@@ -24,8 +24,11 @@ Floats = NDArray[np.float64]
 SHIFTED = ("centre", "low", "high")
 """What of a map is in the unit of the readings, their offsets included."""
 
-CLEARLY = 1.2
-"""Least squares is taken where the filter errs this many times more on the second half of the window."""
+FIRST = 0.5
+"""Share of the window that teaches both; the rest judges them."""
+
+CLEARLY = 1.5
+"""Least squares is taken where the filter errs this many times more on the rest of the window."""
 
 
 def led_astray(
@@ -45,13 +48,13 @@ def led_astray(
     """
     since = log.time - log.time[0]
     until = int(np.searchsorted(since, homing))
-    late, half = since[:until] >= homing / 2, samples[:until].copy()
+    late, half = since[:until] >= FIRST * homing, samples[:until].copy()
     half[late, len(runner.places) :] = np.nan
     try:
-        line, straight = _line(runner.rig, log, homing / 2), affine_samples(log, runner.rig)
+        line, straight = _line(runner.rig, log, FIRST * homing), affine_samples(log, runner.rig)
     except EstimationError:
         return None  # too few samples for a straight line
-    begun = homing_prior(Window.of(runner, start, log, half, known, homing / 2))
+    begun = homing_prior(Window.of(runner, start, log, half, known, FIRST * homing))
     window = Window(runner, begun, log.time[:until], half, known[:until])
     done = window.scan(begun.carry, half)
     if done is None:

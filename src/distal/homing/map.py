@@ -34,8 +34,9 @@ EVALUATIONS = 30
 STEP = 0.02
 """Change of a number by which its slope is found, in stds of its prior."""
 
-INDEPENDENT = 1.0
-"""Errors are taken to last at least so long [s]: 0.02 to 0.3 s gave the same, 1 s and more lost (docs/estimators.md)."""
+INDEPENDENT, INDEPENDENT_CORRECTED = 0.1, 1.0
+"""Errors are taken to last at least so long [s]; longer where a learned map corrects the angle afterwards: what is wrong
+with the model is left to the map, instead of bending the numbers (docs/discrepancy.md)."""
 
 UNEXPLAINED = 10.0
 """Errors of the angle begin with a variance of so many times what the filter thinks."""
@@ -47,7 +48,7 @@ KEPT = 0.3
 """Share of the covariance that the filter goes on with: with all of it forces of a wrong model would teach it anew."""
 
 
-def most_likely(window: Window) -> Belief:
+def most_likely(window: Window, independent: float = INDEPENDENT) -> Belief:
     """Return a belief before the first sample: the numbers at their maximum a posteriori, with its covariance.
 
     The first angle is the reference's own. Where nothing is uncertain, or the filter leaves all bounds with the prior's
@@ -55,10 +56,11 @@ def most_likely(window: Window) -> Belief:
 
     Args:
         window: see `Window`.
+        independent: errors last at least so long [s].
     """
     from scipy.optimize import least_squares  # not needed before
 
-    search = _Search(window)
+    search = _Search(window, independent)
     z, weights = np.zeros(len(search.at)), search.first_weights
     if not len(z) or not search.begins():
         return window.start
@@ -85,7 +87,7 @@ def most_likely(window: Window) -> Belief:
 class _Search:
     """The criterion as a function of the numbers, in stds of their prior."""
 
-    def __init__(self, window: Window) -> None:
+    def __init__(self, window: Window, independent: float) -> None:
         self._window, self._unaided = window, window.unaided
         runner, start, n = window.runner, window.start, window.start.size
         spread = np.sqrt(variances_of(start.carry, n))
@@ -97,8 +99,8 @@ class _Search:
         self._others = [
             i for i, name in enumerate(runner.measured) if name not in {runner.channels[c] for c in window.references}
         ]
-        interval = float(np.median(np.diff(window.time))) if len(window.time) > 1 else INDEPENDENT
-        self._least = max(1.0, INDEPENDENT / interval)
+        interval = float(np.median(np.diff(window.time))) if len(window.time) > 1 else independent
+        self._least = max(1.0, independent / interval)
         self.first_weights = (UNEXPLAINED * self._least, self._least)
         self._bases: tuple[Floats, ...] = ()
         self._last: tuple[bytes, tuple[Floats, Floats]] | None = None
