@@ -155,7 +155,9 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
         return []
     runner = runs[0].runner
     lanes = _lanes(runner)
-    if lanes is None or len(runs) == 1 or not isinstance(runner, KernelEstimator):
+    kernels = {id(run.runner.kernel) for run in runs if isinstance(run.runner, KernelEstimator)}
+    # a homing move may give a run another kernel (`with_straight_line`)
+    if lanes is None or len(runs) == 1 or len(kernels) > 1 or not isinstance(runner, KernelEstimator):
         return [_alone(run) for run in runs]
     n = runs[0].start.size
     rows = []
