@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from distal import Log, estimate, estimate_batch, load_rig, simulate
+from distal import Log, diagnose, estimate, estimate_batch, load_rig, simulate
 from distal.simulation import build_scenario
 
 HOMING = 2.0
@@ -32,6 +32,11 @@ def test_a_rig_that_is_wrong_says_what_least_squares_says(wrong: Log) -> None:
     late = wrong.time - wrong.time[0] >= HOMING
     np.testing.assert_allclose(ours.angles[late], line.angles[late], atol=1e-6)
     np.testing.assert_allclose(ours.angle_stds[late], line.angle_stds[late], rtol=1e-6)
+
+
+def test_such_a_run_is_diagnosed_like_others(wrong: Log) -> None:
+    result = estimate(wrong, RIG, compiled=False, homing=HOMING)
+    assert not diagnose(result, wrong, RIG, homing=HOMING, compiled=False).consistent
 
 
 def test_a_rig_that_is_right_is_left_alone() -> None:

@@ -89,8 +89,9 @@ class Rerun:
                 log.truth_source,
             )
             homing = None if homing is None or homing >= float(np.ptp(log.time)) else homing
-        self.log, self.runner = log, runner
-        self._run = prepared(log, runner, homing)
+        self.log, self._run = log, prepared(log, runner, homing)
+        assert isinstance(self._run.runner, AdaptiveFilter)
+        self.runner = self._run.runner  # a homing move may give it other maps
         self.base = self(Change())
 
     def __call__(self, change: Change) -> Outcome:
