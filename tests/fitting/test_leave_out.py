@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
-from distal import Log, estimate
+from distal import Log, estimate, load_rig, simulate
 from distal.fitting.angle_maps import angle_maps
 from distal.fitting.cross_fit import cross_fit
 from distal.fitting.fitted import assignments
 from distal.fitting.learn import Learned, described, learn
 from distal.fitting.leave_out import leave_out
-from distal.fitting.map_samples import filtered
+from distal.fitting.map_samples import filtered, partly_homed
 from distal.fitting.numbers import Numbers
 from distal.fitting.options import Options
 
@@ -114,3 +114,28 @@ def test_affine_replaces_the_correction_only_where_it_errs_clearly_less(
         made = rig.model_copy(update={one.table: one.learned for one in (affine, found)})
         ours, line = (estimate(others[0], made, name, compiled=False) for name in ("adaptive", "affine"))
         np.testing.assert_allclose(ours.angles[50:], line.angles[50:], atol=1e-6)
+
+
+def test_ctrl_c_ends_all_folds(monkeypatch: pytest.MonkeyPatch, others: list[Log], alone: Learned) -> None:
+    calls = list[int]()
+
+    def interrupted(*arguments: object, **named: object) -> object:
+        calls.append(1)
+        return replace(alone.numbers.found, interrupted=True)
+
+    monkeypatch.setattr("distal.fitting.cross_fit.search", interrupted)
+    monkeypatch.setattr("distal.fitting.cross_fit.fitted_numbers", lambda *_: ())
+    assert all(own.found.interrupted for own in cross_fit(alone.numbers, others, [0, 1]))
+    assert len(calls) == 1
+
+
+def test_each_joint_is_homed_by_its_own_truth() -> None:
+    """A log that knows one joint comes before one that knows both: the second is read as it would be alone."""
+    rig = load_rig("finger-2n").bare()
+    both = simulate(rig, "finger", 3)
+    one = replace(both, source="one", truth={"theta_pip": both.truth["theta_pip"]})
+    alone, _ = filtered([both], [rig], 1.0, False)
+    after, refused = filtered([one, both], [rig, rig], 1.0, False)
+    assert not refused
+    np.testing.assert_array_equal(after[1].angles, alone[0].angles)
+    assert partly_homed([one], [rig], 1.0, False)[0].usable is not None

@@ -91,7 +91,7 @@ def as_good_as_a_line(
         f"filter {np.rad2deg(ours):.3f}°"
     )
     other = as_discrepancy(affine.learned, found.learned, np.array(biases))
-    return replace(found.with_map(other), notes=(*found.notes, note))
+    return replace(found.with_map(other), notes=(note, *found.notes[1:]), terms=affine.terms)
 
 
 def _at_times_of(one: Samples, straight: Samples) -> Samples:

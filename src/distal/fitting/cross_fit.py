@@ -31,11 +31,16 @@ def cross_fit(numbers: Numbers, known: Sequence[Log], folds: Sequence[int]) -> l
     count = len(set(folds))
     if count < 2 or numbers.found.interrupted:
         return [numbers] * count
-    return [without(numbers, [log for log, own in zip(known, folds) if own == fold]) for fold in range(count)]
+    found = list[Numbers]()
+    for fold in range(count):
+        found.append(without(numbers, [log for log, own in zip(known, folds) if own == fold]))
+        if found[-1].found.interrupted:
+            return [found[-1]] * count  # the caller ends there
+    return found
 
 
 def without(numbers: Numbers, logs: Sequence[Log]) -> Numbers:
-    """Return the numbers that the other logs tell; which of them are fitted stays as it is.
+    """Return the numbers that the other logs tell; which of them are fitted, and their stds, stay those of all logs.
 
     Args:
         numbers: that all logs tell.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +92,9 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
         groups = _groups([log.source for log in known], options)
         folds = folds_of(groups)
         unseen = cross_fit(numbers, known, folds)
+        if any(own.found.interrupted for own in unseen):
+            numbers = replace(numbers, found=replace(numbers.found, interrupted=True))
+            unseen = [numbers] * len(unseen)
 
         def cross_filtered(prior_share: float | None) -> tuple[dict[int, Samples], list[str]]:
             rigs = [written(own, prior_share) for own in unseen]
@@ -104,7 +107,9 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
             if len(as_sure) == len(data) and mean_rms(as_sure) < SURER * mean_rms(data):
                 data, share = as_sure, other
         rigs = [written(own, share) for own in unseen]
-        partly = partly_homed(known, [rigs[fold] for fold in folds], options.homing, False) if data else {}
+        ran = list(data)
+        half = partly_homed([known[i] for i in ran], [rigs[folds[i]] for i in ran], options.homing, False)
+        partly = {ran[k]: one for k, one in half.items()}
         maps += angle_maps(known, data, partly, groups, rig, written(numbers, share), options)
     learned = written(numbers, share)
     maps += _contact_map(logs, learned, options)

@@ -61,18 +61,19 @@ def filtered(
 
     Args:
         logs: with truth.
-        rigs: the description for each, without a discrepancy.
+        rigs: the description for each, without a discrepancy; the first says what the encoders' offsets may be.
         homing: length of the homing move [s], or None.
         compiled: compile kernels where possible.
         usable: which samples of each log the homing move may use; default all.
     """
-    data, refused, made = dict[int, Samples](), list[str](), dict[int, AdaptiveFilter]()
+    data, refused, made = dict[int, Samples](), list[str](), dict[tuple[int, frozenset[str]], AdaptiveFilter]()
     for i, (log, rig) in enumerate(zip(logs, rigs)):
         try:
-            if id(rig) not in made:
+            key = id(rig), frozenset(log.truth)  # what has a truth says which references there are
+            if key not in made:
                 described, references = with_references(rig, log) if homing is not None else (rig, ())
-                made[id(rig)] = AdaptiveFilter(described, compiled, references=references)
-            one = _filtered(log, made[id(rig)], homing, usable)
+                made[key] = AdaptiveFilter(described, compiled, references=references)
+            one = _filtered(log, made[key], homing, usable)
         except DistalError as problem:
             refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")
             continue
@@ -104,9 +105,12 @@ def partly_homed(logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None,
     for i in map(int, chosen):
         truths = true_angles(logs[i], [joint.name for joint in rigs[i].joints])
         assert truths is not None
-        middle = 0.5 * (np.nanmin(truths, axis=0) + np.nanmax(truths, axis=0))
-        side = np.sign(truths - middle) * np.sign(truths[np.isfinite(truths).all(axis=1)][:1] - middle)
-        usable = (side >= 0.0).all(axis=1)
+        usable = np.asarray(np.isfinite(truths).any(axis=1))
+        for angles in truths.T:
+            there = np.isfinite(angles)
+            if there.any():
+                middle = 0.5 * (angles[there].min() + angles[there].max())
+                usable = usable & (~there | ((angles - middle) * (angles[there][0] - middle) >= 0.0))
         if np.count_nonzero(usable & (logs[i].time - logs[i].time[0] < homing)) < FEWEST_PARTLY:
             continue
         one, _ = filtered([logs[i]], [rigs[i]], homing, compiled, usable)
@@ -148,7 +152,9 @@ def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None, usable: ND
     if homing is not None:
         check_homing(homing, log, [joint.name for joint in runner.rig.joints])
         known = truths if usable is None else np.where(usable[:, None], truths, np.nan)
-        aided = np.column_stack([proximal, np.where(early[:, None], known[:, : reference.shape[1]], np.nan)])
+        joints, of = [joint.name for joint in runner.rig.joints], {s.name: s.of for s in runner.rig.sensors_of("angle")}
+        columns = [joints.index(of[name]) for name in runner.channels[m:]]
+        aided = np.column_stack([proximal, np.where(early[:, None], known[:, columns], np.nan)])
         start = numbers_homed(Window.of(runner, start, log, aided, known, homing))
     elif log.time[-1] - log.time[0] > 4 * SETTLING:
         # where the joint begins is not known yet: that is no error of the model
@@ -164,7 +170,8 @@ def mean_rms(data: Mapping[int, Samples]) -> float:
     Args:
         data: of the logs, by their index.
     """
-    return float(np.mean([np.sqrt(np.nanmean(one.targets**2)) for one in data.values()]))
+    known = [one.targets[np.isfinite(one.targets)] for one in data.values()]
+    return float(np.mean([np.sqrt(np.mean(errors**2)) for errors in known if len(errors)]))
 
 
 def reference_std(rig: Rig, log: Log) -> float:

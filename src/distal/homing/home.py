@@ -16,7 +16,7 @@ from distal.logs import Log
 Floats = NDArray[np.float64]
 
 ASTRAY_NOTE = (
-    "on the second half of the homing move the filter erred by {} and least squares on the first half clearly less: the "
+    "on the second half of the homing move the filter erred {} and least squares on the first half clearly less: the "
     "rig is described wrong, and the angle is that of least squares on the whole move (affine)"
 )
 
@@ -60,7 +60,8 @@ def home(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, known
         errs = led_astray(runner, start, log, samples, known, homing)
         if errs is not None:
             runner, begun = with_straight_line(runner, begun, log, samples, homing)
-            notes = (ASTRAY_NOTE.format(", ".join(f"{np.rad2deg(size):.1f}°" for size in errs)),)
+            erred = ", ".join(f"{np.rad2deg(size):.1f}°" for size in errs if np.isfinite(size))
+            notes = (ASTRAY_NOTE.format(f"by {erred}" if erred else "without bounds"),)
     if runner.contact is not None:
         runner = calibrate_contact(runner, log, samples, homing)
     return Homed(runner, begun, samples, notes)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators import AdaptiveFilter, AffineEstimator, Belief, affine_samples, first_values
+from distal.estimators import AdaptiveFilter, AffineEstimator, Belief, affine_samples, channels_of, first_values
+from distal.estimators.adaptive.filter import adaptive_layout
 from distal.homing.apply import ASTRAY, homing_prior
 from distal.homing.window import Window
 from distal.logs import Log, frozen
@@ -36,7 +37,8 @@ def led_astray(
 ) -> Floats | None:
     """Return the RMS error of the filter on the second half of a homing move [rad], (n_joints,), if it was led astray.
 
-    It was where, of some joint, it errs outside of its own band and clearly more than least squares does.
+    It was where, of some joint, it errs outside of its own band and clearly more than least squares does, and of no joint
+    least squares errs clearly more. NaN stands for a joint that is not known there, infinity for a filter without bounds.
 
     Args:
         runner: the filter, with the reference among its channels.
@@ -53,15 +55,14 @@ def led_astray(
     try:
         line, straight = _line(runner.rig, log, FIRST * homing), affine_samples(log, runner.rig)
     except EstimationError:
-        return None  # too few samples for a straight line
+        return None  # too few samples, of a sensor or of a joint's truth, for a straight line
     begun = homing_prior(Window.of(runner, start, log, half, known, FIRST * homing))
     window = Window(runner, begun, log.time[:until], half, known[:until])
     done = window.scan(begun.carry, half)
     if done is None:
-        left: Floats = np.nanstd(known, axis=0)
-        return left
+        return np.full(known.shape[1], np.inf)
     errors, variances = window.errors(done[0])
-    astray, sizes = False, np.zeros(errors.shape[1])
+    astray, worse, sizes = False, False, np.full(errors.shape[1], np.nan)
     for j, error in enumerate(errors.T):
         there = late & np.isfinite(error)
         if not there.any():
@@ -71,7 +72,8 @@ def led_astray(
         of_line = np.sqrt(np.mean((known[:until, j] - said)[there] ** 2))
         surprise = np.mean(error[there] ** 2 / variances[there, j])
         astray |= bool(sizes[j] > CLEARLY * of_line and surprise > ASTRAY)
-    return sizes if astray else None
+        worse |= bool(of_line > CLEARLY * sizes[j])
+    return sizes if astray and not worse else None
 
 
 def with_straight_line(
@@ -93,12 +95,15 @@ def with_straight_line(
     line = line.model_copy(update={name: row_of(np.array(getattr(line, name)) - biases) for name in SHIFTED})
     references = [sensors[name] for name in runner.channels[len(runner.places) :]]
     other = AdaptiveFilter(runner.rig, False, references=references, line=line)
-    memory = other.initial(begun.time, first_values(samples)).carry[len(begun.carry) :]
-    return other, Belief(begun.time, frozen(np.concatenate([begun.carry, memory])), begun.size)
+    own_size = adaptive_layout(begun.size, len(runner.rig.drives)).size
+    memory = other.initial(begun.time, first_values(samples)).carry[own_size:]  # of all maps
+    return other, Belief(begun.time, frozen(np.concatenate([begun.carry[:own_size], memory])), begun.size)
 
 
 def _line(rig: Rig, log: Log, homing: float) -> Affine:
     """Return the straight line of a window, by least squares alone or as a correction of the one in the rig file."""
+    if rig.affine is not None and rig.affine.channels != channels_of(rig, "affine").names:
+        rig = rig.model_copy(update={"affine": None})  # learned from other sensors
     found = AffineEstimator(rig, False, homing=True).after_homing(log, homing).affine
     assert found is not None
     return found

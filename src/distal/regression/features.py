@@ -54,7 +54,8 @@ class Samples:
             rows: which, (k,).
         """
         names = ("time", "readings", "angles", "targets", "variances")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        usable = None if self.usable is None else self.usable[rows]
+        return replace(self, usable=usable, **{name: getattr(self, name)[rows] for name in names})
 
     def window(self, homing: float) -> Bools:
         """Return which samples a homing move of so long [s] may use, (k,).

@@ -114,7 +114,11 @@ def learn_map(
         def told(out: int) -> LearnedMap | None:
             rest = [one for one, own in zip(data, folds) if own != folds[out]]
             sized = {"band": learned.band, "own": learned.own}
-            return fit_coefficients(rest, kind, chosen).model_copy(update=sized) if _all_known(rest, kind) else None
+            return (
+                fit_coefficients(rest, kind, chosen).model_copy(update=sized)
+                if _all_known(rest, kind, chosen)
+                else None
+            )
 
         costs = extrapolation(partly, told, len(kind.joints), homing, kind.by_motion)
         return learned.model_copy(update={"extrapolation": costs}), chosen
@@ -312,16 +316,16 @@ def left_out_errors(
     errors = []
     for fold in sorted(set(folds)):
         rest = [one for one, own in zip(data, folds) if own != fold]
-        if not _all_known(rest, kind):
+        if not _all_known(rest, kind, chosen):
             continue  # without these logs nothing is known of a joint
         learned = fit_coefficients(rest, kind, chosen)
         errors += [errors_of(learned, one, kind, homing) for one, own in zip(data, folds) if own == fold]
     return errors
 
 
-def _all_known(data: Sequence[Samples], kind: Kind) -> bool:
-    """Return whether some logs know what is mapped of every joint."""
-    known = [np.isfinite(one.targets).any(axis=0) for one in data]
+def _all_known(data: Sequence[Samples], kind: Kind, chosen: Terms) -> bool:
+    """Return whether of every joint some log knows what is mapped in more samples than there are terms."""
+    known = [np.isfinite(_thinned(one.targets)).sum(axis=0) > len(chosen.terms) for one in data]
     return bool(known) and bool(np.all(np.any(known, axis=0))) and len(kind.joints) > 0
 
 
