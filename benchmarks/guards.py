@@ -38,7 +38,6 @@ WITHOUT: dict[str, float] = {
     "follow_time": inf,
     "followed_variance": 0.0,
     "wild_force": inf,
-    "stop_margin": 0.0,
     "sticking_time": 0.0,
     "turning_time": 0.0,
     "unknown_friction": 0.0,

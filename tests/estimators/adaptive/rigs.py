@@ -98,11 +98,11 @@ LINKAGE = {
     "tendons.1.insertion": {"kind": "pinned", "radius": 9.53e-3, "free_length": {"value": 0.2, "std": 1e-3}},
 }
 NEAR_STOPS = {
-    **{f"drives.{i}.stops": [-0.85e-3, 2.85e-3] for i in (0, 1)},
+    **{f"drives.{i}.stops": [-0.85e-3, 2.75e-3] for i in (0, 1)},
     "sensors.x1.linearity": 1e-4,
     "sensors.x2.linearity": 1e-4,
 }
-"""The slow ramp of `motion` passes through the margin at these stops, 6 µm per sample."""
+"""The slow ramp of `motion` passes these stops, 6 µm per sample."""
 
 STOPS = {f"drives.{i}.stops": [-1.5e-3, 3.5e-3] for i in (0, 1)}
 

@@ -159,7 +159,6 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
         follow_time=0.05,  # (12)
         followed_variance=20.0,  # (16)
         wild_force=9.0,  # (23)
-        stop_margin=1.0,  # (17)
         sticking_time=0.5,  # δ
         turning_time=0.1,
         unknown_friction=0.7,  # the state "friction"
@@ -202,7 +201,6 @@ GUARDS = {
     "learning, friction not declared": (UNDECLARED, {"learning_time_guarded": 0.03}, ()),
     "wild force": (UNDECLARED, {"wild_force": 9.0}, ("wild force",)),
     "wild force, a considered state": (PLAY, {"wild_force": 4.0}, ("wild force",)),
-    "stop margin": (sliders(rigs.NEAR_STOPS, rigs.FACTORS), {"stop_margin": 3.0}, ("at a stop",)),
     "sticking": (UNDECLARED, {"sticking_time": 0.5}, ("undeclared, sticks", "undeclared, moves")),
     "turning": (UNDECLARED, {"turning_time": 0.1}, ("undeclared, moves",)),
     "sticking, declared": (DECLARED, {"sticking_time": 0.5}, ("sticks, within the limits", "declared, slips")),

@@ -171,12 +171,11 @@ def force_row(
 
 def near_stop(twin: Twin, i: int, s: float) -> bool:
     """Whether the drive may touch a stop, (17)."""
-    stops, sensor, guards = twin.rig.drives[i].stops, twin.position_of[i], twin.guards
+    stops, sensor = twin.rig.drives[i].stops, twin.position_of[i]
     if stops is None or sensor is None:
         return False
     low, high = stops
-    margin = guards.stop_margin * sensor.linearity
-    near = not low + margin < s < high - margin
+    near = not low < s < high
     twin.taken["at a stop"] += near
     return near
 

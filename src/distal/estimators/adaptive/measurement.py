@@ -111,8 +111,7 @@ def away_from_stops(context: FilterContext, drive: int, place: Any) -> Any:
     if part.stops is None or sensor is None:
         return ca.SX(1)
     low, high = part.stops
-    margin = context.robustness.stop_margin * sensor.linearity
-    return ca.if_else(ca.logic_and(place > low + margin, place < high - margin), 1, 0)
+    return ca.if_else(ca.logic_and(place > low, place < high), 1, 0)
 
 
 def row_functions(states: StateVector) -> tuple[list[Row], ca.Function]:

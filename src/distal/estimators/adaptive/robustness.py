@@ -25,7 +25,6 @@ class Robustness:
         follow_time: time in which the joint follows a drive whose place is not known [s].
         followed_variance: how often the variance of a place that is lost is added to its force [1].
         wild_force: a squared innovation beyond this times its variance counts less [1].
-        stop_margin: a drive nearer to a stop than this times its sensor's linearity may touch it [1].
         sticking_time: for so long friction of a drive that sticks is the same [s].
         turning_time: the same while a drive turns back [s].
         beyond_time: for so long what a force beyond its drive's friction tells counts as one sample [s]; 0: each does.
@@ -59,7 +58,6 @@ class Robustness:
     """docs/guards.md, and `python -m benchmarks.sensitivity`, table sensitivity-lost"""
     wild_force: float = 9.0
     """3 σ; docs/guards.md: without it one wild force throws the filter off"""
-    stop_margin: float = 1.0
     """0.1 mm on 1e5 N/m is 10 N; docs/estimators.md, "In the hard places\""""
     sticking_time: float = 0.5
     """docs/guards.md; 50 samples of the paper's rig"""
