@@ -55,6 +55,7 @@ CONSTANTS: dict[str, tuple[str, float]] = {
     "CLEAR_STICK": ("stick_slip", 0.5),
     "TURNING": ("stick_slip", 0.0),
     "CREST": ("play", 0.0),
+    "TIE": ("measurement", 1.0),
 }
 """Constant of the algorithm → its module, and its value where it does nothing (or little)."""
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import AdaptiveFilter, Belief
-from distal.homing.map import INDEPENDENT_CORRECTED, most_likely
+from distal.homing.map import INDEPENDENT, INDEPENDENT_CORRECTED, SHARE_CORRECTED, most_likely
 from distal.homing.window import Window
 from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen, true_torques
@@ -70,7 +70,10 @@ def numbers_homed(window: Window) -> Belief:
         window: see `Window`.
     """
     filtered = numbers_filtered(window)
-    return filtered if filtered is not None else most_likely(window, INDEPENDENT_CORRECTED)
+    if filtered is not None:
+        return filtered
+    lasting = min(INDEPENDENT_CORRECTED, SHARE_CORRECTED * float(window.time[-1] - window.time[0]))
+    return most_likely(window, max(INDEPENDENT, lasting))
 
 
 def homing_prior(window: Window) -> Belief:

@@ -34,9 +34,9 @@ EVALUATIONS = 30
 STEP = 0.02
 """Change of a number by which its slope is found, in stds of its prior."""
 
-INDEPENDENT, INDEPENDENT_CORRECTED = 0.1, 1.0
-"""Errors are taken to last at least so long [s]; longer where a learned map corrects the angle afterwards: what is wrong
-with the model is left to the map, instead of bending the numbers (docs/discrepancy.md)."""
+INDEPENDENT, INDEPENDENT_CORRECTED, SHARE_CORRECTED = 0.1, 1.0, 1 / 3
+"""Errors are taken to last at least so long [s]; with a learned map longer, 1 s but at most this share of the window: what
+is wrong with the model is left to the map, instead of bending the numbers (docs/discrepancy.md)."""
 
 UNEXPLAINED = 10.0
 """Errors of the angle begin with a variance of so many times what the filter thinks."""

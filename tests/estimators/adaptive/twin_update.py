@@ -144,7 +144,7 @@ def force_row(
     transmitted = twin.at("transmitted", i)
     if transmitted is not None:
         value, by_x, by_s = total("elastic", i)
-        spread = variance(sensor) + (tracked[i].variance + lost) * by_s[i] ** 2
+        spread = 0.3**2 * variance(sensor) + (tracked[i].variance + lost) * by_s[i] ** 2
         r_x = -by_x - added_x
         r_x[transmitted] += 1.0
         return Row(i, m[transmitted] - value - added, r_x, spread, counts, sensor=index)

@@ -13,6 +13,9 @@ from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.robustness import extra_variance
 from distal.estimators.adaptive.states import StateVector
 
+TIE = 0.3
+"""How closely the transmitted effort fits the tendons' pull, in standard deviations of the effort's sensor."""
+
 NOMINAL_TIME = 1.0
 """Time over which an unmeasured pull's departure from its nominal value lasts [s]."""
 
@@ -76,7 +79,7 @@ def rows_of(states: StateVector, state: Any, tracks: Tracks, rates: Any, x: Any)
         transmitted = states.transmitted(i)
         if transmitted is not None:
             damped = dampings[body] * rates[i]
-            rows.append(Row(sensor.name, state[transmitted[0]] - (expected - damped), own + spread, mask))
+            rows.append(Row(sensor.name, state[transmitted[0]] - (expected - damped), TIE**2 * own + spread, mask))
             continue
         read = context.value(x, sensor)
         residual = read - expected - states.sensor_error(sensor, read, state)
