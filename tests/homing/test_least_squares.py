@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from distal import Log, diagnose, estimate, estimate_batch, load_rig, simulate
+from distal.homing.apply import errors_last
+from distal.homing.least_squares import line_is_better
 from distal.simulation import build_scenario
 
 HOMING = 2.0
@@ -32,6 +34,35 @@ def test_a_rig_that_is_wrong_says_what_least_squares_says(wrong: Log) -> None:
     late = wrong.time - wrong.time[0] >= HOMING
     np.testing.assert_allclose(ours.angles[late], line.angles[late], atol=1e-6)
     np.testing.assert_allclose(ours.angle_stds[late], line.angle_stds[late], rtol=1e-6)
+
+
+def test_known_offsets_of_the_sensors_are_those_of_the_line(wrong: Log) -> None:
+    """The filter takes known offsets off its drives' places, and a straight line of raw readings does not."""
+    places = [i for i, sensor in enumerate(RIG.sensors) if sensor.measures == "position"]
+    rig = RIG.with_values({f"sensors.{i}.bias.value": 2e-3 for i in places})
+    ours, line = (estimate(wrong, rig, name, compiled=False, homing=HOMING) for name in ("adaptive", "affine"))
+    assert any("least squares" in note for note in ours.notes)
+    late = wrong.time - wrong.time[0] >= HOMING
+    np.testing.assert_allclose(ours.angles[late], line.angles[late], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "of_line", "surprise", "better"),
+    [
+        ([3.0], [1.0], [9.0], True),
+        ([3.0], [1.0], [1.0], False),  # within its own band
+        ([1.4], [1.0], [9.0], False),  # not clearly
+        ([3.0, 1.0], [1.0, 1.0], [9.0, 1.0], True),
+        ([3.0, 1.0], [1.0, 2.0], [9.0, 1.0], False),  # the line would spoil the other joint
+        ([3.0, np.nan], [1.0, np.nan], [9.0, np.nan], True),  # one that is not known does not count
+    ],
+)
+def test_what_decides(sizes: list[float], of_line: list[float], surprise: list[float], better: bool) -> None:
+    assert line_is_better(np.array(sizes), np.array(of_line), np.array(surprise)) == better
+
+
+def test_with_a_map_errors_last_a_third_of_the_window_at_most_a_second() -> None:
+    assert [errors_last(length) for length in (0.2, 1.5, 6.0)] == [0.1, 0.5, 1.0]
 
 
 def test_such_a_run_is_diagnosed_like_others(wrong: Log) -> None:

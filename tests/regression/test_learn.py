@@ -20,6 +20,8 @@ from distal.regression import (
     predict,
 )
 from distal.regression.affine import affine_kind
+from distal.regression.extrapolation import cost_beyond
+from distal.regression.features import beyond_homing
 from distal.regression.kernel import map_function, numbers_of
 from distal.regression.learn import Kind, choose_terms
 
@@ -152,9 +154,29 @@ def test_a_motion_beyond_the_homing_move_widens_the_band_by_what_logs_left_out_e
     h = np.maximum(0.0, partly[0].angles[:, 0] + said.values - after.homed[0][1])
     np.testing.assert_allclose(said.variances - without.variances, (learned.extrapolation[0] * h) ** 2, atol=1e-12)
     assert np.mean(h == 0.0) > 0.4
-    function = map_function(after, 2, [False, False])
-    memory = np.concatenate([partly[0].readings[0], np.zeros(2), np.zeros(len(after.played))])
-    for k in (0, 80, 399):
-        x = np.concatenate([[0.02], partly[0].readings[k], np.ones(2)])
-        *_, variance, _, _ = function(memory, x, np.zeros(2), partly[0].angles[k], numbers_of(after))
-        assert float(variance) == pytest.approx(said.variances[k], rel=1e-9)
+    mirrored = replace(partly[0], angles=-partly[0].angles, targets=-partly[0].targets)  # goes beyond the other end
+    below, _ = calibrate_window(learned, mirrored, mirrored.window(4.0))
+    for one, after_move in ((partly[0], after), (mirrored, below)):
+        function, told = map_function(after_move, 2, [False, False]), predict(after_move, one)
+        memory = np.concatenate([one.readings[0], np.zeros(2), np.zeros(len(after_move.played))])
+        assert beyond_homing(after_move, one, 0, told.values).max() > 0.5
+        for k in range(0, 400, 40):
+            x = np.concatenate([[0.02], one.readings[k], np.ones(2)])
+            *_, variance, _, _ = function(memory, x, np.zeros(2), one.angles[k], numbers_of(after_move))
+            assert float(variance) == pytest.approx(told.variances[k], rel=1e-9)
+
+
+def test_what_the_band_holds_already_is_no_cost_of_extrapolation() -> None:
+    """κ² = (mean e² − mean v)/mean h²: a filter that is less sure of its own angle leaves less to κ."""
+    made, out = discrepancy_kind(CHANNELS, CHANNELS, (), ("j0",), NOISE), lacking(10, 0.1)
+    learned = fit_coefficients([lacking(seed, 0.0) for seed in range(5)], made, made.sets[1])
+    after, _ = calibrate_window(learned, out, out.window(4.0))
+    unsure = replace(out, variances=np.full(out.variances.shape, 0.03**2))
+    sure, less = (cost_beyond(after, one, 0, 4.0) for one in (out, unsure))
+    assert sure is not None
+    assert less is not None
+    wider = cost_beyond(inflate_band(after, [5.0]), out, 0, 4.0)
+    assert wider is not None
+    assert wider < sure
+    h = beyond_homing(after, out, 0, predict(after, out).values)[(out.time >= 4.0)]
+    assert sure**2 - less**2 == pytest.approx((0.03**2 - 1e-6) / np.mean(h[h > 0.0] ** 2), rel=1e-9)

@@ -72,8 +72,16 @@ def numbers_homed(window: Window) -> Belief:
     filtered = numbers_filtered(window)
     if filtered is not None:
         return filtered
-    lasting = min(INDEPENDENT_CORRECTED, SHARE_CORRECTED * float(window.time[-1] - window.time[0]))
-    return most_likely(window, max(INDEPENDENT, lasting))
+    return most_likely(window, errors_last(float(window.time[-1] - window.time[0])))
+
+
+def errors_last(length: float) -> float:
+    """Return how long errors are taken to last [s] where a learned map corrects the angle after a homing move.
+
+    Args:
+        length: of the window [s].
+    """
+    return max(INDEPENDENT, min(INDEPENDENT_CORRECTED, SHARE_CORRECTED * length))
 
 
 def homing_prior(window: Window) -> Belief:

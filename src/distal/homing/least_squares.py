@@ -62,18 +62,28 @@ def led_astray(
     if done is None:
         return np.full(known.shape[1], np.inf)
     errors, variances = window.errors(done[0])
-    astray, worse, sizes = False, False, np.full(errors.shape[1], np.nan)
+    sizes, of_line, surprise = (np.full(errors.shape[1], np.nan) for _ in range(3))
     for j, error in enumerate(errors.T):
         there = late & np.isfinite(error)
         if not there.any():
             continue
         said = np.interp(since[:until], straight.time, predict(line, straight, j).values)
         sizes[j] = np.sqrt(np.mean(error[there] ** 2))
-        of_line = np.sqrt(np.mean((known[:until, j] - said)[there] ** 2))
-        surprise = np.mean(error[there] ** 2 / variances[there, j])
-        astray |= bool(sizes[j] > CLEARLY * of_line and surprise > ASTRAY)
-        worse |= bool(of_line > CLEARLY * sizes[j])
-    return sizes if astray and not worse else None
+        of_line[j] = np.sqrt(np.mean((known[:until, j] - said)[there] ** 2))
+        surprise[j] = np.mean(error[there] ** 2 / variances[there, j])
+    return sizes if line_is_better(sizes, of_line, surprise) else None
+
+
+def line_is_better(sizes: Floats, of_line: Floats, surprise: Floats) -> bool:
+    """Return whether least squares is clearly better of a joint where the filter is outside of its band, and of none worse.
+
+    Args:
+        sizes: RMS errors of the filter [rad], NaN for a joint that is not known, (n_joints,).
+        of_line: those of least squares [rad], (n_joints,).
+        surprise: mean e²/P of the filter, (n_joints,).
+    """
+    astray = (sizes > CLEARLY * of_line) & (surprise > ASTRAY)
+    return bool(astray.any() and not np.any(of_line > CLEARLY * sizes))
 
 
 def with_straight_line(
