@@ -16,6 +16,7 @@ from distal.fitting.reference_error import with_reference_error
 from distal.logs import Log
 from distal.regression import Kind, Samples, as_discrepancy, left_out_errors
 from distal.rig import Rig
+from distal.sensors import place_offsets
 
 CLEARLY = 1.1
 """`affine` does clearly better where the error of `adaptive` on logs left out is this many times larger."""
@@ -84,13 +85,11 @@ def as_good_as_a_line(
     )
     if not ours > CLEARLY * line:
         return found
-    sensors = {sensor.name: sensor for sensor in rig.sensors}
-    biases = [sensors[c].bias.value if sensors[c].measures == "position" else 0.0 for c in affine.learned.channels]
     note = (
         f"discrepancy: where the logs have been it is what affine says: {np.rad2deg(line):.3f}° on logs left out, the "
         f"filter {np.rad2deg(ours):.3f}°"
     )
-    other = as_discrepancy(affine.learned, found.learned, np.array(biases))
+    other = as_discrepancy(affine.learned, found.learned, place_offsets(rig, affine.learned.channels))
     return replace(found.with_map(other), notes=(note, *found.notes[1:]), terms=affine.terms)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -237,7 +236,7 @@ def map_of(
     *,
     notes: Sequence[str] = (),
     scored: bool = True,
-    partly: Mapping[int, Samples] = MappingProxyType({}),
+    partly: Mapping[int, Samples] | None = None,
 ) -> MapFit:
     """Return what logs teach of a kind of map, and how it does on logs left out.
 
@@ -263,7 +262,7 @@ def map_of(
     scores = list[LeftOut]()
     for fold in sorted(set(folds)) if scored and count >= FOR_SCORES else ():
         rest = [i for i, own in enumerate(folds) if own != fold]
-        half = {k: partly[i] for k, i in enumerate(rest) if i in partly}
+        half = {k: partly[i] for k, i in enumerate(rest) if partly and i in partly}
         others, _ = learn_map([data[i] for i in rest], kind, [folds[i] for i in rest], homing, half)
         scores += [_score(others, data[i], kind, homing) for i in range(len(data)) if folds[i] == fold]
     described = rig.with_values({kind.name: learned.model_dump()})

@@ -14,6 +14,7 @@ from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen, true_torques
 from distal.regression import Samples, calibrate_window
 from distal.rig import Rig
+from distal.sensors import place_offsets
 
 Floats = NDArray[np.float64]
 
@@ -176,11 +177,7 @@ def torque_samples(log: Log, rig: Rig, channels: Mapping[str, Floats], torques: 
         channels: name → readings, in the order of the map, (k,).
         torques: true ones [N m], NaN where not known, (k, n_joints).
     """
-    sensors = {sensor.name: sensor for sensor in rig.sensors}
-    readings = [
-        held(values) - (sensors[name].bias.value if sensors[name].measures == "position" else 0.0)
-        for name, values in channels.items()
-    ]
+    readings = [held(values) - offset for values, offset in zip(channels.values(), place_offsets(rig, list(channels)))]
     interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
     none = np.zeros((len(log), 0))
     since = log.time - log.time[0]

@@ -19,6 +19,7 @@ from distal.logs import Log, frozen
 from distal.regression import predict
 from distal.regression.random_effects import row_of
 from distal.rig import Affine, Rig
+from distal.sensors import place_offsets
 
 Floats = NDArray[np.float64]
 
@@ -98,11 +99,10 @@ def with_straight_line(
         samples: values of its channels, (k, n_channels).
         homing: length of the window [s].
     """
-    line, sensors = _line(runner.rig, log, homing), {sensor.name: sensor for sensor in runner.rig.sensors}
-    own = [sensors[name] for name in line.channels]
-    # the filter takes known offsets off its drives' places
-    biases = np.array([sensor.bias.value if sensor.measures == "position" else 0.0 for sensor in own])
-    line = line.model_copy(update={name: row_of(np.array(getattr(line, name)) - biases) for name in SHIFTED})
+    line = _line(runner.rig, log, homing)
+    offsets = place_offsets(runner.rig, line.channels)  # which the filter takes off
+    line = line.model_copy(update={name: row_of(np.array(getattr(line, name)) - offsets) for name in SHIFTED})
+    sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
     references = [sensors[name] for name in runner.channels[len(runner.places) :]]
     other = AdaptiveFilter(runner.rig, False, references=references, line=line)
     own_size = adaptive_layout(begun.size, len(runner.rig.drives)).size

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +94,7 @@ def learn_map(
     kind: Kind,
     folds: Sequence[int],
     homing: float | None,
-    partly: Mapping[int, Samples] = MappingProxyType({}),
+    partly: Mapping[int, Samples] | None = None,
 ) -> tuple[LearnedMap, Terms]:
     """Return the map that logs teach, its terms chosen and its band sized by logs left out, and these terms.
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.rig import Sensor, gain_of
+from distal.rig import Rig, Sensor, gain_of
 
 Floats = NDArray[np.float64]
 
@@ -75,3 +77,14 @@ Measured over many curves by ``tests/sensors/test_errors.py``.
 def systematic_variance(sensor: Sensor) -> float:
     """Return the variance of the linearity error at a random place, (0.6 · largest deviation)²."""
     return float((LINEARITY_STD * sensor.linearity) ** 2)
+
+
+def place_offsets(rig: Rig, names: Sequence[str]) -> Floats:
+    """Return the known offsets that are taken off the readings of drives' places, 0 for other sensors [SI], (n,).
+
+    Args:
+        rig: the description.
+        names: of the sensors.
+    """
+    sensors = {sensor.name: sensor for sensor in rig.sensors}
+    return np.array([sensors[name].bias.value if sensors[name].measures == "position" else 0.0 for name in names])
