@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dgtsv
 
 Floats = NDArray[np.float64]
 
@@ -42,9 +42,7 @@ class Cable:
             right = np.where(sliding == 0, self.points, 0.0)
             right[0] += near[0] * drive
             right[-1] += far[-1] * joint
-            bands = np.zeros((3, n))
-            bands[0, 1:], bands[1], bands[2, :-1] = -far[:-1], own, -near[1:]
-            moved = solve_banded((1, 1), bands, right, check_finite=False)
+            *_, moved, _ = dgtsv(-near[1:], own, -far[:-1], right)
             line = np.concatenate([[drive], moved, [joint]])
             pulls = springs * (line[:-1] - line[1:])
             wanted = np.where(pulls[:-1] > self.drawn * pulls[1:] + 1e-9, 1, 0)

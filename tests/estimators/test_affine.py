@@ -95,10 +95,10 @@ def test_directions_are_used_where_they_help_on_left_out_logs(rig: Rig) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("count", "inside"), [(5, (0.88, 1.0)), (12, (0.90, 0.99))])
 def test_the_band_holds_on_logs_that_were_not_seen(rig: Rig, count: int, inside: tuple[float, float]) -> None:
-    """30 made-up kinds of rig, each judged on 10 logs beyond those it learned from; errors correlated over 1 s."""
+    """15 made-up kinds of rig, each judged on 20 logs beyond those it learned from; errors correlated over 1 s."""
     shares, ratios = [], []
-    for seed in range(30):
-        logs = logs_of(100 + seed, count + 10, noise=0.01, correlation=0.98, spread=0.02)
+    for seed in range(15):
+        logs = logs_of(100 + seed, count + 20, noise=0.01, correlation=0.98, spread=0.02)
         found = learn_affine(logs[:count], rig)
         for log in logs[count:]:
             samples = affine_samples(log, found.rig)

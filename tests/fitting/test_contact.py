@@ -111,7 +111,7 @@ def test_a_fit_learns_it_and_a_file_holds_it(tmp_path: object) -> None:
         paths.append(folder / f"run_{k}.csv")
     again = read_log(paths[0], described)
     np.testing.assert_allclose(again.truth["external_torque"], LOGS[0].truth["external_torque"], atol=1e-9)
-    found = fit(paths, described, ("joints.0.friction.coefficient",), noise=False, compiled=False)
+    found = fit(paths, described, ("joints.0.friction.coefficient",), noise=False)
     assert "contact" in found.maps
     found.save(folder / "fitted.toml")
     assert load_rig(folder / "fitted.toml").contact == found.rig.contact

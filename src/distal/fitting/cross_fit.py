@@ -50,9 +50,9 @@ def without(numbers: Numbers, logs: Sequence[Log]) -> Numbers:
     out = [any(data.log is log for log in logs) for data in problem.data]
     rest = replace(problem, data=tuple(data for data, gone in zip(problem.data, out) if not gone))
     own = np.array([k for k, (_, log) in enumerate(problem.parts) if log is None or not out[log]])
-    square, first = np.ix_(own, own), found.derivatives
-    near = replace(first, gradient=first.gradient[own], information=first.information[square], meat=first.meat[square])
-    again = search(rest, found.z[own], most=WARM_ITERATIONS, fixed=numbers.left[own], first=near, central=False)
+    at = rest.summed([one for one, gone in zip(found.derivatives.of_logs, out) if not gone], found.z[own])
+    again = search(rest, found.z[own], most=WARM_ITERATIONS, fixed=numbers.left[own], known=at, central=False)
+    square = np.ix_(own, own)
     errors = replace(known, covariance=known.covariance[square], told=known.told[own], together=known.together[own])
     left, held = numbers.left[own], numbers.held[own]
     fitted = tuple(fitted_numbers(rest, replace(again, converged=found.converged), errors, left, held))

@@ -98,7 +98,7 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
 
         def cross_filtered(prior_share: float | None) -> tuple[dict[int, Samples], list[str]]:
             rigs = [written(own, prior_share) for own in unseen]
-            return filtered(known, [rigs[fold] for fold in folds], options.homing, False)
+            return filtered(known, [rigs[fold] for fold in folds], options.homing, options.compiled)
 
         data, refused = cross_filtered(share)
         doubts += refused
@@ -108,7 +108,8 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
                 data, share = as_sure, other
         rigs = [written(own, share) for own in unseen]
         ran = list(data)
-        half = partly_homed([known[i] for i in ran], [rigs[folds[i]] for i in ran], options.homing, False)
+        own = [rigs[folds[i]] for i in ran]
+        half = partly_homed([known[i] for i in ran], own, options.homing, options.compiled)
         partly = {ran[k]: one for k, one in half.items()}
         maps += angle_maps(known, data, partly, groups, rig, written(numbers, share), options)
     learned = written(numbers, share)

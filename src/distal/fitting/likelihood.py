@@ -62,6 +62,7 @@ class Derivatives:
         information: Fisher information of the logs, (n, n).
         meat: long-run covariance of the scores, (n, n): equal to the information where the model is right.
         spans: how many spans of time it is the sum of.
+        of_logs: of a sum over logs those of each log alone, without the prior.
     """
 
     cost: float
@@ -69,6 +70,7 @@ class Derivatives:
     information: Floats
     meat: Floats
     spans: int
+    of_logs: tuple[Derivatives, ...] = ()
 
 
 def cost_of(run: Innovations, weighing: Weighing) -> float:

@@ -55,7 +55,7 @@ def filtered(
     rigs: Sequence[Rig],
     homing: float | None,
     compiled: bool,
-    usable: NDArray[np.bool_] | None = None,
+    usable: Sequence[NDArray[np.bool_]] | None = None,
 ) -> tuple[dict[int, Samples], list[str]]:
     """Return what the filter makes of logs, by the index of the log, and why of some it makes nothing.
 
@@ -64,7 +64,7 @@ def filtered(
         rigs: the description for each, without a discrepancy; the first says what the encoders' offsets may be.
         homing: length of the homing move [s], or None.
         compiled: compile kernels where possible.
-        usable: which samples of each log the homing move may use; default all.
+        usable: of each log, which samples the homing move may use; default all.
     """
     data, refused, made = dict[int, Samples](), list[str](), dict[tuple[int, frozenset[str]], AdaptiveFilter]()
     for i, (log, rig) in enumerate(zip(logs, rigs)):
@@ -72,8 +72,11 @@ def filtered(
             key = id(rig), frozenset(log.truth)  # what has a truth says which references there are
             if key not in made:
                 described, references = with_references(rig, log) if homing is not None else (rig, ())
-                made[key] = AdaptiveFilter(described, compiled, references=references)
-            one = _filtered(log, made[key], homing, usable)
+                # homing takes a hundred runs; with the noise as an input most rigs of one structure share a kernel
+                noise = [f"sensors.{k}.noise" for k in range(len(described.sensors))]
+                often = compiled and homing is not None
+                made[key] = AdaptiveFilter(described, often, references=references, inputs=noise)
+            one = _filtered(log, made[key], homing, None if usable is None else usable[i])
         except DistalError as problem:
             refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")
             continue
@@ -101,7 +104,7 @@ def partly_homed(logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None,
     if homing is None:
         return {}
     chosen = np.unique(np.linspace(0, len(logs) - 1, min(len(logs), MOST_PARTLY)).round().astype(int))
-    found = dict[int, Samples]()
+    masks = dict[int, NDArray[np.bool_]]()
     for i in map(int, chosen):
         truths = true_angles(logs[i], [joint.name for joint in rigs[i].joints])
         assert truths is not None
@@ -111,12 +114,11 @@ def partly_homed(logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None,
             if there.any():
                 middle = 0.5 * (angles[there].min() + angles[there].max())
                 usable = usable & (~there | ((angles - middle) * (angles[there][0] - middle) >= 0.0))
-        if np.count_nonzero(usable & (logs[i].time - logs[i].time[0] < homing)) < FEWEST_PARTLY:
-            continue
-        one, _ = filtered([logs[i]], [rigs[i]], homing, compiled, usable)
-        if one:
-            found[i] = replace(one[0], usable=usable)
-    return found
+        if np.count_nonzero(usable & (logs[i].time - logs[i].time[0] < homing)) >= FEWEST_PARTLY:
+            masks[i] = usable
+    used = list(masks)
+    found, _ = filtered([logs[i] for i in used], [rigs[i] for i in used], homing, compiled, list(masks.values()))
+    return {used[k]: replace(one, usable=masks[used[k]]) for k, one in found.items()}
 
 
 def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:

@@ -358,18 +358,24 @@ class Problem:
             widths: see `of_logs`.
             central: see `of_logs`.
         """
+        return self.summed(self.of_logs(z, widths, central), z)
+
+    def summed(self, of_logs: Sequence[Derivatives], z: Floats) -> Derivatives:
+        """Return the derivatives of all logs and the prior, from those of each log.
+
+        Args:
+            of_logs: at the point, of each log.
+            z: all coordinates, (size,).
+        """
         n = self.size
         gradient, information, meat = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
-        of_logs = self.of_logs(z, widths, central)
         for j, part in enumerate(of_logs):
             square = np.ix_(self.columns(j), self.columns(j))
             gradient[self.columns(j)] += part.gradient
             information[square] += part.information
             meat[square] += part.meat
-        cost = sum(part.cost for part in of_logs) + self._prior(z)
-        return Derivatives(
-            cost, gradient + z / self.prior_stds**2, information, meat, sum(part.spans for part in of_logs)
-        )
+        cost, spans = sum(part.cost for part in of_logs) + self._prior(z), sum(part.spans for part in of_logs)
+        return Derivatives(cost, gradient + z / self.prior_stds**2, information, meat, spans, tuple(of_logs))
 
     def states(self, log: int, z: Floats) -> tuple[Floats, Floats]:
         """Return mean (n,) and covariance (n, n) of the filter's states at the end of a log.

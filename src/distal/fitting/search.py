@@ -158,6 +158,7 @@ def search(
     most: int = MOST_ITERATIONS,
     fixed: NDArray[np.bool_] | None = None,
     first: Derivatives | None = None,
+    known: Derivatives | None = None,
     central: bool = True,
 ) -> Found:
     """Return the local minimum of −ln p that Fisher scoring leads to from a start.
@@ -174,18 +175,20 @@ def search(
         most: iterations.
         fixed: coordinates that stay as they are, (n,).
         first: derivatives near the start, by which the widths of the slopes are chosen.
+        known: those at the start, where they are known already.
         central: take slopes on both sides near the end; else on one side only.
     """
     free = np.ones(problem.size, dtype=bool) if fixed is None else ~fixed
     z = _inside(problem, start)
-    widths = first_widths(problem) if first is None else widths_at(problem, z, first)
+    near_by = first if known is None else known
+    widths = first_widths(problem) if near_by is None else widths_at(problem, z, near_by)
     found = Found(z, np.inf, Derivatives(np.inf, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)), 0))
     coarser, near, last = 1.0, False, np.zeros(problem.size)
     try:
-        derivatives = problem.derivatives(z, np.where(free, widths, 0.0), False)
+        derivatives = problem.derivatives(z, np.where(free, widths, 0.0), False) if known is None else known
         found = Found(z, derivatives.cost, derivatives)
         for iteration in range(1, most + 1):
-            steps = [_step(problem, found.z, derivatives, free, damping) for damping in DAMPINGS]
+            steps = [damped_step(problem, found.z, derivatives, free, damping) for damping in DAMPINGS]
             found, predicted = replace(found, iterations=iteration), steps[0][1]
             ahead = [_inside(problem, found.z + share * last) for share in STRIDES if last.any()]
             points = [*(found.z + step for step, _ in steps), *ahead]
@@ -256,10 +259,18 @@ def _inside(problem: Problem, z: Floats) -> Floats:
     return np.clip(z, *problem.bounds.T)
 
 
-def _step(
-    problem: Problem, z: Floats, derivatives: Derivatives, free: NDArray[np.bool_], damping: float
+def damped_step(
+    problem: Problem, z: Floats, derivatives: Derivatives, free: NDArray[np.bool_], damping: float = 0.0
 ) -> tuple[Floats, float]:
-    """Return the damped step within the bounds, and by how much the quadratic model lowers −ln p."""
+    """Return the step of Fisher scoring within the bounds, and by how much the quadratic model lowers −ln p.
+
+    Args:
+        problem: what is minimised.
+        z: the point, (n,).
+        derivatives: there.
+        free: which coordinates move, (n,).
+        damping: λ.
+    """
     whole, gradient = hessian(problem, derivatives)[np.ix_(free, free)], derivatives.gradient[free]
     scale = np.sqrt(np.maximum(np.diag(whole), 1e-12))
     scaled = whole / np.outer(scale, scale) + (damping + 1e-9) * np.eye(len(scale))

@@ -24,6 +24,9 @@ NAMES = (
     "let out otherwise",
     "viscous drive",
 )
+SHEATHS = ("sheath", "let out otherwise")
+"""Simulating their plants takes seconds."""
+
 AWAY = 0.8
 """The plant's number is so many of its prior's stds above the rig's."""
 
@@ -36,17 +39,15 @@ def part(name: str) -> Part:
 def plant(name: str) -> Log:
     own = part(name)
     number = own.value + AWAY * own.std
-    return link_log({**own.fixed, own.path: number}, NOISE, np.random.default_rng(5), 4.0, name)
+    return link_log(
+        {**own.fixed, own.path: number}, NOISE, np.random.default_rng(5), 2.5 if name in SHEATHS else 4.0, name
+    )
 
 
 def errors(result: Estimate) -> tuple[float, float]:
     late = result.time > 0.5
     error = result.errors()[late]
     return float(np.rad2deg(np.sqrt(np.mean(error**2)))), float(np.mean(np.abs(error) < 1.96 * result.theta_std[late]))
-
-
-SHEATHS = ("sheath", "let out otherwise")
-"""Their filters take a compiler: interpreted they are ten times as slow as the others."""
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SHEATHS else n for n in NAMES])
