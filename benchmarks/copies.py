@@ -16,12 +16,15 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-STAGES = (
-    ("tests/estimators/adaptive/test_twin*.py", "tests/run/test_smoothing.py"),
-    ("tests/estimators",),
-    ("tests",),
-)
-"""Which tests run first, then, and last; what ran before is left out. The filter's own tests see most, and soon."""
+STAGES = {
+    "filter": (
+        ("tests/estimators/adaptive/test_twin*.py", "tests/run/test_smoothing.py"),
+        ("tests/estimators",),
+        ("tests",),
+    ),
+    "learning": (("tests/regression", "tests/homing"), ("tests/fitting", "tests/estimators"), ("tests",)),
+}
+"""For each part of the package which tests run first, then, and last; what ran before is left out: its own see most."""
 
 OMITTED = (".*", "__pycache__", "build", "dist", "node_modules", "out", "*.egg-info", "test_mutants.py")
 """What a copy of the project does not need; the tests of this tool would see no mistake in a filter."""
@@ -116,9 +119,11 @@ class Copy:
         folder: of the copy; it does not exist yet.
         processes: that run the tests.
         data: folder that the copies share: compiled kernels, the compiler's command.
+        part: whose stages of tests run.
     """
 
-    def __init__(self, root: Path, folder: Path, processes: Processes, data: Path) -> None:
+    def __init__(self, root: Path, folder: Path, processes: Processes, data: Path, part: str = "filter") -> None:
+        self.stages = STAGES[part]
         self.folder, self._processes, self._temporary = folder, processes, data / f"{folder.name}-pytest"
         shutil.copytree(root, folder, symlinks=True, ignore=shutil.ignore_patterns(*OMITTED))
         scratch = data / f"{folder.name}-tmp"
@@ -149,7 +154,7 @@ class Copy:
         """Run the tests of one stage until one fails.
 
         Args:
-            stage: index in `STAGES`.
+            stage: index in `stages`.
             limit: longest time [s].
         """
         # what the conftest calls the folder of kernels lies beside the base folder: copies share it
@@ -176,7 +181,9 @@ class Copy:
         return Outcome(True, first_failure(code, said), seconds)
 
     def _found(self, stage: int) -> list[str]:
-        return sorted(str(path.relative_to(self.folder)) for each in STAGES[stage] for path in self.folder.glob(each))
+        return sorted(
+            str(path.relative_to(self.folder)) for each in self.stages[stage] for path in self.folder.glob(each)
+        )
 
     @contextmanager
     def changed(self, file: Path, text: str) -> Iterator[None]:

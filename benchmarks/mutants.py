@@ -1,5 +1,7 @@
 """Do the fast tests see a mistake? `python -m benchmarks.mutants N SEED` makes N of them in the adaptive filter and counts.
 
+`--part learning` makes them in what learns from logs: `fitting`, `regression`, `homing`.
+
 Each mutant is one random change of one place (a sign, an operator, a constant, a bound of a slice, swapped branches) in
 one module, in a copy of the project. The fast tests run there until one fails; comparisons with stored estimates and
 golden files (marker `stored`) do not count. The exit code is 0 if at least 90 % were seen, else 1, and 2 if the unchanged
@@ -21,19 +23,22 @@ from dataclasses import asdict
 from pathlib import Path
 from queue import SimpleQueue
 
-from benchmarks.copies import STAGES, BaselineError, Copy, Outcome, Processes
+from benchmarks.copies import BaselineError, Copy, Outcome, Processes
 from benchmarks.mutations import Mutant, Place, mutant, places
 
 ROOT = Path(__file__).parents[1]
 ESTIMATORS = "src/distal/estimators"
 
-MODULES = (
-    f"{ESTIMATORS}/adaptive/**/*.py",
-    f"{ESTIMATORS}/kalman.py",
-    f"{ESTIMATORS}/channels.py",
-    "src/distal/run/smoothing.py",
-)
-"""The modules of the adaptive filter; of these patterns, those count that match a file."""
+MODULES = {
+    "filter": (
+        f"{ESTIMATORS}/adaptive/**/*.py",
+        f"{ESTIMATORS}/kalman.py",
+        f"{ESTIMATORS}/channels.py",
+        "src/distal/run/smoothing.py",
+    ),
+    "learning": tuple(f"src/distal/{folder}/*.py" for folder in ("fitting", "regression", "homing")),
+}
+"""The modules of each part; of these patterns, those count that match a file."""
 
 GOAL = 0.9
 """Least share of mutants that must be seen."""
@@ -42,13 +47,14 @@ PATIENCE = 4.0
 """A stage that takes this many times as long as with the unchanged copy, and a minute, hangs."""
 
 
-def modules(root: Path) -> list[Path]:
-    """Return the modules of the adaptive filter, as paths within the project.
+def modules(root: Path, part: str = "filter") -> list[Path]:
+    """Return the modules of a part, as paths within the project.
 
     Args:
         root: folder of the project.
+        part: a key of `MODULES`.
     """
-    return sorted({path.relative_to(root) for pattern in MODULES for path in root.glob(pattern)})
+    return sorted({path.relative_to(root) for pattern in MODULES[part] for path in root.glob(pattern)})
 
 
 def drawn(root: Path, files: Sequence[Path], count: int, seed: int) -> list[Mutant]:
@@ -90,7 +96,7 @@ def baseline(copies: Sequence[Copy], pool: ThreadPoolExecutor) -> list[float]:
     for outcome in outcomes.values():
         if outcome.seen:
             raise BaselineError(f"the unchanged copy fails: {outcome.by}; mend that first")
-    return [outcomes[stage].seconds for stage in range(len(STAGES))]
+    return [outcomes[stage].seconds for stage in sorted(outcomes)]
 
 
 def judged(copy: Copy, each: Mutant, times: Sequence[float]) -> Outcome:
@@ -111,13 +117,14 @@ def judged(copy: Copy, each: Mutant, times: Sequence[float]) -> Outcome:
     return Outcome(False, "", seconds)
 
 
-def run(mutants: Sequence[Mutant], workers: int, root: Path = ROOT) -> list[Outcome]:
+def run(mutants: Sequence[Mutant], workers: int, root: Path = ROOT, part: str = "filter") -> list[Outcome]:
     """Return what the fast tests say of mutants; a line is printed for each. Nothing is left behind, whatever happens.
 
     Args:
         mutants: what is tried.
         workers: how many at once.
         root: folder of the project.
+        part: whose stages of tests run.
 
     Raises:
         BaselineError: the unchanged copy does not pass.
@@ -129,7 +136,7 @@ def run(mutants: Sequence[Mutant], workers: int, root: Path = ROOT) -> list[Outc
     ):
         try:
             data = Path(name).resolve()
-            copies = [Copy(root, data / f"copy{i}", processes, data) for i in range(workers)]
+            copies = [Copy(root, data / f"copy{i}", processes, data, part) for i in range(workers)]
             times = baseline(copies, pool)
             said = ", ".join(f"{each:.0f}" for each in times)
             print(f"unchanged: all pass, {said} s by stage", flush=True)
@@ -211,20 +218,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("seed", type=int, metavar="SEED", help="of their choice")
     parser.add_argument("--save", type=Path, metavar="FILE", help="write the outcome as JSON too")
     parser.add_argument("--workers", type=int, default=2, help="copies that are tested at once (2)")
+    parser.add_argument("--part", choices=sorted(MODULES), default="filter", help="where they are made (filter)")
     parser.add_argument("--list", action="store_true", help="only print the mutants")
     given = parser.parse_args(arguments)
     if given.count < 1 or given.workers < 1:
         parser.error("N and --workers must be 1 or more")
     if given.save is not None and (given.save.is_dir() or not given.save.absolute().parent.is_dir()):
         parser.error(f"{given.save} cannot be written: give a file in a folder that exists")
-    mutants = drawn(ROOT, modules(ROOT), given.count, given.seed)
+    mutants = drawn(ROOT, modules(ROOT, given.part), given.count, given.seed)
     if given.list:
         for each in mutants:
             print(f"{each.file.as_posix()}:{each.line} ({each.kind})\n  - {each.before}\n  + {each.after}")
         return 0
     signal.signal(signal.SIGTERM, _interrupt)
     try:
-        outcomes = run(mutants, given.workers)
+        outcomes = run(mutants, given.workers, part=given.part)
     except BaselineError as problem:
         print(problem, file=sys.stderr)
         return 2
