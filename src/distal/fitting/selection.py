@@ -208,7 +208,9 @@ def _free(name: str, numbers: Sequence[Number], per_log: bool) -> Free:
     std = first.std if first.std > 0.0 else float("nan")
     starts = tuple(one.value for one in numbers)
     paths = tuple(one.path for one in numbers)
-    return Free(name, paths, starts, std, scale, low, np.inf, first.quantity.si, per_log=per_log)
+    rough = first.is_rough
+    low = SMALLEST_NUMBER * first.value if rough else low
+    return Free(name, paths, starts, std, scale, low, np.inf, first.quantity.si, logarithmic=rough, per_log=per_log)
 
 
 def _noise(name: str, numbers: Sequence[Number], prior: bool = True) -> Free:

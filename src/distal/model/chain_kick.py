@@ -3,7 +3,9 @@
 In impulses over a kick of length h: A v⁺ + h f = r with A = M(q) + h (D̃ + D), r = (M + h D̃ − h C) v + h (F − c − g), f
 being friction. The Coriolis torques c are those in the middle of the kick. C holds the joints' viscous dampings; D̃_j =
 (M_jj/h)(φ(x) − 1), φ(x) = x/(1 − e^{−x}), x = C_j h/M_jj, makes the response of a joint alone the exact one of
-`free_response`; D is what is taken implicitly.
+`free_response`; D is what is taken implicitly. Where a kick is long against the joints' own oscillation, the tendons'
+stiffness K is taken implicitly too, A += h² K, and the joints come to rest within it (linearly implicit Euler; Hairer and
+Wanner, Solving Ordinary Differential Equations II, 1996, section IV.7).
 """
 
 from __future__ import annotations
@@ -30,12 +32,14 @@ class Loads:
         implicit: D, damping that is taken implicitly [N m s/rad].
         up: friction limits against + motion [N m].
         down: against − motion [N m].
+        stiffness: K of the taut tendons and springs, taken implicitly, (n_joints, n_joints) [N m/rad]; None for none.
     """
 
     force: Any
     implicit: Any
     up: Any
     down: Any
+    stiffness: Any = None
 
 
 @dataclass(frozen=True)
@@ -115,10 +119,13 @@ def residual(
     # where no time passes inertia alone is left
     passed = ca.fmax(h, SHORTEST)
     matrix, own = mechanism.mass_matrix(q), mechanism.inertias()[:nj]
-    assert mechanism.chain is not None
-    needed = passed * mechanism.chain.torques(q, v, change / passed) + own * change
+    needed = own * change
+    if mechanism.chain is not None:
+        needed = passed * mechanism.chain.torques(q, v, change / passed) + needed
     needed += _implicit_inertias(mechanism, ca.diag(matrix), h) * change + h * mechanism.dampings()[:nj] * v
     needed += h * (loads.implicit * whole - loads.force)
+    if loads.stiffness is not None:
+        needed += h * h * ca.mtimes(loads.stiffness, whole)
     share, free = ca.fabs(spread).T, mechanism.free
     needed = ca.mtimes(spread.T, needed)
     needed += h * slip.friction(ca.mtimes(share, loads.up), ca.mtimes(share, loads.down))
@@ -142,19 +149,21 @@ def chain_kick(
     """
     nj, spread, free = mechanism.n_joints, mechanism.spread, mechanism.free
     matrix, assembled = mechanism.mass_matrix(q), mechanism.chain
-    assert assembled is not None
     inertias, dampings = ca.diag(matrix), mechanism.dampings()[:nj]
     added = _implicit_inertias(mechanism, inertias, length)
     load = ca.mtimes(matrix, v) + (added - length * dampings) * v + length * loads.force
     matrix += ca.diag(added + length * loads.implicit)
+    if loads.stiffness is not None:
+        matrix += length * length * loads.stiffness
     share = ca.fabs(spread).T
     up, down = length * ca.mtimes(share, loads.up), length * ca.mtimes(share, loads.down)
     matrix, load = ca.mtimes([spread.T, matrix, spread]), ca.mtimes(spread.T, load)
-    bias = ca.mtimes(spread.T, assembled.torques(q, v, ca.SX(nj, 1)))
-    if nj > 1:
-        middle = _middle(matrix, load - length * bias, v[free], up, down)
-        bias = ca.mtimes(spread.T, assembled.torques(q, ca.mtimes(spread, middle), ca.SX(nj, 1)))
-    load -= length * bias
+    if assembled is not None:
+        bias = ca.mtimes(spread.T, assembled.torques(q, v, ca.SX(nj, 1)))
+        if nj > 1:
+            middle = _middle(matrix, load - length * bias, v[free], up, down)
+            bias = ca.mtimes(spread.T, assembled.torques(q, ca.mtimes(spread, middle), ca.SX(nj, 1)))
+        load -= length * bias
     inertias = inertias[free]
 
     slip = slipping(matrix, load, up, down)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any
 
@@ -93,14 +93,20 @@ def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Any, Any, Any]:
     return a * kick.v + b * force, [limit.times(b[i]) for i, limit in enumerate(limits)], damping
 
 
-def loads_of(mechanism: Mechanism, kick: Kick) -> Loads:
+def loads_of(mechanism: Mechanism, kick: Kick, settles: bool = False) -> Loads:
     """Return what acts on the joints of a chain in a kick.
 
     Args:
         mechanism: the rig's equations.
         kick: its symbols.
+        settles: whether the joints come to rest within the kick: then the drives are taken where they end, and stiffness
+            is implicit.
     """
-    nj, pulls = mechanism.n_joints, mechanism.pulls(kick.q, kick.v)
+    nj = mechanism.n_joints
+    if settles:
+        at = ca.vertcat(kick.q[:nj], kick.q[nj:] + kick.drift * kick.v[nj:])
+        return _settling(mechanism, replace(kick, q=at))
+    pulls = mechanism.pulls(kick.q, kick.v)
     own = mechanism.tendon_damping(kick.q, pulls.joint)[:nj]
     force = pulls.forces[:nj] + mechanism.passive_forces(kick.q)[:nj] + kick.effort[:nj] + own * kick.v[:nj]
     if kick.implicit is not None:
@@ -109,7 +115,25 @@ def loads_of(mechanism: Mechanism, kick: Kick) -> Loads:
     return Loads(force, own, ca.vertcat(*(one.up for one in limits)), ca.vertcat(*(one.down for one in limits)))
 
 
-def kicked_chain(mechanism: Mechanism, kick: Kick, rebounds: bool = True, last: bool = False) -> Kicked:
+def _settling(mechanism: Mechanism, kick: Kick) -> Loads:
+    """Return what acts on joints that come to rest within a kick: forces and stiffness without any damping of tendons."""
+    nj, at = mechanism.n_joints, ca.SX.sym("q", mechanism.n_bodies)
+    pulls = mechanism.pulls(at, ca.SX.zeros(mechanism.n_bodies))
+    pulled, passive = pulls.forces[:nj], mechanism.passive_forces(at)[:nj]
+    stiffness = -ca.jacobian(pulled, at)[:, :nj]
+    # a weight above its axle would turn over; only what holds is taken implicitly
+    stiffness += ca.diag(ca.fmax(-ca.diag(ca.jacobian(passive, at)[:, :nj]), 0))
+    limits = mechanism.friction_limits(at, ca.SX.zeros(mechanism.n_bodies), pulls.joint, pulls.drive)[:nj]
+    up, down = ca.vertcat(*(one.up for one in limits)), ca.vertcat(*(one.down for one in limits))
+    p = mechanism.parameters.symbols
+    acting = ca.Function("settling", [at, p], [pulled + passive, up, down, ca.densify(stiffness)])
+    force, up, down, stiffness = acting(kick.q, p)
+    return Loads(force + kick.effort[:nj], ca.SX(nj, 1), up, down, stiffness)
+
+
+def kicked_chain(
+    mechanism: Mechanism, kick: Kick, rebounds: bool = True, last: bool = False, settles: bool = False
+) -> Kicked:
     """Return the joints of a chain after a kick and the drift that follows; see `chain_kick`.
 
     Args:
@@ -117,10 +141,12 @@ def kicked_chain(mechanism: Mechanism, kick: Kick, rebounds: bool = True, last: 
         kick: its symbols.
         rebounds: as in `kick_and_drift`.
         last: whether no drift follows.
+        settles: see `loads_of`.
     """
     nj = mechanism.n_joints
-    loads = loads_of(mechanism, kick)
-    return chain_kick(mechanism, kick.q[:nj], kick.v[:nj], loads, kick.length, kick.drift, last=last, rebounds=rebounds)
+    loads = loads_of(mechanism, kick, settles)
+    before = ca.SX.zeros(nj) if settles else kick.v[:nj]  # what rests has no momentum
+    return chain_kick(mechanism, kick.q[:nj], before, loads, kick.length, kick.drift, last=last, rebounds=rebounds)
 
 
 def _stop(mechanism: Mechanism, body: int, response: Any, rebounds: bool) -> Stop:

@@ -15,6 +15,9 @@ Floats = NDArray[np.float64]
 DEAD_BAND = 6.0
 """Half-width of the play that finds a direction, in standard deviations of the position sensor."""
 
+PLAYS = (0.1, 0.3, 0.8)
+"""Half-widths of plays that are tried, in standard deviations of the reading."""
+
 DIRECTIONS_HELP = 0.95
 """Directions are used where they bring the RMS error on left-out logs below this share of that without them."""
 
@@ -30,9 +33,19 @@ def affine_kind(channels: Sequence[str], positions: Sequence[str], joints: Seque
     """
     linear = (CONSTANT, *channels)
     turns = tuple(f"slip({name})" for name in positions)
+    plays = tuple(f"play({name})" for name in positions)
+    line, directions = "a straight line of what the sensors read", "a straight line, with directions of motion"
     sets = (
-        Terms("a straight line of what the sensors read", linear, DEAD_BAND, of_noise=True),
-        Terms("a straight line, with directions of motion", (*linear, *turns), DEAD_BAND, of_noise=True),
+        Terms(line, linear, DEAD_BAND, of_noise=True),
+        Terms(f"{line}, all logs as one", linear, DEAD_BAND, of_noise=True, pooled=True),
+        Terms(directions, (*linear, *turns), DEAD_BAND, of_noise=True),
+        Terms(f"{directions}, all logs as one", (*linear, *turns), DEAD_BAND, of_noise=True, pooled=True),
+        *(
+            Terms(
+                f"a straight line, with a play of {width:g} std, all logs as one", (*linear, *plays), width, pooled=True
+            )
+            for width in PLAYS
+        ),
     )
     return Kind(
         Affine,

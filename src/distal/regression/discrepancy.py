@@ -45,7 +45,9 @@ def discrepancy_kind(
         NO_CORRECTION,
         Terms("a constant", (CONSTANT,)),
         Terms("linear in what the sensors read", linear),
+        Terms("linear in what the sensors read, all logs as one", linear, pooled=True),
         Terms("linear in what the sensors read and in the filter's own angle", (*linear, *own)),
+        Terms("linear in sensors and the filter's own angle, all logs as one", (*linear, *own), pooled=True),
         # with the filter's angle taken off it is what `affine` says
         Terms("linear with directions and the filter's own angle", (*linear, *turns, *own), DEAD_BAND, of_noise=True),
     ]

@@ -50,6 +50,7 @@ class Terms:
         width: half-width of the plays, in standard deviations of each reading.
         of_noise: the width is in standard deviations of each sensor's random error instead.
         corrects: whether anything is mapped; else only the band is sized.
+        pooled: the mean of the coefficients is that of all samples together, see `random_effects`.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Terms:
     width: float = 0.5
     of_noise: bool = False
     corrects: bool = True
+    pooled: bool = False
 
 
 @dataclass(frozen=True)
@@ -201,7 +203,7 @@ def fit_coefficients(data: Sequence[Samples], kind: Kind, chosen: Terms) -> Lear
                 squares.append(float(np.mean(target[there] ** 2)))
         if not parts:
             raise FitError(f"{kind.name}: what it is to say of '{joint.joint}' is known in no log")
-        found, time = random_effects(joint, kept, parts)
+        found, time = random_effects(joint, kept, parts, chosen.pooled)
         if not chosen.corrects:  # what is off on average is not known to come again
             square = found.covariance[0][0] + found.coefficients[0] ** 2
             found = found.model_copy(update={"coefficients": (0.0,), "covariance": ((square,),)})

@@ -148,7 +148,7 @@ def _root(covariance: Floats) -> Floats:
 
 
 def random_effects(
-    joint: JointMap, columns: Sequence[int], parts: Sequence[tuple[Floats, Floats, float]]
+    joint: JointMap, columns: Sequence[int], parts: Sequence[tuple[Floats, Floats, float]], pooled: bool = False
 ) -> tuple[JointMap, float]:
     """Return the coefficients of one joint and the correlation time of the residuals [s].
 
@@ -156,6 +156,8 @@ def random_effects(
         joint: whose; its coefficients give their number.
         columns: which of them are learned, (n,).
         parts: of each log (design (k, n), angles [rad] (k,), interval [s]).
+        pooled: take the mean from all samples together, so that what differs between logs tells it too (a load that is
+            constant in each); else from each log's own coefficients.
     """
     if len(parts) == 1:
         only = line(*parts[0][:2])
@@ -173,7 +175,7 @@ def random_effects(
     for _ in range(EM_ITERATIONS):
         drawn = [updated(mean, spread, gram, moment, std**2 * own) for gram, moment, own in zip(grams, moments, count)]
         means = np.array([after for after, _ in drawn])
-        mean = means.mean(axis=0)
+        mean = mean if pooled else means.mean(axis=0)
         off = means - mean
         before = spread
         # the mean is of the same logs: one degree of freedom less

@@ -25,7 +25,7 @@ from distal.rig.files import (
 )
 from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spring, Stribeck
 from distal.rig.learned_map import CONSTANT, Affine, Contact, Discrepancy, JointMap, LearnedMap, factors
-from distal.rig.numbers import Number, number
+from distal.rig.numbers import Number, is_arm, known_to_a_factor, number
 from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.plausibility import doubts
 from distal.rig.quantities import Description, In, Parameter
@@ -100,6 +100,8 @@ __all__ = [
     "effort_unit",
     "factors",
     "gain_of",
+    "is_arm",
+    "known_to_a_factor",
     "load_rig",
     "log_factor",
     "number",

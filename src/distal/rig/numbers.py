@@ -11,6 +11,29 @@ from distal.errors import RigError, did_you_mean
 from distal.rig.quantities import In, Parameter
 from distal.rig.rig import Rig
 
+ROUGH, ROUGH_ARM = 0.5, 0.2
+"""A positive number, or a moment arm, whose std is above this share of it is known to a factor only."""
+
+
+def known_to_a_factor(path: str, value: float, std: float) -> bool:
+    """Return whether a positive number is known to a factor only: its prior is then log-normal.
+
+    Args:
+        path: of the number.
+        value: SI.
+        std: what is not known of it.
+    """
+    return std > (ROUGH_ARM if is_arm(path) else ROUGH) * value > 0.0
+
+
+def is_arm(path: str) -> bool:
+    """Return whether a number is a moment arm: it shows in the readings as its product with the angle only.
+
+    Args:
+        path: of the number.
+    """
+    return ".insertion." in path or ".crossings." in path or (path.startswith("drives.") and path.endswith(".radius"))
+
 
 @dataclass(frozen=True)
 class Number:
@@ -35,6 +58,11 @@ class Number:
     hold: bool = False
     shared: tuple[str, float] | None = None
     independent_std: float = 0.0
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether it is positive and known to a factor only."""
+        return self.quantity.bound != "any" and known_to_a_factor(self.path, self.value, self.std)
 
 
 def number(rig: Rig, path: str) -> Number:

@@ -28,6 +28,15 @@ CERTAIN = {
 }
 """Values of `pulley-antagonist` with which nothing but the joint's motion is uncertain."""
 
+ROUGH = {
+    "tendons.0.insertion.radius": {"value": 9.53e-3, "std": 3e-3},
+    "tendons.0.stiffness": {"value": 806.0, "std": 600.0},
+    "joints.0.friction.coefficient": {"value": 0.3, "std": 0.2, "drift": 0.05},
+}
+ROUGH_CAPSTAN = {
+    "drives.0.radius": {"value": 8e-3, "std": 2e-3},
+    "joints.0.friction.coefficient": {"value": 0.15, "std": 0.1},
+}
 TORQUE = {"joints.0.external_torque": {"std": 0.02, "correlation_time": 0.3}}
 FACTORS = {
     **{f"tendons.{i}.stiffness": {"value": 806.0, "shared": {"name": "spool", "std": 0.1}} for i in (0, 1)},

@@ -48,6 +48,8 @@ TEXTBOOK = {
     "insertions": (sliders(rigs.LINKAGE), ()),
     "factors": (sliders(rigs.FACTORS), ()),
     "what parameters share, and err by alone": (sliders(rigs.SHARED), ()),
+    "known to a factor": (sliders(rigs.ROUGH), ()),
+    "known to a factor, one drive": (capstan(rigs.ROUGH_CAPSTAN), ()),
     "a factor of one tendon": (sliders({"tendons.0.stiffness": {"value": 806.0, "std": 201.5}}), ()),
     "linearity": (sliders(rigs.LINEARITY), ()),
     "beyond its travel": (sliders(rigs.LINEARITY, {"drives.0.stops": [0.0, 2e-3]}), ("at a stop",)),
@@ -121,10 +123,10 @@ def test_the_first_sample_takes_no_time_and_missing_first_values_are_found_later
 
 
 @pytest.mark.parametrize(
-    ("rate", "inertia", "count"), [(190.0, 4e-4, 3), (410.0, 4e-4, 1), (100.0, 2.48e-6, 5), (100.0, 1e-8, 50)]
+    ("rate", "inertia", "count"), [(190.0, 4e-4, 3), (410.0, 4e-4, 1), (100.0, 2.48e-6, 5), (100.0, 1.66e-8, 50)]
 )
 def test_how_many_substeps_an_interval_has(rate: float, inertia: float, count: int) -> None:
-    """By the interval, by the joint's own frequency, and no more than 50. The lightest joint needs damping.
+    """By the interval, by the joint's own frequency, and up to 50; a lighter joint rests (`test_settling`).
 
     2.5 ms and 0.6/ω are just not enough, or just enough, so that another limit would give another number.
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import erf, exp, inf, pi, sqrt
+from math import erf, exp, inf, log, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ class State:
     fade_rate: float = 0.0  # f = e^{−rate dt}
     lowest: float = -inf
     considered: bool = False
+    untold: bool = False  # only a joint's own angle teaches it
     members: tuple[int, ...] = ()  # the parameters that a factor multiplies
 
 
@@ -146,6 +147,13 @@ def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[St
         if i in of_factors or std <= 0 or not is_seen(rig, name, std):
             continue
         kind, _, what = name.split(".", 2)
+        arm = ".insertion." in name or ".crossings." in name or (kind == "drives" and what == "radius")
+        if not name.endswith(MAY_BE_NEGATIVE) and value > 0 and std / value > (0.2 if arm else 0.5):
+            state = State(f"{name}.factor", "factor", 1.0, log(1 + std / value), lowest=0.05, members=(i,))
+            state.walk = guards.parameter_walk * std / value if np.isnan(drift) else drift / value
+            state.untold = arm or len(rig.drives) <= len(rig.joints)
+            factors.append(state)
+            continue
         if kind == "tendons" and what in ("stiffness", "damping"):
             mean, spread = cut_at_zero(1.0, std / value)
             state = State(f"{name}.factor", "factor", mean, spread, lowest=0.05, members=(i,))

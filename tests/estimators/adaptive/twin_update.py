@@ -66,7 +66,7 @@ def update(twin: Twin, dt: float, z: Floats, mask: Floats, tracked: list[Tracked
             s_wild = s * max(1.0, nu**2 / (twin.guards.wild_force * s))
         gain = across / s_wild  # (24)
         for i, state in enumerate(twin.states):
-            if state.considered:
+            if state.considered or (state.untold and not row.reference):
                 gain[i] = 0.0
             elif state.kind in ("parameter", "factor", "deviation") and not row.reference:
                 guarded = row.drive is not None and not twin.declared[row.drive]

@@ -22,6 +22,9 @@ MOST_TRAVELS = 20.0
 FOLLOWS = 2.0
 """A joint with so many radians of its own oscillation in one interval follows a jump within it; a quarter turn is π/2."""
 
+SETTLES = 30.0
+"""With so many radians of it in one interval a joint's own oscillation is over: following it would take 50 sub-steps."""
+
 
 @dataclass(frozen=True)
 class FilterContext:
@@ -56,6 +59,11 @@ class FilterContext:
     def joints_follow(self) -> bool:
         """Whether a joint follows a jump of its drive within one interval: its own frequency times that is large."""
         return joint_frequency(self.mechanism) * self.channels.interval > FOLLOWS
+
+    @cached_property
+    def joints_settle(self) -> bool:
+        """Whether the joints come to rest within one interval: it is long against their own oscillation."""
+        return joint_frequency(self.mechanism) * self.channels.interval > SETTLES
 
     def position_sensor(self, drive: int) -> Sensor | None:
         """Return the sensor of a drive's position, or None.

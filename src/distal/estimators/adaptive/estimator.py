@@ -44,6 +44,9 @@ MOST_SCALARS = 24
 MOST_JOINT_SUBSTEPS = 50
 """More sub-steps than this would cost more than they bring: a stiffer joint follows its tendons."""
 
+SETTLING_SUBSTEPS = 8
+"""Where the joints come to rest within an interval, they do so at so many places of the drives along it."""
+
 
 class AdaptiveFilter(KernelEstimator):
     """A displacement-driven Kalman filter that estimates what is uncertain in the rig beside the joints' motion.
@@ -85,7 +88,8 @@ class AdaptiveFilter(KernelEstimator):
         if resolution is None:
             resolution = RESOLUTION if mechanism.chain is None or len(rig.joints) == 1 else CHAIN_RESOLUTION
         longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
-        self._count = min(max(1, int(np.ceil(channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
+        needed = min(max(1, int(np.ceil(channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
+        self._count = SETTLING_SUBSTEPS if self._states.context.joints_settle else needed
         # a smoother goes back over the filter's own states
         learned = () if trace else (rig.discrepancy if line is None else line, rig.contact)
         self._maps = tuple(one for one in learned if one is not None)
@@ -186,8 +190,13 @@ class AdaptiveFilter(KernelEstimator):
             if first is not None:
                 (at,) = states.indices(block)
                 mean[at], variances[at] = first[0], first[1] ** 2
+        # maps read the places of drives as the filter has them, without a known offset
+        placed = [
+            values[k] if at is None else context.corrected(sensors[names[k]], values[k])
+            for k, at in enumerate(self.places)
+        ]
         for learned in self._maps:
-            memory = ca.vertcat(memory, first_memory(learned, values, mask))
+            memory = ca.vertcat(memory, first_memory(learned, ca.vertcat(*placed), mask))
         symbols, p = context.mechanism.parameters.symbols, ca.SX.sym("p", len(self._p))
         found = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
         return ca.Function("prior", [values, given, p], found)

@@ -65,7 +65,7 @@ def moving(context: FilterContext, kick: Kick, torques: Any, torque_stds: Any, p
         torque_stds: their standard deviations, symbols, (n_joints,).
         pushed: indices of the joints on which such a torque can act.
     """
-    alone = context.mechanism.chain is None
+    alone = context.mechanism.chain is None and not context.joints_settle
     return (_joint_by_joint if alone else _all_at_once)(context, kick, torques, torque_stds, pushed)
 
 
@@ -91,7 +91,7 @@ def _joint_by_joint(
 def _all_at_once(context: FilterContext, kick: Kick, torques: Any, torque_stds: Any, pushed: Sequence[int]) -> Moving:
     """Return the same of a chain: slopes of an implicit equation, A dω⁺ = −∂(A ω⁺ + h f − r) for the joints that slip."""
     mechanism, nj = context.mechanism, context.n_joints
-    kicked = kicked_chain(mechanism, kick, rebounds=False)
+    kicked = kicked_chain(mechanism, kick, rebounds=False, settles=context.joints_settle)
     count, length, free = len(mechanism.free), kick.length, mechanism.free
     weight, forward, back = (
         ca.vertsplit(kicked.slip.moving),
@@ -115,12 +115,13 @@ def _all_at_once(context: FilterContext, kick: Kick, torques: Any, torque_stds: 
         rest[free[k]] = moments.rest
     symbols = {name: ca.SX.sym(name, count) for name in ("after", "forward", "back", "kappa", "delta", "place")}
     contacts = type(kicked.contacts)(symbols["kappa"], symbols["delta"], symbols["place"])
-    loads, slip = loads_of(mechanism, kick), Slip(symbols["forward"], symbols["back"])
-    q, v = kick.q[:nj], kick.v[:nj]
+    loads, slip = loads_of(mechanism, kick, context.joints_settle), Slip(symbols["forward"], symbols["back"])
+    q, v = kick.q[:nj], ca.SX.zeros(nj) if context.joints_settle else kick.v[:nj]
     equation = residual(mechanism, q, v, symbols["after"], loads, slip=slip, contacts=contacts, h=length)
     by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
     found = [after, ca.vertcat(*forward), ca.vertcat(*back)]
     found += [stiffness, damping, kicked.contacts.place]
+    found = [ca.densify(each) for each in found]
     slopes = ca.substitute([ca.jacobian(equation, each) for each in by], list(symbols.values()), found)
     solve = solver(matrix, ca.vertcat(*weight))
     place, own, parameter, torque = (ca.mtimes(mechanism.spread, -_columns(solve, slope)) for slope in slopes)

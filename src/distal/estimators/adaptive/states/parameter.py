@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.state_kinds import StateKind
-from distal.rig import number
+from distal.rig import is_arm, known_to_a_factor, number
 from distal.sensors import variance
 
 Floats = NDArray[np.float64]
@@ -48,6 +48,7 @@ class UncertainParameter(State):
         std: prior standard deviation.
         walks: random walk per √s.
         bound: the state is kept at or above this.
+        untold: whether forces and displacements do not tell it: only a joint's own angle teaches it.
     """
 
     name: str
@@ -57,6 +58,7 @@ class UncertainParameter(State):
     std: float
     walks: float
     bound: float
+    untold: bool = False
 
     @property
     def kind(self) -> StateKind:
@@ -111,7 +113,8 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
 
     What several share comes after what is one's alone, and what one that shares errs by on top comes last: a deviation
     is added to what the factor has made. A parameter that cannot be negative has its prior cut at zero: mean and variance
-    are those of the cut normal.
+    are those of the cut normal; but one that is known to a factor only is multiplied by a state of mean 1, whose
+    std is that of its logarithm.
 
     Args:
         context: the rig.
@@ -125,8 +128,14 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         return context.robustness.parameter_walk * std if np.isnan(p.drifts[i]) else float(p.drifts[i]) / scale
 
     def factor(name: str, indices: Sequence[int], relative: float, walked: float) -> UncertainParameter:
-        mean, spread = cut_normal(1.0, relative)
-        return UncertainParameter(f"{name}.factor", tuple(indices), "factor", mean, spread, walked, SMALLEST_FACTOR)
+        first = p.names[indices[0]]
+        rough = known_to_a_factor(first, 1.0, relative)
+        mean, spread = (1.0, float(np.log1p(relative))) if rough else cut_normal(1.0, relative)
+        # where no drive pulls against another, forces are those of friction and say little of all else; and arms show
+        # only as their product with the angle: learned from these, such numbers went astray (docs/accuracy-strangers.md)
+        untold = rough and (is_arm(first) or context.n_drives <= context.n_joints)
+        own = f"{name}.factor"
+        return UncertainParameter(own, tuple(indices), "factor", mean, spread, walked, SMALLEST_FACTOR, untold)
 
     for i in seen:
         name, value, std = p.names[i], float(p.values[i]), float(p.independent_stds[i])
@@ -137,7 +146,8 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
                 walked = walk(i, std)
                 deviations.append(UncertainParameter(f"{name}.deviation", (i,), "deviation", 0.0, std, walked, lowest))
             continue
-        if name.startswith("tendons.") and kind in ("stiffness", "damping") and value > 0.0:
+        rough = _bounded(context, name) and known_to_a_factor(name, value, std)
+        if rough or (name.startswith("tendons.") and kind in ("stiffness", "damping") and value > 0.0):
             factors.append(factor(name, (i,), std / value, walk(i, std / value, value)))
             continue
         mean, spread, lowest = value, std, -np.inf

@@ -72,6 +72,8 @@ class StateVector:
         lasting = [i for block in blocks if isinstance(block, LASTING) for i in self.indices(block)]
         self.lasting = np.isin(np.arange(len(self.names)), lasting)
         self._considered = {i: 0.0 for block in blocks if block.considered for i in self.indices(block)}
+        untold = (b for b in blocks if isinstance(b, UncertainParameter) and b.untold)
+        self._untold = {i: 0.0 for b in untold for i in self.indices(b)}
         self._parameters = [i for b in blocks if isinstance(b, SLOW) for i in self.indices(b)]
         self._curves = [i for b in blocks if isinstance(b, Linearity) for i in self.indices(b)]
         self._strains = [i for b in blocks if isinstance(b, Strained) for i in self.indices(b)]
@@ -103,7 +105,7 @@ class StateVector:
         if guards.creep_learning_time > 0.0 and not reference:
             share = min(1.0, self.context.channels.interval / guards.creep_learning_time)
             slow |= dict.fromkeys(self._strains, share)
-        return {**slow, **self._considered}
+        return {**slow, **({} if reference else self._untold), **self._considered}
 
     @property
     def slow(self) -> tuple[int, ...]:

@@ -1,0 +1,121 @@
+"""Rigs that are hardly known (`rough_plants`): first use without a fit, and after a fit beside pooled least squares.
+
+`python -m benchmarks.strangers.rough --rigs 5` prints errors and bands of each estimator from the user's own description;
+`--fit` fits each rig to four logs and judges on three that no fit has seen. "linear + play" is least squares over all
+fitted logs together on what the sensors read and two plays of it (0.1 and 0.4 of the travel), by NumPy alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.report import table
+from benchmarks.strangers.rough_plants import FITTED, JUDGED, KINDS, described, log_of
+from distal import DistalError, Log, Rig, estimate, fit
+from distal.rig import build_rig
+
+Floats = NDArray[np.float64]
+Score = tuple[float, float, float]
+
+BAND = 1.959963984540054
+"""Stds of half a 95 % band."""
+WIDTHS = (0.1, 0.4)
+"""Of the plays, as shares of the travel."""
+RIDGE = 1e-4
+LOST = (90.0, 0.0, 0.0)
+"""What is refused counts as this: RMS [deg], share inside, half-width [deg]."""
+
+
+def angles_of(log: Log) -> Floats:
+    return np.column_stack(list(log.truth.values()))
+
+
+def score(log: Log, rig: Rig, estimator: str) -> Score:
+    """Return RMS error [deg], share inside the 95 % band and its mean half-width [deg], of all joints together."""
+    try:
+        found = estimate(log, rig, estimator, compiled=False)
+    except DistalError:
+        return LOST
+    errors, stds = found.angles - angles_of(log), found.angle_stds
+    rms, half = np.sqrt(np.mean(errors**2)), BAND * np.mean(stds)
+    return float(np.rad2deg(rms)), float(np.mean(np.abs(errors) <= BAND * stds)), float(np.rad2deg(half))
+
+
+def played(values: Floats, width: float) -> Floats:
+    half, at, found = 0.5 * width * float(np.ptp(values)), float(values[0]), np.empty_like(values)
+    for k, value in enumerate(values):
+        at = min(max(at, value - half), value + half)
+        found[k] = at
+    return found
+
+
+def linear_with_play(fitted: Sequence[Log]) -> Callable[[Log], Floats]:
+    """Return log → angles by least squares over all fitted logs together."""
+
+    def columns(log: Log) -> Floats:
+        every = [np.ones(len(log))]
+        for values in log.channels.values():
+            every += [values, *(played(values, width) for width in WIDTHS)]
+        return np.column_stack(every)
+
+    whole, angles = np.vstack([columns(log) for log in fitted]), np.vstack([angles_of(log) for log in fitted])
+    scale = np.where(whole.std(axis=0) > 0.0, whole.std(axis=0), 1.0)
+    x = whole / scale
+    b = np.linalg.solve(x.T @ x + RIDGE * len(x) * np.eye(x.shape[1]), x.T @ angles)
+    return lambda log: columns(log) / scale @ b
+
+
+def first_use(kind: str, seed: int) -> list[str]:
+    """Return a row: each estimator with the rig as its user describes it."""
+    rig = build_rig(described(kind, seed)[0], kind)
+    logs = [log_of(kind, seed, FITTED + k) for k in range(JUDGED)]
+    row = [kind, str(seed)]
+    for name in ("inextensible", "elastic", "adaptive"):
+        scores = np.mean([score(log, rig, name) for log in logs], axis=0)
+        row += [f"{scores[0]:.2f}", f"{100 * scores[1]:.0f} %", f"{scores[2]:.1f}"]
+    return row
+
+
+def after_fit(kind: str, seed: int) -> list[str]:
+    """Return a row: the fitted rig on logs that no fit has seen, beside linear + play."""
+    rig, began = build_rig(described(kind, seed)[0], kind), time.process_time()
+    fitted, judged = ([log_of(kind, seed, k) for k in logs] for logs in (range(FITTED), range(FITTED, FITTED + JUDGED)))
+    found = fit(fitted, rig)
+    took = time.process_time() - began
+    line = linear_with_play(fitted)
+    play = np.mean([np.sqrt(np.mean((line(log) - angles_of(log)) ** 2)) for log in judged])
+    ours = np.mean([score(log, found.rig, "adaptive") for log in judged], axis=0)
+    row = [kind, str(seed), f"{ours[0]:.2f}", f"{100 * ours[1]:.0f} %", f"{ours[2]:.1f}"]
+    row += [f"{np.mean([score(log, found.rig, 'affine')[0] for log in judged]):.2f}", f"{np.rad2deg(play):.2f}"]
+    row += [f"{np.mean([score(log, each, 'elastic')[0] for log in judged]):.1f}" for each in (found.rig, rig)]
+    return [*row, "yes" if found.converged else "no", f"{took:.0f}"]
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.strangers.rough", description=__doc__)
+    parser.add_argument("--rigs", type=int, default=5, help="of each kind (5)")
+    parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=KINDS)
+    parser.add_argument("--fit", action="store_true", help="after a fit; else first use")
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")  # what a fit warns of is what is judged here
+    rows = list[list[str]]()
+    for kind in given.kinds:
+        for seed in range(given.rigs):
+            rows.append((after_fit if given.fit else first_use)(kind, seed))
+            print(*rows[-1], flush=True)
+    three = [f"{name} {what}" for name in ("inextensible", "elastic", "adaptive") for what in ("°", "inside", "±")]
+    more = ["fitted °", "inside", "±", "affine °", "linear + play °", "elastic °", "before °", "converged", "s"]
+    title = "rigs that are hardly known: " + ("after a fit" if given.fit else "first use, without a fit")
+    name = "rough-fitted" if given.fit else "rough"
+    table(name, title, ["kind", "rig", *(more if given.fit else three)], rows)
+
+
+if __name__ == "__main__":
+    main()
