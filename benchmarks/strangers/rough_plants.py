@@ -79,19 +79,22 @@ def _wrist_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, floa
         })  # fmt: skip
         rubs = {"constant": n.about(f"drives.{j}.friction.constant", 3e-3, 4.0)}
         drives.append({"name": f"motor{j}", "kind": "capstan", "inertia": 5e-6, "radius": 6e-3, "friction": rubs})
+        # both cables of a pair lie on the same pulleys and are of one rope, which the user takes for granted
+        t, across = len(tendons), dict.fromkeys(range(j), 2.5e-3) | {j: 4.5e-3}
+        arms = [n.about(f"tendons.{t}.crossings.{k}.radius", arm, 1.5) for k, arm in across.items()]
+        stiffness = n.about(f"tendons.{t}.stiffness", 1.5e4 if forces else 8e3, 3.0)
+        pretension = n.about(f"tendons.{t}.pretension", 8.0, 2.0)
+        n.truth |= {
+            path.replace(f".{t}.", f".{t + 1}.", 1): v for path, v in n.truth.items() if f"tendons.{t}." in path
+        }
         for side in (1, -1):
-            t = len(tendons)
-            crossings = []
-            for k in range(j + 1):
-                own = n.about(f"tendons.{t}.crossings.{k}.radius", 4.5e-3 if k == j else 2.5e-3, 1.5)
-                if side < 0:  # on the same pulley as the one before
-                    own = tendons[-1]["crossings"][k]["radius"]
-                    n.truth[f"tendons.{t}.crossings.{k}.radius"] = n.truth[f"tendons.{t - 1}.crossings.{k}.radius"]
-                crossings.append({"joint": joints[k]["name"], "kind": "pulley", "radius": own, "side": side})
+            crossings = [
+                {"joint": joints[k]["name"], "kind": "pulley", "radius": arm, "side": side}
+                for k, arm in enumerate(arms)
+            ]
             tendons.append({
                 "name": f"{joints[j]['name']}_{'ab'[side < 0]}", "drive": f"motor{j}", "crossings": crossings,
-                "stiffness": n.about(f"tendons.{t}.stiffness", 1.5e4 if forces else 8e3, 3.0),
-                "pretension": n.about(f"tendons.{t}.pretension", 8.0, 2.0),
+                "stiffness": stiffness, "pretension": pretension,
             })  # fmt: skip
         rate = RATE[kind]
         sensors.append({"name": f"phi{j}", "measures": "position", "of": f"motor{j}", "rate": rate, "noise": 1e-3})

@@ -180,3 +180,51 @@ def test_what_the_band_holds_already_is_no_cost_of_extrapolation() -> None:
     assert wider < sure
     h = beyond_homing(after, out, 0, predict(after, out).values)[(out.time >= 4.0)]
     assert sure**2 - less**2 == pytest.approx((0.03**2 - 1e-6) / np.mean(h[h > 0.0] ** 2), rel=1e-9)
+
+
+def test_logs_in_which_one_drive_moves_are_taken_together() -> None:
+    """A drive that rests says nothing of its coefficient there, and the log's own zero hides what it holds."""
+    rng, data = np.random.default_rng(3), []
+    for seed, moving in enumerate([(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)]):
+        time = run(seed).time
+        a, b, c = (
+            rng.uniform(-0.2, 0.2) + own * np.sin(rate * time + rng.uniform(0, 6))
+            for own, rate in zip(moving, (1.3, 2.1, 0.7))
+        )
+        forces = 0.3 * b - 0.1 * np.sign(np.gradient(a)) * moving[0]
+        readings = np.column_stack([a, b, c, forces]) + 1e-3 * rng.normal(size=(len(time), 4))
+        targets = (0.5 * a - 0.2 * b + 0.4 * c + 0.05 * forces)[:, None] + 1e-3 * rng.normal(size=(len(time), 1))
+        none = np.zeros((len(time), 1))
+        data.append(Samples(f"log {seed}", time, readings, np.zeros((len(time), 0)), targets, none, 0.02))
+    made = affine_kind(("a", "b", "c", "u"), ("a", "b", "c"), ["j0"], np.full(4, 1e-3))
+    learned, terms = learn_map(data[:4], made, range(4), None)
+    assert terms.pooled
+    slopes = np.array(learned.joints[0].coefficients[1:4]) / np.array(learned.scale)[:3]
+    np.testing.assert_allclose(slopes, [0.5, -0.2, 0.4], atol=0.02)
+
+
+def test_a_wide_play_is_found() -> None:
+    """The angle follows a play of 0.4 of the reading's half travel: directions alone do not tell where it turns."""
+    data = []
+    for seed in range(4):
+        one = run(seed)
+        at, played = one.readings[0, 0], []
+        for value in one.readings[:, 0]:
+            at = min(max(at, value - 0.2), value + 0.2)
+            played.append(0.5 * at)
+        targets = np.array(played)[:, None] + 1e-3 * np.random.default_rng(seed).normal(size=(len(played), 1))
+        data.append(replace(one, targets=targets))
+    learned, terms = learn_map(data, kind(), range(4), None)
+    assert "play(a)" in terms.terms
+    out = predict(learned, data[0])
+    assert np.sqrt(np.mean((out.values - data[0].targets[:, 0]) ** 2)) < 0.01
+
+
+def test_the_usual_speed_is_that_of_the_readings() -> None:
+    """RMS over all logs of changes within 0.1 s: it says by how much a held reading grows old."""
+    time = np.arange(0.0, 4.0, 0.02)
+    data = [replace(run(seed), time=time, readings=np.column_stack([rate * time, np.sin(time)])) for seed, rate in
+            enumerate((2.0, -1.0))]  # fmt: skip
+    data = [replace(one, targets=one.targets[: len(time)], variances=one.variances[: len(time)],
+                    angles=one.angles[: len(time)]) for one in data]  # fmt: skip
+    assert fit_coefficients(data, kind(), kind().sets[0]).rate[0] == pytest.approx(np.sqrt((4.0 + 1.0) / 2.0))

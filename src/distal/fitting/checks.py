@@ -54,7 +54,7 @@ def check_logs(logs: Sequence[Log], rig: Rig) -> None:
                     f"{log.source} holds the same as {other.source}; a log that counts twice makes a fit too sure of itself"
                 )
         _check_motion(log, rig)
-        _check_sensors(log, rig)
+        _check_sensors(log, logs, rig)
         joints = [joint.name for joint in rig.joints]
         known = true_angles(log, joints)
         if known is None:
@@ -123,17 +123,27 @@ def _check_motion(log: Log, rig: Rig) -> None:
         )
 
 
-def _check_sensors(log: Log, rig: Rig) -> None:
+def _check_sensors(log: Log, logs: Sequence[Log], rig: Rig) -> None:
+    """Refuse a sensor that is constant, but for that of a drive that is held in this log and moves in another."""
+    places = {sensor.of: sensor.name for sensor in rig.sensors_of("position")}
+    places |= {tendon.name: places[tendon.drive] for tendon in rig.tendons if tendon.drive in places}
     for sensor in rig.sensors:
-        if sensor.measures in REFERENCES or sensor.name not in log.channels:
+        if sensor.measures in REFERENCES or not _constant(log, sensor.name):
+            continue
+        rests = places.get(sensor.of) is None or _constant(log, places[sensor.of])
+        if rests and not all(_constant(other, sensor.name) for other in logs):
             continue
         values = log.channels[sensor.name]
-        there = values[np.isfinite(values)]
-        if len(there) > 20 and float(np.ptp(there)) == 0.0:
-            raise FitError(
-                f"{log.source}: sensor '{sensor.name}' is constant ({there[0]:g} {sensor.si}) over the whole log; "
-                "is it connected? Leave the log out, or remove the sensor from the rig"
-            )
+        raise FitError(
+            f"{log.source}: sensor '{sensor.name}' is constant ({values[np.isfinite(values)][0]:g} {sensor.si}) over the "
+            "whole log; is it connected? Leave the log out, or remove the sensor from the rig"
+        )
+
+
+def _constant(log: Log, name: str) -> bool:
+    """Return whether a log has more than 20 values of a sensor and all are the same."""
+    there = log.channels[name][np.isfinite(log.channels[name])] if name in log.channels else np.zeros(0)
+    return len(there) > 20 and float(np.ptp(there)) == 0.0
 
 
 def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> None:

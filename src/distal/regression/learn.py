@@ -146,6 +146,8 @@ def choose_terms(data: Sequence[Samples], kind: Kind, folds: Sequence[int], homi
     for one in sets:
         if len(one.terms) * SAMPLES_PER_TERM > min(len(each.time) for each in data):
             continue
+        if one.pooled and homing is not None:
+            continue  # a homing move finds what is a log's own
         errors = left_out_errors(data, kind, one, folds, homing)
         # of each log alone, so that one that is unlike the others does not decide
         squares = [float(np.mean(error**2)) for log in errors for error, _, _ in log if len(error)]
