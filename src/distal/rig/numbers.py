@@ -16,7 +16,7 @@ ROUGH, ROUGH_ARM = 0.5, 0.2
 
 
 def known_to_a_factor(path: str, value: float, std: float) -> bool:
-    """Return whether a positive number is known to a factor only: its prior is then log-normal.
+    """Return whether of a positive number only the order of magnitude is known.
 
     Args:
         path: of the number.
@@ -61,8 +61,8 @@ class Number:
 
     @property
     def is_rough(self) -> bool:
-        """Whether it is positive and known to a factor only."""
-        return self.quantity.bound != "any" and known_to_a_factor(self.path, self.value, self.std)
+        """Whether it is known to a factor only and cannot be zero: its prior is then log-normal."""
+        return self.quantity.bound == "positive" and known_to_a_factor(self.path, self.value, self.std)
 
 
 def number(rig: Rig, path: str) -> Number:

@@ -148,19 +148,22 @@ def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[St
             continue
         kind, _, what = name.split(".", 2)
         arm = ".insertion." in name or ".crossings." in name or (kind == "drives" and what == "radius")
-        if not name.endswith(MAY_BE_NEGATIVE) and value > 0 and std / value > (0.2 if arm else 0.5):
+        rough = not name.endswith(MAY_BE_NEGATIVE) and value > 0 and std / value > (0.2 if arm else 0.5)
+        untold = rough and (arm or len(rig.drives) <= len(rig.joints))
+        if rough and what.endswith(("stiffness", "radius", "mass", "inertia", "length")):  # what cannot be zero
             state = State(f"{name}.factor", "factor", 1.0, log(1 + std / value), lowest=0.05, members=(i,))
             state.walk = guards.parameter_walk * std / value if np.isnan(drift) else drift / value
-            state.untold = arm or len(rig.drives) <= len(rig.joints)
+            state.untold = untold
             factors.append(state)
             continue
         if kind == "tendons" and what in ("stiffness", "damping"):
             mean, spread = cut_at_zero(1.0, std / value)
             state = State(f"{name}.factor", "factor", mean, spread, lowest=0.05, members=(i,))
             state.walk = guards.parameter_walk * spread if np.isnan(drift) else drift / value
+            state.untold = untold
             factors.append(state)
             continue
-        state = State(name, "parameter", value, std, i, walk=drift)
+        state = State(name, "parameter", value, std, i, walk=drift, untold=untold)
         if not name.endswith(MAY_BE_NEGATIVE):
             state.mean, state.std = cut_at_zero(value, std)
             state.lowest = 0.01 * state.std

@@ -128,13 +128,11 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         return context.robustness.parameter_walk * std if np.isnan(p.drifts[i]) else float(p.drifts[i]) / scale
 
     def factor(name: str, indices: Sequence[int], relative: float, walked: float) -> UncertainParameter:
-        first = p.names[indices[0]]
+        first, own = p.names[indices[0]], f"{name}.factor"
         rough = known_to_a_factor(first, 1.0, relative)
-        mean, spread = (1.0, float(np.log1p(relative))) if rough else cut_normal(1.0, relative)
-        # where no drive pulls against another, forces are those of friction and say little of all else; and arms show
-        # only as their product with the angle: learned from these, such numbers went astray (docs/accuracy-strangers.md)
-        untold = rough and (is_arm(first) or context.n_drives <= context.n_joints)
-        own = f"{name}.factor"
+        logarithmic = rough and number(context.mechanism.rig, first).quantity.bound == "positive"
+        mean, spread = (1.0, float(np.log1p(relative))) if logarithmic else cut_normal(1.0, relative)
+        untold = rough and _untold(context, first)
         return UncertainParameter(own, tuple(indices), "factor", mean, spread, walked, SMALLEST_FACTOR, untold)
 
     for i in seen:
@@ -146,15 +144,16 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
                 walked = walk(i, std)
                 deviations.append(UncertainParameter(f"{name}.deviation", (i,), "deviation", 0.0, std, walked, lowest))
             continue
-        rough = _bounded(context, name) and known_to_a_factor(name, value, std)
-        if rough or (name.startswith("tendons.") and kind in ("stiffness", "damping") and value > 0.0):
+        of_tendon = name.startswith("tendons.") and kind in ("stiffness", "damping") and value > 0.0
+        if of_tendon or number(context.mechanism.rig, name).is_rough:
             factors.append(factor(name, (i,), std / value, walk(i, std / value, value)))
             continue
         mean, spread, lowest = value, std, -np.inf
         if _bounded(context, name):
             mean, spread = cut_normal(value, std)
             lowest = SMALLEST_VALUE * spread
-        found.append(UncertainParameter(name, (i,), "value", mean, spread, walk(i, spread), lowest))
+        untold = lowest > 0.0 and known_to_a_factor(name, value, std) and _untold(context, name)
+        found.append(UncertainParameter(name, (i,), "value", mean, spread, walk(i, spread), lowest, untold))
     for name, (std, indices) in p.shared.items():
         together = [i for i in indices if i in seen]
         if together:
@@ -162,6 +161,15 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
             walks = [walk(i, std, p.values[i]) for i in together if p.independent_stds[i] == 0.0]
             factors.append(factor(name, together, std, max(walks, default=context.robustness.parameter_walk * std)))
     return found + factors + deviations
+
+
+def _untold(context: FilterContext, name: str) -> bool:
+    """Return whether forces and displacements say so little of a number that a filter with a wide prior goes astray by it.
+
+    Where no drive pulls against another, forces are those of friction and say little of all else; a moment arm shows only
+    as its product with the angle (docs/accuracy-strangers.md, "Rigs that are hardly known").
+    """
+    return is_arm(name) or context.n_drives <= context.n_joints
 
 
 def _bounded(context: FilterContext, name: str) -> bool:
