@@ -11,7 +11,6 @@ have no inertia (`drawn_plants.balanced`); the rolling joint has its own equilib
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -64,6 +63,12 @@ class _Numbers:
         self.truth[path] = true
         return _guessed(self.rng, true, factor)
 
+    def both(self, path: str, usual: float, factor: float, parts: float) -> Raw:
+        """Return the same for two parts that the user takes for alike, and that differ by a share."""
+        guess = self.about(path.format(0), usual, factor)
+        self.truth[path.format(1)] = self.truth[path.format(0)] * float(np.exp(parts * self.rng.normal()))
+        return guess
+
 
 def _wrist_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, float]]:
     forces, n = kind == "held", _Numbers(rng)
@@ -109,15 +114,16 @@ def _wrist_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, floa
     }, n.truth
 
 
-def _pair(n: _Numbers, kind: str, radius: float, stiffness: float, extra: Callable[[int], Raw]) -> Raw:
+def _pair(n: _Numbers, kind: str, radius: float, stiffness: float, extra: Raw) -> Raw:
     """Return one joint between two tendons, each with its own slider and load cell."""
     tendons, drives, sensors, rate = list[Raw](), list[Raw](), list[Raw](), RATE[kind]
+    arm = n.both("tendons.{}.insertion.radius", radius, 1.5, 0.03)
+    spring = n.both("tendons.{}.stiffness", stiffness, 4.0, 0.1)
     for t, side in enumerate((1, -1)):
         drives.append({"name": f"slider{t}", "kind": "slider", "mass": 0.02})
         tendons.append({
             "name": f"wire{t}", "joint": "joint", "drive": f"slider{t}", "side": side,
-            "insertion": {"kind": "pulley", "radius": n.about(f"tendons.{t}.insertion.radius", radius, 1.5)},
-            "stiffness": n.about(f"tendons.{t}.stiffness", stiffness, 4.0), **extra(t),
+            "insertion": {"kind": "pulley", "radius": arm}, "stiffness": spring, **extra,
         })  # fmt: skip
         sensors.append({"name": f"x{t}", "measures": "position", "of": f"slider{t}", "rate": rate, "noise": 2e-5})
         sensors.append({"name": f"u{t}", "measures": "force", "of": f"slider{t}", "rate": rate, "noise": 0.1})
@@ -130,16 +136,15 @@ def _pair(n: _Numbers, kind: str, radius: float, stiffness: float, extra: Callab
 
 def _sheath_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, float]]:
     n = _Numbers(rng)
-    raw = _pair(n, kind, 8e-3, 4e3, lambda t: {
-        "path": {"friction": n.about(f"tendons.{t}.path.friction", 0.12, 3.0), "wrap": {"value": 2.4, "std": 1.5}},
-    })  # fmt: skip
+    friction = n.both("tendons.{}.path.friction", 0.12, 3.0, 0.1)
+    raw = _pair(n, kind, 8e-3, 4e3, {"path": {"friction": friction, "wrap": {"value": 2.4, "std": 1.5}}})
     raw["joints"][0]["spring"] = {"stiffness": n.about("joints.0.spring.stiffness", 0.05, 2.0)}
     return raw, n.truth
 
 
 def _rolling_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, float]]:
     n = _Numbers(rng)
-    raw = _pair(n, kind, HALF_WIDTH, 6e3, lambda t: {})
+    raw = _pair(n, kind, HALF_WIDTH, 6e3, {})
     raw["joints"][0]["external_torque"] = {"std": 0.03}
     return raw, n.truth
 
