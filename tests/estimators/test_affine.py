@@ -11,9 +11,9 @@ from scipy.signal import lfilter
 
 from distal import LiveEstimator, Log, Rig, estimate, estimate_batch, export_c, learn_affine, load_rig, make_estimator
 from distal.errors import EstimationError, FitError, RigError
-from distal.estimators.affine import OUTSIDE, affine_function, affine_samples
+from distal.estimators.affine import OUTSIDE, affine_function, affine_samples, start_of
 from distal.regression import numbers_of, predict
-from distal.rig import Affine, build_rig, parse_toml
+from distal.rig import Affine, JointMap, build_rig, parse_toml
 from distal.run import samples_of
 
 OFFSET, SLOPE, COMPLIANCE = 0.4, 0.9, -1.5
@@ -397,3 +397,25 @@ def test_a_filter_begins_where_the_map_says() -> None:
     surer = rig.with_values({"affine": affine, "joints.0.initial.std": 0.001})
     begun = make_estimator("adaptive", surer, compiled=False).initial(0.0, np.array([0.4, -0.1]))
     assert begun.carry[0] == pytest.approx(0.3)
+
+
+def test_a_filter_begins_where_a_play_may_be(rig: Rig) -> None:
+    """At the first reading a play is there, give or take its half-width: its coefficient counts, and its room is doubt."""
+    made = learn_affine(logs_of(6, 5, noise=0.002), rig).learned
+    joint = made.joints[0]
+    size = len(joint.coefficients)
+    whole = replace_terms(made, joint, size)
+    readings = {name: (made.centre[i] + 0.5 * made.scale[i], 1.0) for i, name in enumerate(made.channels)}
+    before, after = (start_of(each, 0, readings) for each in (made, whole))
+    assert float(after[0]) == pytest.approx(float(before[0]) + 0.3 * 0.5)
+    assert float(after[1]) == pytest.approx(float(before[1]) + (0.3 * 0.2) ** 2 / 3.0)
+
+
+def replace_terms(made: Affine, joint: JointMap, size: int) -> Affine:
+    """Return the map with a play of its first channel, half-width 0.2, whose coefficient is 0.3 for certain."""
+    covariance = np.zeros((size + 1, size + 1))
+    covariance[:size, :size] = joint.covariance
+    rows = tuple(tuple(float(value) for value in row) for row in covariance)
+    wider = joint.model_copy(update={"coefficients": (*joint.coefficients, 0.3), "covariance": rows})
+    terms, width = (*made.terms, f"play({made.channels[0]})"), (0.2,) * len(made.channels)
+    return made.model_copy(update={"terms": terms, "width": width, "joints": (wider,)})

@@ -280,13 +280,17 @@ def start_of(affine: Affine, joint: int, readings: Mapping[str, tuple[Any, Any]]
         half = max((affine.high[i] - affine.low[i]) / 2, 1e-12)
         far = ca.fmax(far, ca.fmax(affine.low[i] - value, value - affine.high[i]) / half)
         known = ca.logic_and(known, is_read(there))
-    plain = [i for i, term in enumerate(affine.terms) if term == "1" or term in affine.channels]
+    # a play is where its reading is, give or take its half-width; a direction is either
+    plays = {f"play({name})": (name, width) for name, width in zip(affine.channels, affine.width)}
+    plain = [i for i, term in enumerate(affine.terms) if term == "1" or term in affine.channels or term in plays]
     turns = [i for i in range(len(affine.terms)) if i not in plain]
-    column = ca.vertcat(*(1 if affine.terms[i] == "1" else phi[affine.terms[i]] for i in plain))
+    named = [plays.get(affine.terms[i], (affine.terms[i], 0.0)) for i in plain]
+    column = ca.vertcat(*(1 if name == "1" else phi[name] for name, _ in named))
     covariance, coefficients = np.asarray(own.covariance)[np.ix_(plain, plain)], np.asarray(own.coefficients)
     angle = ca.dot(ca.DM(coefficients[plain]), column)
     variance_of = affine.band[joint] ** 2 * (ca.bilin(ca.DM(covariance), column, column) + own.std**2)
-    variance_of += float(np.sum(coefficients[turns] ** 2))
+    widths = np.array([width for _, width in named])
+    variance_of += float(np.sum(coefficients[turns] ** 2) + np.sum((coefficients[plain] * widths) ** 2) / 3.0)
     return angle, ca.if_else(
         ca.logic_and(known, far < START_REACH), variance_of * (1 + START_GROWTH * far) ** 2, NOWHERE
     )

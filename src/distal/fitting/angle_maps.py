@@ -42,9 +42,11 @@ def angle_maps(
         learned: with the fitted numbers.
         options: of the fit.
     """
+    # whether a reading moves is judged by the noise that its user states: a fitted one may hold what the model lacks
+    line = affine_of(prior)
     straight = [affine_samples(log, learned) for log in known]
     straight = [one.part(np.asarray(np.isfinite(one.targets).any(axis=1))) for one in straight]
-    affine = map_of(straight, affine_of(learned), learned, options.homing, groups, scored=False)
+    affine = map_of(straight, line, learned, options.homing, groups, scored=False)
     maps = [affine]
     if data:
         samples, own = list(data.values()), [groups[i] for i in data]
@@ -53,7 +55,7 @@ def angle_maps(
         found = map_of(samples, kind, learned, options.homing, own, scored=False, partly=half)
         if options.homing is None:
             among = [_at_times_of(data[i], affine_samples(known[i], learned)) for i in data]
-            found = as_good_as_a_line(found, affine, [(kind, samples), (affine_of(learned), among)], own, learned)
+            found = as_good_as_a_line(found, affine, [(kind, samples), (line, among)], own, learned)
         maps.append(found)
     if options.homing is None:
         return [one.with_map(with_reference_error(one.learned, prior, known)) for one in maps]
