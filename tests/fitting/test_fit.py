@@ -172,7 +172,6 @@ class TestBadLogs:
         with pytest.raises(FitError, match="is constant while the drives move"):
             fit([self.changed(log, truth=np.zeros(len(log)))], rig)
 
-    @pytest.mark.slow
     def test_contradictory_logs(self, rig: Rig) -> None:
         """The same rig with threads of half the stiffness is another rig."""
         logs = [

@@ -65,6 +65,14 @@ def test_a_joint_rests_where_its_tendons_balance() -> None:
         assert angles[0] == pytest.approx((7e-3 - 3e-3) / (2 * radius), abs=1e-4)
 
 
+def test_a_spring_holds_against_the_tendons() -> None:
+    """θ = r k (x1 − x2)/(2 k r² + k_s): all of it is linear, so one step ends there."""
+    rig = pair(**{"joints.0.spring": {"stiffness": 0.1}})
+    k, r = rig.tendons[0].stiffness.value, rig.tendons[0].insertion.radius.value
+    angles, _ = step_of(rig, [0.05, 7e-3, 3e-3], [0.0, 0.0, 0.0], 0.5)
+    assert angles[0] == pytest.approx(r * k * 4e-3 / (2 * k * r * r + 0.1), abs=1e-4)
+
+
 def test_friction_holds_what_it_can() -> None:
     """Within its limit a joint stays where it was; beyond it comes as far as balance but for friction asks."""
     grip = {"coefficient": 0.3, "radius": 3e-3, "preload": 0.0}

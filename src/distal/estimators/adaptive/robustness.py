@@ -58,7 +58,6 @@ class Robustness:
     """docs/guards.md, and `python -m benchmarks.sensitivity`, table sensitivity-lost"""
     wild_force: float = 9.0
     """3 σ; docs/guards.md: without it one wild force throws the filter off"""
-    """0.1 mm on 1e5 N/m is 10 N; docs/estimators.md, "In the hard places\""""
     sticking_time: float = 0.5
     """docs/guards.md; 50 samples of the paper's rig"""
     turning_time: float = 0.1
