@@ -1,8 +1,9 @@
 """Rigs that are hardly known (`rough_plants`): first use without a fit, and after a fit beside pooled least squares.
 
 `python -m benchmarks.strangers.rough --rigs 5` prints errors and bands of each estimator from the user's own description;
-`--fit` fits each rig to four logs and judges on three that no fit has seen. "linear + play" is least squares over all
-fitted logs together on what the sensors read and two plays of it (0.1 and 0.4 of the travel), by NumPy alone.
+`--fit` fits each rig to four logs and judges on three that no fit has seen; `--affine` learns `affine` alone. "linear +
+play" is least squares over all fitted logs together on what the sensors read and two plays of it (0.1 and 0.4 of the
+travel), by NumPy alone.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from benchmarks.report import table
 from benchmarks.strangers.rough_plants import FITTED, JUDGED, KINDS, described, log_of
-from distal import DistalError, Log, Rig, estimate, fit
+from distal import DistalError, Log, Rig, estimate, fit, learn_affine
 from distal.rig import build_rig
 
 Floats = NDArray[np.float64]
@@ -97,24 +98,40 @@ def after_fit(kind: str, seed: int) -> list[str]:
     return [*row, "yes" if found.converged else "no", f"{took:.0f}"]
 
 
+def lines_alone(kind: str, seed: int) -> list[str]:
+    """Return a row: `affine` learned from the same logs beside linear + play, on logs that neither has seen."""
+    rig = build_rig(described(kind, seed)[0], kind)
+    fitted, judged = ([log_of(kind, seed, k) for k in logs] for logs in (range(FITTED), range(FITTED, FITTED + JUDGED)))
+    began = time.process_time()
+    learned, line = learn_affine(fitted, rig).rig, linear_with_play(fitted)
+    took = time.process_time() - began
+    scores = np.mean([score(log, learned, "affine") for log in judged], axis=0)
+    play = np.mean([np.sqrt(np.mean((line(log) - angles_of(log)) ** 2)) for log in judged])
+    return [kind, str(seed), f"{scores[0]:.2f}", f"{100 * scores[1]:.0f} %", f"{np.rad2deg(play):.2f}", f"{took:.1f}"]
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.strangers.rough", description=__doc__)
     parser.add_argument("--rigs", type=int, default=5, help="of each kind (5)")
     parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=KINDS)
     parser.add_argument("--fit", action="store_true", help="after a fit; else first use")
+    parser.add_argument("--affine", action="store_true", help="affine alone beside linear + play")
     given = parser.parse_args()
     warnings.simplefilter("ignore")  # what a fit warns of is what is judged here
     rows = list[list[str]]()
     for kind in given.kinds:
         for seed in range(given.rigs):
-            rows.append((after_fit if given.fit else first_use)(kind, seed))
+            rows.append((after_fit if given.fit else lines_alone if given.affine else first_use)(kind, seed))
             print(*rows[-1], flush=True)
     three = [f"{name} {what}" for name in ("inextensible", "elastic", "adaptive") for what in ("°", "inside", "±")]
     more = ["fitted °", "inside", "±", "affine °", "linear + play °", "elastic °", "before °", "converged", "s"]
-    title = "rigs that are hardly known: " + ("after a fit" if given.fit else "first use, without a fit")
-    name = "rough-fitted" if given.fit else "rough"
-    table(name, title, ["kind", "rig", *(more if given.fit else three)], rows)
+    title, name, columns = "first use, without a fit", "rough", three
+    if given.fit:
+        title, name, columns = "after a fit", "rough-fitted", more
+    elif given.affine:
+        title, name, columns = "affine alone", "rough-affine", ["affine °", "inside", "linear + play °", "s"]
+    table(name, f"rigs that are hardly known: {title}", ["kind", "rig", *columns], rows)
 
 
 if __name__ == "__main__":
