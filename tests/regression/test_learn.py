@@ -22,7 +22,7 @@ from distal.regression import (
 from distal.regression.affine import affine_kind
 from distal.regression.extrapolation import cost_beyond
 from distal.regression.features import beyond_homing
-from distal.regression.kernel import map_function, numbers_of
+from distal.regression.kernel import map_function, memory_size, numbers_of
 from distal.regression.learn import Kind, choose_terms
 
 CHANNELS, NOISE = ("a", "b"), np.array([1e-3, 1e-3])
@@ -228,3 +228,26 @@ def test_the_usual_speed_is_that_of_the_readings() -> None:
     data = [replace(one, targets=one.targets[: len(time)], variances=one.variances[: len(time)],
                     angles=one.angles[: len(time)]) for one in data]  # fmt: skip
     assert fit_coefficients(data, kind(), kind().sets[0]).rate[0] == pytest.approx(np.sqrt((4.0 + 1.0) / 2.0))
+
+
+@pytest.mark.parametrize(("beyond", "share"), [(0.0, 1.0), (0.25, 0.5), (0.5, 0.2)])
+def test_a_correction_fades_to_its_constant_outside_the_learned_range(beyond: float, share: float) -> None:
+    """1 / (1 + (d/0.25)²), d in halves of the learned range; the kernel says the same."""
+    made = discrepancy_kind(CHANNELS, CHANNELS, (), ("j0",), NOISE)
+    data = [replace(one, angles=one.targets) for one in map(run, range(3))]
+    learned = fit_coefficients(data, made, made.sets[2])
+    half = 0.5 * (learned.high[0] - learned.low[0])
+    learned = learned.model_copy(update={"reach": 1e3})  # only the single reading is outside
+    readings = np.array([[learned.high[0] + beyond * half, learned.centre[1]]])
+    at = replace(data[0].part(np.arange(400) < 1), readings=readings, angles=np.array([[learned.centre[2]]]))
+    constant, slope = learned.joints[0].coefficients[:2]
+    reached = (readings[0, 0] - learned.centre[0]) / learned.scale[0]
+    expected = constant + share * slope * reached
+    assert abs(slope * reached) > 1e-3
+    np.testing.assert_allclose(predict(learned, at).values, expected, rtol=1e-9)
+    function = map_function(learned, 2, [False, False])
+    memory, x = np.zeros(memory_size(learned)), np.array([0.01, *readings[0], 1.0, 1.0])
+    values, _, variances, far, _ = function(memory, x, np.zeros(2), at.angles[0], numbers_of(learned))
+    np.testing.assert_allclose(float(values), expected, rtol=1e-9)
+    np.testing.assert_allclose(float(far), beyond, atol=1e-12)
+    np.testing.assert_allclose(float(variances), predict(learned, at).variances[0], rtol=1e-9)

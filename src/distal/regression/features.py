@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.rig import LearnedMap, factors
+from distal.rig import CONSTANT, LearnedMap, factors
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -153,7 +153,7 @@ def played(values: Floats, half: float) -> Floats:
 
 
 def design(learned: LearnedMap, samples: Samples) -> Floats:
-    """Return the terms over a log, (k, n_terms).
+    """Return the terms over a log, all but the constant faded outside the learned range, (k, n_terms).
 
     Args:
         learned: terms, scales and ranges.
@@ -163,7 +163,21 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
     scaled = (clipped - np.asarray(learned.centre)) / np.asarray(learned.scale)
     plays = {i: played(scaled[:, i], learned.width[i]) for i in learned.played}
     values = variables(learned, list(scaled.T), plays, learned.width)
-    return np.column_stack(columns(learned.terms, values, np.ones(len(scaled))))
+    faded = fade(learned, outside(learned, samples))
+    every = columns(learned.terms, values, np.ones(len(scaled)))
+    return np.column_stack([one if term == CONSTANT else faded * one for term, one in zip(learned.terms, every)])
+
+
+def fade(learned: LearnedMap, far: Any) -> Any:
+    """Return how much terms count that far outside the learned range, 1 / (1 + (d / `FADE`)²): numbers or symbols.
+
+    Curves go on as they like where no log has been; there the filter alone is the better guess.
+
+    Args:
+        learned: the map.
+        far: d, from `outside`.
+    """
+    return 1.0 / (1.0 + (far / learned.FADE) ** 2)
 
 
 def outside(learned: LearnedMap, samples: Samples) -> Floats:
@@ -214,7 +228,7 @@ def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
     low, high = (limit[column] for limit in limits(learned))
     angles = samples.angles[:, joint]
     slope = learned.joints[joint].coefficients[learned.terms.index(name)] / learned.scale[column]
-    return np.where((angles > low) & (angles < high), slope, 0.0)
+    return np.where((angles > low) & (angles < high), slope, 0.0) * fade(learned, outside(learned, samples))
 
 
 @dataclass(frozen=True)

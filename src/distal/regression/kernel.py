@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.kernels.mask import is_read
-from distal.regression.features import SMALLEST_HALF, columns, limits, variables
+from distal.regression.features import SMALLEST_HALF, columns, fade, limits, variables
 from distal.regression.window import ANYWHERE
-from distal.rig import LearnedMap
+from distal.rig import CONSTANT, LearnedMap
 
 Floats = NDArray[np.float64]
 
@@ -90,12 +90,14 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     far = ca.fmax(0, ca.sqrt(ca.fmax(_form(distance, z), 0)) / reach - 1)
     for i in range(n):
         far = ca.fmax(far, ca.fmax(low[i] - symbols[i], symbols[i] - high[i]) / half[i])
+    faded = fade(learned, far)
+    shown = ca.vertcat(*(1 if term == CONSTANT else faded for term in learned.terms)) * phi
     values, gains, variances = [], [], []
     for j in range(nj):
         coefficients, covariance, std = own[3 * j : 3 * j + 3]
-        value = ca.dot(coefficients, phi)
-        slopes = ca.jacobian(value, symbols)
-        variance = band[j] ** 2 * (_form(covariance, phi) + std**2) + far**2 * (std**2 + spread[j] ** 2)
+        value = ca.dot(coefficients, shown)
+        slopes = faded * ca.jacobian(ca.dot(coefficients, phi), symbols)
+        variance = band[j] ** 2 * (_form(covariance, shown) + std**2) + far**2 * (std**2 + spread[j] ** 2)
         corrected = symbols[m + j] + value if n > m else value
         past = ca.fmax(0, ca.fmax(homed_low[j] - corrected, corrected - homed_high[j]))
         variance += (extrapolation[j] * past) ** 2

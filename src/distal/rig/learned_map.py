@@ -61,6 +61,9 @@ class LearnedMap(Description):
     MARGIN: ClassVar[float] = np.inf
     """Terms go on beyond the learned range by this share of half of it; further out they stay as they are."""
 
+    FADE: ClassVar[float] = np.inf
+    """So many halves of the learned range beyond its end, all terms but the constant count half."""
+
     terms: tuple[str, ...] = Field(min_length=1, description="what is summed; '1' is the constant")
     channels: tuple[str, ...] = Field(min_length=1, description="the sensors, in the estimator's order")
     centre: Row = Field(description="mean of each sensor's readings, then of each joint's angle by the filter [SI]")
@@ -176,6 +179,7 @@ class Discrepancy(LearnedMap):
     """The joints' angles less what `adaptive` makes of them (Kennedy and O'Hagan, 2001); `distal fit` writes it."""
 
     MARGIN: ClassVar[float] = 0.5
+    FADE: ClassVar[float] = 0.25
 
 
 class Contact(LearnedMap):
