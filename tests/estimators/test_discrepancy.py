@@ -103,9 +103,11 @@ def naive(
         far = max(
             0.0, np.sqrt(z @ np.array(d.distance) @ z) / d.reach - 1.0, *((low - raw) / half), *((raw - high) / half)
         )
+        faded = 1.0 / (1.0 + (4.0 * far) ** 2)
+        phi[1:] *= faded
         total = phi @ covariance @ phi + std**2 + far**2 * (std**2 + d.spread[0] ** 2)
         inside = low[2] - 0.5 * half[2] < theta < high[2] + 0.5 * half[2]
-        total += (d.own * (1.0 + (b[5] / scale[2] if inside else 0.0))) ** 2 * variance
+        total += (d.own * (1.0 + (faded * b[5] / scale[2] if inside else 0.0))) ** 2 * variance
         if age > 0.0:
             step = 1e-6
             ends = []
@@ -113,7 +115,7 @@ def naive(
                 m = (np.clip(moved, low[1] - 0.5 * half[1], high[1] + 0.5 * half[1]) - centre[1]) / scale[1]
                 p = min(max(play, m - d.width[1]), m + d.width[1]) if abs(abs(y - play) - d.width[1]) < 1e-12 else play
                 ends.append(b[2] * x * m + b[3] * p + b[4] * m * abs(m))
-            total += ((ends[1] - ends[0]) / (2 * step) * min(d.rate[1] * age, 2 * half[1])) ** 2
+            total += (faded * (ends[1] - ends[0]) / (2 * step) * min(d.rate[1] * age, 2 * half[1])) ** 2
         deltas.append(float(phi @ b))
         variances.append(float(total))
     return np.array(deltas), np.array(variances)

@@ -228,7 +228,8 @@ def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
     low, high = (limit[column] for limit in limits(learned))
     angles = samples.angles[:, joint]
     slope = learned.joints[joint].coefficients[learned.terms.index(name)] / learned.scale[column]
-    return np.where((angles > low) & (angles < high), slope, 0.0) * fade(learned, outside(learned, samples))
+    shown: Floats = np.where((angles > low) & (angles < high), slope, 0.0) * fade(learned, outside(learned, samples))
+    return shown
 
 
 @dataclass(frozen=True)

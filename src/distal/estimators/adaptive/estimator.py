@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -48,6 +48,15 @@ SETTLING_SUBSTEPS = 8
 """Where the joints come to rest within an interval, they do so at so many places of the drives along it."""
 
 
+@lru_cache(maxsize=32)
+def _state_vector(
+    rig: Rig, references: tuple[Sensor, ...], inputs: tuple[str, ...], guards: Robustness, kinds: tuple[Kind, ...]
+) -> StateVector:
+    """Return the states of a filter; kept, since one rig estimates many logs and its functions take 0.1 s to build."""
+    mechanism = Mechanism(rig, inputs, remembers=True)
+    return StateVector(FilterContext(mechanism, channels_of(rig, "adaptive", references), guards), kinds)
+
+
 class AdaptiveFilter(KernelEstimator):
     """A displacement-driven Kalman filter that estimates what is uncertain in the rig beside the joints' motion.
 
@@ -82,9 +91,10 @@ class AdaptiveFilter(KernelEstimator):
         kinds: Sequence[Kind] = KINDS,
         line: Affine | None = None,
     ) -> None:
-        mechanism, channels = Mechanism(rig, inputs, remembers=True), channels_of(rig, name, references)
+        channels = channels_of(rig, name, references)
         guards = Robustness.usual(len(rig.joints)) if robustness is None else robustness
-        self._states = StateVector(FilterContext(mechanism, channels, guards), kinds)
+        self._states = _state_vector(rig, tuple(references), tuple(inputs), guards, tuple(kinds))
+        mechanism = self._states.context.mechanism
         if resolution is None:
             resolution = RESOLUTION if mechanism.chain is None or len(rig.joints) == 1 else CHAIN_RESOLUTION
         longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))

@@ -6,6 +6,7 @@ The carry is the mean, the covariance, what is remembered of each drive's motion
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -33,6 +34,7 @@ def adaptive_layout(states: int, drives: int) -> Layout:
     return carry_layout(states, drives=MEMORY * drives, forces=drives)
 
 
+@lru_cache(maxsize=32)
 def adaptive_function(states: StateVector, count: int, loops: bool = False, trace: bool = False) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of the displacement-driven filter; y = (innovations, variances).
 
