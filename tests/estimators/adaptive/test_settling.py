@@ -121,3 +121,17 @@ def test_slower_samples_tell_less_but_nothing_diverges() -> None:
     assert errors[0] < 0.3
     for k, rate in enumerate(rates[1:]):
         assert errors[k + 1] < (rates[k] / rate) ** 2 * errors[k]
+
+
+def test_a_motion_that_begins_between_slow_samples_is_no_wild_reading() -> None:
+    """After a rest the mean speed tells nothing of 0.4 s: the drive is where its sensor says."""
+    rig, log = build_rig(described("stop and go", 0)[0], "slow"), log_of("stop and go", 0, FITTED)
+    runner = AdaptiveFilter(rig, False)
+    samples = np.column_stack([log.channels[name] for name in runner.channels])
+    belief = runner.initial(log.time[0], samples[0])
+    rows, last = runner.checked_rows(belief, log.time, samples)
+    carries = runner.kernel.scan(belief.carry, rows, runner.numbers)[0][last]
+    still = np.diff(samples, axis=0, prepend=samples[:1])
+    begins = np.abs(still[1:]) > 50 * np.abs(still[:-1]) + 0.05
+    assert begins.sum() > 10
+    np.testing.assert_allclose(carries[:, list(runner.places)], samples, atol=1e-6)

@@ -208,8 +208,9 @@ def track(
         evidence = jump_evidence(
             force_evidence.missing, force_evidence.stiffness * jump, force_evidence.variance, force_evidence.least
         )
-    # (2) the chance that a jump is real
-    real = ca.if_else(far, chance_of_jump(robustness, doubt, evidence, judged), 1)
+    # (2) the chance that a jump is real: between slow samples it may have been there since the mean speed faded
+    stayed = doubt + ca.fmax(dt - MOTION_TIME, 0)
+    real = ca.if_else(far, chance_of_jump(robustness, stayed, evidence, judged), 1)
     # a gap is crossed in a straight line to the reading that ends it
     line = place + (reading - place) / rows_left(mask)
     now = ca.if_else(bridged, line, ca.if_else(read, expected + real * jump, expected))
