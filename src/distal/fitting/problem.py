@@ -113,10 +113,14 @@ class FitFilter:
 def steps_of(rig: Rig, logs: Sequence[Log]) -> int:
     """Return how many rows per sample all of some logs need, so that displacements between samples are right.
 
+    Joints that settle within an interval need one: where a drive went between two slow samples no curve tells.
+
     Args:
         rig: the description.
         logs: of a fit.
     """
+    if AdaptiveFilter(rig, False).states.context.joints_settle:
+        return 1
     sensors = list(rig.sensors_of("position"))
     noise = np.sqrt([variance(sensor) for sensor in sensors])
     places = [np.column_stack([log.channels[sensor.name] for sensor in sensors]) for log in logs if sensors]

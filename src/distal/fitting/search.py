@@ -37,7 +37,7 @@ information (docs/identification.md)."""
 SMALLEST_WIDTH, SMALLEST_NOISE_WIDTH = 1e-3, 0.05
 """Least such shares: of a number, and of a noise, which changes where a joint slips and so what it seems to tell."""
 
-COARSE_SHARE, COARSE_LEAST, COARSE_ITERATIONS = 0.25, 400, 12
+COARSE_SHARE, COARSE_LEAST, COARSE_ITERATIONS = 0.25, 400, 20
 """The start is searched with the first quarter of each log, at least so many samples, in so many iterations."""
 
 STARTS = 16
@@ -49,8 +49,8 @@ UNKNOWN_SPREAD = 2.0
 PROBES, PROBE_SIZE, PROBE_ROUNDS = 7, 0.5, 3
 """After the search so many points are tried, so many standard errors away, and it goes on from a lower one."""
 
-LOUDER = 1.0
-"""The coarse search begins with noise larger by this, in logarithms."""
+LOUDER = (1.0, 2.0, 3.0)
+"""Coarse searches begin with noise larger by this, in logarithms; the next only where the one before is not accepted."""
 
 ACCEPTED = 1.5
 """Mean ν²/S of every channel below which the end of the first coarse search is accepted, and no other start is tried."""
@@ -97,13 +97,14 @@ def most_likely(problem: Problem, seed: int, progress: Progress | None = None, b
     noise = np.array([part.noise for part, _ in problem.parts])
     zero = np.zeros(problem.size) if begin is None else np.asarray(begin, dtype=np.float64)
     # with more noise than there is −ln p has fewer valleys
-    noisy = _inside(problem, np.where(noise, zero + LOUDER, zero))
+    begins = [_inside(problem, np.where(noise, zero + louder, zero)) for louder in LOUDER]
     spreads = np.where(noise, 0.0, np.where(np.isfinite(problem.prior_stds), problem.prior_stds, UNKNOWN_SPREAD))
-    drawn = [_inside(problem, noisy + spreads * rng.normal(size=problem.size)) for _ in range(STARTS)]
-    ends = [search(coarse, noisy, progress, most=COARSE_ITERATIONS, central=False)]
-    if begin is None and not (ends[0].interrupted or _accepted(coarse, ends[0])):
-        start = drawn[int(np.argmin(coarse.costs(drawn)))]
-        ends.append(search(coarse, start, progress, most=COARSE_ITERATIONS, central=False))
+    drawn = [_inside(problem, begins[0] + spreads * rng.normal(size=problem.size)) for _ in range(STARTS)]
+    begins.append(drawn[int(np.argmin(coarse.costs(drawn)))])
+    starts = begins if begin is None else begins[:1]
+    ends = list[Found]()
+    while len(ends) < len(starts) and not (ends and (ends[-1].interrupted or _accepted(coarse, ends[-1]))):
+        ends.append(search(coarse, starts[len(ends)], progress, most=COARSE_ITERATIONS, central=False))
     points = [zero, *(end.z for end in ends)]
     costs = problem.costs(points)
     best = int(np.argmin(costs))
