@@ -163,8 +163,10 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
     scaled = (clipped - np.asarray(learned.centre)) / np.asarray(learned.scale)
     plays = {i: played(scaled[:, i], learned.width[i]) for i in learned.played}
     values = variables(learned, list(scaled.T), plays, learned.width)
-    faded = fade(learned, outside(learned, samples))
     every = columns(learned.terms, values, np.ones(len(scaled)))
+    if np.isinf(learned.FADE):
+        return np.column_stack(every)
+    faded = fade(learned, outside(learned, samples))
     return np.column_stack([one if term == CONSTANT else faded * one for term, one in zip(learned.terms, every)])
 
 

@@ -79,22 +79,23 @@ def line(design: Floats, angles: Floats) -> Line:
     return Line(coefficients, std**2 * correlated * inverse, std, correlated, freedom)
 
 
-def updated(mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float) -> tuple[Floats, Floats]:
+def updated(
+    mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float | Floats
+) -> tuple[Floats, Floats]:
     """Return mean and covariance of coefficients after samples, by P⁺ = (P⁻¹ + XᵀX/r)⁻¹ in a form that needs no P⁻¹.
 
     Args:
         mean: before, (n,).
         covariance: P, may be singular, (n, n).
-        gram: XᵀX of the samples' columns X, (n, n).
-        moment: Xᵀy of their angles y [rad], (n,).
-        spread: r, variance of a sample times the number of samples that count as one.
+        gram: XᵀX of the samples' columns X, (n, n), or of several logs, each updated alone, (logs, n, n).
+        moment: Xᵀy of their angles y [rad], (n,) or (logs, n).
+        spread: r, variance of a sample times the number of samples that count as one; of each log, (logs,).
     """
-    n = len(mean)
-    root = _root(covariance)
-    told = root.T @ gram @ root / spread + np.eye(n)
-    gain = root @ np.linalg.solve(told, root.T)
-    after = mean + gain @ (moment - gram @ mean) / spread
-    return after, 0.5 * (gain + gain.T)
+    r, root = np.asarray(spread)[..., None], _root(covariance)
+    told = root.T @ gram @ root / r[..., None] + np.eye(len(mean))
+    gain = root @ np.linalg.solve(told, np.broadcast_to(root.T, told.shape))
+    after = mean + np.squeeze(gain @ ((moment - gram @ mean) / r)[..., None], -1)
+    return after, 0.5 * (gain + np.swapaxes(gain, -1, -2))
 
 
 def surprise(mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float) -> float:
@@ -164,22 +165,21 @@ def random_effects(
         return filled(joint, columns, only.coefficients, only.covariance, only.std), only.correlated * parts[0][2]
     basis = _basis([part[0] for part in parts])
     designs = [part[0] @ basis for part in parts]
-    grams = [design.T @ design for design in designs]
-    moments = [design.T @ part[1] for design, part in zip(designs, parts)]
-    mean = np.linalg.pinv(sum(grams)) @ sum(moments)
+    grams = np.array([design.T @ design for design in designs])
+    moments = np.array([design.T @ part[1] for design, part in zip(designs, parts)])
+    mean = np.linalg.pinv(grams.sum(axis=0)) @ moments.sum(axis=0)
     ones = [line(design, part[1]) for design, part in zip(designs, parts)]
     lengths = np.array([len(part[1]) for part in parts])
     count = np.array([one.correlated for one in ones])
     std = np.sqrt(max(np.average([one.std**2 for one in ones], weights=lengths), SMALLEST_RESIDUAL**2))
     spread = _start(designs, [part[1] for part in parts], mean, std)
     for _ in range(EM_ITERATIONS):
-        drawn = [updated(mean, spread, gram, moment, std**2 * own) for gram, moment, own in zip(grams, moments, count)]
-        means = np.array([after for after, _ in drawn])
+        means, left = updated(mean, spread, grams, moments, std**2 * count)
         mean = mean if pooled else means.mean(axis=0)
         off = means - mean
         before = spread
         # the mean is of the same logs: one degree of freedom less
-        spread = (off.T @ off + sum(left for _, left in drawn)) / (len(parts) - 1)
+        spread = (off.T @ off + left.sum(axis=0)) / (len(parts) - 1)
         if np.abs(spread - before).max() < EM_SETTLED * np.abs(spread).max():
             break
     spread = _shrunk(spread, len(parts))
