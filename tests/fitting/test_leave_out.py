@@ -139,3 +139,18 @@ def test_each_joint_is_homed_by_its_own_truth() -> None:
     assert not refused
     np.testing.assert_array_equal(after[1].angles, alone[0].angles)
     assert partly_homed([one], [rig], 1.0, False)[0].usable is not None
+
+
+def test_a_rig_that_no_log_makes_better_stays_as_it_came() -> None:
+    """Two logs of other arms, one larger and one smaller than the rig's: what either tells is worse for the other."""
+    logs = []
+    for seed, share in ((0, 0.75), (1, 1.3)):
+        one = finger_log(seed, SECONDS)
+        logs.append(replace(one, source=f"arm {share}", truth={"theta": share * one.truth["theta"]}))
+    rig = finger_rig().bare()
+    found = learn(logs, rig, OPTIONS)
+    assert any("the rig as it came errs less on logs left out" in line for line in found.doubts)
+    assert not any(part.identified for part in found.numbers.fitted)
+    bare = found.rig.bare()
+    assert [tendon.stiffness for tendon in bare.tendons] == [tendon.stiffness for tendon in rig.tendons]
+    assert found.maps["discrepancy"].learned.logs == 2

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from distal import Rig, load_rig, shipped_rigs
 from distal.errors import RigError
-from distal.rig import edited_text, template_text
+from distal.rig import edited_text, number, template_text
 
 
 def test_shipped_rigs_load() -> None:
@@ -127,6 +127,10 @@ REFUSED = [
         r"tendons.1.stiffness.shared: what 'tendons.stiffness' stands for .* 0.1 came here and 0.2 at",
     ),
     ("joints.0.initial={ value = 1, std = 1, drift = 1 }", r"has no drift"),
+    ("tendons.0.stiffness={ value = 800, factor = 0.5 }", r"factor must be above 1 and at most 100, 0.5 came"),
+    ("tendons.0.stiffness={ value = 800, factor = 3, std = 9 }", r"has 'std' and 'factor'; give one of them"),
+    ("joints.0.initial={ value = 1, factor = 3 }", r"may be zero or negative, so it is not known to a factor"),
+    ("joints.0.damping={ value = 0, factor = 3 }", r"may be zero or negative, so it is not known to a factor"),
     ("joints.0.friction.coefficient={ value = 1, sd = 2 }", r"unknown key 'sd'; did you mean 'std'\?"),
     ("drives.0.damping={ std = 2 }", r"has no 'value'"),
     ("joints.0.friction.coefficient={ value = 1, std = -2 }", r"std must not be negative"),
@@ -146,6 +150,13 @@ def test_wrong_values_are_refused_by_name(assignment: str, said: str) -> None:
     with pytest.raises(RigError, match=said) as caught:
         load_rig("paper-2008-printed", [assignment])
     assert "\n" not in str(caught.value)
+
+
+def test_a_number_known_to_a_factor_has_the_std_of_its_logarithm() -> None:
+    for written in ("tendons.0.stiffness={ value = 800, factor = 3 }", "tendons.0.stiffness.factor=3"):
+        made = load_rig("paper-2008-printed", ["tendons.0.stiffness.shared.std=0", "tendons.0.stiffness=800", written])
+        assert made.tendons[0].stiffness.std == pytest.approx(1600.0)
+        assert number(made, "tendons.0.stiffness").is_rough
 
 
 def test_a_joint_that_no_tendon_crosses_is_refused_by_name(tmp_path: Path) -> None:

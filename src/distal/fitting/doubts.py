@@ -25,7 +25,10 @@ LARGEST_UNMODELLED_GROWTH = 10.0
 """Unmodelled motion that has to grow by this factor is most of the motion."""
 
 FAR_FROM_PRIOR = 4.0
-"""A value this many standard deviations of its prior away is worth a word."""
+"""A value so many standard deviations of its prior away is worth a word."""
+
+FAR_FROM_FACTOR = 2.0
+"""The same of a number that is known to a factor: the square of that factor is hardly possible."""
 
 FEW_ITERATIONS = 4
 
@@ -98,12 +101,12 @@ def far_from_priors(numbers: Sequence[FittedNumber], problem: Problem) -> list[s
         numbers: the outcome.
         problem: that it came from.
     """
-    bounds = {part.name: (part.low, part.high) for part in problem.free}
+    free = {part.name: part for part in problem.free}
     lines = []
     for part in numbers:
-        low, high = bounds.get(part.name, (-np.inf, np.inf))
-        away = abs(part.value - part.start) / part.prior_std if part.prior_std > 0.0 else 0.0
-        if not part.noise and away > FAR_FROM_PRIOR:
+        low, high = free[part.name].low, free[part.name].high
+        away = abs(free[part.name].coordinate(part.value)) / free[part.name].spread if part.prior_std > 0.0 else 0.0
+        if not part.noise and away > (FAR_FROM_FACTOR if free[part.name].logarithmic else FAR_FROM_PRIOR):
             lines.append(
                 f"{part.name} = {part.value:.4g} {part.si} is {away:.1f} standard deviations from what the rig file "
                 f"expected ({part.start:.4g} ± {part.prior_std:.2g}); is a unit or a radius wrong, or the std too small?"

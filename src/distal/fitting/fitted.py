@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,12 @@ class FittedNumber:
     held: bool = False
     per_log: Mapping[str, float] = field(default_factory=dict)
     kept: bool = False
+
+    @property
+    def as_it_came(self) -> FittedNumber:
+        """The same where the description's own value is kept."""
+        starts = tuple(self.start * value / self.value if self.value else self.start for value in self.values)
+        return replace(self, value=self.start, values=starts, identified=False, held=False)
 
     @property
     def origin(self) -> str:

@@ -72,6 +72,16 @@ class Free:
             return float("nan")
         return float(np.log1p(self.std / self.start)) if self.logarithmic else self.std / self.scale
 
+    def coordinate(self, value: float) -> float:
+        """Return the coordinate of a value of the first number, 0 for one that has no logarithm.
+
+        Args:
+            value: of the first number.
+        """
+        if not self.logarithmic:
+            return (value - self.start) / self.scale
+        return float(np.log(value / self.start)) if value > 0.0 else 0.0
+
     def value(self, z: float) -> float:
         """Return the first number at a coordinate, within its bounds.
 

@@ -31,6 +31,9 @@ SURER = 0.85
 TOLD_OR_HELD: tuple[float | None, ...] = (None, 0.0)
 """Stds that are tried after a fit: as the logs tell them, or none, so that no log teaches the numbers anew."""
 
+SIMPLER = 0.95
+"""The rig's numbers stay as they came where on logs left out the angle errs by less than this share of the fitted rig's."""
+
 IN_DOUBT: tuple[float | None, ...] = (1.0, 0.3, 0.1, 0.0)
 """Shares of the priors' stds that are tried, widest first, where a fit is in doubt; 0 holds the numbers."""
 
@@ -107,6 +110,14 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
             if len(as_sure) == len(data) and mean_rms(as_sure) < SURER * mean_rms(data):
                 data, share = as_sure, other
         rigs = [written(own, share) for own in unseen]
+        before, _ = filtered(known, [rig] * len(folds), options.homing, options.compiled)
+        if data and len(before) == len(data) and mean_rms(before) < SIMPLER * mean_rms(data):
+            doubts.append(
+                f"the rig as it came errs less on logs left out ({np.rad2deg(mean_rms(before)):.2f}°) than the fitted one "
+                f"({np.rad2deg(mean_rms(data)):.2f}°): its numbers are kept"
+            )
+            numbers = replace(numbers, fitted=tuple(part.as_it_came for part in numbers.fitted))
+            data, rigs = before, [rig] * len(unseen)
         ran = list(data)
         own = [rigs[folds[i]] for i in ran]
         half = partly_homed([known[i] for i in ran], own, options.homing, options.compiled)

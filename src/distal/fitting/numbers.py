@@ -275,11 +275,7 @@ def _coordinates_of(problem: Problem, rig: Rig) -> Floats:
     z = np.zeros(problem.size)
     for k, (part, _) in enumerate(problem.parts):
         try:
-            value = number(rig, part.paths[0]).value
+            z[k] = part.coordinate(number(rig, part.paths[0]).value)
         except RigError:
             continue  # the reference is a sensor of the fit only
-        if not part.logarithmic:
-            z[k] = (value - part.start) / part.scale
-        elif value > 0.0:
-            z[k] = np.log(value / part.start)
     return np.clip(z, *problem.bounds.T)

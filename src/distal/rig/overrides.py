@@ -101,7 +101,8 @@ def _merged(old: object, new: object) -> object:
     if isinstance(old, MutableMapping) and set(old) <= set(KEYS) and "value" in old:
         if isinstance(new, MutableMapping) and new:
             # a table that says how far the value may be off says all of it
-            kept = {key: part for key, part in old.items() if key != "shared" or "std" not in new}
+            spreads = {"std", "factor", "shared"} if "factor" in new else {"shared"} if "std" in new else set[str]()
+            kept = {key: part for key, part in old.items() if key not in spreads}
             return {**kept, **new}
         old["value"] = new
         return old

@@ -16,11 +16,14 @@ from distal.units import to_si
 SMALLEST, LARGEST = 1e-20, 1e12
 """Sizes beyond which a number in a description is a mistake, and squares of it would leave what a computer can hold."""
 
-KEYS = ("value", "std", "drift", "hold", "shared")
+KEYS = ("value", "std", "factor", "drift", "hold", "shared")
 """Keys of a parameter that is written as a table."""
 
 SHARED_KEYS = ("name", "std")
 """Keys of what parameters of one make err by together."""
+
+LARGEST_FACTOR = 100.0
+"""A number that is known less well than to this factor is not known at all."""
 
 Bound = Literal["any", "nonnegative", "positive"]
 
@@ -76,7 +79,8 @@ class In:
     """Annotation of a field: its SI unit and its bound; it reads bare numbers as SI and text with a unit.
 
     On a `Parameter` it also reads ``{ value = …, std = …, drift = …, hold = …, shared = { name = …, std = … } }`` (std and
-    drift may be percentages of the value, the shared std is a share of it), on a pair of floats an interval [low, high], on
+    drift may be percentages of the value, the shared std is a share of it; ``factor = 3`` in place of a std says that the
+    value may be three times as large or small), on a pair of floats an interval [low, high], on
     three a vector [x, y, z].
     Where `drifts` is False the parameter cannot walk and shares nothing.
     """
@@ -111,7 +115,8 @@ class In:
         if "value" not in raw:
             raise UnitError("has no 'value'; write { value = …, std = … }")
         value = self._scalar(raw["value"])
-        std, drift = self._spread("std", raw.get("std", 0.0), value), None
+        std = self._spread("std", raw.get("std", 0.0), value) if "factor" not in raw else self._within(raw, value)
+        drift = None
         if raw.get("drift") is not None:
             drift = self._spread("drift", raw["drift"], value)
             if not self.drifts:
@@ -122,6 +127,17 @@ class In:
         if not isinstance(hold, bool):
             raise UnitError(f"hold must be true or false, {hold!r} came")
         return {"value": value, "std": std, "drift": drift, "hold": hold, "shared": self._shared(raw, value)}
+
+    def _within(self, raw: Mapping[str, Any], value: float) -> float:
+        """Return the std of a number that is known to a factor: the logarithm's is then the factor's, ln(1 + std/value)."""
+        factor = to_si(raw["factor"], "")
+        if "std" in raw:
+            raise UnitError("has 'std' and 'factor'; give one of them")
+        if self.bound == "any" or value <= 0.0:
+            raise UnitError(f"may be zero or negative, so it is not known to a factor; give it a std, {value:g} came")
+        if not 1.0 < factor <= LARGEST_FACTOR:
+            raise UnitError(f"factor must be above 1 and at most {LARGEST_FACTOR:g}, {factor:g} came")
+        return (factor - 1.0) * value
 
     def _shared(self, raw: Mapping[str, Any], value: float) -> object:
         shared = raw.get("shared")
