@@ -233,9 +233,8 @@ class Twin:
         guards, force = self.guards, self.force_of[i]
         judged = force is not None and mask[self.channels.index(force)] > 0
         odds = log(guards.real_jump / (1 - guards.real_jump))
-        odds += (
-            log(100) * (d.doubt + max(dt - 0.025, 0.0)) / (guards.persistence if judged else guards.persistence_alone)
-        )
+        stayed = d.doubt + max(dt - 0.025, 0.0)
+        odds += log(100) * stayed / (guards.persistence if judged else guards.persistence_alone)
         odds = min(odds, 50.0)
         if judged:
             led = np.array([m.s + m.speed * dt for m in self.drives])

@@ -149,18 +149,18 @@ def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[St
         kind, _, what = name.split(".", 2)
         arm = ".insertion." in name or ".crossings." in name or (kind == "drives" and what == "radius")
         rough = not name.endswith(MAY_BE_NEGATIVE) and value > 0 and std / value > (0.2 if arm else 0.5)
-        untold = rough and (arm or len(rig.drives) <= len(rig.joints))
+        untold = rough and len(rig.drives) <= len(rig.joints)
         if rough and what.endswith(("stiffness", "radius", "mass", "inertia", "length")):  # what cannot be zero
             state = State(f"{name}.factor", "factor", 1.0, log(1 + std / value), lowest=0.05, members=(i,))
             state.walk = guards.parameter_walk * std / value if np.isnan(drift) else drift / value
-            state.untold = untold
+            state.untold = rough
             factors.append(state)
             continue
         if kind == "tendons" and what in ("stiffness", "damping"):
             mean, spread = cut_at_zero(1.0, std / value)
             state = State(f"{name}.factor", "factor", mean, spread, lowest=0.05, members=(i,))
             state.walk = guards.parameter_walk * spread if np.isnan(drift) else drift / value
-            state.untold = untold
+            state.untold = rough
             factors.append(state)
             continue
         state = State(name, "parameter", value, std, i, walk=drift, untold=untold)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.state_kinds import StateKind
-from distal.rig import is_arm, known_to_a_factor, number
+from distal.rig import known_to_a_factor, number
 from distal.sensors import variance
 
 Floats = NDArray[np.float64]
@@ -132,8 +132,8 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         rough = known_to_a_factor(first, 1.0, relative)
         logarithmic = rough and number(context.mechanism.rig, first).quantity.bound == "positive"
         mean, spread = (1.0, float(np.log1p(relative))) if logarithmic else cut_normal(1.0, relative)
-        untold = rough and _untold(context, first)
-        return UncertainParameter(own, tuple(indices), "factor", mean, spread, walked, SMALLEST_FACTOR, untold)
+        # physics that the rig lacks would teach it wrongly (docs/accuracy-strangers.md, "Rigs that are hardly known")
+        return UncertainParameter(own, tuple(indices), "factor", mean, spread, walked, SMALLEST_FACTOR, rough)
 
     for i in seen:
         name, value, std = p.names[i], float(p.values[i]), float(p.independent_stds[i])
@@ -152,7 +152,9 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         if _bounded(context, name):
             mean, spread = cut_normal(value, std)
             lowest = SMALLEST_VALUE * spread
-        untold = lowest > 0.0 and known_to_a_factor(name, value, std) and _untold(context, name)
+        # where no drive pulls against another, forces are those of friction and say little of all else
+        alone = context.n_drives <= context.n_joints
+        untold = alone and lowest > 0.0 and known_to_a_factor(name, value, std)
         found.append(UncertainParameter(name, (i,), "value", mean, spread, walk(i, spread), lowest, untold))
     for name, (std, indices) in p.shared.items():
         together = [i for i in indices if i in seen]
@@ -161,15 +163,6 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
             walks = [walk(i, std, p.values[i]) for i in together if p.independent_stds[i] == 0.0]
             factors.append(factor(name, together, std, max(walks, default=context.robustness.parameter_walk * std)))
     return found + factors + deviations
-
-
-def _untold(context: FilterContext, name: str) -> bool:
-    """Return whether forces and displacements say so little of a number that a filter with a wide prior goes astray by it.
-
-    Where no drive pulls against another, forces are those of friction and say little of all else; a moment arm shows only
-    as its product with the angle (docs/accuracy-strangers.md, "Rigs that are hardly known").
-    """
-    return is_arm(name) or context.n_drives <= context.n_joints
 
 
 def _bounded(context: FilterContext, name: str) -> bool:
