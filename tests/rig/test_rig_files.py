@@ -112,6 +112,8 @@ REFUSED = [
     ('sensors.0.unit="N"', r"sensors\.0\.unit: unit 'N' has the wrong dimension"),
     ('sensors.0.noise="1 N"', r"sensors\.0\.noise: unit 'N' has the wrong dimension"),
     ('sensors.0.measures="speed"', r"must be 'position', 'force', 'tension', 'angle' or 'torque'"),
+    ('sensors.0.measures="command"', r"measures = 'command' needs lag, the time constant of the drive's servo"),
+    ("sensors.u1.lag=0.1", r"sensors.*lag: is of a drive that follows a command"),
     ('sensors.1.name="x1"', r"sensors: the name 'x1' stands more than once"),
     ('sensors.1.column="x1"', r"the log column 'x1' stands more than once"),
     ("joints.0.friction.exponent=0.5", r"exponent must be at least 1"),

@@ -280,6 +280,12 @@ def _with_unit(raw: object, index: int, parts: Mapping[str, Any]) -> object:
     """Return the raw sensor with the SI unit of what it measures, or as it came if pydantic will refuse it anyway."""
     if not isinstance(raw, Mapping):
         raise ValueError(f"{index}: a sensor is a table, {raw!r} came")
+    if raw.get("measures") == "command":
+        if "lag" not in raw:
+            raise ValueError(
+                f"{index}: measures = 'command' needs lag, the time constant of the drive's servo (\"50 ms\")"
+            )
+        raw = {**raw, "measures": "position"}
     measures, of = raw.get("measures"), raw.get("of")
     kind = next((kind for kind, measurands in _MEASURED.items() if measures in measurands), None)
     if kind is None:

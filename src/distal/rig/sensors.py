@@ -31,7 +31,8 @@ class SensorBase(Description):
 
     name: Name
     measures: Measurand = Field(
-        description="position or force of a drive, tension of a tendon, angle of a joint or torque on it"
+        description="position or force of a drive, tension of a tendon, angle of a joint or torque on it; command: a "
+        "position that was asked for, not measured, which the drive follows with `lag`"
     )
     of: str = Field(description="name of the drive, tendon or joint")
     column: str | None = Field(
@@ -41,6 +42,10 @@ class SensorBase(Description):
     sign: Literal[1, -1] = Field(1, description="-1 where the log counts the other way")
     rate: Annotated[float, In("Hz", "positive")] = Field(100.0, description="samples per second")
     delay: Annotated[float, In("s", "nonnegative")] = Field(0.0, description="age of a value when it is stamped")
+
+    lag: Annotated[float, In("s", "nonnegative")] = Field(
+        0.0, description="time constant with which a drive follows a command; 0 for a place that is measured"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -60,6 +65,12 @@ class SensorBase(Description):
                 "unit: 'count' needs 'counts_per_turn' of an encoder that measures an angle; for others give the unit of "
                 "the number in the log"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _lagging(self) -> Self:
+        if self.lag > 0.0 and self.measures != "position":
+            raise ValueError("lag: is of a drive that follows a command; a sensor that is late has a delay")
         return self
 
     @model_validator(mode="after")

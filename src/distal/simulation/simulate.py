@@ -125,6 +125,8 @@ def sampled(prepared: Prepared, motion: dict[str, Floats], seed: int) -> Log:
     channels = {}
     for sensor, rng in zip(plant.rig.sensors, rngs):
         true, travel = _true_values(plant, sensor, motion)
+        if sensor.measures == "position" and sensor.lag > 0.0:  # what was asked for is ahead of where the drive is
+            true = true + sensor.lag * np.gradient(true, grid)
         own = np.arange(0.0, scenario.duration - 1e-9, 1.0 / sensor.rate)
         read = measure(sensor, np.interp(own - sensor.delay, grid, true), travel, rng)
         values = np.full(len(stamps), np.nan)

@@ -57,6 +57,7 @@ TEXTBOOK = {
     "linearity of a capstan": (capstan({"sensors.motor_angle.linearity": 0.01, "drives.0.nominal_force": 0.05}), ()),
     "place": (sliders(rigs.STOPS, without=NO_PLACE), ("friction of a lost drive",)),
     "place and nominal force": (sliders(NOMINAL, without=("x2", *NO_FORCE)), ("friction of a lost drive",)),
+    "a command": (sliders({"sensors.x1.lag": 0.03}), ()),
     "nominal force": (sliders(NOMINAL, without=NO_FORCE), ()),
     "nominal force, declared friction": (sliders(rigs.DECLARED, NOMINAL, without=NO_FORCE), ("declared, slips",)),
     "nominal force without a std": (sliders({"drives.1.nominal_force": 3.0}, without=NO_FORCE), ()),

@@ -181,6 +181,8 @@ class Twin:
             return Tracked(0.0, 0.0, 0.0, 0.0, 0.0)
         column, noise = self.positions.index(sensor), variance(sensor)
         z, k = z_all[column] - sensor.bias.value, mask[column]
+        if sensor.lag > 0.0:
+            z = d.s + (z - d.s) * (1.0 - exp(-dt / sensor.lag))
         tau = d.t + dt
         e = d.s + d.speed * dt
         jump, far, p, judged = z - e, False, 1.0, False

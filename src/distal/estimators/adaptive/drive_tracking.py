@@ -146,6 +146,8 @@ def tracking(states: StateVector) -> ca.Function:
             continue
         remembered = memory[MEMORY * i : MEMORY * (i + 1)]
         reading, mask, force_evidence = context.value(x, sensor), context.mask(x, sensor), None
+        if sensor.lag > 0.0:  # a command, held over the interval, that a servo of first order follows
+            reading = remembered[0] + (reading - remembered[0]) * (1 - ca.exp(-x[0] / sensor.lag))
         if force is not None and context.robustness.guards_displacements:
             friction = limits[nj + i] + states.friction(i, mean)
             pull = pulls[nj + i] + states.force(i, mean) + states.sensor_error(force, context.value(x, force), mean)
