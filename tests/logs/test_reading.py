@@ -80,7 +80,7 @@ BAD = [
     (GOOD.replace(",2.0,2.1\n0.02", "\n0.02"), r"row 3: is too short \(3 cells; the header has 5\)"),
     (GOOD.replace("0.02,", "0.02,9,"), r"row 4: is too long \(6 cells; the header has 5\)"),
     (GOOD.replace("0.02,", "0.005,"), r"row 4: time goes back \(0\.005 s after 0\.01 s\)"),
-    (GOOD.replace("0.02,", "0.01,"), r"row 4: time repeats"),
+    (GOOD.replace("0.02,", "0.01,"), r"row 4: time repeats .*--repeated last keeps the last"),
     (GOOD.replace("0.02,", ","), r"row 4: time is nan"),
     ("t,x1,x2,u1,u2\n0,1e-3,2e-3,2,2\n", r"has one row"),
     ("t,x1,x2,u1,u2\n", r"no rows"),
@@ -200,3 +200,11 @@ def test_where_the_truth_comes_from_is_said(tmp_path: Path, paper_rig: Rig) -> N
     read = read_log(file(tmp_path, text), paper_rig)
     assert str(read.truth_source) == "column 'encoder', the reference sensor"
     assert read.truth_kind is TruthKind.SENSOR
+
+
+@pytest.mark.parametrize(("kept", "value"), [("first", 1.1e-3), ("last", 1.2e-3)])
+def test_one_of_the_rows_with_one_stamp_is_kept(tmp_path: Path, pulley_rig: Rig, kept: str, value: float) -> None:
+    text = GOOD.replace("0.02,", "0.01,") + "0.03,1.3e-3,2.3e-3,2.0,2.1\n"
+    log = read_log(file(tmp_path, text), pulley_rig.with_values({"log.time.repeated": kept}))
+    np.testing.assert_array_equal(log.time, [0.0, 0.01, 0.03])
+    np.testing.assert_array_equal(log.channels["x1"], [1e-3, value, 1.3e-3])

@@ -9,7 +9,17 @@ import numpy as np
 import typer
 
 from distal.cli.console import failure, say, table
-from distal.cli.options import MemoryOption, PlotOption, RigOption, SetOption, TruthOption, joint_angle, seconds
+from distal.cli.options import (
+    MemoryOption,
+    PlotOption,
+    RepeatedOption,
+    RigOption,
+    SetOption,
+    TruthOption,
+    joint_angle,
+    seconds,
+    settings,
+)
 from distal.cli.outputs import check_outputs, to_file
 from distal.errors import DistalError, EstimationError
 
@@ -82,6 +92,7 @@ def estimate_command(
             "--what-if/--no-what-if", help="Run again with one thing changed: what explains it, what is untested."
         ),
     ] = True,
+    repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
@@ -111,7 +122,7 @@ def estimate_command(
 
         check_outputs(estimates_of(logs, out), logs=logs, rig=rig, truth=truth)
         home = seconds(homing) if homing is not None else None
-        estimate_many(logs, load_rig(rig, set_ or ()), (estimator or [DEFAULT])[0], truth, home, out)
+        estimate_many(logs, load_rig(rig, settings(set_, repeated)), (estimator or [DEFAULT])[0], truth, home, out)
         return
     log = logs[0]
     panels = check_panels(PANELS if "all" in (panel or ()) else tuple(dict.fromkeys(panel or ())))
@@ -120,7 +131,7 @@ def estimate_command(
     elif panels:
         raise EstimationError("--panel says what --plot draws; give --plot too")
     check_outputs([*to_file("--out", out), *to_file("--plot", plot)], logs=logs, rig=rig, truth=truth)
-    description = load_rig(rig, set_ or ())
+    description = load_rig(rig, settings(set_, repeated))
     data = read_log(log, description, truth)
     _describe(data, description)
     origin = data.truth_source

@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 from distal.cli.console import err, say, table
-from distal.cli.options import MemoryOption, RigOption, SetOption, seconds
+from distal.cli.options import MemoryOption, RepeatedOption, RigOption, SetOption, seconds, settings
 from distal.cli.outputs import check_outputs, to_file, to_folder
 from distal.errors import FitError, OutputError
 
@@ -73,6 +73,7 @@ def fit_command(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="How many logs are run at once.")] = 2,
+    repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
@@ -91,7 +92,7 @@ def fit_command(
     if units is not None:
         groups_of([str(path) for path in logs], units)
     home = seconds(homing) if homing is not None else None
-    description = load_rig(rig, set_ or ())
+    description = load_rig(rig, settings(set_, repeated))
     read = [read_log(path, description, truth) for path in logs]
     with _Bar() as bar:
         result = fitted_to(
@@ -110,7 +111,7 @@ def fit_command(
         )
     _say(result)
     if out is not None:
-        result.save(out, edited_text(rig, set_ or ()))
+        result.save(out, edited_text(rig, settings(set_, repeated)))
         say(f"wrote {out}")
     if report is not None:
         say(f"wrote {fit_report(result, read, report)}")

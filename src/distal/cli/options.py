@@ -21,6 +21,24 @@ SetOption = Annotated[
         ),
     ),
 ]
+RepeatedOption = Annotated[
+    str | None,
+    typer.Option(
+        "--repeated", help="Which of several rows with one stamp is kept: first or last. Default: none is read."
+    ),
+]
+
+
+def settings(set_: list[str] | None, repeated: str | None) -> list[str]:
+    """Return what is set in the rig, by --set and by options that stand for it.
+
+    Args:
+        set_: of the option --set.
+        repeated: of the option --repeated.
+    """
+    return [*(set_ or ()), *([] if repeated is None else [f'log.time.repeated="{repeated}"'])]
+
+
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the sensors' errors.")]
 
 

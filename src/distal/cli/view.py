@@ -11,7 +11,16 @@ from typing import Annotated
 import typer
 
 from distal.cli.console import say
-from distal.cli.options import EstimatorOption, MemoryOption, RigOption, SetOption, TruthOption, seconds
+from distal.cli.options import (
+    EstimatorOption,
+    MemoryOption,
+    RepeatedOption,
+    RigOption,
+    SetOption,
+    TruthOption,
+    seconds,
+    settings,
+)
 from distal.cli.outputs import check_outputs, to_file
 
 
@@ -31,6 +40,7 @@ def view_command(
         bool | None,
         typer.Option("--open/--no-open", help="Open the page in the browser; default where --out is not given."),
     ] = None,
+    repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
@@ -46,7 +56,7 @@ def view_command(
     if out is not None and out.suffix.lower() not in (".html", ".htm"):
         raise OutputError(f"{out}: the page is HTML; give a name that ends in .html")
     check_outputs(to_file("--out", out), logs=[log], rig=rig, truth=truth)
-    description = load_rig(rig, set_ or ())
+    description = load_rig(rig, settings(set_, repeated))
     data = read_log(log, description, truth)
     home = seconds(homing) if homing is not None else None
     result = estimate(data, description, estimator, homing=home)

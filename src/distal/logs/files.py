@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,11 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
     check_columns(cells, [rig.log.time.column])
     clock = clock_of(cells, rig.log.time.column, unit_factor(rig.log.time.unit, "s"))
     table = table_of(cells, wanted, optional)
+    if rig.log.time.repeated != "refused":
+        kept = _one_of_each(clock.time, last=rig.log.time.repeated == "last")
+        table = replace(table, columns={name: values[kept] for name, values in table.columns.items()})
+        stamps = None if stamps is None else stamps[kept]
+        clock = Clock(clock.time[kept], None if clock.stamps is None else clock.stamps[kept])
     time, stamps = clock.time, clock.stamps if stamps is None else stamps
     check_stamps(time, table.source, table.first_row)
     if len(time) < 2:
@@ -78,6 +84,12 @@ def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
     log = Log(time, channels, known, table.source, origin, stamps)
     _warn_of_units(log, rig)
     return log
+
+
+def _one_of_each(time: Floats, last: bool) -> NDArray[np.bool_]:
+    """Return which rows stay where neighbours have the same stamp, (k,)."""
+    same = np.diff(time) == 0.0
+    return ~np.append(same, False) if last else ~np.insert(same, 0, False)
 
 
 def _known_torques(rig: Rig, table: Table, sensors: Mapping[str, Sensor]) -> dict[str, Floats]:

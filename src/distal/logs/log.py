@@ -144,5 +144,5 @@ def check_stamps(time: Floats, source: str, first_row: int | None = None) -> Non
         what = "repeats" if time[i] == time[i - 1] else "goes back"
         raise LogError(
             f"{source}: {place} {i + offset}: time {what} ({time[i]:.15g} s after {time[i - 1]:.15g} s); "
-            "stamps must rise, sort the rows and drop repeated ones"
+            + ("--repeated last keeps the last of such rows" if time[i] == time[i - 1] else "sort the rows")
         )

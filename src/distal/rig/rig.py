@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -30,6 +30,9 @@ class TimeColumn(Description):
 
     column: str = Field("t", min_length=1, description="column of the log")
     unit: str = Field("s", min_length=1, description="unit in the log")
+    repeated: Literal["refused", "first", "last"] = Field(
+        "refused", description="which of several rows with one stamp is kept; refused: such a log is not read"
+    )
 
 
 class LogFormat(Description):
