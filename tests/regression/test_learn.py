@@ -23,7 +23,7 @@ from distal.regression.affine import affine_kind
 from distal.regression.extrapolation import cost_beyond
 from distal.regression.features import beyond_homing
 from distal.regression.kernel import map_function, memory_size, numbers_of
-from distal.regression.learn import Kind, choose_terms
+from distal.regression.learn import Kind, Terms, choose_terms
 
 CHANNELS, NOISE = ("a", "b"), np.array([1e-3, 1e-3])
 
@@ -235,14 +235,15 @@ def test_a_correction_fades_to_its_constant_outside_the_learned_range(beyond: fl
     """1 / (1 + (d/0.25)²), d in halves of the learned range; the kernel says the same."""
     made = discrepancy_kind(CHANNELS, CHANNELS, (), ("j0",), NOISE)
     data = [replace(one, angles=one.targets) for one in map(run, range(3))]
-    learned = fit_coefficients(data, made, made.sets[2])
+    learned = fit_coefficients(data, made, Terms("a curve", ("1", "a", "a*b")))
+    assert fit_coefficients(data, made, made.sets[2]).fades_over == np.inf  # a line goes on
     half = 0.5 * (learned.high[0] - learned.low[0])
     learned = learned.model_copy(update={"reach": 1e3})  # only the single reading is outside
     readings = np.array([[learned.high[0] + beyond * half, learned.centre[1]]])
     at = replace(data[0].part(np.arange(400) < 1), readings=readings, angles=np.array([[learned.centre[2]]]))
     constant, slope = learned.joints[0].coefficients[:2]
     reached = (readings[0, 0] - learned.centre[0]) / learned.scale[0]
-    expected = constant + share * slope * reached
+    expected = constant + share * slope * reached  # b is in its middle
     assert abs(slope * reached) > 1e-3
     np.testing.assert_allclose(predict(learned, at).values, expected, rtol=1e-9)
     function = map_function(learned, 2, [False, False])

@@ -164,22 +164,22 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
     plays = {i: played(scaled[:, i], learned.width[i]) for i in learned.played}
     values = variables(learned, list(scaled.T), plays, learned.width)
     every = columns(learned.terms, values, np.ones(len(scaled)))
-    if np.isinf(learned.FADE):
+    if np.isinf(learned.fades_over):
         return np.column_stack(every)
     faded = fade(learned, outside(learned, samples))
     return np.column_stack([one if term == CONSTANT else faded * one for term, one in zip(learned.terms, every)])
 
 
 def fade(learned: LearnedMap, far: Any) -> Any:
-    """Return how much terms count that far outside the learned range, 1 / (1 + (d / `FADE`)²): numbers or symbols.
+    """Return how much terms count that far outside the learned range, 1 / (1 + (d / d½)²): numbers or symbols.
 
-    Curves go on as they like where no log has been; there the filter alone is the better guess.
+    Curves go on as they like where no log has been; there the filter alone is the better guess. Lines do not fade.
 
     Args:
         learned: the map.
         far: d, from `outside`.
     """
-    return 1.0 / (1.0 + (far / learned.FADE) ** 2)
+    return 1.0 / (1.0 + (far / learned.fades_over) ** 2)
 
 
 def outside(learned: LearnedMap, samples: Samples) -> Floats:

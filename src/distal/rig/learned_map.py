@@ -62,7 +62,7 @@ class LearnedMap(Description):
     """Terms go on beyond the learned range by this share of half of it; further out they stay as they are."""
 
     FADE: ClassVar[float] = np.inf
-    """So many halves of the learned range beyond its end, all terms but the constant count half."""
+    """So many halves of the learned range beyond its end, all terms of a curve but the constant count half."""
 
     terms: tuple[str, ...] = Field(min_length=1, description="what is summed; '1' is the constant")
     channels: tuple[str, ...] = Field(min_length=1, description="the sensors, in the estimator's order")
@@ -158,6 +158,11 @@ class LearnedMap(Description):
         ]
         angles = [f"angle({joint.joint})" for joint in self.joints] if self.uses_angles else []
         return (*of_channels, *angles)
+
+    @property
+    def fades_over(self) -> float:
+        """How far outside the learned range, in halves of it, terms count half: curves run away there, lines go on."""
+        return self.FADE if any(len(factors(term)) > 1 for term in self.terms) else np.inf
 
     @property
     def uses_angles(self) -> bool:
