@@ -1,7 +1,8 @@
 """Rigs that are hardly known (`rough_plants`): first use without a fit, and after a fit beside pooled least squares.
 
 `python -m benchmarks.strangers.rough --rigs 5` prints errors and bands of each estimator from the user's own description;
-`--fit` fits each rig to four logs and judges on three that no fit has seen; `--affine` learns `affine` alone. "linear +
+`--fit` fits each rig to four logs and judges on three that no fit has seen; `--affine` learns `affine` alone; `--learners`
+fits trees and a network of scikit-learn (to be installed for it), which see the last ten samples. "linear +
 play" is least squares over all fitted logs together on what the sensors read and two plays of it (0.1 and 0.4 of the
 travel), by NumPy alone.
 """
@@ -110,6 +111,33 @@ def lines_alone(kind: str, seed: int) -> list[str]:
     return [kind, str(seed), f"{scores[0]:.2f}", f"{100 * scores[1]:.0f} %", f"{np.rad2deg(play):.2f}", f"{took:.1f}"]
 
 
+PAST = 10
+"""Samples that the learners see: this one and those before."""
+
+
+def learners(kind: str, seed: int) -> list[str]:
+    """Return a row: what models without mechanics make of the same logs, on logs that they have not seen."""
+    from sklearn.ensemble import ExtraTreesRegressor
+    from sklearn.neural_network import MLPRegressor
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    def past(log: Log) -> Floats:
+        now = np.column_stack(list(log.channels.values()))
+        return np.hstack([np.vstack([now[:1].repeat(k, axis=0), now[: len(now) - k]]) for k in range(PAST)])
+
+    fitted, judged = ([log_of(kind, seed, k) for k in logs] for logs in (range(FITTED), range(FITTED, FITTED + JUDGED)))
+    x, y = np.vstack([past(log) for log in fitted]), np.vstack([angles_of(log) for log in fitted])
+    network = MLPRegressor(hidden_layer_sizes=(64, 64), alpha=1e-3, early_stopping=True, max_iter=500, random_state=0)
+    models = [ExtraTreesRegressor(300, min_samples_leaf=3, n_jobs=1, random_state=0), network]
+    row, mean, std = [kind, str(seed)], y.mean(axis=0), y.std(axis=0)
+    for model in models:
+        made = make_pipeline(StandardScaler(), model).fit(x, (y - mean) / std)
+        errors = [made.predict(past(log)).reshape(len(log), -1) * std + mean - angles_of(log) for log in judged]
+        row.append(f"{np.rad2deg(np.mean([np.sqrt(np.mean(error**2)) for error in errors])):.2f}")
+    return row
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.strangers.rough", description=__doc__)
@@ -117,12 +145,14 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=KINDS)
     parser.add_argument("--fit", action="store_true", help="after a fit; else first use")
     parser.add_argument("--affine", action="store_true", help="affine alone beside linear + play")
+    parser.add_argument("--learners", action="store_true", help="trees and a network of scikit-learn on the same logs")
     given = parser.parse_args()
+    made = after_fit if given.fit else lines_alone if given.affine else learners if given.learners else first_use
     warnings.simplefilter("ignore")  # what a fit warns of is what is judged here
     rows = list[list[str]]()
     for kind in given.kinds:
         for seed in range(given.rigs):
-            rows.append((after_fit if given.fit else lines_alone if given.affine else first_use)(kind, seed))
+            rows.append(made(kind, seed))
             print(*rows[-1], flush=True)
     three = [f"{name} {what}" for name in ("inextensible", "elastic", "adaptive") for what in ("°", "inside", "±")]
     more = ["fitted °", "inside", "±", "affine °", "linear + play °", "elastic °", "before °", "converged", "s"]
@@ -131,6 +161,8 @@ def main() -> None:
         title, name, columns = "after a fit", "rough-fitted", more
     elif given.affine:
         title, name, columns = "affine alone", "rough-affine", ["affine °", "inside", "linear + play °", "s"]
+    elif given.learners:
+        title, name, columns = "models without mechanics", "rough-learners", ["trees °", "network °"]
     table(name, f"rigs that are hardly known: {title}", ["kind", "rig", *columns], rows)
 
 
