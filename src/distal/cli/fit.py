@@ -73,6 +73,10 @@ def fit_command(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="How many logs are run at once.")] = 2,
+    proposals: Annotated[
+        bool,
+        typer.Option("--propose", help="Try what the rig may lack (other physics, numbers of each log's own): slow."),
+    ] = False,
     repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
@@ -107,6 +111,7 @@ def fit_command(
             workers=jobs,
             units=units,
             start=start,
+            proposals=proposals,
             progress=bar.show,
         )
     _say(result)

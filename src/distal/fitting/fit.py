@@ -17,6 +17,7 @@ from distal.fitting.learn import learn
 from distal.fitting.leave_out import MOST_LEFT_OUT, leave_out
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress, of_part
+from distal.fitting.proposals import propose
 from distal.fitting.result import Fit
 from distal.homing import check_homing
 from distal.logs import Log, read_log, true_angles
@@ -42,6 +43,7 @@ def fit(
     progress: Progress | None = None,
     units: str | None = None,
     start: Rig | str | Path | None = None,
+    proposals: bool = False,
 ) -> Fit:
     """Fit a rig's parameters and noise to logs, learn what the model leaves of the angle, and judge both on logs left out.
 
@@ -68,6 +70,7 @@ def fit(
         units: fit a *kind* of rig: a regular expression whose first parenthesis names the unit (an instrument, a pose, a
             day) in a log's name; units are left out as a whole, so that the band is that of a unit not seen.
         start: a fitted rig, whose values the search begins with; the priors are those of `rig`.
+        proposals: whether kinds of physics that the rig may lack are tried too, each with two fits more.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
@@ -101,7 +104,8 @@ def fit(
     folds = []
     if enough and "discrepancy" in learned.maps and not learned.numbers.found.interrupted:
         folds = leave_out(read, rig, options, groups, progress)
-    return Fit.of(learned, rig, read, options, tuple(folds))
+    tried = propose(read, rig, options, groups, progress) if proposals and folds else ()
+    return Fit.of(learned, rig, read, options, tuple(folds), tried)
 
 
 def _read(logs: Any, rig: Rig, truth: str | None, homing: float | None) -> list[Log]:

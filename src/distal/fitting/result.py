@@ -17,6 +17,7 @@ from distal.fitting.learn import Learned
 from distal.fitting.leave_out import Compared, Fold
 from distal.fitting.maps import MapFit
 from distal.fitting.options import Options
+from distal.fitting.proposals import Proposal
 from distal.logs import Log, shown, write_whole
 from distal.rig import Rig
 
@@ -53,6 +54,7 @@ class Fit:
         doubts: plain sentences on what speaks against the fit.
         prior_share: share of the priors' stds that the rig's numbers keep where there are doubts: the widest with which the
             angle is not clearly worse on these logs; 0 is `hold`; None where stds are as the logs tell.
+        proposals: what the rig may lack, the best first; only where it was asked for.
     """
 
     rig: Rig
@@ -78,9 +80,18 @@ class Fit:
     folds: tuple[Fold, ...] = ()
     doubts: tuple[str, ...] = ()
     prior_share: float | None = None
+    proposals: tuple[Proposal, ...] = ()
 
     @classmethod
-    def of(cls, learned: Learned, start: Rig, logs: Sequence[Log], options: Options, folds: tuple[Fold, ...]) -> Fit:
+    def of(
+        cls,
+        learned: Learned,
+        start: Rig,
+        logs: Sequence[Log],
+        options: Options,
+        folds: tuple[Fold, ...],
+        proposals: tuple[Proposal, ...] = (),
+    ) -> Fit:
         """Return what was learned of logs, and how it did on those left out, as one result.
 
         Args:
@@ -89,6 +100,7 @@ class Fit:
             logs: of the fit.
             options: what was asked.
             folds: each log left out once.
+            proposals: what the rig may lack, as it was tried.
         """
         numbers, own = learned.numbers, len(start.sensors)
         found = numbers.found
@@ -121,6 +133,7 @@ class Fit:
             folds=folds,
             doubts=learned.doubts,
             prior_share=learned.prior_share,
+            proposals=proposals,
         )
 
     @property
@@ -144,7 +157,8 @@ class Fit:
 
     def advice(self) -> list[str]:
         """Return what is to be known before the rig is used, a sentence each: doubts, what hides what, and what to do."""
-        lines = [f"doubt: {line}" for line in self.doubts]
+        lines = [f"proposal: {one.text}" for one in self.proposals]
+        lines += [f"doubt: {line}" for line in self.doubts]
         for joint in self.rig.joints:
             if joint.external_torque.std > 0.0:
                 torque = f"{1e3 * joint.external_torque.std:.3g} mN m"

@@ -1,0 +1,134 @@
+"""What a rig may lack: kinds of physics, and numbers that each log has of its own, each tried on logs left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from distal.errors import DistalError
+from distal.fitting.leave_out import leave_out
+from distal.fitting.options import Options
+from distal.fitting.progress import Progress
+from distal.logs import Log
+from distal.rig import Capstan, Pulley, Rig
+
+MOST_PROPOSALS = 3
+"""So many are told, the best first."""
+
+WORTH_A_WORD = 0.9
+"""A change is proposed where it brings the error on logs left out below this share of that without it."""
+
+TRIED_LOGS = 2
+"""So many logs, or units of them, are left out for each change: each costs a fit of the others."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """Something that a description may lack.
+
+    Args:
+        text: what, and how it is declared.
+        values: path → what is put into the description.
+        per_log: paths of which each log is to have its own.
+    """
+
+    text: str
+    values: Mapping[str, object] = field(default_factory=dict)
+    per_log: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A change that was tried and helps.
+
+    Args:
+        change: what.
+        before: RMS error on logs left out without it [rad].
+        after: with it [rad].
+    """
+
+    change: Change
+    before: float
+    after: float
+
+    @property
+    def text(self) -> str:
+        """The change, and what it brings, in a sentence."""
+        errors = f"{np.rad2deg(self.before):.2g}° to {np.rad2deg(self.after):.2g}°"
+        return f"{self.change.text}: tried, it takes the error on logs left out from {errors}"
+
+
+def changes_of(rig: Rig) -> Iterator[Change]:
+    """Yield what a description may lack, each of it once for all parts of a kind.
+
+    Args:
+        rig: the description.
+    """
+    for kind, path in (("tendons", "path.wrap"), ("tendons", "pretension"), ("joints", "gravity.mass")):
+        if any(_std_of(part, path) > 0.0 for part in getattr(rig, kind)):
+            name = f"{kind}.*.{path}"
+            yield Change(f"give each log its own {name} (--per-log '{name}')", per_log=(name,))
+    round_pulleys = {i: t.insertion for i, t in enumerate(rig.tendons) if isinstance(t.insertion, Pulley)}
+    unknown = {"value": 0.0, "std": 0.2}
+    arms = {
+        f"tendons.{i}.insertion": {"kind": "linkage", "radius": one.radius, "slope": unknown, "curvature": unknown}
+        for i, one in round_pulleys.items()
+    }
+    if arms:
+        yield Change("moment arms that change with the angle (insertion.kind = 'linkage', slope and curvature)", arms)
+    creep = {"share": {"value": 0.1, "std": 0.1}, "time": {"value": 2.0, "std": 2.0}}
+    bends = {"friction": {"value": 0.15, "std": 0.1}, "wrap": np.pi / 2}
+    for key, said, values in (
+        ("creep", "tendons that go on stretching under load", creep),
+        ("path", "friction along the tendons' way", bends),
+    ):
+        lacking = {f"tendons.{i}.{key}": values for i, t in enumerate(rig.tendons) if getattr(t, key) is None}
+        if lacking:
+            yield Change(f"{said} ({key} of the tendons)", lacking)
+    loose = {
+        f"drives.{i}.backlash.width": {"value": width, "std": width}
+        for i, drive in enumerate(rig.drives)
+        if drive.backlash is None
+        for width in (0.02 if isinstance(drive, Capstan) else 2e-4,)
+    }
+    if loose:
+        yield Change("play between the drives' sensors and their tendons (backlash of the drives)", loose)
+
+
+def propose(
+    logs: Sequence[Log], rig: Rig, options: Options, groups: Sequence[str], progress: Progress | None = None
+) -> tuple[Proposal, ...]:
+    """Return what would lower the error on logs left out, by trying each change; the best first.
+
+    Args:
+        logs: of the fit.
+        rig: the description as it came.
+        options: of the fit.
+        groups: of each log, which are left out together.
+        progress: called with what is done.
+    """
+
+    def error(changed: Rig, asked: Options) -> float:
+        folds = leave_out(logs, changed, asked, groups, progress, TRIED_LOGS)
+        each = [one.fitted.rms if one.fitted is not None else np.inf for fold in folds for one in fold.compared]
+        return float(np.mean(each)) if each else np.inf
+
+    before, found = error(rig, options), list[Proposal]()
+    for change in changes_of(rig):
+        try:
+            changed = rig.with_values(change.values) if change.values else rig
+            after = error(changed, replace(options, per_log=(*options.per_log, *change.per_log)))
+        except DistalError:
+            continue  # the rig, with its sensors, cannot have it
+        if after < WORTH_A_WORD * before:
+            found.append(Proposal(change, before, after))
+    return tuple(sorted(found, key=lambda one: one.after)[:MOST_PROPOSALS])
+
+
+def _std_of(part: object, path: str) -> float:
+    """Return the std of a number of a part, 0 where it has none."""
+    for name in path.split("."):
+        part = getattr(part, name, None)
+    return float(getattr(part, "filter_std", 0.0))
