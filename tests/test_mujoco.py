@@ -10,7 +10,7 @@ from distal.simulation import build_scenario
 from tests import mujoco_plant
 from tests.helpers import rms_degrees
 
-mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'distal[test]'")
+mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install '.[test]'")
 
 
 def test_both_simulators_turn_the_link_alike() -> None:

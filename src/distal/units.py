@@ -12,6 +12,8 @@ from distal.errors import UnitError
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _QUANTITY = re.compile(rf"^\s*({_NUMBER})\s*(.*?)\s*$")
+_RATIO = re.compile(rf"^\s*({_NUMBER})\s*:\s*({_NUMBER})\s*$")
+_PER = re.compile(r"1\s*/\s*(?=[A-Za-zµμΩ°(])")
 _POWER = re.compile(r"(?:\^|\*\*)\s*\(?[-+]?\d{1,2}\)?|[⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]")
 _POWER_TOWER = re.compile(r"(?:\^|\*\*)[^A-Za-z]*(?:\^|\*\*)")
 _UNIT_CHARACTERS = re.compile(r"[A-Za-zµμΩ°%·⋅*/() _]+")
@@ -72,7 +74,7 @@ def _is_plain(unit: str) -> bool:
     """Return whether a unit is names joined by products, quotients and small powers: pint would evaluate anything."""
     if len(unit) > 60 or _POWER_TOWER.search(unit):
         return False
-    return _UNIT_CHARACTERS.fullmatch(_POWER.sub("", unit)) is not None
+    return _UNIT_CHARACTERS.fullmatch(_POWER.sub("", _PER.sub("", unit, count=1))) is not None
 
 
 def _is_angle(text: str) -> bool:
@@ -101,6 +103,9 @@ def to_si(value: object, si: str) -> float:
         raise UnitError(f"'{value}' has a ±; give a standard deviation instead: {{ value = …, std = … }}")
     if _DECIMAL_COMMA.search(value):
         raise UnitError(f"'{value}' has a decimal comma; write a decimal point")
+    ratio = _RATIO.match(value)
+    if ratio is not None and not si and float(ratio[2]) != 0.0:  # a gear of 30:1
+        return _finite(float(ratio[1]) / float(ratio[2]), value)
     match = _QUANTITY.match(value)
     if match is None:
         raise UnitError(f"'{value}' does not start with a number; {example} is allowed")
@@ -113,7 +118,7 @@ def to_si(value: object, si: str) -> float:
         if si:
             raise UnitError(f"'{value}' is a percentage; {example} is allowed")
         return _finite(number / 100.0, value)
-    if unit[0].isdigit() or unit[0] in "+-.":
+    if (unit[0].isdigit() and not _PER.match(unit)) or unit[0] in "+-.":
         raise UnitError(f"'{value}' is more than one number; {example} is allowed")
     return _finite(number * unit_factor(unit, si), value)
 

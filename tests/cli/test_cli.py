@@ -14,6 +14,7 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+import distal
 from distal.cli import app, main
 
 
@@ -310,7 +311,15 @@ def test_doctor_says_why_there_are_no_compiled_kernels(tmp_path: Path) -> None:
 
 def test_help_and_version(run) -> None:
     assert "Where a tendon-driven joint is" in run("--help").out
-    assert run("--version").out.startswith("distal ")
+    assert run("--version").out == f"distal {distal.__version__}\n"
+
+
+def test_a_rig_is_no_scenario(run, tmp_path: Path) -> None:
+    assert run("rig", "new", tmp_path / "mine.toml").code == 0
+    ran = run("simulate", tmp_path / "mine.toml", "--out", tmp_path / "log.csv")
+    assert ran.code == 2
+    assert "is a rig file; simulate takes what is done to it" in ran.err
+    assert len(ran.err.splitlines()) == 1
 
 
 def test_a_reader_that_goes_away() -> None:

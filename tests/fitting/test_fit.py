@@ -332,7 +332,7 @@ def test_the_shipped_instrument(data: Path) -> None:
 @pytest.mark.slow
 def test_on_another_simulator() -> None:
     """Fitted to one servo log with the sensors' curves, five others of the same sensors are right to 0.25°."""
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'distal[test]'")
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install '.[test]'")
     from tests import mujoco_plant
 
     described = load_rig("pulley-antagonist")

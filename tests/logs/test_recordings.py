@@ -244,11 +244,11 @@ def test_without_the_packages_it_says_what_to_install(
 
     monkeypatch.setattr(builtins, "__import__", absent)
     columns = [sensor.log_column for sensor in named.sensors]
-    with pytest.raises(LogError, match=r"pip install 'distal\[ros\]'"):
+    with pytest.raises(LogError, match=r"pip install '\.\[ros\]'"):
         open_recording(path, columns, "t")
-    with pytest.raises(LogError, match=r"pip install 'distal\[mcap\]'"):
+    with pytest.raises(LogError, match=r"pip install '\.\[mcap\]'"):
         open_recording(tmp_path / "run.mcap", columns, "t")
-    with pytest.raises(OutputError, match=r"pip install 'distal\[mcap\]'"):
+    with pytest.raises(OutputError, match=r"pip install '\.\[mcap\]'"):
         Recorder(tmp_path / "new.mcap")
 
 

@@ -76,7 +76,7 @@ def urdf(rig: Rig) -> str:
 )
 def test_inertia_and_bias_are_those_of_another_package(rig: Rig) -> None:
     """M(q), Coriolis and gravity against adam-robotics, to its rounding: its gravity is a float32."""
-    adam = pytest.importorskip("adam.numpy", reason="adam-robotics is not installed: pip install 'distal[test]'")
+    adam = pytest.importorskip("adam.numpy", reason="adam-robotics is not installed: pip install '.[test]'")
     names, rng = [joint.name for joint in rig.joints], np.random.default_rng(0)
     theirs = adam.KinDynComputations(urdf(rig), names, gravity=np.array([0, 0, -9.80665, 0, 0, 0]))
     mechanism, n = Mechanism(rig), len(names)
@@ -128,7 +128,7 @@ def test_a_turned_base_turns_gravity() -> None:
 @pytest.mark.slow
 def test_a_free_chain_moves_as_in_another_simulator() -> None:
     """Three links swing freely for half a second in MuJoCo (RK4) and here: 0.02°, and its error falls with h²."""
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'distal[test]'")
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install '.[test]'")
     bare = {"friction": None, "damping": 0.0, "stops": None}
     rig = changed(FINGER, joints=bare, tendons={"slack": 50.0})
     model = mujoco.MjModel.from_xml_string(_mjcf(rig))

@@ -107,6 +107,10 @@ REFUSED = [
     ('tendons.0.insertion.kind="glued"', r"tendons\.0\.insertion\.kind: must be 'pinned', 'pulley'"),
     ("tendons.0.side=2", r"tendons\.0\.side: must be 1 or -1, 2 came"),
     ('tendons.0.drive="lft"', r"tendons\.0\.drive: no drive is called 'lft'; did you mean 'left'\?"),
+    (
+        'sensors.0.measures="torque"',
+        r"sensors\.0\.of: no joint is called 'left', it is one of the drives: measures must be 'position' or 'force'; the",
+    ),
     ('tendons.0.joint="elbow"', r"no joint is called 'elbow'"),
     ('sensors.0.of="middle"', r"sensors\.0\.of: no drive is called 'middle'"),
     ('sensors.0.unit="N"', r"sensors\.0\.unit: unit 'N' has the wrong dimension"),

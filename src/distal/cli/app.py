@@ -41,9 +41,9 @@ app.command("doctor")(doctor.doctor_command)
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version
+        from distal.version import __version__
 
-        print(f"distal {version('distal')}")
+        print(f"distal {__version__}")
         raise typer.Exit
 
 

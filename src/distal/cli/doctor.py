@@ -6,6 +6,7 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 
 from distal.cli.console import say
+from distal.version import __version__
 
 _PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "polars", "matplotlib")
 
@@ -17,7 +18,7 @@ def doctor_command() -> None:
     """Say which versions and which kernels are in use, and why."""
     from distal.kernels import cache_folder, find_compiler, lanes_here, probe
 
-    say(f"distal {version('distal')}, Python {platform.python_version()}, {platform.system()} {platform.machine()}")
+    say(f"distal {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}")
     found = []
     for name in _PACKAGES:
         try:
@@ -30,7 +31,7 @@ def doctor_command() -> None:
         try:
             extras.append(f"{name} {version(name)}")
         except PackageNotFoundError:
-            extras.append(f"{name} not installed (pip install 'distal[{extra}]')")
+            extras.append(f"{name} not installed (pip install '.[{extra}]')")
     say(f"extras: {', '.join(extras)}")
     compiler = find_compiler()
     say(f"C compiler: {compiler if isinstance(compiler, str) else f'{compiler.version} ({compiler.command[0]})'}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from distal.fitting.fitted_file import MARK, fitted_text
 from distal.fitting.learn import Learned
 from distal.fitting.leave_out import Compared, Fold
 from distal.fitting.maps import MapFit
+from distal.fitting.naming import name_of, sizes
 from distal.fitting.options import Options
 from distal.fitting.proposals import Proposal
 from distal.logs import Log, shown, write_whole
@@ -135,6 +137,22 @@ class Fit:
             prior_share=learned.prior_share,
             proposals=proposals,
         )
+
+    def __repr__(self) -> str:
+        """Return what it is in a few words."""
+        told = sum(part.identified and not part.noise for part in self.fitted)
+        scores = [f"{name} {np.rad2deg(rms):.3g}° ({100 * inside:.0f} %)" for name, rms, inside in self.scores()]
+        left_out = f"; on logs left out: {', '.join(scores)}" if scores else ""
+        ended = "converged" if self.converged else "not converged"
+        return f"Fit of '{self.start.name}' to {len(self.logs)} log{'s' if len(self.logs) > 1 else ''}, {ended}: {told} numbers told{left_out}"
+
+    def _repr_html_(self) -> str:
+        """Return the same with a table of the numbers that the logs tell, as notebooks show it."""
+        told = [part for part in self.fitted if part.identified and not part.noise]
+        cells = [(name_of(self.start, part), *sizes(part)) for part in told]
+        rows = "".join(f"<tr>{''.join(f'<td>{escape(str(cell))}</td>' for cell in row)}</tr>" for row in cells)
+        head = "<tr><th>number</th><th>rig file</th><th>fitted</th><th>unit</th></tr>"
+        return f"<p>{escape(repr(self))}</p><table>{head}{rows}</table>"
 
     @property
     def compared(self) -> tuple[Compared, ...]:

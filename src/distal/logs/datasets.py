@@ -42,7 +42,7 @@ FINGERPRINTS = {
 }
 """Run → SHA-256 of what is used of it: stamps [ms] and counts of every fifth row."""
 
-NEEDS = "fetching needs pooch; `pip install 'distal[data]'`, or set DISTAL_DATA"
+NEEDS = "fetching needs pooch; `pip install '.[data]'`, or set DISTAL_DATA"
 
 TORQUE = 0.04872866 / 1224
 """Torque per count of both sensors [N m]."""

@@ -23,5 +23,5 @@ def pandas_frame(columns: Mapping[str, NDArray[Any]]) -> pandas.DataFrame:
     try:
         import pandas
     except ImportError:
-        raise DistalError("pandas is not installed; `pip install 'distal[pandas]'`, or use .to_polars()") from None
+        raise DistalError("pandas is not installed; `pip install '.[pandas]'`, or use .to_polars()") from None
     return pandas.DataFrame({name: np.array(values) for name, values in columns.items()})

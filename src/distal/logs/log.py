@@ -79,6 +79,12 @@ class Log:
     def __len__(self) -> int:
         return len(self.time)
 
+    def __repr__(self) -> str:
+        """Return what it is in a few words."""
+        span = f", {self.time[0]:g} to {self.time[-1]:g} s, {self.rate:.4g} Hz" if len(self) > 1 else ""
+        known = f"; truth: {', '.join(self.truth)}" if self.truth else ""
+        return f"Log {self.source}: {len(self)} samples{span}; {', '.join(self.channels)}{known}"
+
     @property
     def truth_kind(self) -> TruthKind:
         """What kind of source the truth has."""

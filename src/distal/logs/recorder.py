@@ -74,7 +74,7 @@ class Recorder:
         try:
             from mcap.writer import Writer
         except ImportError:
-            raise OutputError(f"{path}: MCAP needs the package mcap (pip install 'distal[mcap]')") from None
+            raise OutputError(f"{path}: MCAP needs the package mcap (pip install '.[mcap]')") from None
         check_writable(path)
         # a link is followed; a device or a pipe cannot be replaced, and is written as it is
         target = path.resolve()

@@ -283,7 +283,7 @@ def _mcap(path: Path, topics: set[str]) -> Iterator[Message]:
     try:
         from mcap.reader import make_reader
     except ImportError:
-        raise LogError(f"{path}: MCAP needs the package mcap (pip install 'distal[mcap]')") from None
+        raise LogError(f"{path}: MCAP needs the package mcap (pip install '.[mcap]')") from None
     known: dict[int, Any] = {}
     with path.open("rb") as file:
         reader = make_reader(file)
@@ -314,7 +314,7 @@ def _typestore(path: Path, schema: Any) -> Any:
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError:
-        raise LogError(f"{path}: messages of ROS need the package rosbags (pip install 'distal[ros]')") from None
+        raise LogError(f"{path}: messages of ROS need the package rosbags (pip install '.[ros]')") from None
     store = get_typestore(Stores.LATEST)
     if schema.name not in store.fielddefs and schema.encoding == "ros2msg":
         store.register(get_types_from_msg(schema.data.decode(), schema.name))
@@ -326,7 +326,7 @@ def _bag(path: Path, topics: set[str]) -> Iterator[Message]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise LogError(f"{path}: ROS bags need the package rosbags (pip install 'distal[ros]')") from None
+        raise LogError(f"{path}: ROS bags need the package rosbags (pip install '.[ros]')") from None
     with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
         topics.update(connection.topic for connection in reader.connections)
         for connection, recorded, raw in reader.messages():

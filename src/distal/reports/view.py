@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 MOST_POINTS = 60_000
 """Of a longer log every second, third, … sample is drawn: a browser stays quick."""
 
-NEEDS = "an interactive page needs plotly; pip install 'distal[view]'"
+NEEDS = "an interactive page needs plotly; pip install '.[view]'"
 
 PAGE = {"scrollZoom": True, "displaylogo": False, "responsive": True}
 """How a page behaves: the wheel zooms."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,6 +91,10 @@ class Estimate:
         """Return what it is in a few words; the numbers are in its properties."""
         lines = [self.in_words(joint) for joint in range(len(self.joint_names))]
         return f"{len(self)} samples of '{self.rig}', {self.time[0]:g} to {self.time[-1]:g} s; {'; '.join(lines)}"
+
+    def _repr_html_(self) -> str:
+        """Return the same as a table, as notebooks show it."""
+        return f"<p>{escape(repr(self))}</p>{self.summary()._repr_html_()}"
 
     def in_words(self, joint: int = 0) -> str:
         """Return in a line where a joint was, how sure that is, and how true where the truth is known.

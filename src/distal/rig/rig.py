@@ -206,6 +206,17 @@ class Rig(Description):
                         found.setdefault(parameter.shared.name, {})[path] = parameter.shared.std
         return found
 
+    def __repr__(self) -> str:
+        """Return what it is in a few words; `model_dump` has all of it."""
+        kinds = ("joints", "drives", "tendons", "sensors")
+        parts = [
+            f"{len(getattr(self, kind))} {kind[: -1 if len(getattr(self, kind)) == 1 else None]}" for kind in kinds
+        ]
+        learned = [name for name in ("affine", "discrepancy", "contact") if getattr(self, name) is not None]
+        return f"Rig '{self.name}': {', '.join(parts)}" + (f"; learned: {', '.join(learned)}" if learned else "")
+
+    __str__ = __repr__
+
     def bare(self) -> Rig:
         """Return a copy without what logs taught beside its numbers: no `affine`, `discrepancy`, `contact`."""
         return self.model_copy(update={"affine": None, "discrepancy": None, "contact": None})
@@ -297,9 +308,19 @@ def _with_unit(raw: object, index: int, parts: Mapping[str, Any]) -> object:
     if of not in names:
         if of is None:
             return {**raw, "si": "m"}
-        raise ValueError(f"{index}.of: no {kind[:-1]} is called '{of}'{did_you_mean(str(of), names)}")
+        raise ValueError(f"{index}.of: no {kind[:-1]} is called '{of}'{_elsewhere(of, measures, parts, names)}")
     part = parts[kind][names.index(of)]
     return {**raw, "si": _measured_unit(measures, part)}
+
+
+def _elsewhere(of: object, measures: object, parts: Mapping[str, Any], names: list[str]) -> str:
+    """Return what to write where a sensor's part is of another kind, else names that are meant perhaps."""
+    for kind, measurands in _MEASURED.items():
+        if of in [part.name for part in parts[kind]]:
+            allowed = " or ".join(f"'{each}'" for each in measurands)
+            hint = "; the torque of a capstan's motor is its force" if (kind, measures) == ("drives", "torque") else ""
+            return f", it is one of the {kind}: measures must be {allowed}{hint}"
+    return did_you_mean(str(of), names)
 
 
 def _measured_unit(measures: object, part: Any) -> str:

@@ -127,6 +127,11 @@ def load_scenario(name: str | Path, assignments: Sequence[str] = ()) -> Scenario
     for assignment in assignments:
         where, value = parse_assignment(assignment, ScenarioError)
         set_value(raw, where, value, ScenarioError)
+    if "joints" in raw and "rig" not in raw:
+        raise ScenarioError(
+            f'{name}: is a rig file; simulate takes what is done to it: a file with rig = "{name}", duration and '
+            "[drives], or a shipped scenario (distal scenarios)"
+        )
     scenario = build_scenario(raw, str(name))
     if beside is not None and scenario.rig.endswith(".toml"):
         return scenario.model_copy(update={"rig": str(beside / scenario.rig)})
