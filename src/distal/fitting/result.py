@@ -144,7 +144,8 @@ class Fit:
         scores = [f"{name} {np.rad2deg(rms):.3g}° ({100 * inside:.0f} %)" for name, rms, inside in self.scores()]
         left_out = f"; on logs left out: {', '.join(scores)}" if scores else ""
         ended = "converged" if self.converged else "not converged"
-        return f"Fit of '{self.start.name}' to {len(self.logs)} log{'s' if len(self.logs) > 1 else ''}, {ended}: {told} numbers told{left_out}"
+        count = f"{len(self.logs)} log{'s' if len(self.logs) > 1 else ''}"
+        return f"Fit of '{self.start.name}' to {count}, {ended}: {told} numbers told{left_out}"
 
     def _repr_html_(self) -> str:
         """Return the same with a table of the numbers that the logs tell, as notebooks show it."""
