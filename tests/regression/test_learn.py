@@ -18,6 +18,7 @@ from distal.regression import (
     inflate_band,
     learn_map,
     predict,
+    rms_beyond_noise,
 )
 from distal.regression.affine import affine_kind
 from distal.regression.extrapolation import cost_beyond
@@ -252,3 +253,24 @@ def test_a_correction_fades_to_its_constant_outside_the_learned_range(beyond: fl
     np.testing.assert_allclose(float(values), expected, rtol=1e-9)
     np.testing.assert_allclose(float(far), beyond, atol=1e-12)
     np.testing.assert_allclose(float(variances), predict(learned, at).variances[0], rtol=1e-9)
+
+
+def test_the_references_noise_hides_no_gain() -> None:
+    """A line takes the error from 0.011 to 0.010 rad, of which the reference's noise is 0.010: all that there is to gain."""
+    made = discrepancy_kind(CHANNELS, CHANNELS, (), ("j0",), NOISE)
+    rng = np.random.default_rng(5)
+    plain = [run(seed, noise=0.0) for seed in range(5)]
+    data = [replace(one, targets=0.012 * one.targets, angles=one.targets) for one in plain]
+    data = [replace(one, targets=one.targets + 0.01 * rng.normal(size=one.targets.shape)) for one in data]
+    least = rms_beyond_noise([[(one.targets[:, 0], one.time, one.time)] for one in data])
+    assert 0.0105 < least < 0.0115
+    assert not choose_terms(data, made, range(5), None).corrects  # as it seems where nothing is known of the reference
+    assert choose_terms([replace(one, reference_std=0.0098) for one in data], made, range(5), None).corrects
+
+
+def test_errors_beyond_the_references_noise() -> None:
+    """√(mean e² − σ²) of each log and joint, then their mean; none below zero, and of no error NaN."""
+    errors = [[(np.array([3.0, -3.0]), np.ones(2), np.ones(2))], [(np.array([1.0, 1.0]), np.ones(2), np.ones(2))]]
+    assert rms_beyond_noise(errors) == pytest.approx(2.0)
+    assert rms_beyond_noise(errors, 2.0) == pytest.approx(np.sqrt(5.0) / 2)
+    assert np.isnan(rms_beyond_noise([[(np.zeros(0), np.zeros(0), np.zeros(0))]]))

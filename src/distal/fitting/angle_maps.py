@@ -14,7 +14,7 @@ from distal.fitting.maps import MapFit, map_of
 from distal.fitting.options import Options
 from distal.fitting.reference_error import with_reference_error
 from distal.logs import Log
-from distal.regression import Kind, Samples, as_discrepancy, left_out_errors
+from distal.regression import Kind, Samples, as_discrepancy, left_out_errors, rms_beyond_noise
 from distal.rig import Rig
 from distal.sensors import place_offsets
 
@@ -81,8 +81,10 @@ def as_good_as_a_line(
     folds = folds_of(list(groups))
     if len(set(folds)) < 2:
         return found
+    # the reference's noise is in both, and would make them alike
+    noise = max(one.reference_std for _, samples in data for one in samples)
     ours, line = (
-        _rms([error for log in left_out_errors(samples, kind, fit.terms, folds, None) for error, *_ in log])
+        rms_beyond_noise(left_out_errors(samples, kind, fit.terms, folds, None), noise)
         for fit, (kind, samples) in zip((found, affine), data)
     )
     if not ours > CLEARLY * line:
@@ -99,9 +101,3 @@ def _at_times_of(one: Samples, straight: Samples) -> Samples:
     """Return samples of readings, their target known at those times only at which that of others is."""
     there = np.isin(straight.time, one.time[np.isfinite(one.targets).any(axis=1)])
     return replace(straight, targets=np.where(there[:, None], straight.targets, np.nan))
-
-
-def _rms(errors: Sequence[np.ndarray]) -> float:
-    """Return the mean of RMS errors, of each log and joint alone, NaN where there are none."""
-    each = [float(np.sqrt(np.mean(error**2))) for error in errors if len(error)]
-    return float(np.mean(each)) if each else float("nan")

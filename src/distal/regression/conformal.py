@@ -51,3 +51,16 @@ def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> fl
     reached = np.cumsum(share[order]) / share.sum()
     at = min(int(np.searchsorted(reached, COVERED)), len(order) - 1)
     return float(np.clip(factors[order][at], least, largest))
+
+
+def rms_beyond_noise(errors: Sequence[Sequence[Errors]], noise: float = 0.0) -> float:
+    """Return the mean of RMS errors, of each log and joint alone, less the reference's own noise; NaN where there are none.
+
+    Args:
+        errors: of each log and joint.
+        noise: std of the reference's random error, which no map can explain: its variance is taken off.
+    """
+    each = [
+        np.sqrt(max(float(np.mean(error**2)) - noise**2, 0.0)) for log in errors for error, _, _ in log if len(error)
+    ]
+    return float(np.mean(each)) if each else float("nan")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError
-from distal.regression.conformal import NORMAL, Errors, conformal_factor, student
+from distal.regression.conformal import NORMAL, Errors, conformal_factor, rms_beyond_noise, student
 from distal.regression.extrapolation import extrapolation
 from distal.regression.features import Samples, design, predict
 from distal.regression.random_effects import independent, random_effects, row_of, rows_of
@@ -150,12 +150,13 @@ def choose_terms(data: Sequence[Samples], kind: Kind, folds: Sequence[int], homi
             continue  # a homing move finds what is a log's own
         errors = left_out_errors(data, kind, one, folds, homing)
         # of each log alone, so that one that is unlike the others does not decide
-        squares = [float(np.mean(error**2)) for log in errors for error, _, _ in log if len(error)]
-        if not squares:
+        noise = max(each.reference_std for each in data)
+        rms = rms_beyond_noise(errors)
+        if np.isnan(rms):
             return sets[0]  # each log alone knows of a joint: there is nothing to choose by
-        rms = float(np.mean(np.sqrt(squares)))
-        if not one.corrects and rms < max(each.reference_std for each in data):
+        if not one.corrects and rms < noise:
             return one  # what is less than the reference's own error is not worth a correction
+        rms = rms_beyond_noise(errors, noise)
         if rms < kind.better * least or (len(one.terms) == len(best.terms) and rms < least):
             best, least = one, rms
     return best
