@@ -18,7 +18,7 @@ from distal.results import Estimate, plot_estimates
 from distal.rig import Rig, load_rig, shipped_rigs
 from distal.run import LiveEstimator, Monitor, estimate, estimate_batch, log_health, smooth
 from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate, simulate_batch
-from distal.version import __version__
+from distal.version import __version__ as __version__
 
 __all__ = [
     "ESTIMATORS",
@@ -34,7 +34,6 @@ __all__ = [
     "Monitor",
     "Rig",
     "Scenario",
-    "__version__",
     "at_known_angle",
     "diagnose",
     "estimate",

@@ -83,7 +83,8 @@ def test_wide_priors_do_not_lead_it_astray(log: Log, monkeypatch: pytest.MonkeyP
     assert rms < 0.5
     assert inside > 0.9
     monkeypatch.setattr(home, "homing_prior", lambda window: window.start)
-    assert errors_after(log, rig)[0] > 5.0  # the filter alone, with the same stds
+    # the filter alone, with the same stds: what it learns from the reference on the way is less
+    assert errors_after(log, rig)[0] > 2.0 * rms
 
 
 def test_the_numbers_are_those_of_the_plant(found: tuple[Window, Belief]) -> None:

@@ -69,7 +69,7 @@ def test_without_plotly(result: Estimate, log: Log, rig: Rig, tmp_path: Path, mo
         return real(name, *rest, **more)  # type: ignore[arg-type]
 
     monkeypatch.setattr(builtins, "__import__", absent)
-    with pytest.raises(OutputError, match=r"pip install 'distal\[view\]'"):
+    with pytest.raises(OutputError, match=r"pip install '\.\[view\]'"):
         view_page(result, log, rig, tmp_path / "view.html")
     assert not list(tmp_path.iterdir())
 

@@ -31,7 +31,7 @@ SURER = 0.85
 TOLD_OR_HELD: tuple[float | None, ...] = (None, 0.0)
 """Stds that are tried after a fit: as the logs tell them, or none, so that no log teaches the numbers anew."""
 
-SIMPLER = 0.95
+SIMPLER = 0.8
 """The rig's numbers stay as they came where on logs left out the angle errs by less than this share of the fitted rig's."""
 
 IN_DOUBT: tuple[float | None, ...] = (1.0, 0.3, 0.1, 0.0)
