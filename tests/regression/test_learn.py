@@ -256,7 +256,7 @@ def test_a_correction_fades_to_its_constant_outside_the_learned_range(beyond: fl
 
 
 def test_the_references_noise_hides_no_gain() -> None:
-    """A line takes the error from 0.011 to 0.010 rad, of which the reference's noise is 0.010: all that there is to gain."""
+    """A line takes the error from 0.011 to 0.010 rad, of which the reference's noise is 0.010: all there is to gain."""
     made = discrepancy_kind(CHANNELS, CHANNELS, (), ("j0",), NOISE)
     rng = np.random.default_rng(5)
     plain = [run(seed, noise=0.0) for seed in range(5)]
