@@ -115,6 +115,8 @@ def fit_command(
             progress=bar.show,
         )
     _say(result)
+    if proposals and not result.proposals:
+        say("nothing that was tried beside it takes the error on logs left out down by a tenth")
     if out is not None:
         result.save(out, edited_text(rig, settings(set_, repeated)))
         say(f"wrote {out}")

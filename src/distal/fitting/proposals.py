@@ -10,7 +10,7 @@ import numpy as np
 from distal.errors import DistalError
 from distal.fitting.leave_out import leave_out
 from distal.fitting.options import Options
-from distal.fitting.progress import Progress
+from distal.fitting.progress import Doing, Progress
 from distal.logs import Log
 from distal.rig import Capstan, Pulley, Rig
 
@@ -110,16 +110,23 @@ def propose(
         progress: called with what is done.
     """
 
-    def error(changed: Rig, asked: Options) -> float:
-        folds = leave_out(logs, changed, asked, groups, progress, TRIED_LOGS)
+    changes = list(changes_of(rig))
+
+    def error(changed: Rig, asked: Options, tried: int) -> float:
+        def shown(doing: Doing) -> None:
+            if progress is not None:
+                part, parts = tried * doing.parts + doing.part, (len(changes) + 1) * doing.parts
+                progress(replace(doing, stage=f"proposals, {tried} of {len(changes)}", part=part, parts=parts))
+
+        folds = leave_out(logs, changed, asked, groups, shown, TRIED_LOGS)
         each = [one.fitted.rms if one.fitted is not None else np.inf for fold in folds for one in fold.compared]
         return float(np.mean(each)) if each else np.inf
 
-    before, found = error(rig, options), list[Proposal]()
-    for change in changes_of(rig):
+    before, found = error(rig, options, 0), list[Proposal]()
+    for tried, change in enumerate(changes, 1):
         try:
             changed = rig.with_values(change.values) if change.values else rig
-            after = error(changed, replace(options, per_log=(*options.per_log, *change.per_log)))
+            after = error(changed, replace(options, per_log=(*options.per_log, *change.per_log)), tried)
         except DistalError:
             continue  # the rig, with its sensors, cannot have it
         if after < WORTH_A_WORD * before:
