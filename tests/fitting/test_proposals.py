@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from benchmarks.strangers.rough_plants import described, log_of
 
 from distal import load_rig
+from distal.fitting.leave_out import leave_out
 from distal.fitting.options import Options
-from distal.fitting.proposals import Change, Proposal, changes_of, propose
+from distal.fitting.proposals import TRIED_LOGS, Change, Proposal, changes_of, propose
 from distal.rig import build_rig
 
 
@@ -45,7 +44,8 @@ def test_a_bend_that_differs_from_log_to_log_is_proposed() -> None:
     """And creep, which these tendons do not have, is not."""
     rig = build_rig(described("sheath", 0)[0], "sheath").bare()
     logs = [log_of("sheath", 0, k) for k in range(4)]
-    found = propose(logs, rig, replace(Options(), workers=2), [str(k) for k in range(4)])
+    options, groups = Options(workers=2), [str(k) for k in range(4)]
+    found = propose(logs, rig, options, groups, leave_out(logs, rig, options, groups, most=TRIED_LOGS))
     assert found
     assert found[0].change.per_log == ("tendons.*.path.wrap",)
     assert found[0].after < 0.95 * found[0].before

@@ -104,7 +104,7 @@ def fit(
     folds = []
     if enough and "discrepancy" in learned.maps and not learned.numbers.found.interrupted:
         folds = leave_out(read, rig, options, groups, progress)
-    tried = propose(read, rig, options, groups, progress) if proposals and folds else ()
+    tried = propose(read, rig, options, groups, folds, progress) if proposals and folds else ()
     return Fit.of(learned, rig, read, options, tuple(folds), tried)
 
 

@@ -99,25 +99,25 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
             numbers = replace(numbers, found=replace(numbers.found, interrupted=True))
             unseen = [numbers] * len(unseen)
 
-        def cross_filtered(prior_share: float | None) -> tuple[dict[int, Samples], list[str]]:
-            rigs = [written(own, prior_share) for own in unseen]
+        def cross_filtered(each: Sequence[Numbers], prior_share: float | None) -> tuple[dict[int, Samples], list[str]]:
+            rigs = [written(own, prior_share) for own in each]
             return filtered(known, [rigs[fold] for fold in folds], options.homing, options.compiled)
 
-        data, refused = cross_filtered(share)
+        data, refused = cross_filtered(unseen, share)
         doubts += refused
         for other in (IN_DOUBT if unsure else TOLD_OR_HELD)[1:] if data and not numbers.found.interrupted else ():
-            as_sure, _ = cross_filtered(other)
+            as_sure, _ = cross_filtered(unseen, other)
             if len(as_sure) == len(data) and mean_rms(as_sure) < SURER * mean_rms(data):
                 data, share = as_sure, other
         rigs = [written(own, share) for own in unseen]
-        before, _ = filtered(known, [rig] * len(folds), options.homing, options.compiled)
-        if data and len(before) == len(data) and mean_rms(before) < SIMPLER * mean_rms(data):
+        plain = [as_it_came(own) for own in unseen]
+        before = cross_filtered(plain, None)[0] if data and not numbers.found.interrupted else {}
+        if before and len(before) == len(data) and mean_rms(before) < SIMPLER * mean_rms(data):
             doubts.append(
                 f"the rig as it came errs less on logs left out ({np.rad2deg(mean_rms(before)):.2f}°) than the fitted one "
                 f"({np.rad2deg(mean_rms(data)):.2f}°): its numbers are kept"
             )
-            numbers = replace(numbers, fitted=tuple(part.as_it_came for part in numbers.fitted))
-            data, rigs = before, [rig] * len(unseen)
+            numbers, data, rigs = as_it_came(numbers), before, [written(own, share) for own in plain]
         ran = list(data)
         own = [rigs[folds[i]] for i in ran]
         half = partly_homed([known[i] for i in ran], own, options.homing, options.compiled)
@@ -141,6 +141,15 @@ def _contact_map(logs: Sequence[Log], learned: Rig, options: Options) -> list[Ma
 def _groups(sources: Sequence[str], options: Options) -> list[str]:
     """Return which logs are left out together: those of one unit, else each alone."""
     return [str(i) for i in range(len(sources))] if options.units is None else groups_of(sources, options.units, 1)
+
+
+def as_it_came(numbers: Numbers) -> Numbers:
+    """Return numbers of which none is told, so that a description keeps its own.
+
+    Args:
+        numbers: that logs tell.
+    """
+    return replace(numbers, fitted=tuple(part.as_it_came for part in numbers.fitted))
 
 
 def described(rig: Rig, values: Mapping[str, object]) -> Rig:

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from distal.errors import DistalError
-from distal.fitting.leave_out import leave_out
+from distal.fitting.leave_out import Fold, leave_out
 from distal.fitting.options import Options
 from distal.fitting.progress import Doing, Progress
 from distal.logs import Log
-from distal.rig import Capstan, Pulley, Rig
+from distal.rig import Pulley, Rig
 
 MOST_PROPOSALS = 3
 """So many are told, the best first."""
@@ -22,6 +22,10 @@ WORTH_A_WORD = 0.9
 
 TRIED_LOGS = 2
 """So many logs, or units of them, are left out for each change: each costs a fit of the others."""
+
+
+PLAY = {"slider": 2e-4, "capstan": 0.02}
+"""Play of a drive that is tried first [m, rad]; its std is as large."""
 
 
 @dataclass(frozen=True)
@@ -88,17 +92,21 @@ def changes_of(rig: Rig) -> Iterator[Change]:
         if lacking:
             yield Change(f"{said} ({key} of the tendons)", lacking)
     loose = {
-        f"drives.{i}.backlash.width": {"value": width, "std": width}
+        f"drives.{i}.backlash.width": {"value": PLAY[drive.kind], "std": PLAY[drive.kind]}
         for i, drive in enumerate(rig.drives)
         if drive.backlash is None
-        for width in (0.02 if isinstance(drive, Capstan) else 2e-4,)
     }
     if loose:
         yield Change("play between the drives' sensors and their tendons (backlash of the drives)", loose)
 
 
 def propose(
-    logs: Sequence[Log], rig: Rig, options: Options, groups: Sequence[str], progress: Progress | None = None
+    logs: Sequence[Log],
+    rig: Rig,
+    options: Options,
+    groups: Sequence[str],
+    folds: Sequence[Fold],
+    progress: Progress | None = None,
 ) -> tuple[Proposal, ...]:
     """Return what would lower the error on logs left out, by trying each change; the best first.
 
@@ -107,31 +115,34 @@ def propose(
         rig: the description as it came.
         options: of the fit.
         groups: of each log, which are left out together.
+        folds: of the fit without any change.
         progress: called with what is done.
     """
+    known, changes, found = {fold.left_out: fold for fold in folds}, list(changes_of(rig)), list[Proposal]()
+    for tried, change in enumerate(changes):
 
-    changes = list(changes_of(rig))
-
-    def error(changed: Rig, asked: Options, tried: int) -> float:
-        def shown(doing: Doing) -> None:
+        def shown(doing: Doing, tried: int = tried) -> None:
             if progress is not None:
-                part, parts = tried * doing.parts + doing.part, (len(changes) + 1) * doing.parts
-                progress(replace(doing, stage=f"proposals, {tried} of {len(changes)}", part=part, parts=parts))
+                part, parts = tried * doing.parts + doing.part, len(changes) * doing.parts
+                progress(replace(doing, stage=f"proposal {tried + 1} of {len(changes)}", part=part, parts=parts))
 
-        folds = leave_out(logs, changed, asked, groups, shown, TRIED_LOGS)
-        each = [one.fitted.rms if one.fitted is not None else np.inf for fold in folds for one in fold.compared]
-        return float(np.mean(each)) if each else np.inf
-
-    before, found = error(rig, options, 0), list[Proposal]()
-    for tried, change in enumerate(changes, 1):
         try:
             changed = rig.with_values(change.values) if change.values else rig
-            after = error(changed, replace(options, per_log=(*options.per_log, *change.per_log)), tried)
+            asked = replace(options, per_log=(*options.per_log, *change.per_log))
+            after = leave_out(logs, changed, asked, groups, shown, TRIED_LOGS)
         except DistalError:
             continue  # the rig, with its sensors, cannot have it
-        if after < WORTH_A_WORD * before:
-            found.append(Proposal(change, before, after))
+        if any(fold.learned.numbers.found.interrupted for fold in after):
+            break
+        before = [known[fold.left_out] for fold in after]
+        if _error(after) < WORTH_A_WORD * _error(before):
+            found.append(Proposal(change, _error(before), _error(after)))
     return tuple(sorted(found, key=lambda one: one.after)[:MOST_PROPOSALS])
+
+
+def _error(folds: Sequence[Fold]) -> float:
+    """Return the mean RMS error of the fitted rigs on what was left out [rad]; infinite where one cannot run."""
+    return float(np.mean([np.inf if one.fitted is None else one.fitted.rms for fold in folds for one in fold.compared]))
 
 
 def _std_of(part: object, path: str) -> float:

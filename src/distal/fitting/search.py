@@ -100,11 +100,12 @@ def most_likely(problem: Problem, seed: int, progress: Progress | None = None, b
     begins = [_inside(problem, np.where(noise, zero + louder, zero)) for louder in LOUDER]
     spreads = np.where(noise, 0.0, np.where(np.isfinite(problem.prior_stds), problem.prior_stds, UNKNOWN_SPREAD))
     drawn = [_inside(problem, begins[0] + spreads * rng.normal(size=problem.size)) for _ in range(STARTS)]
-    begins.append(drawn[int(np.argmin(coarse.costs(drawn)))])
-    starts = begins if begin is None else begins[:1]
     ends = list[Found]()
-    while len(ends) < len(starts) and not (ends and (ends[-1].interrupted or _accepted(coarse, ends[-1]))):
-        ends.append(search(coarse, starts[len(ends)], progress, most=COARSE_ITERATIONS, central=False))
+    for k in range(len(begins) + 1 if begin is None else 1):
+        start = begins[k] if k < len(begins) else drawn[int(np.argmin(coarse.costs(drawn)))]
+        ends.append(search(coarse, start, progress, most=COARSE_ITERATIONS, central=False))
+        if ends[-1].interrupted or _accepted(coarse, ends[-1]):
+            break
     points = [zero, *(end.z for end in ends)]
     costs = problem.costs(points)
     best = int(np.argmin(costs))

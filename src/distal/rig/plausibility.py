@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 
-from pydantic import BaseModel
-
-from distal.rig.quantities import Parameter
-from distal.rig.rig import Rig
+from distal.rig.rig import Rig, parameters_below
 from distal.rig.tendons import Pinned
 
 USUAL: dict[str, tuple[float, float, str]] = {
@@ -38,7 +36,8 @@ def doubts(rig: Rig) -> list[str]:
         low, high, unit = USUAL[name]
         if not low <= value <= high:
             said.append(f"{path} is {value:g} {unit}; between {low:g} and {high:g} is usual: is its unit there?")
-    for path, own in parameters_of(rig):
+    parts = [(kind, part) for kind in ("joints", "drives", "tendons", "sensors") for part in getattr(rig, kind)]
+    for path, own in chain(*(parameters_below(part, f"{kind}.{part.name}") for kind, part in parts)):
         if 0.0 < own.std < SMALLEST_STD * abs(own.value):
             said.append(
                 f"{path}: a std of {own.std:g} is {own.std / abs(own.value):.1g} of its value: is its unit there?"
@@ -67,24 +66,6 @@ def doubts(rig: Rig) -> list[str]:
                 f"all tendons of '{joint.name}' have side = {sides.pop()}, and no spring turns it back: is one side wrong?"
             )
     return said
-
-
-def parameters_of(part: BaseModel, path: str = "") -> Iterator[tuple[str, Parameter]]:
-    """Yield path and number of all parameters in a description, parts by their names.
-
-    Args:
-        part: the description, or a part of it.
-        path: of the part.
-    """
-    for name in type(part).model_fields:
-        own = getattr(part, name)
-        each = own if isinstance(own, tuple) else (own,)
-        for i, one in enumerate(each):
-            inner = path + name if own is one else f"{path}{name}.{getattr(one, 'name', i)}"
-            if isinstance(one, Parameter):
-                yield inner, one
-            elif isinstance(one, BaseModel):
-                yield from parameters_of(one, f"{inner}.")
 
 
 def _numbers(rig: Rig) -> Iterator[tuple[str, str, float]]:

@@ -201,7 +201,7 @@ class Rig(Description):
         found: dict[str, dict[str, float]] = {}
         for kind in ("joints", "drives", "tendons"):
             for i, part in enumerate(getattr(self, kind)):
-                for path, parameter in _parameters(part, f"{kind}.{i}"):
+                for path, parameter in parameters_below(part, f"{kind}.{i}"):
                     if parameter.shared is not None and parameter.shared.std > 0.0:
                         found.setdefault(parameter.shared.name, {})[path] = parameter.shared.std
         return found
@@ -370,18 +370,23 @@ def _plays_apart(rig: Rig) -> None:
             )
 
 
-def _parameters(part: Description, path: str) -> Iterator[tuple[str, Parameter]]:
-    """Return the parameters below a part, with their paths."""
+def parameters_below(part: Description, path: str) -> Iterator[tuple[str, Parameter]]:
+    """Yield the parameters below a part, with their paths.
+
+    Args:
+        part: of a description.
+        path: of the part.
+    """
     for name in type(part).model_fields:
         value = getattr(part, name)
         if isinstance(value, Parameter):
             yield f"{path}.{name}", value
         elif isinstance(value, Description):
-            yield from _parameters(value, f"{path}.{name}")
+            yield from parameters_below(value, f"{path}.{name}")
         elif isinstance(value, tuple):
             for i, item in enumerate(value):
                 if isinstance(item, Description):
-                    yield from _parameters(item, f"{path}.{name}.{i}")
+                    yield from parameters_below(item, f"{path}.{name}.{i}")
 
 
 def _is_one(parameter: Any) -> bool:
