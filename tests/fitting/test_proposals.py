@@ -9,7 +9,7 @@ from benchmarks.strangers.rough_plants import described, log_of
 from distal import load_rig
 from distal.fitting.leave_out import leave_out
 from distal.fitting.options import Options
-from distal.fitting.proposals import TRIED_LOGS, Change, Proposal, changes_of, propose
+from distal.fitting.proposals import TRIED_LOGS, Change, Proposal, best, changes_of, propose
 from distal.rig import build_rig
 
 
@@ -37,6 +37,12 @@ def test_every_proposal_for_a_shipped_rig_is_accepted() -> None:
 def test_a_sentence_tells_what_it_brings() -> None:
     said = Proposal(Change("creep of the tendons"), np.deg2rad(0.5), np.deg2rad(0.25)).text
     assert said == "creep of the tendons: tried, it takes the error on logs left out from 0.5° to 0.25°"
+
+
+def test_the_best_three_that_gain_a_tenth_are_told() -> None:
+    tried = [Proposal(Change(str(after)), 1.0, after) for after in (0.95, 0.7, np.inf, 0.89, 0.5, 0.8, 1.2)]
+    assert [one.after for one in best(tried)] == [0.5, 0.7, 0.8]
+    assert [one.after for one in best(tried[:1] + tried[3:4])] == [0.89]
 
 
 @pytest.mark.slow

@@ -135,9 +135,18 @@ def propose(
         if any(fold.learned.numbers.found.interrupted for fold in after):
             break
         before = [known[fold.left_out] for fold in after]
-        if _error(after) < WORTH_A_WORD * _error(before):
-            found.append(Proposal(change, _error(before), _error(after)))
-    return tuple(sorted(found, key=lambda one: one.after)[:MOST_PROPOSALS])
+        found.append(Proposal(change, _error(before), _error(after)))
+    return best(found)
+
+
+def best(tried: Sequence[Proposal]) -> tuple[Proposal, ...]:
+    """Return which of the changes that were tried are worth a word, the best first.
+
+    Args:
+        tried: all of them.
+    """
+    worth = [one for one in tried if one.after < WORTH_A_WORD * one.before]
+    return tuple(sorted(worth, key=lambda one: one.after)[:MOST_PROPOSALS])
 
 
 def _error(folds: Sequence[Fold]) -> float:
