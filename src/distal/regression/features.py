@@ -173,7 +173,7 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
 def fade(learned: LearnedMap, far: Any) -> Any:
     """Return how much terms count that far outside the learned range, 1 / (1 + (d / d½)²): numbers or symbols.
 
-    Curves go on as they like where no log has been; there the filter alone is the better guess. Lines do not fade.
+    Nothing constrains a curve where there are no logs, and there the filter alone errs less. Lines do not fade.
 
     Args:
         learned: the map.

@@ -161,7 +161,7 @@ class LearnedMap(Description):
 
     @property
     def fades_over(self) -> float:
-        """How far outside the learned range, in halves of it, terms count half: curves run away there, lines go on."""
+        """How far outside the learned range, in halves of it, terms of a curve count half; lines do not fade."""
         return self.FADE if any(len(factors(term)) > 1 for term in self.terms) else np.inf
 
     @property
