@@ -30,10 +30,10 @@ from benchmarks.cases import (
     paper_rig,
     spoiled,
 )
+from benchmarks.lower_bound import lower_bound
 from benchmarks.report import FOLDER, table
 from benchmarks.rivals import RIVALS
 from distal import ESTIMATORS, Log, Rig, estimate, load_rig, read_log
-from distal.analysis import lower_bound
 from distal.errors import DistalError
 from distal.estimators import KernelEstimator, make_estimator
 from distal.results import BAND

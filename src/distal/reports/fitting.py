@@ -14,7 +14,6 @@ from distal.fitting import Fit, Observability, Score, name_of, observability, si
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
 from distal.reports.page import heading, html_table, page, paragraph, picture
-from distal.reports.reproduction import make_folder
 from distal.results import Estimate
 from distal.run import estimate
 

@@ -19,9 +19,9 @@ from benchmarks.cases import (
     paper_rig,
     spoiled,
 )
+from benchmarks.lower_bound import lower_bound
 
 from distal import Estimate, Log, Rig, estimate, load_rig, make_estimator, simulate
-from distal.analysis import lower_bound
 from distal.estimators import AdaptiveFilter
 from distal.results import BAND
 from distal.rig import build_rig

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib import resources
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.analysis.reproduction import PLANTS, Run
+from distal.paper.series import PLANTS, Run
 from distal.rig import tendon_angle_name
 
 Floats = NDArray[np.float64]
@@ -19,75 +19,122 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Measure:
-    """One number of a statement, its bounds, and its value on each plant.
+    """One number of a statement and its bounds.
 
     Args:
         text: what is measured.
         least: the smallest value that counts as holding, or None.
         most: the largest, or None.
-        values: by plant.
     """
 
     text: str
     least: float | None
     most: float | None
-    values: dict[str, float]
 
-    def holds(self, plant: str) -> bool:
-        """Return whether the value on a plant is within the bounds."""
-        value = self.values[plant]
-        above = self.least is None or value >= self.least
-        return bool(np.isfinite(value) and above and (self.most is None or value <= self.most))
+    def margin(self, value: float) -> float:
+        """Return how far a value is within its bound, as a share of the bound; negative outside, −∞ without a value.
+
+        Args:
+            value: of the measure.
+        """
+        if not np.isfinite(value):
+            return -np.inf
+        below = np.inf if self.least is None else (value - self.least) / abs(self.least)
+        return float(min(below, np.inf if self.most is None else (self.most - value) / abs(self.most)))
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A statement of the paper.
+
+    Args:
+        key: ``C1`` to ``C12``.
+        text: in words.
+        why: of the threshold.
+        measures: the main one first; all must be within their bounds.
+    """
+
+    key: str
+    text: str
+    why: str
+    measures: tuple[Measure, ...]
+
+    def margin(self, values: Sequence[float]) -> float:
+        """Return the smallest margin of its measures: the statement holds where it is not negative.
+
+        Args:
+            values: of the measures.
+        """
+        return min(measure.margin(value) for measure, value in zip(self.measures, values))
+
+
+@lru_cache(maxsize=1)
+def statements() -> tuple[Statement, ...]:
+    """Return the paper's statements with the thresholds of `claims.toml`."""
+    text = resources.files("distal.paper").joinpath("claims.toml").read_text(encoding="utf-8")
+    return tuple(
+        Statement(
+            key,
+            raw["statement"],
+            raw["why"],
+            tuple(
+                Measure(each["measure"], each.get("least"), each.get("most")) for each in [raw, *raw.get("also", [])]
+            ),
+        )
+        for key, raw in tomllib.loads(text).items()
+    )
+
+
+def measured(runs: Sequence[Run]) -> dict[str, tuple[float, ...]]:
+    """Return the values of all measures, by statement.
+
+    Args:
+        runs: of one plant: every series that a statement needs.
+    """
+    return {key: tuple(float(value) for value in measure(runs)) for key, measure in _MEASURES.items()}
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of the paper, measured.
+    """A statement, measured on the plants of the reproduction.
 
     Args:
-        key: ``C1`` to ``C12``.
-        statement: in words.
-        why: of the threshold.
-        measures: the main one first.
+        statement: what the paper says.
+        values: of its measures, by plant.
     """
 
-    key: str
-    statement: str
-    why: str
-    measures: tuple[Measure, ...]
+    statement: Statement
+    values: Mapping[str, tuple[float, ...]]
 
     def holds(self, plant: str) -> bool:
-        """Return whether all measures hold on a plant."""
-        return all(measure.holds(plant) for measure in self.measures)
+        """Return whether all measures are within their bounds on a plant.
+
+        Args:
+            plant: its name.
+        """
+        return self.statement.margin(self.values[plant]) >= 0.0
 
     @property
-    def verdict(self) -> str:
-        """Holds, does not hold, or holds only for one of the plants."""
-        printed, observed = (self.holds(plant) for plant in PLANTS)
-        if printed and observed:
-            return "holds"
-        if observed:
-            return "holds only for the observed plant"
-        return "holds only for the printed plant" if printed else "does not hold"
+    def group(self) -> str:
+        """Return one of `GROUPS`."""
+        printed, observed = (self.holds(plant.name) for plant in PLANTS)
+        return GROUPS[2] if not observed else GROUPS[0] if printed else GROUPS[1]
+
+
+GROUPS = ("reproduced", "only with friction that the paper did not know of", "contradicted")
+"""How a statement fares: it holds on both plants, on the observed plant alone, or not on the observed plant."""
 
 
 def measure_claims(runs: Sequence[Run]) -> tuple[Claim, ...]:
-    """Return the paper's statements, measured on all runs.
+    """Return the paper's statements, measured on the runs of both plants.
 
     Args:
         runs: of `all_runs`.
     """
-    text = resources.files("distal.analysis").joinpath("claims.toml").read_text(encoding="utf-8")
-    claims = []
-    for key, raw in tomllib.loads(text).items():
-        specs = [raw, *raw.get("also", [])]
-        values = {plant: _MEASURES[key]([run for run in runs if run.plant == plant]) for plant in PLANTS}
-        measures = tuple(
-            Measure(spec["measure"], spec.get("least"), spec.get("most"), {p: float(values[p][i]) for p in PLANTS})
-            for i, spec in enumerate(specs)
-        )
-        claims.append(Claim(key, raw["statement"], raw["why"], measures))
-    return tuple(claims)
+    values = {plant.name: measured([run for run in runs if run.plant == plant.name]) for plant in PLANTS}
+    return tuple(
+        Claim(statement, {plant: each[statement.key] for plant, each in values.items()}) for statement in statements()
+    )
 
 
 def _pooled(errors: Sequence[Floats]) -> float:
@@ -215,7 +262,7 @@ def _c12(runs: Sequence[Run]) -> tuple[float, ...]:
     return (rms(runs, "series-2", "observed friction") / rms(runs, "series-2", "ekf-2008"),)
 
 
-_MEASURES: dict[str, Callable[[Sequence[Run]], tuple[Any, ...]]] = {
+_MEASURES: dict[str, Callable[[Sequence[Run]], tuple[float, ...]]] = {
     "C1": _c1,
     "C2": _c2,
     "C3": _c3,

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from distal.analysis import PLANTS, READINGS, SEEDS, SERIES_2, Claim, Measure, Run, all_runs, measure_claims, rms
-from distal.errors import OutputError
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.reports.reproduction_figures import CAPTIONS, FIGURES, draw_figure
@@ -52,20 +51,6 @@ def reproduce(out: str | Path, advance: Callable[[], None] = lambda: None) -> tu
     files[folder / "index.html"] = _page(claims, runs, drawings)
     write_together(files)
     return claims
-
-
-def make_folder(path: str | Path) -> Path:
-    """Return the folder, made if need be.
-
-    Raises:
-        OutputError: it cannot be made.
-    """
-    folder = Path(path)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise OutputError(f"{folder}: cannot be made ({problem.strerror or problem})") from None
-    return folder
 
 
 def _svg(made: Figure) -> str:

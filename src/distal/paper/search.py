@@ -1,0 +1,237 @@
+"""The search for the rig that the paper's authors had before them: which statements hold on which plant.
+
+Everything that decides the outcome stands here and in `claims.toml`: the unknowns with their ranges, how plants are
+drawn, how the inextensible estimate is read, and how the best plant is chosen. It is the same for all statements.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import DistalError
+from distal.paper.claims import measured, statements
+from distal.paper.series import Plant, run_series
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """Something that the paper does not print, or that its measurements contradict.
+
+    Args:
+        name: short.
+        unit: of its range.
+        low: least value that is tried.
+        high: largest.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+
+UNKNOWNS = (
+    Unknown("slider friction, constant", "N", 0.0, 0.4),
+    Unknown("slider friction by load", "", 0.0, 0.2),
+    Unknown("axle friction, exponent", "", 1.0, 2.5),
+    Unknown("axle friction, reference load", "N", 9.0, 17.0),
+    Unknown("axle friction, preload", "N", 3.9, 5.9),
+    Unknown("angle of Series 1", "deg", 15.0, 30.0),
+)
+"""Friction of the sliders and the axle, and how far the hand turned the link to each side.
+
+The preload is printed, 4.9 N: its range is that of the 20 % that the rig file assumes. Beyond 30° the sliders would reach
+their stops, and the paper says that they did not.
+"""
+
+READINGS = ("geometry", "x/r")
+"""How the inextensible estimate turns a displacement into an angle: each plant is tried with both."""
+
+DRAWN = (256, 128, 64)
+"""Plants of each round: first over the whole ranges, then near the best so far."""
+
+NEAR = (1.0, 0.25, 0.1)
+"""Width of the box that a round draws from, as a share of each range."""
+
+BEST = 8
+"""How many of the best plants the next round is drawn around."""
+
+NEEDED = ("series-1-soft", "series-1", "series-2", "series-2-high")
+"""The tests that statements are about."""
+
+
+def plant_of(values: Floats, reading: str, name: str = "drawn") -> Plant:
+    """Return the plant with some values of the unknowns.
+
+    Args:
+        values: in the order and units of `UNKNOWNS`, (6,).
+        reading: of the inextensible estimate, one of `READINGS`.
+        name: of the plant.
+    """
+    constant, load, exponent, reference, preload, turned = (float(value) for value in values)
+    changed: dict[str, object] = {}
+    for i in (0, 1):
+        changed[f"drives.{i}.friction.constant"] = constant
+        changed[f"drives.{i}.friction.load"] = load
+    changed |= {
+        "joints.0.friction.exponent": exponent,
+        "joints.0.friction.reference": reference,
+        "joints.0.friction.preload": preload,
+    }
+    return Plant(name, changed, float(np.deg2rad(turned)), reading == "x/r")
+
+
+def margins_of(plant: Plant) -> Floats:
+    """Return the margin of each statement on a plant, (12,); −∞ where the plant cannot be simulated.
+
+    Args:
+        plant: what moves.
+    """
+    try:
+        values = measured([run for series in NEEDED for run in run_series(series, plant, statements_only=True)])
+    except DistalError:
+        return np.full(len(statements()), -np.inf)
+    return np.array([each.margin(values[each.key]) for each in statements()])
+
+
+def _both_readings(values: Floats) -> Floats:
+    return np.array([margins_of(plant_of(values, reading)) for reading in READINGS])
+
+
+@dataclass(frozen=True)
+class Search:
+    """What was tried and what held.
+
+    Args:
+        values: of the unknowns, in the order of `UNKNOWNS`, (n, 6).
+        readings: of the inextensible estimate, index into `READINGS`, (n,).
+        margins: of each statement, (n, 12).
+    """
+
+    values: Floats
+    readings: NDArray[np.int_]
+    margins: Floats
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Return which statements hold, (n, 12)."""
+        return self.margins >= 0.0
+
+    def order(self, without: int | None = None) -> NDArray[np.int_]:
+        """Return the plants, best first: most statements held, then the largest of the smallest margins held.
+
+        Args:
+            without: index of a statement that does not count.
+        """
+        margins = self.margins if without is None else np.delete(self.margins, without, axis=1)
+        held = margins >= 0.0
+        least = np.min(np.where(held, margins, np.inf), axis=1)
+        return np.lexsort((-least, -held.sum(axis=1)))
+
+    def tested(self) -> tuple[bool, ...]:
+        """Return for each statement whether it holds on the plant that the other eleven choose."""
+        return tuple(bool(self.held[self.order(without=i)[0], i]) for i in range(self.margins.shape[1]))
+
+    def excluding(self) -> list[tuple[int, int]]:
+        """Return the pairs of statements that hold on some plant each, and on none together."""
+        held, ever = self.held, self.held.any(axis=0)
+        n = held.shape[1]
+        return [
+            (i, j)
+            for i in range(n)
+            for j in range(i + 1, n)
+            if ever[i] and ever[j] and not (held[:, i] & held[:, j]).any()
+        ]
+
+
+def search(advance: Callable[[int], None] = lambda _: None, workers: int | None = None) -> Search:
+    """Return what holds on plants drawn over the unknowns' ranges, and nearer and nearer to the best of them.
+
+    Sobol's sequence covers the ranges; each later round draws in boxes around the best plants so far.
+
+    Args:
+        advance: called with the number of plants that are done.
+        workers: processes; default one per core.
+    """
+    from scipy.stats import qmc
+
+    low, high = (np.array([getattr(each, end) for each in UNKNOWNS]) for end in ("low", "high"))
+    found = Search(np.empty((0, len(UNKNOWNS))), np.empty(0, dtype=int), np.empty((0, len(statements()))))
+    done = 0
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        for number, (count, width) in enumerate(zip(DRAWN, NEAR)):
+            unit = qmc.Sobol(len(UNKNOWNS), seed=2008 + number).random(count)
+            if number == 0:
+                values = low + unit * (high - low)
+            else:
+                best = found.values[found.order()[:BEST]]
+                centres = best[np.arange(count) % len(best)]
+                values = np.clip(centres + width * (unit - 0.5) * (high - low), low, high)
+            margins = []
+            for each in pool.map(_both_readings, values):
+                margins.append(each)
+                done += 1
+                advance(done)
+            found = Search(
+                np.vstack([found.values, np.repeat(values, len(READINGS), axis=0)]),
+                np.concatenate([found.readings, np.tile(np.arange(len(READINGS)), count)]),
+                np.vstack([found.margins, *margins]),
+            )
+    return found
+
+
+def plant_count() -> int:
+    """Return how many plants `search` simulates."""
+    return sum(DRAWN)
+
+
+def to_json(found: Search) -> str:
+    """Return a search as JSON, one row for each plant and reading.
+
+    Args:
+        found: of `search`.
+    """
+    names = [f"{each.name} [{each.unit}]" if each.unit else each.name for each in UNKNOWNS]
+    keys = [each.key for each in statements()]
+    rows = [
+        {
+            **dict(zip(names, (float(f"{value:.6g}") for value in values))),
+            "reading": READINGS[reading],
+            "margins": {key: None if np.isinf(m) else float(f"{m:.4g}") for key, m in zip(keys, margins)},
+        }
+        for values, reading, margins in zip(found.values, found.readings, found.margins)
+    ]
+    return json.dumps({"statements held at most": int(found.held.sum(axis=1).max()), "plants": rows}, indent=1) + "\n"
+
+
+def from_json(path: str | Path) -> Search:
+    """Return a search from its file.
+
+    Args:
+        path: of a file with the text of `to_json`.
+    """
+    plants = json.loads(Path(path).read_text(encoding="utf-8"))["plants"]
+    values = [[value for name, value in row.items() if name not in ("reading", "margins")] for row in plants]
+    margins = [[-np.inf if m is None else m for m in row["margins"].values()] for row in plants]
+    readings = [READINGS.index(row["reading"]) for row in plants]
+    return Search(np.array(values), np.array(readings), np.array(margins))
+
+
+def best_rows(found: Search, count: int) -> Sequence[tuple[Floats, str, Floats]]:
+    """Return unknowns, reading and margins of the best plants, best first.
+
+    Args:
+        found: of `search`.
+        count: how many.
+    """
+    return [(found.values[i], READINGS[found.readings[i]], found.margins[i]) for i in found.order()[:count]]

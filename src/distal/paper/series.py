@@ -1,0 +1,198 @@
+"""The 2008 paper's two test series, simulated on a plant and filtered by what Table 1 says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+
+from distal.estimators import Estimator, FullStateFilter, Noise, make_estimator, paper_noise
+from distal.logs import Log
+from distal.model import Mechanism
+from distal.results import Estimate
+from distal.rig import Rig, load_rig
+from distal.run import estimate
+from distal.simulation import Scenario, load_scenario, scenario_rig
+from distal.simulation.plant import run_plant
+from distal.simulation.simulate import prepare, sampled
+
+SERIES_1 = ("series-1-soft", "series-1")
+SERIES_2 = ("series-2", "series-2-medium", "series-2-high")
+SEEDS = (0, 1, 2, 3, 4)
+
+READINGS = {
+    "Q and R in SI": (1e-3, 1e-3),
+    "R in mm²": (1e-3, 1e-9),
+    "Q and R both a thousandth of that": (1e-6, 1e-6),
+    "Q and R both in mm²": (1e-9, 1e-9),
+}
+"""Readings of "Q = R = 0.001": (q, r) in SI."""
+
+X_OVER_R = {f"tendons.{i}.insertion": {"kind": "pulley", "radius": "9.53 mm"} for i in (0, 1)}
+"""The tendons' ends as an estimate sees them that takes the angle as x/r instead of from the geometry."""
+
+IDEAL = {"sensors.x1.linearity": 0.0, "sensors.x2.linearity": 0.0}
+BETTER_CELLS = {"sensors.u1.noise": "0.03 N", "sensors.u2.noise": "0.03 N"}
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A rig that the paper's authors may have had before them; the filters know Table 1 only.
+
+    Args:
+        name: of the plant.
+        values: of the rig, where they differ from Table 1, by path.
+        turned: how far the hand turns the link to each side in Series 1 [rad]; None for what the scenario says.
+        over_radius: the inextensible estimate takes the angle as x/r, not from the geometry.
+    """
+
+    name: str
+    values: dict[str, object] = field(default_factory=dict)
+    turned: float | None = None
+    over_radius: bool = False
+
+    def scenario(self, series: str) -> Scenario:
+        """Return a shipped scenario on this plant.
+
+        Args:
+            series: one of `SERIES_1` or `SERIES_2`.
+        """
+        scenario = load_scenario(series)
+        hand = scenario.joints["link"].hand if "link" in scenario.joints else None
+        if hand is not None and self.turned is not None:
+            most = max(abs(value) for value in hand.angle.values)
+            signal = replace(hand.angle, values=tuple(self.turned / most * value for value in hand.angle.values))
+            link = scenario.joints["link"].model_copy(update={"hand": hand.model_copy(update={"angle": signal})})
+            scenario = scenario.model_copy(update={"joints": {"link": link}})
+        return scenario.model_copy(update={"plant": dict(self.values)})
+
+
+def observed_values() -> dict[str, object]:
+    """Return what the shipped rig `paper-2008-observed` has beyond Table 1: its friction, by path."""
+    rig = load_rig("paper-2008-observed")
+    values: dict[str, object] = {}
+    for i, drive in enumerate(rig.drives):
+        values[f"drives.{i}.friction.constant"] = drive.friction.constant.value
+        values[f"drives.{i}.friction.load"] = drive.friction.load.value
+    friction = rig.joints[0].friction
+    for name in ("preload", "exponent", "reference"):
+        value = getattr(friction, name)
+        values[f"joints.0.friction.{name}"] = getattr(value, "value", value)
+    return values
+
+
+PLANTS = (Plant("as printed"), Plant("as observed", observed_values()))
+"""Table 1 at its word, and the plant that explains most of what the paper saw (`distal reproduce --search`)."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One simulated test, and what each estimator made of it.
+
+    Args:
+        series: name of the scenario.
+        plant: its name.
+        seed: of the sensors' errors.
+        rig: what the filters know.
+        log: the sensors' values and the truth.
+        estimates: by name.
+    """
+
+    series: str
+    plant: str
+    seed: int
+    rig: Rig
+    log: Log
+    estimates: dict[str, Estimate]
+
+
+@lru_cache(maxsize=64)
+def _estimator(series: str, name: str) -> Estimator:
+    """Return an estimator of a series that knows Table 1; it is built once for all plants."""
+    rig = scenario_rig(load_scenario(series))
+    if name == "x/r":
+        return make_estimator("inextensible", rig.with_values(X_OVER_R))
+    if name == "simulation":  # the model driven by the measured forces alone: sure of itself, it learns nothing
+        known = paper_noise(rig)
+        zeros = (np.zeros_like(each) for each in (known.inputs, known.process, known.initial))
+        inputs, process, initial = zeros
+        return FullStateFilter("simulation", rig, Noise(inputs, process, known.measurements, initial))
+    if name in READINGS:
+        q, r = READINGS[name]
+        return FullStateFilter("ekf-2008", rig, paper_noise(rig, q=q, r=r))
+    return make_estimator(name, rig)
+
+
+def run_series(series: str, plant: Plant, seeds: Sequence[int] = SEEDS, *, statements_only: bool = False) -> list[Run]:
+    """Simulate one test of the paper with several seeds and run its estimators.
+
+    The motion is the same for all seeds and all sensors: it is simulated once.
+
+    Args:
+        series: one of `SERIES_1` or `SERIES_2`.
+        plant: what moves.
+        seeds: of the sensors' errors.
+        statements_only: leave out the estimators that no statement of the paper needs.
+    """
+    scenario = plant.scenario(series)
+    rig = scenario_rig(scenario)
+    ready = prepare(rig, scenario)
+    motion = run_plant(ready.plant, ready.inputs, ready.start, ready.dt, ready.count)
+
+    def read(seed: int, sensors: dict[str, object] | None = None) -> Log:
+        plant = Mechanism(ready.plant.rig.with_values(sensors), remembers=True) if sensors else ready.plant
+        return sampled(replace(ready, plant=plant), motion, seed)
+
+    inextensible = _estimator(series, "x/r" if plant.over_radius else "inextensible")
+    runs = []
+    for seed in seeds:
+        log = read(seed)
+        made = {"inextensible": estimate(log, rig, inextensible)}
+        if series in SERIES_1:
+            made["without linearity"] = estimate(read(seed, IDEAL), rig, inextensible)
+        else:
+            filters = ("ekf-2008", "simulation") if statements_only else ("ekf-2008", "simulation", "ekf", "adaptive")
+            for name in filters:
+                made[name] = estimate(log, rig, _estimator(series, name), passes=2 if name == "ekf-2008" else 1)
+        if series == "series-2":
+            others = {"hung weights": hung_weights(log, scenario), "better cells": read(seed, BETTER_CELLS)}
+            paper = _estimator(series, "ekf-2008")
+            made |= {name: estimate(each, rig, paper, passes=2) for name, each in others.items()}
+            if not statements_only:
+                made |= {f"reading {name}": estimate(log, rig, _estimator(series, name)) for name in READINGS}
+        runs.append(Run(series, plant.name, seed, rig, log, made))
+    if series == "series-2":
+        knowing = make_estimator("ekf-2008", rig.with_values(plant.values or observed_values()))
+        for run in runs:
+            run.estimates["observed friction"] = estimate(run.log, rig, knowing, passes=2)
+    return runs
+
+
+def hung_weights(log: Log, scenario: Scenario) -> Log:
+    """Return the log with the hung weights in place of the load cells' readings.
+
+    Args:
+        log: of the scenario.
+        scenario: what hangs on each drive.
+    """
+    channels = dict(log.channels)
+    for sensor, drive in (("u1", "left"), ("u2", "right")):
+        weight = scenario.drives[drive].weight
+        if weight is not None:
+            channels[sensor] = weight.at(log.time)
+    return replace(log, channels=channels)
+
+
+def all_runs(advance: Callable[[], None] = lambda: None) -> Iterator[Run]:
+    """Yield every run of the reproduction; `advance` is called after each test of a plant."""
+    for plant in PLANTS:
+        for series in (*SERIES_1, *SERIES_2):
+            yield from run_series(series, plant)
+            advance()
+
+
+def series_count() -> int:
+    """Return how often `all_runs` calls `advance`."""
+    return len(PLANTS) * (len(SERIES_1) + len(SERIES_2))
