@@ -2,7 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/.installed
+INSTALLED := $(VENV)/.installed
+STAMP := $(VENV)/.installed-dev
 
 .PHONY: help demo test test-fast lint docs bench accuracy strangers reliability clean
 
@@ -17,13 +18,21 @@ help:
 	@echo "make reliability  20,000 hostile rigs, logs and stream inputs each (6 minutes)"
 	@echo "make clean      remove .venv, out and caches"
 
-$(STAMP): pyproject.toml
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+# what the demo needs: the package alone
+$(INSTALLED): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "distal needs Python 3.11 or newer; try make PYTHON=python3.12")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	$(PIP) -e .
 	@touch $@
 
-demo: $(STAMP)
+# what tests, checks and pages need too
+$(STAMP): $(INSTALLED)
+	$(PIP) -e '.[dev]'
+	@touch $@
+
+demo: $(INSTALLED)
 	$(BIN)/distal reproduce --out out/reproduce
 
 test: lint

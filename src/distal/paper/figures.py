@@ -1,19 +1,21 @@
-"""Figures 2 to 5 of the 2008 paper, on simulated rigs."""
+"""Figures of the 2008 paper's reproduction: one that sums it up, and the paper's figures 2 to 5."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.analysis import PLANTS, Run
+from distal.paper.claims import potentiometer_errors, rms
+from distal.paper.series import PLANTS, SERIES_2, Run
 from distal.results import BAND, COLOURS, DASHES, draw_estimate, figure
-from distal.rig import tendon_angle_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+SUMMARY = "summary"
 
 FIGURES = {
     "figure-2": "series-1-soft",
@@ -24,33 +26,109 @@ FIGURES = {
 """Figure → scenario; the paper's figures 4 and 5 are at higher weights that it does not print."""
 
 CAPTIONS = {
-    "figure-2": "Series 1: the link is moved by hand, 2 N on each tendon, k = 403 N/m. The angle from each potentiometer, "
-    "tendons taken as inextensible, against the encoder.",
-    "figure-3": "Series 2: 2 N against 6 N, k = 806 N/m. Inextensible estimate, free simulation and Kalman filters; "
-    "below, the errors of all but the first with the 95 % band of adaptive.",
+    SUMMARY: "The same motion at rising tension, on the plant as observed. Top: the link's angle. Bottom: the error "
+    "of each estimate, with its RMS over all seeds. All three know Table 1 of the paper and nothing else. The "
+    "shaded band is where adaptive says that the angle is, with a probability of 95 %.",
+    "figure-2": "Series 1: the link is moved by hand, 2 N on each tendon, k = 403 N/m. The angle from each "
+    "potentiometer, tendons taken as inextensible, against the encoder.",
+    "figure-3": "Series 2: 2 N against 6 N, k = 806 N/m. Inextensible estimate, simulation from the measured forces "
+    "alone, and Kalman filters; below, the errors of all but the first with the 95 % band of adaptive. The link "
+    "rests afterwards, up to 8 s.",
     "figure-4": "Series 2 at higher tension: 3 N against 9 N.",
     "figure-5": "Series 2 at the highest tension: 4 N against 12 N.",
 }
 
+SHOWN = {"inextensible": 3, "ekf-2008": 1, "adaptive": 0}
+"""What the summary compares, and the index of its colour."""
 
-def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
-    """Return one of the paper's figures, the plant "as printed" beside the one "as observed".
+NAMES = {"simulation": "simulation alone", "ekf-2008": "2008 filter", "ekf": "ekf, exact noise"}
+"""What estimators are called in figures, where that is not their own name."""
+
+AFTER = 0.4
+"""How long the figures go on after the link has come to rest [s]."""
+
+
+def first_run(runs: Sequence[Run], series: str, plant: str) -> Run:
+    """Return the run of a series and a plant with the first seed: the one that is drawn.
 
     Args:
-        name: key of `FIGURES`.
+        runs: of `all_runs`.
+        series: name of the scenario.
+        plant: its name.
+    """
+    return next(run for run in runs if run.series == series and run.plant == plant)
+
+
+def end_of_motion(shown: Sequence[Run]) -> float:
+    """Return when the figures of some runs end [s]: a little after the link has come to rest in all.
+
+    Args:
+        shown: what one figure draws.
+    """
+    ends = []
+    for run in shown:
+        theta = run.log.truth["theta"]
+        moving = np.flatnonzero(np.abs(theta - theta[-1]) > np.deg2rad(0.1))
+        ends.append(float(run.log.time[moving[-1]]) if len(moving) else 0.0)
+    return float(min(max(ends) + AFTER, shown[0].log.time[-1]))
+
+
+def draw_summary(runs: Sequence[Run]) -> Figure:
+    """Return the figure that sums the reproduction up: three estimates at rising tension on the plant as observed.
+
+    Args:
+        runs: of `all_runs`; the first seed is drawn, the RMS is of all.
+    """
+    plant = PLANTS[1].name
+    shown = [first_run(runs, series, plant) for series in SERIES_2]
+    end = end_of_motion(shown)
+    with figure(2, 3, (7.2, 4.3), sharex=True, sharey="row", height_ratios=[1.5, 1]) as (made, axes):
+        for column, run in enumerate(shown):
+            top, bottom = axes[column], axes[3 + column]
+            top.plot(run.log.time, np.rad2deg(run.log.truth["theta"]), color="black", linewidth=1.6, label="truth")
+            for row, (name, index) in enumerate(SHOWN.items()):
+                result = run.estimates[name]
+                draw_estimate(top, result, index, band=False, label=NAMES.get(name, name))
+                error = np.rad2deg(result.errors())
+                bottom.plot(run.log.time, error, color=COLOURS[index], linestyle=DASHES[index], linewidth=1.2)
+                pooled = rms([each for each in runs if each.plant == plant], run.series, name)
+                top.text(0.98, 0.27 - 0.1 * row, f"{pooled:.1f}°", color=COLOURS[index], fontsize=8.5, weight="bold",
+                         transform=top.transAxes, ha="right")  # fmt: skip
+            top.text(0.98, 0.37, "RMS error", fontsize=8, transform=top.transAxes, ha="right")
+            band = np.rad2deg(BAND * run.estimates["adaptive"].theta_std)
+            bottom.fill_between(run.log.time, -band, band, color=COLOURS[0], alpha=0.2, linewidth=0)
+            bottom.axhline(0.0, color="black", linewidth=0.6)
+            bottom.set_xlim(0.7, end)
+            bottom.set_xlabel("time [s]")
+            top.set_title(run.log.source.removeprefix("Series 2: "), fontsize=9, loc="left")
+        top.fill_between([], [], [], color=COLOURS[0], alpha=0.2, linewidth=0, label="95 % band of adaptive")
+        axes[0].set_ylabel("link angle θ [°]")
+        axes[3].set_ylabel("error [°]")
+        handles, labels = axes[2].get_legend_handles_labels()
+        made.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
+    return made
+
+
+def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
+    """Return one of the figures, the plant "as printed" beside the one "as observed".
+
+    Args:
+        name: `SUMMARY` or a key of `FIGURES`.
         runs: of `all_runs`; the first seed is drawn.
     """
-    shown = [next(run for run in runs if run.series == FIGURES[name] and run.plant == plant) for plant in PLANTS]
+    if name == SUMMARY:
+        return draw_summary(runs)
+    shown = [first_run(runs, FIGURES[name], plant.name) for plant in PLANTS]
     with figure(2, 2, (7.2, 5.2), sharex=True, sharey="row", height_ratios=[2, 1.2]) as (made, axes):
         for column, run in enumerate(shown):
             top, bottom = axes[column], axes[2 + column]
-            if name == "figure-2":
-                _potentiometers(top, bottom, run)
-            else:
-                _filters(top, bottom, run)
+            _encoder(top, run)
+            (_potentiometers if name == "figure-2" else _filters)(top, bottom, run)
             top.set_title(f"plant {run.plant}", fontsize=9, loc="left")
             bottom.axhline(0.0, color="black", linewidth=0.6)
             bottom.set_xlabel("time [s]")
+        if name != "figure-2":
+            axes[0].set_xlim(0.7, end_of_motion(shown))
         axes[0].set_ylabel("link angle θ [°]")
         axes[2].set_ylabel("error [°]")
         handles, labels = axes[0].get_legend_handles_labels()
@@ -65,24 +143,21 @@ def _encoder(axes: Axes, run: Run) -> None:
 
 
 def _potentiometers(top: Axes, bottom: Axes, run: Run) -> None:
-    _encoder(top, run)
-    result = run.estimates["inextensible"]
-    for i, side in enumerate(("left", "right")):
-        theta = np.rad2deg(result.state(tendon_angle_name(side)))
-        style: dict[str, Any] = {"color": COLOURS[i], "linestyle": DASHES[i], "linewidth": 1.2}
-        top.plot(run.log.time, theta, label=f"from {side} potentiometer", **style)
-        bottom.plot(run.log.time, theta - np.rad2deg(run.log.truth["theta"]), **style)
+    truth = np.rad2deg(run.log.truth["theta"])
+    for i, (side, error) in enumerate(zip(("left", "right"), potentiometer_errors(run))):
+        degrees = np.rad2deg(error)
+        label = f"from {side} potentiometer"
+        top.plot(run.log.time, truth + degrees, color=COLOURS[i], linestyle=DASHES[i], linewidth=1.2, label=label)
+        bottom.plot(run.log.time, degrees, color=COLOURS[i], linestyle=DASHES[i], linewidth=1.2)
 
 
 def _filters(top: Axes, bottom: Axes, run: Run) -> None:
-    _encoder(top, run)
-    for i, name in enumerate(("ekf-2008", "adaptive", "simulation", "inextensible")):
+    for name, i in {"ekf-2008": 1, "ekf": 2, "adaptive": 0, "simulation": 4, "inextensible": 3}.items():
         result = run.estimates[name]
-        label = {"simulation": "free simulation"}.get(name, name)
-        draw_estimate(top, result, i, band=False, label=label)
+        draw_estimate(top, result, i, band=False, label=NAMES.get(name, name))
         if name != "inextensible":
             error = np.rad2deg(result.errors())
             bottom.plot(run.log.time, error, color=COLOURS[i], linestyle=DASHES[i], linewidth=1.1)
     band = np.rad2deg(BAND * run.estimates["adaptive"].theta_std)
-    bottom.fill_between(run.log.time, -band, band, color=COLOURS[1], alpha=0.25, linewidth=0)
-    top.fill_between([], [], [], color=COLOURS[1], alpha=0.25, linewidth=0, label="95 % band of adaptive")
+    bottom.fill_between(run.log.time, -band, band, color=COLOURS[0], alpha=0.25, linewidth=0)
+    top.fill_between([], [], [], color=COLOURS[0], alpha=0.25, linewidth=0, label="95 % band of adaptive")

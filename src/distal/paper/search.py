@@ -6,12 +6,10 @@ drawn, how the inextensible estimate is read, and how the best plant is chosen. 
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,45 +191,3 @@ def search(advance: Callable[[int], None] = lambda _: None, workers: int | None 
 def plant_count() -> int:
     """Return how many plants `search` simulates."""
     return sum(DRAWN)
-
-
-def to_json(found: Search) -> str:
-    """Return a search as JSON, one row for each plant and reading.
-
-    Args:
-        found: of `search`.
-    """
-    names = [f"{each.name} [{each.unit}]" if each.unit else each.name for each in UNKNOWNS]
-    keys = [each.key for each in statements()]
-    rows = [
-        {
-            **dict(zip(names, (float(f"{value:.6g}") for value in values))),
-            "reading": READINGS[reading],
-            "margins": {key: None if np.isinf(m) else float(f"{m:.4g}") for key, m in zip(keys, margins)},
-        }
-        for values, reading, margins in zip(found.values, found.readings, found.margins)
-    ]
-    return json.dumps({"statements held at most": int(found.held.sum(axis=1).max()), "plants": rows}, indent=1) + "\n"
-
-
-def from_json(path: str | Path) -> Search:
-    """Return a search from its file.
-
-    Args:
-        path: of a file with the text of `to_json`.
-    """
-    plants = json.loads(Path(path).read_text(encoding="utf-8"))["plants"]
-    values = [[value for name, value in row.items() if name not in ("reading", "margins")] for row in plants]
-    margins = [[-np.inf if m is None else m for m in row["margins"].values()] for row in plants]
-    readings = [READINGS.index(row["reading"]) for row in plants]
-    return Search(np.array(values), np.array(readings), np.array(margins))
-
-
-def best_rows(found: Search, count: int) -> Sequence[tuple[Floats, str, Floats]]:
-    """Return unknowns, reading and margins of the best plants, best first.
-
-    Args:
-        found: of `search`.
-        count: how many.
-    """
-    return [(found.values[i], READINGS[found.readings[i]], found.margins[i]) for i in found.order()[:count]]

@@ -13,7 +13,7 @@ import numpy as np
 from distal.fitting import Fit, Observability, Score, name_of, observability, sizes
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
-from distal.reports.page import heading, html_table, page, paragraph, picture
+from distal.reports.page import heading, html_table, make_folder, page, paragraph, picture
 from distal.results import Estimate
 from distal.run import estimate
 

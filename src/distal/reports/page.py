@@ -13,7 +13,9 @@ _STYLE = """
 body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); max-width: 64rem; margin: 2.5rem auto;
   padding: 0 1.2rem; background: #fff; }
 h1, h2 { font-family: system-ui, sans-serif; line-height: 1.25; } h1 { font-size: 1.7rem; margin-bottom: .3rem; }
-h2 { font-size: 1.2rem; margin-top: 2.4rem; } .lead { color: var(--soft); font-size: 1.05rem; }
+h2 { font-size: 1.2rem; margin-top: 2.4rem; }
+h3 { font-size: 1rem; margin: 1.6rem 0 .3rem; }
+.lead { color: var(--soft); font-size: 1.05rem; }
 figure { margin: 1.4rem 0; } figure svg { width: 100%; height: auto; } figcaption { color: var(--soft); font-size: .92rem; }
 table { border-collapse: collapse; width: 100%; font: .86rem/1.4 system-ui, sans-serif; margin: 1rem 0; }
 th { text-align: left; border-bottom: 2px solid var(--ink); padding: .35rem .5rem; }
@@ -21,6 +23,11 @@ td { border-bottom: 1px solid var(--line); padding: .35rem .5rem; vertical-align
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 .yes { color: var(--yes); } .no { color: var(--no); } .verdict { font-weight: 600; display: inline-block; min-width: 8rem; }
 .why { color: var(--soft); } code { font-size: .9em; } .scroll { overflow-x: auto; }
+@media (max-width: 40rem) {
+  .scroll { overflow-x: visible; } thead { display: none; } tr { display: block; margin: .9rem 0; }
+  td, td.n { display: block; text-align: left; white-space: normal; border: 0; padding: .1rem 0; }
+  tr { border-bottom: 1px solid var(--line); padding-bottom: .5rem; } td:empty { display: none; }
+  td[data-of]::before { content: attr(data-of) ": "; color: var(--soft); } }
 @media print { body { margin: 0; max-width: none; } h2 { break-after: avoid; } figure, tr { break-inside: avoid; } }
 """
 
@@ -41,9 +48,14 @@ def page(title: str, lead: str, parts: Sequence[str]) -> str:
     )
 
 
-def heading(text: str) -> str:
-    """Return a section's heading."""
-    return f"<h2>{escape(text)}</h2>"
+def heading(text: str, level: int = 2) -> str:
+    """Return a section's heading.
+
+    Args:
+        text: plain text.
+        level: 2 for a section, 3 for a part of one.
+    """
+    return f"<h{level}>{escape(text)}</h{level}>"
 
 
 def paragraph(text: str) -> str:
@@ -72,8 +84,11 @@ def html_table(columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: S
     """
     mark = [" class='n'" if i in numbers else "" for i in range(len(columns))]
     head = "".join(f"<th{mark[i]}>{escape(name)}</th>" for i, name in enumerate(columns))
+    # on a narrow screen each row is a block of lines, and each cell tells its column
+    label = [f" data-of='{escape(name, quote=True)}'" if name and i else "" for i, name in enumerate(columns)]
     body = "".join(
-        "<tr>" + "".join(f"<td{mark[i]}>{cell}</td>" for i, cell in enumerate(row)) + "</tr>\n" for row in rows
+        "<tr>" + "".join(f"<td{mark[i]}{label[i]}>{cell}</td>" for i, cell in enumerate(row)) + "</tr>\n"
+        for row in rows
     )
     return f"<div class='scroll'><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>"
 
