@@ -32,3 +32,13 @@ def test_a_number_far_from_its_prior_is_named(logarithmic: bool, std: float, val
     assert all(
         "stiffness = " in line and "standard deviations from what the rig file expected" in line for line in lines
     )
+
+
+def test_a_number_as_it_came_keeps_the_ratios_of_what_shares_it() -> None:
+    """Two tendons of 20 and 10 N/mm, fitted together to 22 and 11: as they came they are 20 and 10."""
+    paths = ("tendons.0.stiffness", "tendons.1.stiffness")
+    found = FittedNumber("stiffness", paths, "N/m", 20e3, 4e3, 22e3, 1.0, True, False, (22e3, 11e3))
+    back = found.as_it_came
+    assert back.value == 20e3
+    assert back.values == pytest.approx((20e3, 10e3))
+    assert not back.identified

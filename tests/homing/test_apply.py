@@ -8,6 +8,7 @@ import pytest
 from distal import Log, Rig, estimate, load_rig
 from distal.estimators import AdaptiveFilter, Belief, first_values
 from distal.homing import Window, numbers_homed, plain_samples, with_references
+from distal.homing.apply import held, torque_samples
 from distal.run import samples_of
 from tests.estimators.test_discrepancy import made
 
@@ -78,3 +79,21 @@ def test_a_homing_move_takes_off_what_it_shows(rig: Rig, log: Log) -> None:
     late = log.time >= 1.0
     assert abs(np.mean(after.errors()[late])) < 0.5 * abs(np.mean(before.errors()[late]))
     assert np.mean(after.theta_std[late]) < np.mean(before.theta_std[late])
+
+
+def test_missing_readings_are_held() -> None:
+    """Each is the last before it; the first ones are the first that is there."""
+    nan = np.nan
+    np.testing.assert_array_equal(held(np.array([nan, nan, 3.0, nan, 5.0, nan])), [3.0, 3.0, 3.0, 3.0, 5.0, 5.0])
+    np.testing.assert_array_equal(held(np.array([2.0, nan, 7.0])), [2.0, 2.0, 7.0])
+
+
+def test_what_a_contacts_map_sees_begins_at_zero(rig: Rig) -> None:
+    """The map's time is that since the log's first sample, and its readings have no gaps."""
+    time = 5.0 + np.arange(0.0, 1.0, 0.1)
+    angle = np.where(np.arange(10) == 4, np.nan, 0.1 * np.arange(10))
+    log = Log(time, {"motor_angle": angle, "motor_torque": np.ones(10)})
+    seen = torque_samples(log, rig, {"motor_angle": angle}, np.zeros((10, 1)))
+    np.testing.assert_allclose(seen.time, time - 5.0, atol=1e-12)
+    np.testing.assert_allclose(np.diff(seen.readings[3:6, 0]), [0.0, 0.2], atol=1e-12)
+    assert seen.interval == pytest.approx(0.1)
