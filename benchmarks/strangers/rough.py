@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from benchmarks.report import table
 from benchmarks.strangers.rough_plants import FITTED, JUDGED, KINDS, described, log_of
 from distal import DistalError, Log, Rig, estimate, fit, learn_affine
+from distal.fitting import Fit
 from distal.rig import build_rig
 
 Floats = NDArray[np.float64]
@@ -96,7 +97,17 @@ def after_fit(kind: str, seed: int) -> list[str]:
     row = [kind, str(seed), f"{ours[0]:.2f}", f"{100 * ours[1]:.0f} %", f"{ours[2]:.1f}"]
     row += [f"{np.mean([score(log, found.rig, 'affine')[0] for log in judged]):.2f}", f"{np.rad2deg(play):.2f}"]
     row += [f"{np.mean([score(log, each, 'elastic')[0] for log in judged]):.1f}" for each in (found.rig, rig)]
-    return [*row, "yes" if found.converged else "no", f"{took:.0f}"]
+    return [*row, str(far_from_truth(found, described(kind, seed)[1])), "yes" if found.converged else "no", f"{took:.0f}"]
+
+
+def far_from_truth(found: Fit, truth: Mapping[str, float]) -> int:
+    """Return how many fitted numbers are more than 3 stated errors from the plant's, and are named in no doubt."""
+    said = " ".join(found.doubts)
+    return sum(
+        abs(part.value - truth[part.paths[0]]) > 3.0 * part.error
+        for part in found.fitted
+        if part.identified and not part.noise and part.paths[0] in truth and part.name not in said
+    )
 
 
 def lines_alone(kind: str, seed: int) -> list[str]:
@@ -155,7 +166,7 @@ def main() -> None:
             rows.append(made(kind, seed))
             print(*rows[-1], flush=True)
     three = [f"{name} {what}" for name in ("inextensible", "elastic", "adaptive") for what in ("°", "inside", "±")]
-    more = ["fitted °", "inside", "±", "affine °", "linear + play °", "elastic °", "before °", "converged", "s"]
+    more = ["fitted °", "inside", "±", "affine °", "linear + play °", "elastic °", "before °", "> 3 errors", "converged", "s"]
     title, name, columns = "first use, without a fit", "rough", three
     if given.fit:
         title, name, columns = "after a fit", "rough-fitted", more

@@ -1,0 +1,90 @@
+"""The moving picture of the README: `python -m tools.moving` writes docs/figures/catalogue.gif and prints its numbers.
+
+A joint between two motors whose rig file holds numbers as catalogues have them, each with what is not known of it. Nothing
+is fitted. The plant is another: its numbers are drawn from those stds, and its code shares nothing with `distal.model`.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+from benchmarks.strangers.drawn import FITTED, logs_of
+from benchmarks.strangers.drawn_rigs import drawn_rig
+from matplotlib.axes import Axes
+from PIL import Image
+
+from distal import Estimate, estimate
+from distal.results import BAND, COLOURS, DASHES, figure
+from distal.rig import build_rig
+
+OUT = Path("docs/figures/catalogue.gif")
+SEED = 1
+"""The first of the drawn rigs that has one joint."""
+NAMES = {"adaptive": 0, "inextensible": 3}
+FRAMES, PER_SECOND, DPI, COLOURS_USED = 72, 9, 100, 48
+
+
+def dial(axes: Axes, shown: dict[str, Estimate], at: int) -> None:
+    """Draw the link at its true angle and where each estimate says that it is."""
+    axes.set_aspect("equal")
+    axes.axis("off")
+    axes.set(xlim=(-0.15, 1.3), ylim=(-0.78, 0.78))
+    for degrees in range(-40, 41, 10):
+        direction = np.array([np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))])
+        axes.plot(*np.outer(direction, [1.1, 1.14]), color="0.6", lw=0.8)
+        if degrees % 20 == 0:
+            axes.text(*(1.22 * direction), f"{degrees}°", ha="center", va="center", fontsize=7, color="0.4")
+    truths = shown["adaptive"].truths
+    assert truths is not None
+    true = truths[at, 0]
+    axes.plot([0, np.cos(true)], [0, np.sin(true)], color="0.8", lw=13, solid_capstyle="round", zorder=1)
+    axes.plot([0, 1.09 * np.cos(true)], [0, 1.09 * np.sin(true)], color="black", lw=1.4, zorder=3)
+    axes.plot(0, 0, "o", color="white", mec="black", ms=13, zorder=5)
+    for name, index in NAMES.items():
+        angle = shown[name].theta[at]
+        reach = np.array([0.2, 1.09])
+        axes.plot(
+            np.cos(angle) * reach, np.sin(angle) * reach, color=COLOURS[index], ls=DASHES[index], lw=1.8, zorder=4
+        )
+
+
+def errors(axes: Axes, shown: dict[str, Estimate], at: int) -> None:
+    """Draw the errors up to now, and the band of adaptive."""
+    time = shown["adaptive"].time
+    band = np.rad2deg(BAND * shown["adaptive"].theta_std)
+    axes.fill_between(time[: at + 1], -band[: at + 1], band[: at + 1], color=COLOURS[0], alpha=0.2, lw=0)
+    axes.axhline(0.0, color="black", lw=0.8)
+    for name, index in NAMES.items():
+        error = np.rad2deg(shown[name].errors())
+        axes.plot(time[: at + 1], error[: at + 1], color=COLOURS[index], ls=DASHES[index], lw=1.3)
+        axes.text(time[at] + 0.1, error[at], name, color=COLOURS[index], fontsize=8, va="center", clip_on=False)
+    axes.set(xlim=(0, time[-1] * 1.16), ylim=(-5, 5), xlabel="time [s]", ylabel="error of the angle [°]")
+
+
+def main() -> None:
+    """Write the picture and print its numbers."""
+    described = drawn_rig(SEED, False)
+    log = logs_of(described, SEED)[0][FITTED]
+    rig = build_rig(described.raw, "catalogue")
+    shown = {name: estimate(log, rig, name) for name in NAMES}
+    for name, result in shown.items():
+        half = float(np.rad2deg(BAND * result.theta_std.mean()))
+        print(f"{name}: RMS {np.rad2deg(result.rms_error()):.2f}°, band ±{half:.1f}°, inside {result.inside_band():.0%}")
+    pictures = []
+    for at in np.linspace(0, len(log.time) - 1, FRAMES).astype(int):
+        with figure(1, 2, (7.2, 2.7), width_ratios=[1, 1.7]) as (made, (left, right)):
+            dial(left, shown, at)
+            errors(right, shown, at)
+            buffer = io.BytesIO()
+            made.savefig(buffer, format="png", dpi=DPI)
+        pictures.append(Image.open(buffer).convert("RGB").quantize(COLOURS_USED, dither=Image.Dither.NONE))
+    # it stands still at its end, so that one can read it
+    durations = [round(1000 / PER_SECOND)] * (FRAMES - 1) + [3000]
+    pictures[0].save(OUT, save_all=True, append_images=pictures[1:], duration=durations, loop=0, optimize=True)
+    pictures[-1].convert("RGB").save(OUT.with_suffix(".png"))
+
+
+if __name__ == "__main__":
+    main()
