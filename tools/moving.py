@@ -71,7 +71,9 @@ def main() -> None:
     shown = {name: estimate(log, rig, name) for name in NAMES}
     for name, result in shown.items():
         half = float(np.rad2deg(BAND * result.theta_std.mean()))
-        print(f"{name}: RMS {np.rad2deg(result.rms_error()):.2f}°, band ±{half:.1f}°, inside {result.inside_band():.0%}")
+        print(
+            f"{name}: RMS {np.rad2deg(result.rms_error()):.2f}°, band ±{half:.1f}°, inside {result.inside_band():.0%}"
+        )
     pictures = []
     for at in np.linspace(0, len(log.time) - 1, FRAMES).astype(int):
         with figure(1, 2, (7.2, 2.7), width_ratios=[1, 1.7]) as (made, (left, right)):

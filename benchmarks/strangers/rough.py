@@ -97,7 +97,12 @@ def after_fit(kind: str, seed: int) -> list[str]:
     row = [kind, str(seed), f"{ours[0]:.2f}", f"{100 * ours[1]:.0f} %", f"{ours[2]:.1f}"]
     row += [f"{np.mean([score(log, found.rig, 'affine')[0] for log in judged]):.2f}", f"{np.rad2deg(play):.2f}"]
     row += [f"{np.mean([score(log, each, 'elastic')[0] for log in judged]):.1f}" for each in (found.rig, rig)]
-    return [*row, str(far_from_truth(found, described(kind, seed)[1])), "yes" if found.converged else "no", f"{took:.0f}"]
+    return [
+        *row,
+        str(far_from_truth(found, described(kind, seed)[1])),
+        "yes" if found.converged else "no",
+        f"{took:.0f}",
+    ]
 
 
 def far_from_truth(found: Fit, truth: Mapping[str, float]) -> int:
@@ -166,7 +171,8 @@ def main() -> None:
             rows.append(made(kind, seed))
             print(*rows[-1], flush=True)
     three = [f"{name} {what}" for name in ("inextensible", "elastic", "adaptive") for what in ("°", "inside", "±")]
-    more = ["fitted °", "inside", "±", "affine °", "linear + play °", "elastic °", "before °", "> 3 errors", "converged", "s"]
+    more = ["fitted °", "inside", "±", "affine °", "linear + play °", "elastic °", "before °"]
+    more += ["> 3 errors", "converged", "s"]
     title, name, columns = "first use, without a fit", "rough", three
     if given.fit:
         title, name, columns = "after a fit", "rough-fitted", more
