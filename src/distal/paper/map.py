@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -78,14 +79,14 @@ def described(found: Search) -> list[str]:
     best, keys = found.order()[0], [each.key for each in statements()]
     held, tested = found.held[best], found.tested()
 
-    def named(which: np.ndarray | tuple[bool, ...]) -> str:
+    def named(which: Iterable[object]) -> str:
         return ", ".join(key for key, one in zip(keys, which) if one) or "none"
 
     lines = [
         f"{len(found.values)} plants and readings; on the best of them {int(held.sum())} of {len(keys)} statements hold:",
         f"  hold: {named(held)}",
         f"  do not: {named(~held)}",
-        f"  hold on no plant: {named(~found.held.any(axis=0))}",
+        f"  hold on no plant: {named(~found.ever)}",
         "the plant:",
     ]
     for unknown, value in zip(UNKNOWNS, found.values[best]):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import GROUPS, Claim, Measure, measure_claims, rms
 from distal.paper.figures import CAPTIONS, FIGURES, SUMMARY, draw_figure
-from distal.paper.reasons import REASONS
+from distal.paper.reasons import EKF_NOTE, REASONS, SEARCH_NOTE
 from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Run, all_runs
 from distal.reports import draw_rig, make_folder
 from distal.reports.page import heading, html_table, page, paragraph, picture
@@ -142,10 +142,9 @@ def _page(claims: Sequence[Claim], runs: Sequence[Run], drawings: dict[str, str]
         paragraph(REFERENCE),
         paragraph(
             "Two plants are simulated. “As printed” has the friction of the paper's Table 1, which cannot produce "
-            "the errors that the paper shows. “As observed” has the friction that explains most of the paper's "
-            "statements. A search over what is not printed found it (distal reproduce --search); its ranges were "
-            "written down before it ran. Every filter knows Table 1 only. Start angles, the manner of loading and "
-            "the higher weights are not printed; what is assumed stands in the scenario files."
+            "the errors that the paper shows. “As observed” has the friction with which most of the paper's "
+            "statements hold. Every filter knows Table 1 only. Start angles, the manner of loading and the higher "
+            "weights are not printed; what is assumed stands in the scenario files."
         ),
         heading("Figures 2 to 5 of the paper, simulated"),
     ]
@@ -154,6 +153,7 @@ def _page(claims: Sequence[Claim], runs: Sequence[Run], drawings: dict[str, str]
     parts += [
         heading(f"What the paper states: {held} of {len(claims)} statements hold on the observed plant"),
         paragraph("The thresholds were written down before the first run and have not been changed since."),
+        paragraph(SEARCH_NOTE),
     ]
     for group in GROUPS:
         chosen = [claim for claim in claims if claim.group == group]
@@ -171,13 +171,6 @@ def _page(claims: Sequence[Claim], runs: Sequence[Run], drawings: dict[str, str]
     ]
     return page("Proximal measurement of a tendon-driven link, reproduced", lead, parts)
 
-
-EKF_NOTE = (
-    "ekf is the same filter as ekf-2008 with the noise of the sensors as the simulation has it. On the plant as "
-    "printed it is given the exact model and the exact noise, and then nothing can be better: it beats adaptive "
-    "there. adaptive keeps room for a model that is wrong. On the plant as observed, where Table 1 is wrong about "
-    "friction, that is worth more at higher tension."
-)
 
 READING_NOTE = (
     "The paper sets Q = R = 0.001·I without units. In SI, R would be a potentiometer that errs by 32 mm, three "

@@ -121,9 +121,15 @@ class Search:
     margins: Floats
 
     @property
+    def ever(self) -> NDArray[np.bool_]:
+        """Return which statements hold on some plant, (12,)."""
+        return np.atleast_1d(self.held.any(axis=0))
+
+    @property
     def held(self) -> NDArray[np.bool_]:
         """Return which statements hold, (n, 12)."""
-        return self.margins >= 0.0
+        held: NDArray[np.bool_] = np.asarray(self.margins >= 0.0)
+        return held
 
     def order(self, without: int | None = None) -> NDArray[np.int_]:
         """Return the plants, best first: most statements held, then the largest of the smallest margins held.
@@ -142,7 +148,7 @@ class Search:
 
     def excluding(self) -> list[tuple[int, int]]:
         """Return the pairs of statements that hold on some plant each, and on none together."""
-        held, ever = self.held, self.held.any(axis=0)
+        held, ever = self.held, self.ever
         n = held.shape[1]
         return [
             (i, j)
