@@ -3,7 +3,7 @@
 from distal.reports.fitting import FIT_PAGES, fit_report
 from distal.reports.reproduction import REPRODUCTION_FILES, make_folder, reproduce, results
 from distal.reports.reproduction_figures import FIGURES
-from distal.reports.rig_drawing import draw_rig
+from distal.reports.rig_drawing import draw_rig, rig_svg
 from distal.reports.view import check_plotly, view_page
 
 __all__ = [
@@ -16,5 +16,6 @@ __all__ = [
     "make_folder",
     "reproduce",
     "results",
+    "rig_svg",
     "view_page",
 ]

@@ -20,10 +20,10 @@ from distal.reports.drawing.drives import (
     glyph_width,
     motor_half,
 )
-from distal.reports.drawing.joints import draw_joint, draw_link, draw_pin, joint_lines, scaled
+from distal.reports.drawing.joints import draw_coupling, draw_joint, draw_link, draw_pin, joint_lines, scaled
 from distal.reports.drawing.pose import Stand, gravity_on_paper, stands
 from distal.reports.drawing.routes import Wheel
-from distal.reports.drawing.sheet import PITCH, Line, Point, Sheet
+from distal.reports.drawing.sheet import PITCH, SIZE, Line, Point, Sheet, width_of
 from distal.reports.drawing.tendons import draw_tendon, lane_room, wheels
 from distal.reports.drawing.units import written
 from distal.reports.page import svg_of
@@ -64,14 +64,18 @@ def draw_rig(rig: Rig) -> Figure:
     for j, stand in enumerate(placed):
         ends = [scaled(other.centre, scale) for other in placed if other.parent == j]
         draw_link(sheet, stand, scale, ends or [scaled(stand.tip, scale)])
-    for j, stand in enumerate(placed):
+    names = [joint.name for joint in rig.joints]
+    for j, (joint, stand) in enumerate(zip(rig.joints, placed)):
+        if joint.coupled is not None:
+            ends = [scaled(placed[k].centre, scale) for k in (names.index(joint.coupled.joint), j)]
+            draw_coupling(sheet, ends[0], ends[1], joint.coupled.ratio)
         draw_joint(sheet, rig, j, stand, scale, around[j], lines[j])
     for i, tendon in enumerate(rig.tendons):
         if isinstance(tendon.meetings[-1].shape, Pinned):
-            joint = [each.name for each in rig.joints].index(tendon.meetings[-1].joints[0])
-            draw_pin(sheet, placed[joint], past[i][-1].centre, scale)
+            joint_of = names.index(tendon.meetings[-1].joints[0])
+            draw_pin(sheet, placed[joint_of], past[i][-1].centre, scale)
     _draw_proximal(sheet, rig, placed, past, scale, base)
-    _write_joints(sheet, placed, lines, around, scale, base - FAN + 0.1)
+    _write_joints(sheet, placed, lines, around, scale, base + 0.1)
     _finish(sheet, rig, arms, placed, scale)
     return sheet.figure
 
@@ -92,7 +96,7 @@ def _scale(rig: Rig, placed: Sequence[Stand], largest: float) -> float:
     """Return the inches for a metre: the joints fit into some space, and so do the drives."""
     xs = [x for stand in placed for x in (stand.centre[0] - largest, stand.centre[0] + largest, stand.tip[0])]
     ys = [y for stand in placed for y in (stand.centre[1] - largest, stand.centre[1] + largest, stand.tip[1])]
-    limits = [0.62 / largest, 3.4 / (max(xs) - min(xs)), 3.4 / (max(ys) - min(ys))]
+    limits = [0.62 / largest, (3.4 + 0.8 * max(len(placed) - 3, 0)) / (max(xs) - min(xs)), 3.4 / (max(ys) - min(ys))]
     spools = [drive.radius.value for drive in rig.drives if isinstance(drive, Capstan)]
     if spools:
         limits += [0.6 / max(spools), max(3.0, 0.5 * len(spools)) / (2 * sum(spools))]
@@ -222,17 +226,20 @@ def _finish(sheet: Sheet, rig: Rig, arms: Floats, placed: Sequence[Stand], scale
         panel = (end + 0.7, bottom - 0.1) if beside and end + 0.7 + PANEL[0] < right - 2.6 else (panel[0], bottom - 1.7)
     if changing:
         sheet.reserve((panel[0] + PANEL[0], panel[1] - 0.32))
+        sheet.take((panel[0] - 0.45, panel[1] - 0.32, panel[0] + PANEL[0], panel[1] + PANEL[1] + 0.3))
         bottom = min(bottom, panel[1] - 0.3)
-    bottom = min(bottom, sheet.low[1] if len(rig.joints) == 1 and not changing else bottom)
     notes = ["Joints, pulleys and spools to scale at zero angle; tendons shortened."]
     if len({joint.axis for joint in rig.joints}) > 1:
         notes.append("Each joint is seen along its own axis.")
     if any(stand.drawn_apart for stand in placed):
         notes.append("Joints at one place are drawn apart.")
     text = " ".join(notes)
-    sheet.write((left, bottom - 0.2 if changing or len(rig.joints) > 1 else low - 0.36), text, colour=SOFT)
-    wide = int((sheet.high[0] - sheet.low[0]) / 0.083)
-    title = textwrap.wrap(rig.name, max(wide, 20))[:3]
+    wide = width_of(text, SIZE)
+    levels = (low - 0.36, bottom - 0.2, sheet.low[1] - 0.1)
+    free = next(y for y in levels if sheet.is_free((left, y - 0.1, left + wide + 0.1, y + 0.1)))
+    sheet.write((left, free), text, colour=SOFT)
+    letters = int((sheet.high[0] - sheet.low[0]) / 0.083)
+    title = textwrap.wrap(rig.name, max(letters, 20))[:3]
     for k, row in enumerate(reversed(title)):
         sheet.write((left, high + 0.22 + 0.17 * k), row, size=10.0, bold=True)
     sheet.cut()

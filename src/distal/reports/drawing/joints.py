@@ -5,12 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import cos, hypot, pi, sin
 
+import numpy as np
+from numpy.typing import NDArray
+
 from distal.reports.drawing.drives import sensor_lines
 from distal.reports.drawing.pose import Stand
+from distal.reports.drawing.routes import Wheel, heading
 from distal.reports.drawing.sheet import BADGE, Line, Point, Sheet, arc, on_circle
 from distal.reports.drawing.units import rounded, written
 from distal.results import FAINT, INK, PALE, SOFT, WHITE
 from distal.rig import Joint, Linkage, Meeting, Polynomial, Rig
+
+Floats = NDArray[np.float64]
+
+REACH = pi / 3
+"""So far to both sides a cam shows its arms; between them it is closed smoothly [rad]."""
 
 LINK = 10.0
 """Width of a link [pt]."""
@@ -60,20 +69,20 @@ def joint_lines(rig: Rig, index: int, turn: int) -> list[Line]:
 
 def _sizes(rig: Rig, joint: Joint) -> list[str]:
     """Return the sizes of what tendons meet at a joint, each kind once."""
-    kinds: dict[str, list[float]] = {}
+    kinds: dict[tuple[str, str], list[float]] = {}
     for _, meeting in meetings_at(rig, joint):
         shape = meeting.shape
         if isinstance(shape, Polynomial):
-            kinds.setdefault("arms by polynomial", [])
+            kinds.setdefault(("arms by polynomial", ""), [])
             continue
         name = {"pulley": "pulley r", "pinned": "pin at r", "linkage": "cam r"}[shape.kind]
-        if isinstance(shape, Linkage) and shape.centre.value:
-            name = f"cam at {written(shape.centre.value, 'rad')}: r"
-        kinds.setdefault(name, []).append(shape.radius.value)
+        shifted = isinstance(shape, Linkage) and shape.centre.value != 0.0
+        behind = f" at {written(shape.centre.value, 'rad')}" if shifted else ""  # type: ignore[union-attr]
+        kinds.setdefault((name, behind), []).append(shape.radius.value)
     found = []
-    for name, values in kinds.items():
+    for (name, behind), values in kinds.items():
         sizes = list(dict.fromkeys(rounded(1e3 * value) for value in sorted(values, reverse=True)))
-        found.append(f"{name} {', '.join(sizes)} mm" if sizes else name)
+        found.append(f"{name} {', '.join(sizes)} mm{behind}" if sizes else name)
     return found
 
 
@@ -112,6 +121,23 @@ def draw_link(sheet: Sheet, stand: Stand, scale: float, ends: Sequence[Point]) -
         sheet.patch(Wedge(at, 0.05, start, start + 90, facecolor=INK, edgecolor="none", zorder=2.7))
 
 
+def draw_coupling(sheet: Sheet, one: Point, other: Point, ratio: float) -> None:
+    """Draw a rigid coupling as a belt between two joints.
+
+    Args:
+        sheet: to draw on.
+        one: the joint that leads [in].
+        other: the joint that follows [in].
+        ratio: radians of it per radian of the other; a belt for a negative one is crossed.
+    """
+    for way in (1, -1):
+        first = Wheel(one, min(max(0.12 * abs(ratio), 0.06), 0.24), way)
+        last = Wheel(other, 0.12, way if ratio > 0 else -way)
+        along = heading(first, last)
+        sheet.disc(one, first.radius, "none", INK, order=3.1, ls=(0, (6, 2, 1, 2)))
+        sheet.line([first.point(along), last.point(along)], INK, 0.9, ls=(0, (6, 2, 1, 2)), zorder=3.1)
+
+
 def scaled(point: Point, scale: float) -> Point:
     """Return a point of the rig on the sheet [in].
 
@@ -139,10 +165,11 @@ def draw_joint(
     joint, centre = rig.joints[index], scaled(stand.centre, scale)
     _draw_wheels(sheet, rig, index, stand, scale)
     axle = scale * joint.friction.radius.value if joint.friction is not None else 0.0
-    sheet.disc(centre, max(axle, 0.04), SOFT, order=2.8)
+    sheet.disc(centre, max(axle, 0.04), FAINT, SOFT, order=2.8)
     sheet.disc(centre, 0.022, INK, order=2.9)
     if joint.spring is not None:
-        out = max(0.75 * around - 0.1, 0.17)
+        start = max(0.09, axle + 0.025)
+        out = max(0.75 * around - 0.1, start + 0.09)
         first = stand.towards + pi
         spiral = [
             on_circle(centre, 0.09 + (out - 0.09) * k / 90, first - stand.turn * 5 * pi * (1 - k / 90))
@@ -154,8 +181,8 @@ def draw_joint(
         on_link = on_circle(centre, scale * spring.radius.value, stand.towards)
         on_base = on_circle(centre, scale * spring.distance.value, stand.towards + stand.turn * spring.line_angle.value)
         sheet.line(coil(on_link, on_base), INK, 1.0, zorder=3.2)
-        for end in (on_link, on_base):
-            sheet.disc(end, 0.03, WHITE, order=3.3)
+        sheet.disc(on_link, 0.03, WHITE, order=3.3)
+        sheet.disc(on_base, 0.03, INK, order=3.3)
     if joint.stops is not None:
         _draw_stops(sheet, joint.stops, centre, stand, around)
     first = stand.towards + stand.turn * 0.30 * min(1.0, 0.3 / around)
@@ -204,26 +231,31 @@ def _draw_wheels(sheet: Sheet, rig: Rig, index: int, stand: Stand, scale: float)
     if cams:
         _draw_cam(sheet, joint, cams, centre, stand, scale)
     if not seen:
-        sheet.disc(centre, 0.1, PALE, SOFT)
+        sheet.disc(centre, 0.12, PALE, SOFT)
 
 
 def _draw_cam(sheet: Sheet, joint: Joint, cams: Sequence[Meeting], centre: Point, stand: Stand, scale: float) -> None:
     """Draw a pulley that is not round: at each place the arm of the angle at which a tendon leaves it there."""
     from matplotlib.patches import Polygon
 
-    low, high = joint.stops or (-pi / 2, pi / 2)
-    by_side = {meeting.side: meeting for meeting in cams}
-    points = []
-    for k in range(180):
-        place = -pi / 2 + 2 * pi * (k + 0.5) / 180
+    low, high = joint.stops or (-REACH, REACH)
+    angles = np.linspace(max(low, -REACH), min(high, REACH), 41)
+    places, arms = [], []
+    for meeting in cams:
         # above the axis lie the tendons that pull counter-clockwise
-        above = place < pi / 2 or place > 3 * pi / 2
-        above = sin(place) >= 0.0
-        meeting = by_side.get(stand.turn if above else -stand.turn, cams[0])
-        touches = pi / 2 if above else (3 * pi / 2 if place > pi else -pi / 2)
-        angle = min(max(stand.turn * (touches - place), low), high)
-        arm = abs(meeting.arms({joint.name: angle})[joint.name])
-        points.append(on_circle(centre, scale * arm, place))
+        touches = pi / 2 if meeting.side == stand.turn else -pi / 2
+        places += [touches - stand.turn * float(angle) for angle in angles]
+        arms += [abs(meeting.arms({joint.name: float(angle)})[joint.name]) for angle in angles]
+    # a smooth curve through them: a short Fourier series, its higher terms kept small where nothing is known
+    orders = np.arange(1, 6)
+
+    def series(at: Floats) -> Floats:
+        return np.column_stack([np.ones_like(at), *(f(k * at) for k in orders for f in (np.cos, np.sin))])
+
+    known, kept = series(np.array(places)), np.diag([0.0, *np.repeat(0.03 * orders**2, 2)])
+    weights = np.linalg.solve(known.T @ known + kept, known.T @ np.array(arms))
+    round_about = np.linspace(0.0, 2 * pi, 181)
+    points = [on_circle(centre, scale * r, a) for a, r in zip(round_about, series(round_about) @ weights)]
     sheet.patch(Polygon(points, facecolor=PALE, edgecolor=SOFT, lw=0.8, zorder=2.0), *points)
 
 
@@ -240,16 +272,16 @@ def draw_pin(sheet: Sheet, stand: Stand, pin: Point, scale: float) -> None:
     sheet.disc(pin, 0.035, WHITE, order=4.4)
 
 
-def coil(one: Point, other: Point, half: float = 0.06, teeth: int = 6) -> list[Point]:
+def coil(one: Point, other: Point, half: float = 0.06) -> list[Point]:
     """Return a spring as a zigzag between two points.
 
     Args:
         one: its first end [in].
         other: its last one [in].
         half: how far it goes to each side [in].
-        teeth: of it.
     """
     length = hypot(other[0] - one[0], other[1] - one[1]) or 1.0
+    teeth = max(6, 2 * round(length / 0.16))
     along = ((other[0] - one[0]) / length, (other[1] - one[1]) / length)
     middle = [((k + 0.5) / teeth, (-1) ** k * half) for k in range(teeth)]
     return [

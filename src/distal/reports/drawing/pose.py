@@ -111,10 +111,13 @@ def stands(rig: Rig, arm: float) -> list[Stand]:
             start = centres[parent]
         elif i > 0:
             offset = offset - np.asarray(rig.joints[0].offset)
-        across, up = _on_paper(offset, views[0 if parent is None else parent]) if i else (0.0, 0.0)
-        place = (start[0] + across, start[1] + up)
-        moved = False
-        while any(hypot(place[0] - x, place[1] - y) < 0.3 * arm for x, y in centres):
+        view = views[0 if parent is None else parent]
+        across, up = (
+            _on_paper(offset, view) if parent is not None else (float(offset @ view[0]), float(offset @ view[1]))
+        )
+        place = (start[0] + across, start[1] + up) if i else start
+        moved, near = False, 0.3 if parent is not None else 2.0
+        while any(hypot(place[0] - x, place[1] - y) < near * arm for x, y in centres):
             # on the base below the others, on a link further out
             place = (place[0] + APART * arm, place[1]) if parent is not None else (place[0], place[1] - APART * arm)
             moved = True

@@ -53,7 +53,7 @@ def heading(one: Wheel, other: Wheel) -> float:
     return atan2(up, across) + asin(min(max(ratio, -1.0), 1.0))
 
 
-def route(wheels: Sequence[Wheel], wrap: float = WRAP) -> list[Point]:
+def route(wheels: Sequence[Wheel], wrap: float) -> list[Point]:
     """Return the points of a tendon's way; on the last circle it ends after some wrap.
 
     Args:

@@ -9,11 +9,11 @@ from typing import Any
 from distal.reports.drawing.drives import Lane, sensor_lines
 from distal.reports.drawing.joints import coil, scaled
 from distal.reports.drawing.pose import Stand
-from distal.reports.drawing.routes import Wheel, route
+from distal.reports.drawing.routes import WRAP, Wheel, route
 from distal.reports.drawing.sheet import PITCH, SIZE, Line, Point, Sheet, width_of
 from distal.reports.drawing.units import rounded, written
 from distal.results import COLOURS, DASHES, SOFT, WHITE
-from distal.rig import Pinned, Rig, Tendon
+from distal.rig import Linkage, Pinned, Rig, Tendon
 
 BESIDE = 0.026
 """Distance of tendons that lie side by side on equal pulleys [in]."""
@@ -94,10 +94,11 @@ def draw_tendon(
     lines = tendon_lines(rig, tendon)
     middle = (left + right) / 2
     one, other = (middle - SPRING / 2, y), (middle + SPRING / 2, y)
+    wrap = 0.35 if isinstance(tendon.meetings[-1].shape, Linkage) else WRAP
     start = route([lane.start, Wheel((left, y))], 0.0)
     if lane.start.radius:
         start = [*reversed(_wound(lane.start)), *start]
-    ways: list[list[Point]] = [[*start, one], [other, (right, y), *route([Wheel(eye), *past])]]
+    ways: list[list[Point]] = [[*start, one], [other, (right, y), *route([Wheel(eye), *past], wrap)]]
     look: dict[str, Any] = {"ls": dash, "zorder": 4.0}
     for way in ways:
         # paper on both sides, so that it is seen which of two that cross is in front

@@ -41,7 +41,7 @@ def rounded(value: float) -> str:
         value: the number.
     """
     digits = max(0, 2 - math.floor(math.log10(abs(value)))) if value and abs(value) < 1e3 else 0
-    if abs(value) >= 1e5 or digits > 5:
+    if abs(value) >= 1e5 or digits > 7:
         text = f"{value:.2e}"
     else:
         text = f"{value:.{digits}f}"
