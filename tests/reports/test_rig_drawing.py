@@ -179,7 +179,8 @@ def check_labels(made: Figure) -> None:
     assert len(boxes) > 5
     width, height = made.bbox.width, made.bbox.height
     for text, box in boxes.items():
-        assert box.x0 >= 0 and box.y0 >= 0 and box.x1 <= width and box.y1 <= height, f"{text} leaves the figure"
+        outside = min(box.x0, box.y0, width - box.x1, height - box.y1) < 0
+        assert not outside, f"{text} leaves the figure"
     for (one, a), (other, b) in combinations(boxes.items(), 2):
         across, up = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
         # boxes are as high as the tallest letters of a font: a pixel of air may be shared

@@ -13,6 +13,7 @@ from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
 from distal.reports.page import heading, html_table, page, paragraph, picture, svg_of
 from distal.reports.reproduction import make_folder
+from distal.reports.rig_drawing import rig_svg
 from distal.results import Estimate
 from distal.run import estimate
 
@@ -51,7 +52,13 @@ def fit_report(
         advance()
         after.append(estimate(log, fit.rig, homing=fit.homing))
         advance()
-    parts = [*_doubts(fit), *_left_out(fit), *_parameters(fit), *_errors(logs, before, after)]
+    parts = [
+        picture(rig_svg(fit.rig), "The rig as fitted, to scale; circles are its sensors."),
+        *_doubts(fit),
+        *_left_out(fit),
+        *_parameters(fit),
+        *_errors(logs, before, after),
+    ]
     parts += [heading("Along the logs")]
     for log, one, other in list(zip(logs, before, after))[:MOST_TRACES]:
         caption = (

@@ -22,7 +22,8 @@ body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); max-width: 64re
   padding: 0 1.2rem; background: var(--paper); }
 h1, h2 { font-family: system-ui, sans-serif; line-height: 1.25; } h1 { font-size: 1.7rem; margin-bottom: .3rem; }
 h2 { font-size: 1.2rem; margin-top: 2.4rem; } .lead { color: var(--soft); font-size: 1.05rem; }
-figure { margin: 1.4rem 0; } figure svg { width: 100%; height: auto; } figcaption { color: var(--soft); font-size: .92rem; }
+figure { margin: 1.4rem 0; overflow-x: auto; } figure svg { width: 100%; min-width: 38rem; height: auto; }
+figcaption { color: var(--soft); font-size: .92rem; }
 table { border-collapse: collapse; width: 100%; font: .86rem/1.4 system-ui, sans-serif; margin: 1rem 0; }
 th { text-align: left; border-bottom: 2px solid var(--ink); padding: .35rem .5rem; }
 td { border-bottom: 1px solid var(--line); padding: .35rem .5rem; vertical-align: top; }
