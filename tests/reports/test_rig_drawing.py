@@ -21,6 +21,7 @@ from distal.reports import draw_rig, rig_svg
 from distal.reports.drawing.pose import stands, views_of
 from distal.reports.drawing.routes import WRAP, Wheel, heading, route
 from distal.reports.drawing.units import written
+from distal.results import COLOURS
 from distal.rig import build_rig, shipped_rigs
 
 LONG = "a_name_that_has_thirty_letters"
@@ -211,15 +212,7 @@ def test_parts_are_to_scale_and_tendons_touch_pulleys() -> None:
     scale = float(np.ptp(rule[0].get_xdata())) / 0.02
     pulleys = {(round(c.center[0] / scale, 4), round(c.radius / scale, 4)) for c in circles}
     assert {(0.0, 0.008), (0.0, 0.0075), (0.045, 0.007), (0.045, 0.0065), (0.07, 0.006), (0.07, 0.0055)} <= pulleys
-    for tendon in rig.tendons:
-        colour = next(
-            text.get_color()
-            for text in axes.texts
-            if text.get_text() == tendon.name
-            and text.get_weight() == "bold"
-            and text.get_color()[0] == "#"
-            and text.get_ha() == "center"
-        )
+    for tendon, colour in zip(rig.tendons, COLOURS):
         way = np.vstack(
             [line.get_xydata() for line in axes.lines if line.get_color() == colour and line.get_lw() == 1.5]
         )

@@ -145,7 +145,7 @@ def _draw_proximal(
         if isinstance(drive, Capstan):
             first = rig.tendons[own[0]]
             joint = names.index(first.joints[0])
-            way = placed[joint].turn * (1 if arm_sign(first) == first.winding else -1)
+            way = placed[joint].turn * (1 if next(iter(first.arms().values())) * first.winding >= 0 else -1)
             # wound by a positive angle: from below where that turns clockwise
             above = [i for i in own if rig.tendons[i].winding * way > 0]
             below = [i for i in own if i not in above]
@@ -178,11 +178,6 @@ def _draw_proximal(
         for i, level in levels.items():
             eye = (base - 0.045, heights[i])
             draw_tendon(sheet, rig, i, Lane(starts[i], level), (left + 0.1, right), eye, past[i])
-
-
-def arm_sign(tendon: object) -> int:
-    """Return +1 where a tendon pulls its first joint to +θ."""
-    return 1 if next(iter(tendon.arms().values())) >= 0 else -1  # type: ignore[attr-defined]
 
 
 def _write_joints(

@@ -101,7 +101,7 @@ def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
     for i, row in enumerate(arms):
         y, colour = top - 1.4 * (i + 1) * PITCH, COLOURS[i % len(COLOURS)]
         sheet.line([(at[0], y), (at[0] + 0.28, y)], colour, 1.4, ls=DASHES[i % len(DASHES)])
-        sheet.write((at[0] + 0.36, y), rig.tendons[i].name, bold=True, colour=colour)
+        sheet.write((at[0] + 0.36, y), rig.tendons[i].name, bold=True)
         for joint, end, value in zip(rig.joints, ends, row):
             crossed = joint.name in rig.tendons[i].joints
             text = rounded(1e3 * value) if crossed else "–"

@@ -112,7 +112,7 @@ def draw_tendon(
     sheet.disc(eye, 0.028, WHITE, order=4.4)
     if any(line.badge for line in lines):
         sheet.badge(((other[0] + right) / 2, y), "T")
-    sheet.write((middle, y + 0.135), tendon.name, bold=True, colour=colour, ha="center")
+    sheet.write((middle, y + 0.135), tendon.name, bold=True, ha="center")
     for k, line in enumerate(lines):
         wide = line.width
         sheet.block((middle - wide / 2, y - 0.135 - k * PITCH), [line])
