@@ -38,7 +38,7 @@ from distal.estimators.kinematic_chain import unseen_covariance
 from distal.logs import TruthKind, write_log
 from distal.model import responses
 from distal.reports import draw_rig
-from distal.reports.rig_drawing import moment_arms
+from distal.reports.drawing.arms import moment_arms
 from distal.rig import build_rig
 from distal.run import samples_of
 from distal.simulation import build_scenario
@@ -287,9 +287,9 @@ def test_a_star_stands_for_all() -> None:
 def test_the_drawing_has_joints_tendons_and_arms(tmp_path: Path) -> None:
     made = draw_rig(load_rig("finger-n-plus-1"))
     texts = " ".join(text.get_text() for axes in made.axes for text in axes.texts)
-    for part in ("mcp (y)", "dip (y)", "t1", "t4", "+8", "-6.5", "–"):
+    for part in ("mcp", "axis y ⊗", "t1", "t4", "+8", "−6.5", "–"):
         assert part in texts
-    assert len(draw_rig(load_rig("paper-2008")).axes) == 3  # arms that change are curves
+    assert len(draw_rig(load_rig("paper-2008")).axes) == 2  # arms that change are curves
     runner = CliRunner()
     result = runner.invoke(app, ["rig", "draw", "wrist-instrument", "--out", str(tmp_path / "wrist.svg")])
     assert result.exit_code == 0

@@ -19,6 +19,7 @@ import pytest
 import distal.export
 import distal.fitting
 import distal.logs
+import distal.paper.page
 import distal.reports
 import distal.run
 import distal.simulation
@@ -115,7 +116,8 @@ def _no_work(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) ->
         (distal.run, ("LiveEstimator", "estimate", "estimate_batch", "smooth")),
         (distal.simulation, ("simulate", "simulate_batch")),
         (distal.fitting, ("fit",)),
-        (distal.reports, ("fit_report", "reproduce")),
+        (distal.reports, ("fit_report",)),
+        (distal.paper.page, ("reproduce",)),
         (distal.export, ("export_c",)),
     ):
         for name in names:

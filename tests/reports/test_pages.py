@@ -70,7 +70,7 @@ def test_the_page_of_a_fit(fitted: Fit, logs: list[Log], tmp_path: Path) -> None
     path = fit_report(fitted, logs, tmp_path / "report")
     text = path.read_text(encoding="utf-8")
     assert [file.name for file in path.parent.iterdir()] == ["index.html"]
-    assert text.count("<figure>") == len(logs) + 2
+    assert text.count("<figure>") == len(logs) + 3
     for said in (
         "What was found",
         "joints.0.friction.coefficient",

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from distal import Estimate, Log, Rig, estimate, load_scenario, scenario_rig, simulate
+from distal import Estimate, Log, Rig, estimate, load_rig, load_scenario, scenario_rig, simulate
 from distal.errors import OutputError
 from distal.reports import view_page
 
@@ -44,11 +44,12 @@ def page(result: Estimate, log: Log, rig: Rig, tmp_path_factory: pytest.TempPath
 def test_one_file_that_fetches_nothing(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     body = re.sub(r"<script.*?</script>", "", text, flags=re.S)
-    assert not re.search(r"(src|href)\s*=", body)
+    assert not re.search(r"(src|href)\s*=\s*[\"'](?!#)", body)
     assert not re.search(r"<script[^>]+src", text)
     assert "a &lt;b&gt;log &amp; more.csv" in body
     assert "what &lt;was&gt; found" in body
     assert "RMS error" in body
+    assert "aria-label='Drawing of the rig" in body
     for name in ("joint angle", "error", "innovation", "measured", "health", "truth", "adaptive", "u1 [N]"):
         assert name in text
 
@@ -58,6 +59,21 @@ def test_without_a_truth_the_band_is_drawn(result: Estimate, log: Log, rig: Rig,
     text = view_page(blind, replace(log, truth={}), rig, tmp_path / "blind.html").read_text(encoding="utf-8")
     assert "95 % band \\u00b1 [" in text
     assert "error [" not in text
+
+
+def test_joints_stand_below_one_another(tmp_path: Path) -> None:
+    """One column: every curve has a time axis below it, the toolbar lies above and the legend below all of them."""
+    rig = load_rig("finger-2n")
+    log = simulate(rig, load_scenario("finger", ['duration="1 s"']), 1)
+    text = view_page(estimate(log, rig), log, rig, tmp_path / "two.html").read_text(encoding="utf-8")
+    layout = json.JSONDecoder().raw_decode(text, text.index('{"template"'))[0]
+    shown = [key for key, axis in layout.items() if key.startswith("xaxis") and axis.get("showticklabels")]
+    assert shown == ["xaxis2", "xaxis4", "xaxis7"]
+    assert {tuple(axis["domain"]) for key, axis in layout.items() if key.startswith("xaxis")} == {(0.0, 1.0)}
+    titles = [layout[f"yaxis{k}"]["title"]["text"] for k in ("", 2, 3, 4)]
+    assert titles == ["mcp [°]", "error [°]", "pip [°]", "error [°]"]
+    assert layout["legend"]["y"] < 0.0
+    assert layout["legend"]["yanchor"] == "top"
 
 
 def test_without_plotly(result: Estimate, log: Log, rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -81,7 +81,7 @@ def draw_command(
     out: Annotated[Path, typer.Option("--out", help="Where to save it (.png, .svg or .pdf).")] = Path("rig.png"),
     set_: SetOption = None,
 ) -> None:
-    """Draw a rig: joints, tendons and moment arms."""
+    """Draw a rig to scale: drives, tendons, pulleys, springs, stops, sensors, with their numbers."""
     from distal.reports import draw_rig
     from distal.results import plot_kind, save_figure
     from distal.rig import load_rig

@@ -9,7 +9,7 @@ import numpy as np
 
 from distal.paper.claims import potentiometer_errors, rms
 from distal.paper.series import PLANTS, SERIES_2, Run
-from distal.results import BAND, COLOURS, DASHES, draw_estimate, figure
+from distal.results import BAND, BLACK, COLOURS, DASHES, SOFT, draw_estimate, figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,7 +85,7 @@ def draw_summary(runs: Sequence[Run]) -> Figure:
     with figure(2, 3, (7.2, 4.3), sharex=True, sharey="row", height_ratios=[1.5, 1]) as (made, axes):
         for column, run in enumerate(shown):
             top, bottom = axes[column], axes[3 + column]
-            top.plot(run.log.time, np.rad2deg(run.log.truth["theta"]), color="black", linewidth=1.6, label="truth")
+            top.plot(run.log.time, np.rad2deg(run.log.truth["theta"]), color=BLACK, linewidth=1.6, label="truth")
             for row, (name, index) in enumerate(SHOWN.items()):
                 result = run.estimates[name]
                 draw_estimate(top, result, index, band=False, label=NAMES.get(name, name))
@@ -97,7 +97,7 @@ def draw_summary(runs: Sequence[Run]) -> Figure:
             top.text(0.98, 0.37, "RMS error", fontsize=8, transform=top.transAxes, ha="right")
             band = np.rad2deg(BAND * run.estimates["adaptive"].theta_std)
             bottom.fill_between(run.log.time, -band, band, color=COLOURS[0], alpha=0.2, linewidth=0)
-            bottom.axhline(0.0, color="black", linewidth=0.6)
+            bottom.axhline(0.0, color=BLACK, linewidth=0.6)
             bottom.set_xlim(0.7, end)
             bottom.set_xlabel("time [s]")
             top.set_title(run.log.source.removeprefix("Series 2: "), fontsize=9, loc="left")
@@ -125,7 +125,7 @@ def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
             _encoder(top, run)
             (_potentiometers if name == "figure-2" else _filters)(top, bottom, run)
             top.set_title(f"plant {run.plant}", fontsize=9, loc="left")
-            bottom.axhline(0.0, color="black", linewidth=0.6)
+            bottom.axhline(0.0, color=BLACK, linewidth=0.6)
             bottom.set_xlabel("time [s]")
         if name != "figure-2":
             axes[0].set_xlim(0.7, end_of_motion(shown))
@@ -138,8 +138,8 @@ def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
 
 def _encoder(axes: Axes, run: Run) -> None:
     degrees = np.rad2deg(run.log.channels["encoder"])
-    axes.plot(run.log.time, degrees, color="0.55", linewidth=2.2, drawstyle="steps-post", label="encoder (1°)")
-    axes.plot(run.log.time, np.rad2deg(run.log.truth["theta"]), color="black", linewidth=1.0, label="truth")
+    axes.plot(run.log.time, degrees, color=SOFT, linewidth=2.2, drawstyle="steps-post", label="encoder (1°)")
+    axes.plot(run.log.time, np.rad2deg(run.log.truth["theta"]), color=BLACK, linewidth=1.0, label="truth")
 
 
 def _potentiometers(top: Axes, bottom: Axes, run: Run) -> None:

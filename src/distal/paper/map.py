@@ -13,7 +13,7 @@ from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import statements
 from distal.paper.search import READINGS, UNKNOWNS, Search
 from distal.reports import make_folder
-from distal.results import COLOURS, figure, figure_bytes
+from distal.results import BLACK, COLOURS, PALE, figure, figure_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,12 +50,12 @@ def draw_map(found: Search) -> Figure:
             for reading, name in enumerate(READINGS):
                 own = found.readings == reading
                 marker = "os"[reading]
-                for holds, colour, size in ((False, "0.8", 3.0), (True, COLOURS[reading], 9.0)):
+                for holds, colour, size in ((False, PALE, 3.0), (True, COLOURS[reading], 9.0)):
                     shown = own & (found.held[:, i] == holds)
                     x, y = found.values[shown, across], found.values[shown, up]
                     label = f"holds, read by {name}" if holds else None
                     place.scatter(x, y, s=size, marker=marker, color=colour, linewidths=0, alpha=0.7, label=label)
-            place.plot(*found.values[best, [across, up]], marker="*", color="black", markersize=11, linestyle="none")
+            place.plot(*found.values[best, [across, up]], marker="*", color=BLACK, markersize=11, linestyle="none")
             place.set_title(
                 f"{statement.key}: {int(found.held[:, i].sum())} of {len(found.values)}", fontsize=9, loc="left"
             )
@@ -63,8 +63,8 @@ def draw_map(found: Search) -> Figure:
             place.set_xlabel(UNKNOWNS[across].name, fontsize=8)
         for place in axes[::3]:
             place.set_ylabel(UNKNOWNS[up].name, fontsize=8)
-        axes[0].plot([], [], marker="*", color="black", linestyle="none", markersize=9, label="plant with the most")
-        axes[0].scatter([], [], s=6, color="0.8", label="does not hold")
+        axes[0].plot([], [], marker="*", color=BLACK, linestyle="none", markersize=9, label="plant with the most")
+        axes[0].scatter([], [], s=6, color=PALE, label="does not hold")
         handles, labels = axes[0].get_legend_handles_labels()
         made.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8, markerscale=1.5)
     return made

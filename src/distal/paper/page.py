@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import GROUPS, Claim, Measure, measure_claims, rms
 from distal.paper.figures import CAPTIONS, FIGURES, SUMMARY, draw_figure
 from distal.paper.reasons import EKF_NOTE, REASONS, SEARCH_NOTE
 from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Run, all_runs
-from distal.reports import draw_rig, make_folder
+from distal.reports import make_folder, svg_of
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.results import figure_bytes
 from distal.rig import load_rig
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 ESTIMATORS = ("inextensible", "simulation", "ekf-2008", "ekf", "adaptive")
 DRAWN = (SUMMARY, *FIGURES)
@@ -56,18 +52,12 @@ def reproduce(out: str | Path, advance: Callable[[], None] = lambda: None) -> tu
     for name in DRAWN:
         made = draw_figure(name, runs)
         files |= {path: figure_bytes(made, path) for path in (folder / f"{name}.png", folder / f"{name}.svg")}
-        drawings[name] = _svg(made)
+        drawings[name] = svg_of(made, CAPTIONS[name])
         advance()
     files[folder / "results.json"] = json.dumps(results(claims, runs), indent=2, ensure_ascii=False) + "\n"
     files[folder / "index.html"] = _page(claims, runs, drawings)
     write_together(files)
     return claims, runs
-
-
-def _svg(made: Figure) -> str:
-    buffer = io.StringIO()
-    made.savefig(buffer, format="svg", metadata={"Date": None})
-    return buffer.getvalue()
 
 
 def results(claims: Sequence[Claim], runs: Sequence[Run]) -> dict[str, Any]:
@@ -136,9 +126,7 @@ def _page(claims: Sequence[Claim], runs: Sequence[Run], drawings: dict[str, str]
     parts = [
         picture(drawings[SUMMARY], CAPTIONS[SUMMARY]),
         heading("The rig"),
-        picture(
-            _svg(draw_rig(load_rig("paper-2008-printed"))), "The rig of the paper, with the numbers of its Table 1."
-        ),
+        picture(rig_svg(load_rig("paper-2008-printed")), "The rig of the paper, with the numbers of its Table 1."),
         paragraph(REFERENCE),
         paragraph(
             "Two plants are simulated. “As printed” has the friction of the paper's Table 1, which cannot produce "

@@ -1,8 +1,8 @@
 """Reports: figures and pages that a person would want to read."""
 
 from distal.reports.fitting import FIT_PAGES, fit_report
-from distal.reports.page import make_folder
-from distal.reports.rig_drawing import draw_rig
+from distal.reports.page import make_folder, svg_of
+from distal.reports.rig_drawing import draw_rig, rig_svg
 from distal.reports.view import check_plotly, view_page
 
 __all__ = [
@@ -11,5 +11,7 @@ __all__ = [
     "draw_rig",
     "fit_report",
     "make_folder",
+    "rig_svg",
+    "svg_of",
     "view_page",
 ]

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from distal.fitting import Fit, Observability, Score, name_of, observability, sizes
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
-from distal.reports.page import heading, html_table, make_folder, page, paragraph, picture
+from distal.reports.page import heading, html_table, make_folder, page, paragraph, picture, svg_of
+from distal.reports.rig_drawing import rig_svg
 from distal.results import Estimate
 from distal.run import estimate
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MOST_TRACES = 8
 """So many logs are drawn; all are in the table."""
@@ -55,18 +51,24 @@ def fit_report(
         advance()
         after.append(estimate(log, fit.rig, homing=fit.homing))
         advance()
-    parts = [*_doubts(fit), *_left_out(fit), *_parameters(fit), *_errors(logs, before, after)]
+    parts = [
+        picture(rig_svg(fit.rig), "The rig as fitted, to scale; circles are its sensors."),
+        *_doubts(fit),
+        *_left_out(fit),
+        *_parameters(fit),
+        *_errors(logs, before, after),
+    ]
     parts += [heading("Along the logs")]
     for log, one, other in list(zip(logs, before, after))[:MOST_TRACES]:
         caption = (
             "Estimate with the fitted rig and with the rig as it came, their 95 % bands shaded; their errors; innovations "
             "of the fitted one, of which 95 % should be within ±2; what was measured; a stream's word on its health."
         )
-        parts.append(picture(_svg(draw_traces(log, one, other, fit.rig)), caption))
+        parts.append(picture(svg_of(draw_traces(log, one, other, fit.rig)), caption))
     parts += [
         heading("What is left, against angle, speed and load"),
         paragraph("Median and the middle 80 % of the errors. A curve that is not flat is physics that the rig lacks."),
-        picture(_svg(draw_residuals(logs, before, after, fit.rig)), "Errors of all logs, before and after the fit."),
+        picture(svg_of(draw_residuals(logs, before, after, fit.rig)), "Errors of all logs, before and after the fit."),
     ]
     advance()
     longest = max(logs, key=len)
@@ -80,12 +82,6 @@ def fit_report(
     path = folder / FIT_PAGES[0]
     write_whole(path, page(f"Fit of {fit.start.name}", lead, parts))
     return path
-
-
-def _svg(made: Figure) -> str:
-    buffer = io.StringIO()
-    made.savefig(buffer, format="svg", metadata={"Date": None})
-    return buffer.getvalue()
 
 
 def _parameters(fit: Fit) -> list[str]:
@@ -213,7 +209,7 @@ def _seen(log: Log, seen: Observability) -> list[str]:
         heading("Where the joint is seen"),
         paragraph(text),
         picture(
-            _svg(seen.plot()), "Estimate with its band; below, its standard deviation, and where it is found again."
+            svg_of(seen.plot()), "Estimate with its band; below, its standard deviation, and where it is found again."
         ),
         html_table(("time [s]", "std [°]", "found again to [°]", ""), rows, numbers=(1, 2)),
     ]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.logs import Log, shown, true_angles
-from distal.results import COLOURS, DASHES, PANELS, Estimate, figure, legend_above, plot_estimates
+from distal.results import BLACK, COLOURS, DASHES, PANELS, Estimate, figure, legend_above, plot_estimates
 from distal.rig import Rig
 from distal.run import log_health
 
@@ -96,7 +96,7 @@ def draw_residuals(logs: Sequence[Log], before: Sequence[Estimate], after: Seque
                 place.set_xlabel(label)
         axes[0].set_ylabel("error [°]" if known else f"innovation / its std, {after[0].measured[0]}")
         for place in axes:
-            place.axhline(0.0, color="black", lw=0.6)
+            place.axhline(0.0, color=BLACK, lw=0.6)
         legend_above(axes[0])
     return made
 

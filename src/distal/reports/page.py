@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from distal.errors import OutputError
+from distal.results import BAD, FAINT, GOOD, INK, SOFT, WHITE
 
-_STYLE = """
-:root { color-scheme: light; --ink: #1b1f24; --soft: #57606a; --line: #d8dee4; --yes: #00634a; --no: #a63c00; }
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_STYLE = (
+    f"""
+:root {{ color-scheme: light;
+  --paper: {WHITE}; --ink: {INK}; --soft: {SOFT}; --line: {FAINT}; --yes: {GOOD}; --no: {BAD}; }}
+"""
+    + """\
 body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); max-width: 64rem; margin: 2.5rem auto;
-  padding: 0 1.2rem; background: #fff; }
+  padding: 0 1.2rem; background: var(--paper); }
 h1, h2 { font-family: system-ui, sans-serif; line-height: 1.25; } h1 { font-size: 1.7rem; margin-bottom: .3rem; }
 h2 { font-size: 1.2rem; margin-top: 2.4rem; }
 h3 { font-size: 1rem; margin: 1.6rem 0 .3rem; }
@@ -30,6 +40,7 @@ td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space:
   td[data-of]::before { content: attr(data-of) ": "; color: var(--soft); } }
 @media print { body { margin: 0; max-width: none; } h2 { break-after: avoid; } figure, tr { break-inside: avoid; } }
 """
+)
 
 
 def page(title: str, lead: str, parts: Sequence[str]) -> str:
@@ -63,11 +74,25 @@ def paragraph(text: str) -> str:
     return f"<p>{escape(text)}</p>"
 
 
+def svg_of(made: Figure, said: str = "") -> str:
+    """Return a figure as an SVG element.
+
+    Args:
+        made: the figure.
+        said: what it shows, for those who cannot see it.
+    """
+    buffer = io.StringIO()
+    made.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    label = f"role='img' aria-label='{escape(said)}' " if said else ""
+    return text[text.index("<svg") :].replace("<svg ", f"<svg {label}", 1)
+
+
 def picture(svg: str, caption: str) -> str:
     """Return a figure with its caption.
 
     Args:
-        svg: an SVG file's text.
+        svg: an SVG file's text, or its element.
         caption: plain text.
     """
     drawing = svg[svg.index("<svg") :]

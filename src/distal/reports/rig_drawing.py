@@ -1,195 +1,269 @@
-"""A drawing of a rig: its joints in a row, its tendons past them, and every moment arm."""
+"""A drawing of a rig to scale: drives, tendons, pulleys, links, springs, stops, sensors, with their numbers."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import textwrap
+from collections.abc import Sequence
+from math import hypot, log10
+from typing import TYPE_CHECKING
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.model import Mechanism
-from distal.results import COLOURS, DASHES, figure, legend_above
-from distal.rig import Rig
+from distal.reports.drawing.arms import changing_arms, draw_curves, draw_table, table_width
+from distal.reports.drawing.drives import (
+    Lane,
+    block_height,
+    draw_capstan,
+    draw_slider,
+    drive_lines,
+    glyph_width,
+    motor_half,
+)
+from distal.reports.drawing.joints import draw_coupling, draw_joint, draw_link, draw_pin, joint_lines, scaled
+from distal.reports.drawing.pose import Stand, gravity_on_paper, stands
+from distal.reports.drawing.routes import Wheel
+from distal.reports.drawing.sheet import PITCH, SIZE, Line, Point, Sheet, width_of
+from distal.reports.drawing.tendons import draw_tendon, lane_room, wheels
+from distal.reports.drawing.units import written
+from distal.reports.page import svg_of
+from distal.results import FAINT, INK, PALE, SOFT
+from distal.rig import Capstan, Pinned, Rig
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
 
-SPACING = 3.0
-"""Distance of joints without an `offset`, in the largest moment arm."""
+FAN = 0.6
+"""From where tendons are level to the base, in which they go to their height there [in]."""
 
-POINTS = 61
-"""Angles at which an arm that changes is drawn."""
+
+PANEL = (2.6, 1.2)
+"""Width and height of the axes for moment arms that change [in]."""
 
 
 def draw_rig(rig: Rig) -> Figure:
-    """Return a figure of a rig: joints and tendons at zero, moment arms as numbers, and as curves where they change.
+    """Return a drawing of a rig in its zero pose.
 
-    The joints stand in a row at their distances; a tendon passes a joint at its moment arm, below the row where it pulls to
-    +θ (about y that is down).
+    Joints, pulleys and spools are to scale, tendons are shortened. Each joint is seen along its own axis.
 
     Args:
         rig: the description.
     """
-    arms = moment_arms(rig)
-    changing = _changing(rig)
-    columns = 2 if changing else 1
-    heights = [1.5 + 0.16 * len(rig.tendons), 0.8 + 0.3 * len(rig.tendons)]
-    width = max(6.5, 1.6 * len(rig.joints) + 4.0)
-    with figure(2, columns, (width, sum(heights) + 0.9), height_ratios=heights) as (made, axes):
-        if changing:
-            for axis in axes[:2]:
-                axis.remove()
-            whole = made.add_subplot(axes[0].get_gridspec()[0, :])
-            _draw_row(whole, rig, arms)
-            _draw_numbers(axes[2], rig, arms)
-            _draw_curves(axes[3], rig, changing)
-        else:
-            _draw_row(axes[0], rig, arms)
-            _draw_numbers(axes[1], rig, arms)
-    return made
-
-
-def moment_arms(rig: Rig, angles: Floats | None = None) -> Floats:
-    """Return the moment arms −∂ℓ/∂θ, positive where a tendon pulls to +θ, (n_tendons, n_joints) [m].
-
-    Args:
-        rig: the description.
-        angles: of the joints [rad], (n_joints,); default zero.
-    """
-    mechanism = Mechanism(rig)
-    q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
-    at = np.zeros(mechanism.n_bodies)
-    at[: mechanism.n_joints] = 0.0 if angles is None else angles
-    jacobian = ca.Function("arms", [q, p.symbols], [mechanism.length_jacobian(q)])(at, p.values)
-    return -np.array(jacobian)[:, : mechanism.n_joints]
-
-
-def _changing(rig: Rig) -> dict[tuple[int, int], tuple[Floats, Floats]]:
-    """Return (tendon, joint) → angles [rad] and arms [m], of those that change with the joint's own angle."""
-    mechanism = Mechanism(rig)
-    q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
-    look = ca.Function("arms", [q, p.symbols], [mechanism.length_jacobian(q)])
-    found = {}
-    for j, joint in enumerate(rig.joints):
-        low, high = joint.stops or (-np.pi / 3, np.pi / 3)
-        angles = np.linspace(low, high, POINTS)
-        rows = []
-        for angle in angles:
-            at = np.array([*(each.initial.value for each in rig.joints), *np.zeros(mechanism.n_drives)])
-            at[j] = angle
-            rows.append(-np.array(look(at, p.values))[:, j])
-        arms = np.array(rows)
-        for i in range(len(rig.tendons)):
-            if np.ptp(arms[:, i]) > 1e-3 * np.abs(arms).max(initial=1e-12):
-                found[i, j] = (angles, arms[:, i])
-    return found
-
-
-def _places(rig: Rig, largest: float) -> Floats:
-    """Return where the joints stand in a row [m], then where the last link ends."""
-    places = [0.0]
-    for joint in rig.joints[1:]:
-        distance = float(np.linalg.norm(joint.offset))
-        places.append(places[-1] + (distance or SPACING * largest))
-    link = rig.joints[-1].link
-    reach = 2.0 * float(np.linalg.norm(link.centre)) if link is not None else 0.0
-    return np.array([*places, places[-1] + (reach or SPACING * largest)])
-
-
-def _draw_row(axes: Axes, rig: Rig, arms: Floats) -> None:
-    largest = float(np.abs(arms).max())
-    at = 1e3 * _places(rig, largest)
-    unit = 1e3 * largest
-    begin = -max(3.0 * unit, 0.35 * (at[-1] - at[0]))
-    axes.plot([begin * 0.25, at[-1]], [0.0, 0.0], color="0.75", lw=7, solid_capstyle="round", zorder=1)
-    for j, joint in enumerate(rig.joints):
-        radius = 1e3 * float(np.abs(arms[:, j]).max())
-        axes.add_patch(_circle((at[j], 0.0), radius))
-        axes.plot([at[j]], [0.0], "o", color="0.2", ms=4, zorder=4)
-        follows = "" if joint.coupled is None else f"\n= {joint.coupled.ratio:g} · {joint.coupled.joint}"
-        name = f"{joint.name}{_axis(joint.axis) if rig.is_chain else ''}{follows}"
-        axes.annotate(name, (at[j], 1.25 * unit), ha="center", va="bottom", fontsize=8)
+    sheet = Sheet()
+    arms = np.array([[t.arms().get(joint.name, 0.0) for joint in rig.joints] for t in rig.tendons])
+    largest = float(np.abs(arms).max()) or max(tendon.total_arm for tendon in rig.tendons) or 1e-2
+    placed = stands(rig, largest)
+    scale = _scale(rig, placed, largest)
+    past = wheels(rig, placed, scale)
+    around = [_around(past, placed[j], scale) for j in range(len(placed))]
+    base = -around[0] - 0.3
+    lines = [joint_lines(rig, j, stand.turn) for j, stand in enumerate(placed)]
+    _draw_base(sheet, placed, past, scale, base)
+    for j, stand in enumerate(placed):
+        ends = [scaled(other.centre, scale) for other in placed if other.parent == j]
+        draw_link(sheet, stand, scale, ends or [scaled(stand.tip, scale)])
     names = [joint.name for joint in rig.joints]
-    # from top to bottom as they meet their first joint
-    order = sorted(range(len(rig.tendons)), key=lambda i: float(arms[i, names.index(rig.tendons[i].joints[0])]))
+    for j, (joint, stand) in enumerate(zip(rig.joints, placed)):
+        if joint.coupled is not None:
+            ends = [scaled(placed[k].centre, scale) for k in (names.index(joint.coupled.joint), j)]
+            draw_coupling(sheet, ends[0], ends[1], joint.coupled.ratio)
+        draw_joint(sheet, rig, j, stand, scale, around[j], lines[j])
     for i, tendon in enumerate(rig.tendons):
-        crossed = sorted(names.index(name) for name in tendon.joints)
-        xs, ys = [begin], [_lane(order.index(i), len(order), unit)]
-        for j in crossed:
-            xs.append(at[j])
-            ys.append(-1e3 * arms[i, j])
-        last = at[crossed[-1]]
-        xs.append(last + 0.55 * (at[crossed[-1] + 1] - last))
-        ys.append(ys[-1] * 0.8)
-        colour, dash = COLOURS[i % len(COLOURS)], DASHES[i % len(DASHES)]
-        axes.plot(xs, ys, color=colour, ls=dash, lw=1.4, zorder=3)
-        axes.plot(xs[-1:], ys[-1:], "s", color=colour, ms=4, zorder=4)
-        said = tendon.name if tendon.drive == tendon.name else f"{tendon.name} ({tendon.drive})"
-        axes.annotate(
-            said,
-            (begin, ys[0]),
-            xytext=(-4, 0),
-            textcoords="offset points",
-            ha="right",
-            va="center",
-            color=colour,
-            fontsize=8,
+        if isinstance(tendon.meetings[-1].shape, Pinned):
+            joint_of = names.index(tendon.meetings[-1].joints[0])
+            draw_pin(sheet, placed[joint_of], past[i][-1].centre, scale)
+    _draw_proximal(sheet, rig, placed, past, scale, base)
+    _write_joints(sheet, placed, lines, around, scale, base + 0.1)
+    _finish(sheet, rig, arms, placed, scale)
+    return sheet.figure
+
+
+def rig_svg(rig: Rig) -> str:
+    """Return the drawing of a rig as an SVG element for a page, with a text that says what it shows.
+
+    Args:
+        rig: the description.
+    """
+    joints, tendons = (", ".join(part.name for part in parts) for parts in (rig.joints, rig.tendons))
+    drives = ", ".join(f"{drive.name} ({drive.kind})" for drive in rig.drives)
+    said = f"Drawing of the rig {rig.name}: joints {joints}; drives {drives}; tendons {tendons}"
+    return svg_of(draw_rig(rig), said)
+
+
+def _scale(rig: Rig, placed: Sequence[Stand], largest: float) -> float:
+    """Return the inches for a metre: the joints fit into some space, and so do the drives."""
+    xs = [x for stand in placed for x in (stand.centre[0] - largest, stand.centre[0] + largest, stand.tip[0])]
+    ys = [y for stand in placed for y in (stand.centre[1] - largest, stand.centre[1] + largest, stand.tip[1])]
+    limits = [0.62 / largest, (3.4 + 0.8 * max(len(placed) - 3, 0)) / (max(xs) - min(xs)), 3.4 / (max(ys) - min(ys))]
+    spools = [drive.radius.value for drive in rig.drives if isinstance(drive, Capstan)]
+    if spools:
+        limits += [0.6 / max(spools), max(3.0, 0.5 * len(spools)) / (2 * sum(spools))]
+    return min(limits)
+
+
+def _around(past: Sequence[Sequence[Wheel]], stand: Stand, scale: float) -> float:
+    """Return the radius outside all pulleys of a joint, where its stops stand [in]."""
+    centre = scaled(stand.centre, scale)
+    own = [wheel.radius for each in past for wheel in each if wheel.centre == centre]
+    pins = [hypot(w.centre[0] - centre[0], w.centre[1] - centre[1]) for each in past for w in each if not w.radius]
+    return max([*own, *(pin for pin in pins if pin < 0.63), 0.12]) + 0.13
+
+
+def _draw_base(sheet: Sheet, placed: Sequence[Stand], past: Sequence[Sequence[Wheel]], scale: float, x: float) -> None:
+    """Draw the wall that the first joints are held by, and the bars to them."""
+    from matplotlib.patches import Rectangle
+
+    roots = [scaled(stand.centre, scale) for stand in placed if stand.parent is None]
+    heights = [own[0].point(0.0)[1] for own in past] + [root[1] for root in roots]
+    low, high = min(heights) - 0.16, max(heights) + 0.16
+    for root in roots:
+        sheet.bar([(x, root[1]), root], FAINT, 8.0, SOFT, order=0.8)
+    wall = Rectangle(
+        (x - 0.09, low), 0.09, high - low, facecolor=PALE, edgecolor=SOFT, hatch="//////", lw=0.0, zorder=1.2
+    )
+    sheet.patch(wall, (x - 0.09, low), (x, high))
+    sheet.line([(x, low), (x, high)], INK, 1.2, zorder=1.3)
+
+
+def _draw_proximal(
+    sheet: Sheet, rig: Rig, placed: Sequence[Stand], past: Sequence[Sequence[Wheel]], scale: float, base: float
+) -> None:
+    """Draw the drives below one another, in the order in which their tendons reach the base, and all tendons."""
+    heights = [own[0].point(0.0)[1] for own in past]
+    wide, pitch = lane_room(rig)
+    right = base - FAN
+    left = right - wide - 0.1
+    names = [joint.name for joint in rig.joints]
+    texts = {drive.name: drive_lines(rig, drive) for drive in rig.drives}
+    glyphs = left - glyph_width(rig, scale)
+    margin = glyphs - 0.14 - max(line.width for own in texts.values() for line in own)
+    rows = []
+    for drive in rig.drives:
+        own = sorted((i for i, t in enumerate(rig.tendons) if t.drive == drive.name), key=lambda i: -heights[i])
+        if isinstance(drive, Capstan):
+            first = rig.tendons[own[0]]
+            joint = names.index(first.joints[0])
+            way = placed[joint].turn * (1 if next(iter(first.arms().values())) * first.winding >= 0 else -1)
+            # wound by a positive angle: from below where that turns clockwise
+            above = [i for i in own if rig.tendons[i].winding * way > 0]
+            below = [i for i in own if i not in above]
+            reach = max(scale * drive.radius.value, pitch / 2)
+            lanes = {i: reach + pitch * (len(above) - 1 - k) for k, i in enumerate(above)}
+            lanes |= {i: -reach - pitch * k for k, i in enumerate(below)}
+            half = motor_half(drive, scale)
+        else:
+            lanes = {i: pitch * ((len(own) - 1) / 2 - k) for k, i in enumerate(own)}
+            way, half = 0, 0.28
+        up = max(half, *(h + 0.2 for h in lanes.values()), block_height(texts[drive.name]) / 2)
+        down = max(half, *(pitch - 0.2 - h for h in lanes.values()), block_height(texts[drive.name]) / 2)
+        rows.append((float(np.mean([heights[i] for i in own])), drive, lanes, way, up, down))
+    rows.sort(key=lambda row: -row[0])
+    total = sum(up + down + 0.12 for *_, up, down in rows) - 0.12
+    y = total / 2
+    for _, drive, lanes, way, up, down in rows:
+        centre = y - up
+        y = centre - down - 0.12
+        own_lines = texts[drive.name]
+        sheet.block((margin, centre + (len(own_lines) - 1) * PITCH / 2), own_lines)
+        levels = {i: centre + h for i, h in lanes.items()}
+        if isinstance(drive, Capstan):
+            at = (left - motor_half(drive, scale), centre)
+            draw_capstan(sheet, drive, own_lines, at, scale, way)
+            starts = {i: Wheel(at, scale * drive.radius.value, -1 if lanes[i] > 0 else 1) for i in lanes}
+        else:
+            begin = draw_slider(sheet, drive, own_lines, (left, centre), list(levels.values()), scale)
+            starts = {i: Wheel((begin, level)) for i, level in levels.items()}
+        for i, level in levels.items():
+            eye = (base - 0.045, heights[i])
+            draw_tendon(sheet, rig, i, Lane(starts[i], level), (left + 0.1, right), eye, past[i])
+
+
+def _write_joints(
+    sheet: Sheet,
+    placed: Sequence[Stand],
+    lines: Sequence[Sequence[Line]],
+    around: Sequence[float],
+    scale: float,
+    left: float,
+) -> None:
+    """Write of each joint above all of them, side by side, with a thin line down to it."""
+    centres = [scaled(stand.centre, scale) for stand in placed]
+    foot = max(centre[1] + a for centre, a in zip(centres, around)) + 0.36
+    order = sorted(range(len(placed)), key=lambda j: centres[j])
+    widths = {j: max(line.width for line in lines[j]) for j in order}
+    places: dict[int, float] = {}
+    free = left
+    for j in order:
+        places[j] = max(centres[j][0] - 0.1, free)
+        free = places[j] + widths[j] + 0.16
+    shift = float(np.mean([places[j] - (centres[j][0] - 0.1) for j in order]))
+    shift = min(shift, min(places.values()) - left)
+    for j in order:
+        x, (cx, cy) = places[j] - shift, centres[j]
+        sheet.line(
+            [(x - 0.05, foot + (len(lines[j]) - 0.5) * PITCH), (x - 0.05, foot - 0.1), (cx, cy)], SOFT, 0.5, zorder=0.5
         )
-    axes.set_aspect("equal")
-    axes.margins(0.12, 0.1)
-    axes.set_ylim(-1.4 * unit, 2.0 * unit)
-    axes.grid(False)
-    axes.set_xlabel("[mm]; tendons below the row pull to +θ")
-    axes.set_yticks([])
-    axes.spines["left"].set_visible(False)
-    axes.set_title(rig.name, loc="left", fontsize=10)
+        sheet.block((x, foot + (len(lines[j]) - 1) * PITCH), lines[j])
 
 
-def _lane(index: int, count: int, unit: float) -> float:
-    """Return the height at which a tendon's name stands [mm]."""
-    return unit * 1.6 * (0.5 - (index + 0.5) / count) * 1.4
+def _finish(sheet: Sheet, rig: Rig, arms: Floats, placed: Sequence[Stand], scale: float) -> None:
+    """Add name, scale, gravity, and the moment arms where there are several joints or they change."""
+    changing = changing_arms(rig)
+    (left, low), (right, high) = sheet.low, sheet.high
+    _draw_scale(sheet, (right, low - 0.4), scale)
+    _draw_gravity(sheet, rig, (right - 1.45, low - 0.35))
+    panel, bottom = (left + 0.45, low - 0.25 - PANEL[1]), low
+    if len(rig.joints) > 1:
+        beside = right - left - table_width(rig) > 2.8
+        end, bottom = draw_table(sheet, rig, arms, (left, low - (0.1 if beside else 0.6)))
+        panel = (end + 0.7, bottom - 0.1) if beside and end + 0.7 + PANEL[0] < right - 2.6 else (panel[0], bottom - 1.7)
+    if changing:
+        sheet.reserve((panel[0] + PANEL[0], panel[1] - 0.32))
+        sheet.take((panel[0] - 0.45, panel[1] - 0.32, panel[0] + PANEL[0], panel[1] + PANEL[1] + 0.3))
+        bottom = min(bottom, panel[1] - 0.3)
+    notes = ["Joints, pulleys and spools to scale at zero angle; tendons shortened."]
+    if len({joint.axis for joint in rig.joints}) > 1:
+        notes.append("Each joint is seen along its own axis.")
+    if any(stand.drawn_apart for stand in placed):
+        notes.append("Joints at one place are drawn apart.")
+    text = " ".join(notes)
+    wide = width_of(text, SIZE)
+    levels = (low - 0.36, bottom - 0.2, sheet.low[1] - 0.1)
+    free = next(y for y in levels if sheet.is_free((left, y - 0.1, left + wide + 0.1, y + 0.1)))
+    sheet.write((left, free), text, colour=SOFT)
+    letters = int((sheet.high[0] - sheet.low[0]) / 0.083)
+    title = textwrap.wrap(rig.name, max(letters, 20))[:3]
+    for k, row in enumerate(reversed(title)):
+        sheet.write((left, high + 0.22 + 0.17 * k), row, size=10.0, bold=True)
+    sheet.cut()
+    if changing:
+        draw_curves(sheet.panel(panel, *PANEL), rig, changing)
 
 
-def _circle(centre: tuple[float, float], radius: float) -> Any:
-    from matplotlib.patches import Circle
-
-    return Circle(centre, radius, facecolor="0.93", edgecolor="0.5", lw=0.8, zorder=2)
-
-
-def _axis(axis: tuple[float, float, float]) -> str:
-    """Return the name of a joint's axis, in brackets."""
-    for k, name in enumerate("xyz"):
-        if abs(abs(axis[k]) - 1.0) < 1e-9:
-            return f" ({'-' if axis[k] < 0 else ''}{name})"
-    return " (" + ", ".join(f"{part:.2g}" for part in axis) + ")"
+def _draw_scale(sheet: Sheet, at: Point, scale: float) -> None:
+    """Draw a bar of 1, 2 or 5 times a power of ten of a metre, its right end given."""
+    longest = 1.1 / scale
+    power = 10.0 ** np.floor(log10(longest))
+    size = next(factor for factor in (5, 2, 1) if factor * power <= longest) * power
+    x, y = at
+    sheet.line([(x - size * scale, y), (x, y)], INK, 2.0, solid_capstyle="butt")
+    for end in (x - size * scale, x):
+        sheet.line([(end, y - 0.04), (end, y + 0.04)], INK, 0.8)
+    sheet.write((x - size * scale / 2, y + 0.1), written(float(size), "m"), ha="center")
 
 
-def _draw_numbers(axes: Axes, rig: Rig, arms: Floats) -> None:
-    values = 1e3 * arms
-    most = float(np.abs(values).max())
-    axes.imshow(values, cmap="PuOr_r", vmin=-1.6 * most, vmax=1.6 * most, aspect="auto")
-    for i in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            text = f"{values[i, j]:+.3g}" if rig.joints[j].name in rig.tendons[i].joints else "–"
-            axes.annotate(text, (j, i), ha="center", va="center", fontsize=9)
-    axes.set_xticks(range(len(rig.joints)), [joint.name for joint in rig.joints])
-    axes.set_yticks(range(len(rig.tendons)), [tendon.name for tendon in rig.tendons])
-    axes.tick_params(length=0)
-    axes.grid(False)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
-    axes.set_title("moment arms at zero [mm], + pulls to +θ", loc="left", fontsize=9)
-
-
-def _draw_curves(axes: Axes, rig: Rig, changing: dict[tuple[int, int], tuple[Floats, Floats]]) -> None:
-    for k, ((i, j), (angles, arms)) in enumerate(changing.items()):
-        label = rig.tendons[i].name if len(rig.joints) == 1 else f"{rig.tendons[i].name} at {rig.joints[j].name}"
-        style = {"color": COLOURS[k % len(COLOURS)], "ls": DASHES[k % len(DASHES)]}
-        axes.plot(np.rad2deg(angles), 1e3 * arms, label=label, lw=1.3, **style)
-    axes.set_xlabel("angle of the joint [°]")
-    axes.set_ylabel("moment arm [mm]")
-    legend_above(axes)
+def _draw_gravity(sheet: Sheet, rig: Rig, at: Point) -> None:
+    """Draw which way things fall, where anything has weight."""
+    found = gravity_on_paper(rig)
+    if found is None:
+        return
+    (right, up, near), size = found
+    x, y = at
+    text = f"g {written(size, 'm/s²')}"
+    if abs(near) > 0.7:
+        sheet.write((x, y), f"{text} {'⊙' if near > 0 else '⊗'}", ha="right")
+        return
+    sheet.arrow([(x - 0.2 * right, y - 0.2 * up), (x + 0.2 * right, y + 0.2 * up)], INK, 1.4)
+    sheet.write((x - 0.12 - 0.2 * abs(right), y), text, ha="right")

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from distal.errors import OutputError
 from distal.logs import Log, shown, write_whole
-from distal.reports.page import page, paragraph
-from distal.results import BAND, COLOURS, HEALTH_COLOURS, Estimate, from_start, time_label
+from distal.reports.page import page, paragraph, picture
+from distal.reports.rig_drawing import rig_svg
+from distal.results import BAND, BLACK, COLOURS, HEALTH_COLOURS, SOFT, Estimate, from_start, time_label
 from distal.rig import Rig
 from distal.run import log_health
 
@@ -20,6 +21,15 @@ Floats = NDArray[np.float64]
 
 MOST_POINTS = 60_000
 """Of a longer log every second, third, … sample is drawn: a browser stays quick."""
+
+HEIGHTS = (320, 170, 135, 135, 85)
+"""Of angle and error of each joint, then of innovations, forces and health [pixels]."""
+
+GAP = 28
+"""Between them [pixels]."""
+
+FILL = "rgba({}, {}, {}, 0.18)".format(*(int(COLOURS[0][k : k + 2], 16) for k in (1, 3, 5)))
+"""Of the band."""
 
 NEEDS = "an interactive page needs plotly; pip install '.[view]'"
 
@@ -46,47 +56,42 @@ def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, said: Se
     step = max(1, -(-len(log) // MOST_POINTS))
     some, joints = slice(None, None, step), len(estimate.joint_names)
     words = log_health(log, rig)[some]
-    names = ["joint angle [°]", "error [°]" if estimate.truths is not None else "95 % band ± [°]"]
-    names += ["innovation [σ]", "measured", "health"]
-    made = make_subplots(
-        rows=len(names),
-        cols=joints,
-        shared_xaxes="all",
-        vertical_spacing=0.03,
-        row_heights=[0.38, 0.2, 0.16, 0.16, 0.1],
-        column_titles=list(estimate.joint_names) if joints > 1 else None,
-    )
+    below = "error [°]" if estimate.truths is not None else "95 % band ± [°]"
+    angles = ["joint angle [°]"] if joints == 1 else [f"{_text(name)} [°]" for name in estimate.joint_names]
+    names = [*(name for angle in angles for name in (angle, below)), "innovation [σ]", "measured", "health"]
+    heights = [*(HEIGHTS[:2] * joints), *HEIGHTS[2:]]
+    total = sum(heights) + GAP * (len(heights) - 1)
+    made = make_subplots(rows=len(names), shared_xaxes="all", vertical_spacing=GAP / total, row_heights=heights)
     time = from_start(estimate.time)[some]
     for joint in range(joints):
         for row, trace in _angle(estimate, joint, time, some):
-            made.add_trace(trace, row=row, col=joint + 1)
+            made.add_trace(trace, row=2 * joint + row, col=1)
+    last = len(names)
     for row, trace in [*_compared(estimate, time, some), *_measured(log, rig, time, some), *_health(time, words)]:
-        made.add_trace(trace, row=row, col=1)
+        made.add_trace(trace, row=last + row, col=1)
     for edge in (-2.0, 2.0):
-        made.add_hline(y=edge, row=3, col=1, line={"color": "#666", "width": 1, "dash": "dash"})
+        made.add_hline(y=edge, row=last - 2, col=1, line={"color": SOFT, "width": 1, "dash": "dash"})
     for row, name in enumerate(names, 1):
         made.update_yaxes(title_text=name, row=row, col=1)
-    made.update_xaxes(title_text=time_label(estimate.time), row=len(names))
-    made.update_xaxes(showspikes=True, spikemode="across", spikethickness=1, spikecolor="#999", spikedash="dot")
+    for row in (*range(2, 2 * joints + 1, 2), last):
+        made.update_xaxes(showticklabels=True, row=row, col=1)
+    made.update_xaxes(title_text=time_label(estimate.time), row=last)
+    made.update_xaxes(showspikes=True, spikemode="across", spikethickness=1, spikecolor=SOFT, spikedash="dot")
     made.update_layout(
         template="plotly_white",
         hovermode="x unified",
-        height=900,
-        margin={"l": 70, "r": 30, "t": 40 if joints == 1 else 70, "b": 50},
-        legend={
-            "orientation": "h",
-            "yanchor": "bottom",
-            "y": 1.01 if joints == 1 else 1.035,  # names of joints stand between
-            "x": 0.0,
-            "traceorder": "normal",
-        },
+        height=total + 180,
+        # the toolbar has the room above; the legend stands below, where it may take as many rows as a narrow page needs
+        margin={"l": 70, "r": 30, "t": 50, "b": 50},
+        legend={"orientation": "h", "yanchor": "top", "y": -60 / total, "x": 0.0, "traceorder": "normal"},
     )
     kinds = len(set(words))
-    made.update_yaxes(type="category", range=[-0.7, kinds - 0.3], row=len(names), col=1)
+    made.update_yaxes(type="category", range=[-0.7, kinds - 0.3], row=last, col=1)
     curves = made.to_html(include_plotlyjs=True, full_html=False, config=PAGE)
     lines = [*said, *([f"Drawn is one sample of {step}."] if step > 1 else [])]
     words_of = "; ".join(estimate.in_words(joint) for joint in range(joints))
-    write_whole(path, page(shown(Path(log.source).name), words_of, [*map(paragraph, lines), curves]))
+    drawing = picture(rig_svg(rig), "The rig to scale; circles are its sensors.")
+    write_whole(path, page(shown(Path(log.source).name), words_of, [drawing, *map(paragraph, lines), curves]))
     return Path(path)
 
 
@@ -108,13 +113,13 @@ def _text(text: str) -> str:
 
 
 def _angle(estimate: Estimate, joint: int, time: Floats, some: slice) -> Iterator[tuple[int, Any]]:
-    """Return the traces of a joint's angle and of its error, or of its band where the truth is not known."""
+    """Return the traces of a joint's angle (row 1) and of its error, or of its band where the truth is not known."""
     first = joint == 0
     angle, half = np.rad2deg(estimate.angles[some, joint]), np.rad2deg(BAND * estimate.angle_stds[some, joint])
     yield from ((1, trace) for trace in _band(time, angle - half, angle + half, first))
     truth = None if estimate.truths is None else np.rad2deg(estimate.truths[some, joint])
     if truth is not None:
-        yield 1, _line(time, truth, "truth", "#000000", first, width=2.5)
+        yield 1, _line(time, truth, "truth", BLACK, first, width=2.5)
     yield 1, _line(time, angle, estimate.estimator, COLOURS[0], first)
     if truth is None:
         yield 2, _line(time, half, "band ±", COLOURS[0], False)
@@ -126,14 +131,14 @@ def _angle(estimate: Estimate, joint: int, time: Floats, some: slice) -> Iterato
 def _compared(estimate: Estimate, time: Floats, some: slice) -> Iterator[tuple[int, Any]]:
     ratios = (estimate.innovations / np.sqrt(estimate.innovation_variances))[some]
     for i, name in enumerate(estimate.measured):
-        yield 3, _line(time, ratios[:, i], f"innovation {name}", COLOURS[(i + 1) % len(COLOURS)], True, width=1.0)
+        yield -2, _line(time, ratios[:, i], f"innovation {name}", COLOURS[(i + 1) % len(COLOURS)], True, width=1.0)
 
 
 def _measured(log: Log, rig: Rig, time: Floats, some: slice) -> Iterator[tuple[int, Any]]:
     sensors = [s for s in rig.sensors if s.measures in ("force", "tension") and s.name in log.channels]
     for i, sensor in enumerate(sensors):
         name = f"{sensor.name} [{sensor.si}]"
-        yield 4, _line(time, log.channels[sensor.name][some], name, COLOURS[(i + 1) % len(COLOURS)], True, width=1.0)
+        yield -1, _line(time, log.channels[sensor.name][some], name, COLOURS[(i + 1) % len(COLOURS)], True, width=1.0)
 
 
 def _health(time: Floats, words: Sequence[str]) -> Iterator[tuple[int, Any]]:
@@ -145,7 +150,7 @@ def _health(time: Floats, words: Sequence[str]) -> Iterator[tuple[int, Any]]:
         values = [word if own else None for own in given == word]
         trace = _line(time, values, word, HEALTH_COLOURS.get(word, COLOURS[1]), False, width=9)
         trace.update(hovertemplate=f"{word}<extra></extra>")
-        yield 5, trace
+        yield 0, trace
 
 
 def _line(time: Floats, values: Any, name: str, colour: str, in_legend: bool, width: float = 1.5) -> Any:
@@ -168,7 +173,5 @@ def _band(time: Floats, low: Floats, high: Floats, in_legend: bool) -> tuple[Any
 
     edge = {"x": time, "mode": "lines", "line": {"color": COLOURS[0], "width": 0.5}, "hoverinfo": "skip"}
     lower = Scatter(y=low, showlegend=False, name="95 % band", **edge)
-    upper = Scatter(
-        y=high, fill="tonexty", fillcolor="rgba(0,114,178,0.18)", name="95 % band", showlegend=in_legend, **edge
-    )
+    upper = Scatter(y=high, fill="tonexty", fillcolor=FILL, name="95 % band", showlegend=in_legend, **edge)
     return lower, upper

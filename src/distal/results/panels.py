@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from distal.logs import Log
 from distal.results.curves import Curves
-from distal.results.style import COLOURS, DASHES, legend_above, plain
+from distal.results.style import COLOURS, DASHES, PALE, SOFT, legend_above, plain
 from distal.rig import Rig
 
 if TYPE_CHECKING:
@@ -34,9 +34,9 @@ def draw_innovations(axes: Axes, time: Floats, result: Curves) -> None:
         result: the estimate.
     """
     ratios = result.innovations / np.sqrt(result.innovation_variances)
-    axes.axhspan(-2.0, 2.0, color="0.9", linewidth=0)
+    axes.axhspan(-2.0, 2.0, color=PALE, linewidth=0)
     for edge in (-2.0, 2.0):
-        axes.axhline(edge, color="0.4", linewidth=0.7, linestyle=(0, (4, 2)))
+        axes.axhline(edge, color=SOFT, linewidth=0.7, linestyle=(0, (4, 2)))
     for i, name in enumerate(result.measured):
         axes.plot(time, ratios[:, i], color=COLOURS[i % len(COLOURS)], linewidth=0.7, alpha=0.8, label=plain(name))
     known = np.abs(ratios[np.isfinite(ratios)])
@@ -45,7 +45,7 @@ def draw_innovations(axes: Axes, time: Floats, result: Curves) -> None:
     axes.set_ylabel("innovation [σ]")
     legend_above(axes, most=6)
     if not len(known):
-        axes.text(0.5, 0.5, "nothing is compared", transform=axes.transAxes, ha="center", va="center", color="0.4")
+        axes.text(0.5, 0.5, "nothing is compared", transform=axes.transAxes, ha="center", va="center", color=SOFT)
 
 
 def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
@@ -64,7 +64,7 @@ def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
     axes.set_ylabel(f"measured [{', '.join(units)}]")
     legend_above(axes, most=6)
     if not sensors:
-        axes.text(0.5, 0.5, "no force is measured", transform=axes.transAxes, ha="center", va="center", color="0.4")
+        axes.text(0.5, 0.5, "no force is measured", transform=axes.transAxes, ha="center", va="center", color=SOFT)
 
 
 def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:

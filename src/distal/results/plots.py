@@ -13,7 +13,7 @@ from distal.errors import OutputError, did_you_mean
 from distal.logs import Log
 from distal.results.curves import BAND, Curves
 from distal.results.panels import draw_forces, draw_health, draw_innovations
-from distal.results.style import COLOURS, DASHES, figure, legend_above, plain, save_figure, title_above
+from distal.results.style import BLACK, COLOURS, DASHES, figure, legend_above, plain, save_figure, title_above
 from distal.rig import Rig
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def _draw_joint(
     top, truth = axes[0], truth_of(estimates[0], joint)
     entries: list[tuple[Any, str]] = []
     if truth is not None:
-        (line,) = top.plot(from_start(estimates[0].time), np.rad2deg(truth), color="black", linewidth=1.6)
+        (line,) = top.plot(from_start(estimates[0].time), np.rad2deg(truth), color=BLACK, linewidth=1.6)
         entries.append((line, "truth"))
     for i, result in enumerate(estimates):
         handle = draw_estimate(top, result, i, bands, joint=joint)
@@ -198,7 +198,7 @@ def draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int = 0, bands: 
         if bands:
             _shade(axes, time, -half, half, i)
         axes.plot(time, error, color=_colour(i), linestyle=_dash(i), linewidth=1.0)
-    axes.axhline(0.0, color="black", linewidth=0.6)
+    axes.axhline(0.0, color=BLACK, linewidth=0.6)
     axes.set_ylabel("error [°]")
     curves = [(result.estimator, from_start(result.time), error) for result, error in zip(estimates, errors)]
     limit_errors(axes, curves, halves[0] if bands else np.zeros(1))

@@ -27,6 +27,12 @@ DASHES: tuple[object, ...] = (
     (0, (8, 2)),
     (0, (3, 1, 1, 1, 1, 1)),
 )
+WHITE, PALE, FAINT, SOFT, INK, BLACK = "#FFFFFF", "#EEF1F4", "#D0D7DE", "#57606A", "#1B1F24", "#000000"
+"""From paper to ink: bodies, grids, what stands back, text; black is for what is true."""
+
+GOOD, BAD = "#00634A", "#A63C00"
+"""Of words that say that something is well, or is not."""
+
 STYLE = {
     "font.size": 9,
     "axes.grid": True,
@@ -38,6 +44,13 @@ STYLE = {
     "svg.hashsalt": "distal",
     "figure.constrained_layout.use": True,
 }
+
+
+def styled() -> Any:
+    """Return the context in which axes and legends come out in distal's style."""
+    import matplotlib
+
+    return matplotlib.rc_context(STYLE)
 
 
 @contextmanager
@@ -53,12 +66,11 @@ def figure(
         options: of matplotlib's `Figure.subplots`.
     """
     try:
-        import matplotlib
         from matplotlib.figure import Figure
     except ValueError as problem:  # a setting of the user's, such as $MPLBACKEND
         raise OutputError(f"nothing can be drawn: matplotlib does not start ({problem})") from None
 
-    with matplotlib.rc_context(STYLE):
+    with styled():
         made = Figure(figsize=size)
         axes = made.subplots(rows, columns, squeeze=False, **options)
         yield made, list(np.ravel(axes))
@@ -106,11 +118,9 @@ def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
     """
     import io
 
-    import matplotlib
-
     kind = plot_kind(path)
 
-    with matplotlib.rc_context(STYLE):
+    with styled():
         buffer = io.BytesIO()
         # no dates inside, so that the same results give the same file
         metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)

@@ -1,0 +1,130 @@
+"""Moment arms: as numbers in a table, and as curves where they change with the angle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.model import Mechanism
+from distal.reports.drawing.sheet import PITCH, Line, Point, Sheet
+from distal.reports.drawing.units import rounded
+from distal.results import COLOURS, DASHES, INK, SOFT, legend_above, styled
+from distal.rig import Rig
+
+Floats = NDArray[np.float64]
+Changing = dict[tuple[int, int], tuple[Floats, Floats]]
+
+POINTS = 61
+"""Angles at which an arm that changes is drawn."""
+
+MOST_CURVES = 12
+"""More curves than this in one picture cannot be told apart."""
+
+
+def moment_arms(rig: Rig, angles: Floats | None = None) -> Floats:
+    """Return the moment arms −∂ℓ/∂θ, positive where a tendon pulls to +θ, (n_tendons, n_joints) [m].
+
+    Args:
+        rig: the description.
+        angles: of the joints [rad], (n_joints,); default zero.
+    """
+    return _arms_of(rig)(np.zeros(len(rig.joints)) if angles is None else angles)
+
+
+def _arms_of(rig: Rig) -> Callable[[Floats], Floats]:
+    """Return the function angles [rad] → moment arms."""
+    mechanism = Mechanism(rig)
+    q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
+    jacobian = ca.Function("arms", [q, p.symbols], [mechanism.length_jacobian(q)])
+
+    def arms(angles: Floats) -> Floats:
+        at = np.concatenate([angles, np.zeros(mechanism.n_drives)])
+        return -np.array(jacobian(at, p.values))[:, : mechanism.n_joints]
+
+    return arms
+
+
+def changing_arms(rig: Rig) -> Changing:
+    """Return (tendon, joint) → angles [rad] and arms [m], of those that change with the joint's own angle.
+
+    Args:
+        rig: the description.
+    """
+    look, found = _arms_of(rig), Changing()
+    for j, joint in enumerate(rig.joints):
+        low, high = joint.stops or (-np.pi / 3, np.pi / 3)
+        angles = np.linspace(low, high, POINTS)
+        at = np.array([each.initial.value for each in rig.joints])
+        arms = np.array([look(np.where(np.arange(len(at)) == j, angle, at))[:, j] for angle in angles])
+        for i in range(len(rig.tendons)):
+            if np.ptp(arms[:, i]) > 1e-3 * np.abs(arms).max(initial=1e-12):
+                found[i, j] = (angles, arms[:, i])
+    return found
+
+
+def table_width(rig: Rig) -> float:
+    """Return the width of the table of moment arms [in].
+
+    Args:
+        rig: the description.
+    """
+    first, widths = _columns(rig)
+    return first + sum(widths)
+
+
+def _columns(rig: Rig) -> tuple[float, list[float]]:
+    first = max(Line(tendon.name, True).width for tendon in rig.tendons) + 0.45
+    return first, [max(Line(joint.name, True).width, 0.45) + 0.16 for joint in rig.joints]
+
+
+def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
+    """Write the moment arms as a table, and return the corner right and below it.
+
+    Args:
+        sheet: to draw on.
+        rig: the description.
+        arms: (n_tendons, n_joints) [m].
+        at: corner left and above [in].
+    """
+    first, widths = _columns(rig)
+    sheet.write((at[0], at[1] - 0.08), "Moment arms at zero [mm]; + pulls to +θ", bold=True)
+    top, right = at[1] - 0.3, at[0] + first + sum(widths)
+    ends = [at[0] + first + sum(widths[: j + 1]) for j in range(len(widths))]
+    for joint, end in zip(rig.joints, ends):
+        sheet.write((end - 0.06, top), joint.name, bold=True, ha="right")
+    y = top - 0.6 * PITCH
+    sheet.line([(at[0], y), (right, y)], INK, 0.8)
+    for i, row in enumerate(arms):
+        y, colour = top - 1.4 * (i + 1) * PITCH, COLOURS[i % len(COLOURS)]
+        sheet.line([(at[0], y), (at[0] + 0.28, y)], colour, 1.4, ls=DASHES[i % len(DASHES)])
+        sheet.write((at[0] + 0.36, y), rig.tendons[i].name, bold=True)
+        for joint, end, value in zip(rig.joints, ends, row):
+            crossed = joint.name in rig.tendons[i].joints
+            text = rounded(1e3 * value) if crossed else "–"
+            sheet.write((end - 0.06, y), f"+{text}" if crossed and value > 0 else text, ha="right")
+    y -= 0.8 * PITCH
+    sheet.line([(at[0], y), (right, y)], SOFT, 0.5)
+    return right, y
+
+
+def draw_curves(axes: Any, rig: Rig, changing: Changing) -> None:
+    """Draw the arms that change over the joint's own angle.
+
+    Args:
+        axes: where.
+        rig: the description.
+        changing: of `changing_arms`.
+    """
+    for (i, j), (angles, arms) in list(changing.items())[:MOST_CURVES]:
+        label = rig.tendons[i].name if len(rig.joints) == 1 else f"{rig.tendons[i].name} at {rig.joints[j].name}"
+        style = {"color": COLOURS[i % len(COLOURS)], "ls": DASHES[(i + j) % len(DASHES)]}
+        axes.plot(np.rad2deg(angles), 1e3 * arms, label=label, lw=1.3, **style)
+    axes.set_xlabel("angle of the joint [°]", fontsize=7)
+    axes.set_ylabel("moment arm [mm]", fontsize=7)
+    axes.tick_params(labelsize=7)
+    with styled():
+        legend_above(axes, most=2)

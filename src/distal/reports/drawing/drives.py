@@ -1,0 +1,184 @@
+"""Drives on paper: a motor with its spool, or a slider on its rail, in a column to the left of the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+
+from distal.reports.drawing.routes import Wheel
+from distal.reports.drawing.sheet import BADGE, PITCH, Line, Point, Sheet, arc
+from distal.reports.drawing.units import interval, rounded, written
+from distal.results import FAINT, INK, PALE, SOFT, WHITE
+from distal.rig import Capstan, Rig, Slider
+
+RAIL = 1.1
+"""Length of a slider's rail with the motor at its end [in]."""
+
+HALF = 0.12
+"""Half of a slider's carriage [in]."""
+
+TRAVEL = 0.4
+"""A longer way between a slider's stops is drawn shorter [in]."""
+
+
+@dataclass(frozen=True)
+class Lane:
+    """Where a tendon leaves its drive.
+
+    Args:
+        start: the spool that it is wound on, or its end at a carriage.
+        height: at which it goes on to the right [in].
+    """
+
+    start: Wheel
+    height: float
+
+
+def letters(sensor_measures: str, kind: str) -> str:
+    """Return the letter of a sensor's badge.
+
+    Args:
+        sensor_measures: what it measures.
+        kind: "slider", "capstan", "joint" or "tendon": of what.
+    """
+    of_drive = {"slider": {"position": "x", "force": "U"}, "capstan": {"position": "φ", "force": "τ"}}
+    return of_drive.get(kind, {"tension": "T", "angle": "θ", "torque": "τ"})[sensor_measures]
+
+
+def sensor_lines(rig: Rig, of: str, measures: Sequence[str], kind: str) -> list[Line]:
+    """Return a line with its badge for each sensor of a part.
+
+    Args:
+        rig: the description.
+        of: name of the part.
+        measures: what sensors of such a part measure.
+        kind: as in `letters`.
+    """
+    own = [sensor for sensor in rig.sensors if sensor.of == of and sensor.measures in measures]
+    return [Line(sensor.name, badge=letters(sensor.measures, kind)) for sensor in own]
+
+
+def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[Line]:
+    """Return what is written beside a drive: name, sizes, sensors.
+
+    Args:
+        rig: the description.
+        drive: which.
+    """
+    found = [Line(drive.name, bold=True)]
+    if isinstance(drive, Capstan):
+        found.append(Line(f"spool r {written(drive.radius.value, 'm')}"))
+        own = [sensor for sensor in rig.sensors if sensor.of == drive.name and sensor.measures in ("position", "force")]
+        gears = {gear for sensor in own if (gear := getattr(sensor, "gear", 1.0)) != 1.0}
+        found += [Line(f"gear {rounded(gear)} : 1") for gear in sorted(gears)]
+    if drive.stops is not None:
+        found.append(Line(f"stops {interval(*drive.stops, 'rad' if isinstance(drive, Capstan) else 'm')}"))
+    if drive.backlash is not None:
+        unit = "rad" if isinstance(drive, Capstan) else "m"
+        found.append(Line(f"backlash {written(drive.backlash.width.value, unit)}"))
+    return [*found, *sensor_lines(rig, drive.name, ("position", "force"), drive.kind)]
+
+
+def draw_capstan(sheet: Sheet, drive: Capstan, lines: Sequence[Line], at: Point, scale: float, way: int) -> None:
+    """Draw a motor seen along its shaft, with its spool in front.
+
+    Args:
+        sheet: to draw on.
+        drive: which.
+        lines: what is written beside it, for its badges.
+        at: centre [in].
+        scale: [in/m].
+        way: +1 where a positive angle turns counter-clockwise on paper.
+    """
+    from matplotlib.patches import FancyBboxPatch
+
+    radius = scale * drive.radius.value
+    half = motor_half(drive, scale)
+    x, y = at
+    body = FancyBboxPatch(
+        (x - half + 0.04, y - half + 0.04), 2 * half - 0.08, 2 * half - 0.08, boxstyle="round,pad=0.04",
+        facecolor=FAINT, edgecolor=INK, lw=0.9, zorder=1.5,
+    )  # fmt: skip
+    sheet.patch(body, (x - half, y - half), (x + half, y + half))
+    for a in (-1, 1):
+        for b in (-1, 1):
+            sheet.disc((x + a * (half - 0.055), y + b * (half - 0.055)), 0.018, WHITE, SOFT, order=1.6)
+    sheet.disc(at, radius, PALE, order=2.0)
+    sheet.disc(at, 0.03, INK, order=2.2)
+    badges = {line.badge for line in lines}
+    if "φ" in badges:
+        sheet.badge(at, "φ")
+    if "τ" in badges:
+        sheet.badge((x - half, y - half), "τ")
+    begin, end = pi - 0.5 * way, pi + 0.5 * way
+    sheet.arrow(arc(at, half + 0.1, begin, end), SOFT)
+    sheet.write((x - half - 0.17, y), "+φ", colour=SOFT, ha="right")
+
+
+def motor_half(drive: Capstan, scale: float) -> float:
+    """Return half the side of a motor's flange [in].
+
+    Args:
+        drive: which.
+        scale: [in/m].
+    """
+    return max(1.15 * scale * drive.radius.value, 0.2)
+
+
+def draw_slider(
+    sheet: Sheet, drive: Slider, lines: Sequence[Line], right: Point, lanes: Sequence[float], scale: float
+) -> float:
+    """Draw a carriage on its rail, pulled from the left, and return where its tendons begin [in].
+
+    Args:
+        sheet: to draw on.
+        drive: which.
+        lines: what is written beside it, for its badges.
+        right: right end of the rail [in].
+        lanes: heights of its tendons [in].
+        scale: [in/m].
+    """
+    x, y = right
+    left = x - RAIL
+    low, high = drive.stops or (0.0, 0.0)
+    factor = min(scale, TRAVEL / (high - low)) if drive.stops else 0.0
+    # positive is away from the joint; without stops the carriage stands in the middle of its rail
+    zero = x - HALF - 0.06 - factor * max(-low, 0.0) if drive.stops else x - 0.45
+    up = max(max(lanes) - y, 0.0) + 0.1
+    for edge in (-0.035, 0.035):
+        sheet.line([(left, y + edge), (x, y + edge)], SOFT, 0.8, zorder=1.5)
+    sheet.box((left, y - 0.15), (left + 0.2, y + 0.15), FAINT, 1.7)
+    sheet.line([(left + 0.2, y), (zero - HALF, y)], INK, 2.0, zorder=1.8)
+    sheet.box((zero - HALF, y - up), (zero + HALF, y + up), PALE, 2.5)
+    if drive.stops:
+        for edge, side in ((zero - factor * high - HALF, -1), (zero - factor * low + HALF, 1)):
+            sheet.box((min(edge, edge + 0.05 * side), y - 0.1), (max(edge, edge + 0.05 * side), y + 0.1), INK, 2.4)
+    badges = {line.badge for line in lines}
+    if "U" in badges:
+        sheet.badge((left + 0.2, y), "U")
+    if "x" in badges:
+        sheet.badge((zero, y - up), "x")
+    sheet.arrow([(zero + 0.05, y + up + 0.07), (zero - 0.2, y + up + 0.07)], SOFT)
+    sheet.write((zero - 0.28, y + up + 0.07), "+x", colour=SOFT, ha="right")
+    return zero + HALF
+
+
+def glyph_width(rig: Rig, scale: float) -> float:
+    """Return the width of the column of drives, without what is written beside them [in].
+
+    Args:
+        rig: the description.
+        scale: [in/m].
+    """
+    widths = [2 * motor_half(d, scale) + 0.45 if isinstance(d, Capstan) else RAIL + BADGE for d in rig.drives]
+    return max(widths)
+
+
+def block_height(lines: Sequence[Line]) -> float:
+    """Return the height of lines of text [in].
+
+    Args:
+        lines: of it.
+    """
+    return len(lines) * PITCH

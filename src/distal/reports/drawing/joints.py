@@ -1,0 +1,290 @@
+"""Joints on paper: pulleys, pins and cams at their radius, link, springs, stops, sensors, and what is written of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, hypot, pi, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.reports.drawing.drives import sensor_lines
+from distal.reports.drawing.pose import Stand
+from distal.reports.drawing.routes import Wheel, heading
+from distal.reports.drawing.sheet import BADGE, Line, Point, Sheet, arc, on_circle
+from distal.reports.drawing.units import rounded, written
+from distal.results import FAINT, INK, PALE, SOFT, WHITE
+from distal.rig import Joint, Linkage, Meeting, Polynomial, Rig
+
+Floats = NDArray[np.float64]
+
+REACH = pi / 3
+"""So far to both sides a cam shows its arms; between them it is closed smoothly [rad]."""
+
+LINK = 10.0
+"""Width of a link [pt]."""
+
+
+def meetings_at(rig: Rig, joint: Joint) -> list[tuple[int, Meeting]]:
+    """Return how tendons meet a joint, each with the tendon's index.
+
+    Args:
+        rig: the description.
+        joint: which.
+    """
+    return [(i, m) for i, tendon in enumerate(rig.tendons) for m in tendon.meetings if joint.name in m.joints]
+
+
+def joint_lines(rig: Rig, index: int, turn: int) -> list[Line]:
+    """Return what is written of a joint.
+
+    Args:
+        rig: the description.
+        index: of the joint.
+        turn: +1 where a positive angle turns counter-clockwise on paper.
+    """
+    joint = rig.joints[index]
+    found = [Line(joint.name, bold=True)]
+    if rig.is_chain or joint.gravity is not None:
+        found.append(Line(f"axis {axis_name(joint.axis)} {'⊙' if turn > 0 else '⊗'}"))
+    if joint.coupled is not None:
+        shift = f" + {written(joint.coupled.offset, 'rad')}" if joint.coupled.offset else ""
+        found.append(Line(f"θ = {rounded(joint.coupled.ratio)} θ of {joint.coupled.joint}{shift}"))
+    found += [Line(text) for text in _sizes(rig, joint)]
+    if joint.spring is not None:
+        found.append(Line(f"spring {written(joint.spring.stiffness.value, 'N m/rad')}"))
+        found.append(Line(f"relaxed at {written(joint.spring.rest_angle.value, 'rad')}"))
+    if joint.extension_spring is not None:
+        found.append(Line(f"spring {written(joint.extension_spring.stiffness.value, 'N/m')}"))
+    if joint.friction is not None:
+        size, mu = written(joint.friction.radius.value, "m"), rounded(joint.friction.coefficient.value)
+        found.append(Line(f"axle r {size}, μ {mu}"))
+    if joint.backlash is not None:
+        found.append(Line(f"backlash {written(joint.backlash.width.value, 'rad')}"))
+    body = joint.link or joint.gravity
+    if body is not None and not body.mass.absent:
+        found.append(Line(f"link {written(body.mass.value, 'kg')}"))
+    return [*found, *sensor_lines(rig, joint.name, ("angle", "torque"), "joint")]
+
+
+def _sizes(rig: Rig, joint: Joint) -> list[str]:
+    """Return the sizes of what tendons meet at a joint, each kind once."""
+    kinds: dict[tuple[str, str], list[float]] = {}
+    for _, meeting in meetings_at(rig, joint):
+        shape = meeting.shape
+        if isinstance(shape, Polynomial):
+            kinds.setdefault(("arms by polynomial", ""), [])
+            continue
+        name = {"pulley": "pulley r", "pinned": "pin at r", "linkage": "cam r"}[shape.kind]
+        shifted = isinstance(shape, Linkage) and shape.centre.value != 0.0
+        behind = f" at {written(shape.centre.value, 'rad')}" if shifted else ""  # type: ignore[union-attr]
+        kinds.setdefault((name, behind), []).append(shape.radius.value)
+    found = []
+    for (name, behind), values in kinds.items():
+        sizes = list(dict.fromkeys(rounded(1e3 * value) for value in sorted(values, reverse=True)))
+        found.append(f"{name} {', '.join(sizes)} mm{behind}" if sizes else name)
+    return found
+
+
+def axis_name(axis: tuple[float, float, float]) -> str:
+    """Return the name of a joint's axis.
+
+    Args:
+        axis: a unit vector.
+    """
+    for k, name in enumerate("xyz"):
+        if abs(abs(axis[k]) - 1.0) < 1e-9:
+            return f"{'−' if axis[k] < 0 else ''}{name}"
+    return "(" + ", ".join(f"{part:.2g}" for part in axis).replace("-", "−") + ")"
+
+
+def draw_link(sheet: Sheet, stand: Stand, scale: float, ends: Sequence[Point]) -> None:
+    """Draw the link that a joint turns.
+
+    Args:
+        sheet: to draw on.
+        stand: where the joint stands.
+        scale: [in/m].
+        ends: the joints on it, or its tip [in]; where one is drawn away from its place, the link is dashed.
+    """
+    centre = scaled(stand.centre, scale)
+    for end in ends:
+        sheet.bar([centre, end], PALE if stand.known else WHITE, LINK, SOFT, order=1.0)
+    if stand.mass_at is None:
+        return
+    from matplotlib.patches import Wedge
+
+    at = scaled(stand.mass_at, scale)
+    sheet.disc(at, 0.05, WHITE, order=2.6)
+    sheet.take((at[0] - 0.05, at[1] - 0.05, at[0] + 0.05, at[1] + 0.05))
+    for start in (0, 180):
+        sheet.patch(Wedge(at, 0.05, start, start + 90, facecolor=INK, edgecolor="none", zorder=2.7))
+
+
+def draw_coupling(sheet: Sheet, one: Point, other: Point, ratio: float) -> None:
+    """Draw a rigid coupling as a belt between two joints.
+
+    Args:
+        sheet: to draw on.
+        one: the joint that leads [in].
+        other: the joint that follows [in].
+        ratio: radians of it per radian of the other; a belt for a negative one is crossed.
+    """
+    for way in (1, -1):
+        first = Wheel(one, min(max(0.12 * abs(ratio), 0.06), 0.24), way)
+        last = Wheel(other, 0.12, way if ratio > 0 else -way)
+        along = heading(first, last)
+        sheet.disc(one, first.radius, "none", INK, order=3.1, ls=(0, (6, 2, 1, 2)))
+        sheet.line([first.point(along), last.point(along)], INK, 0.9, ls=(0, (6, 2, 1, 2)), zorder=3.1)
+
+
+def scaled(point: Point, scale: float) -> Point:
+    """Return a point of the rig on the sheet [in].
+
+    Args:
+        point: [m].
+        scale: [in/m].
+    """
+    return point[0] * scale, point[1] * scale
+
+
+def draw_joint(
+    sheet: Sheet, rig: Rig, index: int, stand: Stand, scale: float, around: float, lines: Sequence[Line]
+) -> None:
+    """Draw what turns about a joint's axis, its springs, its stops and its sensors.
+
+    Args:
+        sheet: to draw on.
+        rig: the description.
+        index: of the joint.
+        stand: where it stands.
+        scale: [in/m].
+        around: radius at which stops and the angle's arrow stand [in].
+        lines: what is written of it, for its badges.
+    """
+    joint, centre = rig.joints[index], scaled(stand.centre, scale)
+    _draw_wheels(sheet, rig, index, stand, scale)
+    axle = scale * joint.friction.radius.value if joint.friction is not None else 0.0
+    sheet.disc(centre, max(axle, 0.04), FAINT, SOFT, order=2.8)
+    sheet.disc(centre, 0.022, INK, order=2.9)
+    if joint.spring is not None:
+        start = max(0.09, axle + 0.025)
+        out = max(0.75 * around - 0.1, start + 0.09)
+        first = stand.towards + pi
+        spiral = [
+            on_circle(centre, 0.09 + (out - 0.09) * k / 90, first - stand.turn * 5 * pi * (1 - k / 90))
+            for k in range(91)
+        ]
+        sheet.line(spiral, INK, 1.0, zorder=3.2)
+    if joint.extension_spring is not None:
+        spring = joint.extension_spring
+        on_link = on_circle(centre, scale * spring.radius.value, stand.towards)
+        on_base = on_circle(centre, scale * spring.distance.value, stand.towards + stand.turn * spring.line_angle.value)
+        sheet.line(coil(on_link, on_base), INK, 1.0, zorder=3.2)
+        sheet.disc(on_link, 0.03, WHITE, order=3.3)
+        sheet.disc(on_base, 0.03, INK, order=3.3)
+    if joint.stops is not None:
+        _draw_stops(sheet, joint.stops, centre, stand, around)
+    first = stand.towards + stand.turn * 0.30 * min(1.0, 0.3 / around)
+    last = stand.towards + stand.turn * max(0.75 * min(1.0, 0.4 / around), 0.5)
+    sheet.arrow(arc(centre, around, first, last), INK)
+    sheet.write_near(on_circle(centre, around + 0.1, last), (cos(last), sin(last)), "+θ")
+    badges = {line.badge for line in lines}
+    if "θ" in badges:
+        sheet.badge(centre, "θ")
+    if "τ" in badges:
+        sheet.badge(on_circle(centre, max(0.5 * around, 2.2 * BADGE), stand.towards), "τ")
+
+
+def _draw_stops(sheet: Sheet, stops: tuple[float, float], centre: Point, stand: Stand, around: float) -> None:
+    """Draw the range of a joint as an arc between two blocks, which the middle of its link meets there."""
+    from matplotlib.patches import Wedge
+
+    low, high = (stand.towards + stand.turn * angle for angle in stops)
+    sheet.line(arc(centre, around, low, high), SOFT, 0.7, ls=(0, (4, 2)), zorder=2.95)
+    for angle, outwards, value in ((low, -stand.turn, stops[0]), (high, stand.turn, stops[1])):
+        sheet.line(
+            [on_circle(centre, 0.0, 0.0), on_circle(centre, around, angle)], SOFT, 0.5, ls=(0, (4, 2)), zorder=2.95
+        )
+        thick = 0.06 / around
+        one, other = sorted((angle, angle + outwards * thick))
+        degrees = 180 / pi
+        block = Wedge(centre, around + 0.06, one * degrees, other * degrees, width=0.12, facecolor=INK, zorder=4.5)
+        sheet.patch(block, on_circle(centre, around + 0.06, angle))
+        out = (cos(angle), sin(angle))
+        sheet.write_near(on_circle(centre, around + 0.13, angle), out, written(value, "rad"))
+
+
+def _draw_wheels(sheet: Sheet, rig: Rig, index: int, stand: Stand, scale: float) -> None:
+    """Draw a joint's pulleys, largest first; cams and polynomials with the arm that they have there."""
+    joint, centre = rig.joints[index], scaled(stand.centre, scale)
+    seen: dict[tuple[str, float], tuple[int, Meeting]] = {}
+    for i, meeting in meetings_at(rig, joint):
+        size = abs(meeting.arms({})[joint.name]) * scale
+        seen.setdefault((meeting.shape.kind, round(size, 4)), (i, meeting))
+    for (kind, size), _ in sorted(seen.items(), key=lambda item: -item[0][1]):
+        if kind == "pulley":
+            sheet.disc(centre, size, PALE, SOFT, order=2.0, lw=0.8)
+        elif kind != "linkage":
+            sheet.disc(centre, size, "none", SOFT, order=2.05, ls=(0, (2, 2)))
+    cams = [m for _, m in meetings_at(rig, joint) if isinstance(m.shape, Linkage)]
+    if cams:
+        _draw_cam(sheet, joint, cams, centre, stand, scale)
+    if not seen:
+        sheet.disc(centre, 0.12, PALE, SOFT)
+
+
+def _draw_cam(sheet: Sheet, joint: Joint, cams: Sequence[Meeting], centre: Point, stand: Stand, scale: float) -> None:
+    """Draw a pulley that is not round: at each place the arm of the angle at which a tendon leaves it there."""
+    from matplotlib.patches import Polygon
+
+    low, high = joint.stops or (-REACH, REACH)
+    angles = np.linspace(max(low, -REACH), min(high, REACH), 41)
+    places, arms = [], []
+    for meeting in cams:
+        # above the axis lie the tendons that pull counter-clockwise
+        touches = pi / 2 if meeting.side == stand.turn else -pi / 2
+        places += [touches - stand.turn * float(angle) for angle in angles]
+        arms += [abs(meeting.arms({joint.name: float(angle)})[joint.name]) for angle in angles]
+    # a smooth curve through them: a short Fourier series, its higher terms kept small where nothing is known
+    orders = np.arange(1, 6)
+
+    def series(at: Floats) -> Floats:
+        return np.column_stack([np.ones_like(at), *(f(k * at) for k in orders for f in (np.cos, np.sin))])
+
+    known, kept = series(np.array(places)), np.diag([0.0, *np.repeat(0.03 * orders**2, 2)])
+    weights = np.linalg.solve(known.T @ known + kept, known.T @ np.array(arms))
+    round_about = np.linspace(0.0, 2 * pi, 181)
+    points = [on_circle(centre, scale * r, a) for a, r in zip(round_about, series(round_about) @ weights)]
+    sheet.patch(Polygon(points, facecolor=PALE, edgecolor=SOFT, lw=0.8, zorder=2.0), *points)
+
+
+def draw_pin(sheet: Sheet, stand: Stand, pin: Point, scale: float) -> None:
+    """Draw the lever to a pin that a tendon ends at.
+
+    Args:
+        sheet: to draw on.
+        stand: where the joint stands.
+        pin: [in].
+        scale: [in/m].
+    """
+    sheet.bar([scaled(stand.centre, scale), pin], FAINT, 6.0, SOFT, order=2.1)
+    sheet.disc(pin, 0.035, WHITE, order=4.4)
+
+
+def coil(one: Point, other: Point, half: float = 0.06) -> list[Point]:
+    """Return a spring as a zigzag between two points.
+
+    Args:
+        one: its first end [in].
+        other: its last one [in].
+        half: how far it goes to each side [in].
+    """
+    length = hypot(other[0] - one[0], other[1] - one[1]) or 1.0
+    teeth = max(6, 2 * round(length / 0.16))
+    along = ((other[0] - one[0]) / length, (other[1] - one[1]) / length)
+    middle = [((k + 0.5) / teeth, (-1) ** k * half) for k in range(teeth)]
+    return [
+        (one[0] + share * length * along[0] - aside * along[1], one[1] + share * length * along[1] + aside * along[0])
+        for share, aside in [(0.0, 0.0), *[(0.1 + 0.8 * s, a) for s, a in middle], (1.0, 0.0)]
+    ]

@@ -1,0 +1,179 @@
+"""Where the joints of a rig stand on paper: its zero pose, each joint seen along its own axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import atan2, cos, hypot, pi, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.reports.drawing.sheet import Point
+from distal.rig import Joint, Rig
+
+Floats = NDArray[np.float64]
+
+APART = 3.4
+"""Distance of joints that stand at one place, in the largest moment arm."""
+
+STUB = 2.6
+"""Length of a link that the rig does not describe, in the largest moment arm."""
+
+
+@dataclass(frozen=True)
+class Stand:
+    """Where a joint stands, in metres on paper; x points to the right, y up.
+
+    Args:
+        centre: its axis.
+        turn: +1 where a positive angle turns counter-clockwise on paper, −1 clockwise.
+        parent: index of the joint on whose link it sits, None for the base.
+        drawn_apart: whether it is drawn away from its place, where another joint stands.
+        towards: direction of its link at zero [rad].
+        reach: length of its link.
+        mass_at: where the centre of mass is, None where nothing is said of it.
+        known: whether the rig describes the link.
+    """
+
+    centre: Point
+    turn: int
+    parent: int | None
+    drawn_apart: bool
+    towards: float
+    reach: float
+    mass_at: Point | None
+    known: bool
+
+    @property
+    def tip(self) -> Point:
+        """The end of its link."""
+        return self.centre[0] + self.reach * cos(self.towards), self.centre[1] + self.reach * sin(self.towards)
+
+
+View = tuple[Floats, Floats, int]
+"""What points right on paper, what points up, and how a positive angle turns: +1 counter-clockwise."""
+
+
+def views_of(rig: Rig) -> list[View]:
+    """Return how each joint is seen: along its axis.
+
+    Joints with parallel axes are seen from one side. The others are seen so that +θ turns as at the first joint: a tendon
+    that stays on one side of all joints does so on paper.
+
+    Args:
+        rig: the description.
+    """
+    found: list[View] = []
+    for i, joint in enumerate(rig.joints):
+        right, up, turn = view_along(joint.axis)
+        for axis, view in zip([np.asarray(each.axis) for each in rig.joints[:i]], found):
+            along = float(axis @ np.asarray(joint.axis))
+            if abs(along) > 0.99:
+                wanted = view[2] * (1 if along > 0 else -1)
+                break
+        else:
+            wanted = found[0][2] if found else turn
+        found.append((right, up * wanted * turn, wanted))
+    return found
+
+
+def view_along(axis: tuple[float, float, float]) -> View:
+    """Return how an axis is seen: about y, x points right and z up, and a positive angle turns clockwise.
+
+    Args:
+        axis: a unit vector.
+    """
+    a = np.asarray(axis)
+    right = np.array([1.0, 0.0, 0.0]) - a[0] * a
+    if float(np.linalg.norm(right)) < 0.3:
+        right = np.array([0.0, 1.0, 0.0]) - a[1] * a
+    right = right / np.linalg.norm(right)
+    up = np.cross(a, right)
+    points_up = up[2] if abs(up[2]) > 1e-6 else up[1]
+    turn = 1 if points_up > 0 else -1
+    return right, turn * up, turn
+
+
+def stands(rig: Rig, arm: float) -> list[Stand]:
+    """Return where the joints stand.
+
+    Args:
+        rig: the description.
+        arm: the largest moment arm [m].
+    """
+    views = views_of(rig)
+    centres: list[Point] = []
+    apart: list[bool] = []
+    for i, joint in enumerate(rig.joints):
+        parent = rig.parent_of(i)
+        offset, start = np.asarray(joint.offset), (0.0, 0.0)
+        if parent is not None:
+            start = centres[parent]
+        elif i > 0:
+            offset = offset - np.asarray(rig.joints[0].offset)
+        view = views[0 if parent is None else parent]
+        across, up = (
+            _on_paper(offset, view) if parent is not None else (float(offset @ view[0]), float(offset @ view[1]))
+        )
+        place = (start[0] + across, start[1] + up) if i else start
+        moved, near = False, 0.3 if parent is not None else 2.0
+        while any(hypot(place[0] - x, place[1] - y) < near * arm for x, y in centres):
+            # on the base below the others, on a link further out
+            place = (place[0] + APART * arm, place[1]) if parent is not None else (place[0], place[1] - APART * arm)
+            moved = True
+        centres.append(place)
+        apart.append(moved)
+    found = []
+    for i, joint in enumerate(rig.joints):
+        towards, reach, mass_at, known = _link(joint, centres[i], views[i], arm)
+        child = next((k for k in range(len(rig.joints)) if rig.parent_of(k) == i), None)
+        if child is not None:
+            across, up = centres[child][0] - centres[i][0], centres[child][1] - centres[i][1]
+            towards, reach = atan2(up, across), hypot(across, up)
+        found.append(Stand(centres[i], views[i][2], rig.parent_of(i), apart[i], towards, reach, mass_at, known))
+    return found
+
+
+def _on_paper(vector: Floats, view: View) -> Point:
+    """Return a vector on paper; one that points out of it is laid down to the right."""
+    across, up = float(vector @ view[0]), float(vector @ view[1])
+    length = float(np.linalg.norm(vector))
+    return (across, up) if hypot(across, up) > 0.5 * length else (length, 0.0)
+
+
+def _link(joint: Joint, centre: Point, view: View, arm: float) -> tuple[float, float, Point | None, bool]:
+    """Return direction and length of a joint's link, its centre of mass, and whether the rig describes it."""
+    if joint.link is not None:
+        across, up = _on_paper(np.asarray(joint.link.centre), view)
+        if hypot(across, up) > 0.0:
+            return atan2(up, across), 2.0 * hypot(across, up), (centre[0] + across, centre[1] + up), True
+    elif joint.gravity is not None and joint.gravity.distance.value > 0.0:
+        # at its hanging angle the centre of mass is straight below
+        towards, length = -pi / 2 - view[2] * joint.gravity.hanging_angle.value, joint.gravity.distance.value
+        at = (centre[0] + length * cos(towards), centre[1] + length * sin(towards))
+        return towards, max(1.4 * length, 1.5 * arm), at, True
+    return 0.0, STUB * arm, None, False
+
+
+def gravity_on_paper(rig: Rig) -> tuple[Floats, float] | None:
+    """Return the direction of free fall on paper, (right, up, towards the reader), and its size [m/s²].
+
+    None where it moves nothing.
+
+    Args:
+        rig: the description.
+    """
+    if any(joint.gravity is not None for joint in rig.joints):
+        return np.array([0.0, -1.0, 0.0]), 9.80665
+    pull = np.asarray(rig.base.gravity)
+    size = float(np.linalg.norm(pull))
+    if size == 0.0 or not any(joint.link is not None and joint.link.mass.value > 0.0 for joint in rig.joints):
+        return None
+    for k, angle in reversed(list(enumerate(rig.base.orientation))):
+        # turned by roll, pitch and yaw about the world's axes, and here back again, the last one first
+        i, j = (k + 1) % 3, (k + 2) % 3
+        c, s = cos(angle), sin(angle)
+        pull = pull.copy()
+        pull[i], pull[j] = c * pull[i] + s * pull[j], c * pull[j] - s * pull[i]
+    right, up, _ = view_along(rig.joints[0].axis)
+    return np.array([pull @ right, pull @ up, pull @ np.cross(right, up)]) / size, size

@@ -1,0 +1,76 @@
+"""The way of a tendon past pulleys: straight lines that touch circles, and arcs between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import asin, atan2, cos, hypot, pi, sin
+
+from distal.reports.drawing.sheet import Point
+
+WRAP = 1.0
+"""How far a tendon lies on the last pulley before it is fixed [rad]."""
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """A circle that a tendon goes round, from the drive outwards.
+
+    Args:
+        centre: of it.
+        radius: of it; zero for a point.
+        way: +1 counter-clockwise, −1 clockwise, the way outwards; the tendon pulls it the other way round.
+    """
+
+    centre: Point
+    radius: float = 0.0
+    way: int = 1
+
+    def point(self, heading: float) -> Point:
+        """Return where a tendon of some direction touches it.
+
+        Args:
+            heading: direction outwards [rad].
+        """
+        arm = self.way * self.radius
+        return self.centre[0] + arm * sin(heading), self.centre[1] - arm * cos(heading)
+
+
+def heading(one: Wheel, other: Wheel) -> float:
+    """Return the direction of the straight line that leaves one circle and meets the next one [rad].
+
+    Args:
+        one: nearer to the drive.
+        other: the next one.
+    """
+    across, up = other.centre[0] - one.centre[0], other.centre[1] - one.centre[1]
+    apart = hypot(across, up)
+    if apart == 0.0:
+        return 0.0
+    # circles that lie in one another have no such line: then the nearest to it
+    ratio = (one.way * one.radius - other.way * other.radius) / apart
+    return atan2(up, across) + asin(min(max(ratio, -1.0), 1.0))
+
+
+def route(wheels: Sequence[Wheel], wrap: float) -> list[Point]:
+    """Return the points of a tendon's way; on the last circle it ends after some wrap.
+
+    Args:
+        wheels: from the drive outwards, at least two.
+        wrap: on the last circle [rad].
+    """
+    headings = [heading(one, other) for one, other in pairwise(wheels)]
+    points = [wheels[0].point(headings[0])]
+    for k, wheel in enumerate(wheels[1:]):
+        arrives = headings[k]
+        last = k == len(headings) - 1
+        turned = wheel.way * wrap * (wheel.radius > 0.0) if last else _turn(headings[k + 1] - arrives)
+        count = 1 + int(abs(turned) / 0.08)
+        points += [wheel.point(arrives + turned * step / count) for step in range(count + 1)]
+    return points
+
+
+def _turn(angle: float) -> float:
+    """Return an angle as the shortest turn, from −π to π."""
+    return (angle + pi) % (2 * pi) - pi

@@ -1,0 +1,324 @@
+"""A sheet of paper in inches: text whose size is known before it is drawn, and an edge that follows what stands on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from math import cos, hypot, sin
+from typing import TYPE_CHECKING, Any
+
+from distal.results import INK, WHITE, figure, styled
+from distal.results.style import plain
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Point = tuple[float, float]
+
+SIZE = 7.0
+"""Of text [pt]."""
+
+PITCH = 0.13
+"""From one line of text to the next [in]."""
+
+BADGE = 0.072
+"""Radius of a sensor's badge [in]."""
+
+MARGIN = 0.14
+"""Around all that is drawn [in]."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of text beside a part.
+
+    Args:
+        text: of it.
+        bold: for names of parts.
+        colour: of the text.
+        badge: letter of a sensor's badge in front of it.
+    """
+
+    text: str
+    bold: bool = False
+    colour: str = INK
+    badge: str = ""
+
+    @property
+    def width(self) -> float:
+        """How much room it takes [in]."""
+        return width_of(self.text, SIZE, self.bold) + (3.0 * BADGE if self.badge else 0.0)
+
+
+@lru_cache(maxsize=4096)
+def width_of(text: str, size: float, bold: bool = False) -> float:
+    """Return the width of a line of text [in].
+
+    Args:
+        text: one line.
+        size: of the font [pt].
+        bold: whether it is.
+    """
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    if not text.strip():
+        return 0.0
+    font = FontProperties(weight="bold" if bold else "normal")
+    # a renderer rounds each letter to whole pixels, hence the 3 %
+    return 1.03 * float(TextPath((0, 0), plain(text), size=size, prop=font).get_extents().x1) / 72.0
+
+
+def on_circle(centre: Point, radius: float, angle: float) -> Point:
+    """Return a point of a circle.
+
+    Args:
+        centre: of it.
+        radius: of it.
+        angle: counter-clockwise from the right [rad].
+    """
+    return centre[0] + radius * cos(angle), centre[1] + radius * sin(angle)
+
+
+def arc(centre: Point, radius: float, start: float, end: float) -> list[Point]:
+    """Return points along an arc.
+
+    Args:
+        centre: of its circle.
+        radius: of it.
+        start: angle of its first point [rad].
+        end: of its last one [rad].
+    """
+    count = 2 + int(abs(end - start) / 0.06)
+    return [on_circle(centre, radius, start + (end - start) * k / count) for k in range(count + 1)]
+
+
+class Sheet:
+    """A figure to draw on in inches, without an edge until `cut`; y points up."""
+
+    def __init__(self) -> None:
+        with figure() as (made, (axes,)):
+            made.set_layout_engine("none")
+            axes.set_axis_off()
+            axes.grid(False)
+        self.figure: Figure = made
+        self.axes: Any = axes
+        self.low, self.high = [0.0, 0.0], [0.0, 0.0]
+        self._taken: list[tuple[float, float, float, float]] = []
+
+    def reserve(self, *points: Point) -> None:
+        """Keep points inside the sheet.
+
+        Args:
+            points: [in].
+        """
+        for k in (0, 1):
+            self.low[k] = min(self.low[k], *(point[k] for point in points))
+            self.high[k] = max(self.high[k], *(point[k] for point in points))
+
+    def take(self, box: tuple[float, float, float, float]) -> None:
+        """Keep labels out of a box.
+
+        Args:
+            box: left, bottom, right, top [in].
+        """
+        self._taken.append(box)
+
+    def is_free(self, box: tuple[float, float, float, float]) -> bool:
+        """Return whether nothing is written in a box.
+
+        Args:
+            box: left, bottom, right, top [in].
+        """
+        return not any(box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in self._taken)
+
+    def write(
+        self,
+        at: Point,
+        text: str,
+        *,
+        size: float = SIZE,
+        bold: bool = False,
+        colour: str = INK,
+        ha: str = "left",
+        clear: bool = False,
+    ) -> None:
+        """Write one line of text.
+
+        Args:
+            at: its left end, middle or right end, on its middle line [in].
+            text: of it.
+            size: of the font [pt].
+            bold: whether it is.
+            colour: of it.
+            ha: "left", "center" or "right".
+            clear: whether paper is left free around its letters, where lines pass behind.
+        """
+        from matplotlib.patheffects import withStroke
+
+        box = _box(at, text, size, bold, ha)
+        self.take(box)
+        self.reserve(box[:2], box[2:])
+        weight = "bold" if bold else "normal"
+        look = {"fontsize": size, "fontweight": weight, "color": colour, "ha": ha, "va": "center_baseline", "zorder": 9}
+        effects = [withStroke(linewidth=2.0, foreground=WHITE)] if clear else []
+        self.axes.text(*at, plain(text), **look, path_effects=effects)
+
+    def write_near(self, at: Point, away: Point, text: str, *, colour: str = INK, bold: bool = False) -> None:
+        """Write a label beside a point, further away from it where other text stands already.
+
+        Args:
+            at: the point [in].
+            away: direction from the part that is labelled, a unit vector.
+            text: one line.
+            colour: of it.
+            bold: whether it is.
+        """
+        ha = "left" if away[0] > 0.35 else "right" if away[0] < -0.35 else "center"
+        place = at
+        for step in range(40):
+            place = (at[0] + 0.05 * step * away[0], at[1] + 0.05 * step * away[1])
+            if self.is_free(_box(place, text, SIZE, bold, ha)):
+                break
+        self.write(place, text, colour=colour, bold=bold, ha=ha, clear=True)
+
+    def block(self, at: Point, lines: Sequence[Line]) -> None:
+        """Write lines below one another.
+
+        Args:
+            at: left end of the first one's middle line [in].
+            lines: from top to bottom.
+        """
+        for k, line in enumerate(lines):
+            x, y = at[0], at[1] - k * PITCH
+            if line.badge:
+                self.badge((x + BADGE, y), line.badge)
+                x += 3.0 * BADGE
+            self.write((x, y), line.text, bold=line.bold, colour=line.colour)
+
+    def badge(self, at: Point, letter: str) -> None:
+        """Mark a sensor: a small circle with the letter of what it measures.
+
+        Args:
+            at: its centre [in].
+            letter: x, U, φ, τ, T or θ.
+        """
+        self.disc(at, BADGE - 0.016, WHITE, order=8.0)
+        self.write(at, letter, size=5.5, ha="center")
+
+    def line(self, points: Sequence[Point], colour: str = INK, width: float = 0.8, **look: Any) -> None:
+        """Draw a line through points.
+
+        Args:
+            points: [in].
+            colour: of it.
+            width: of it [pt].
+            look: other properties of matplotlib's `Line2D`.
+        """
+        self.reserve(*points)
+        xs, ys = zip(*points)
+        self.axes.plot(xs, ys, color=colour, lw=width, **{"solid_joinstyle": "round", "dash_capstyle": "butt", **look})
+
+    def bar(self, points: Sequence[Point], colour: str, width: float, edge: str = INK, order: float = 1.0) -> None:
+        """Draw a bar with round ends and a thin edge.
+
+        Args:
+            points: through which its middle goes [in].
+            colour: of it.
+            width: of it [pt].
+            edge: colour of the edge.
+            order: what is higher lies in front.
+        """
+        self.line(points, edge, width + 1.2, solid_capstyle="round", zorder=order)
+        self.line(points, colour, width, solid_capstyle="round", zorder=order + 0.05)
+
+    def patch(self, shape: Any, *corners: Point) -> None:
+        """Put a shape on the sheet.
+
+        Args:
+            shape: of matplotlib's patches.
+            corners: points of it that stay inside the sheet [in].
+        """
+        self.axes.add_patch(shape)
+        if corners:
+            self.reserve(*corners)
+
+    def disc(self, centre: Point, radius: float, colour: str, edge: str = INK, order: float = 2.0, **look: Any) -> None:
+        """Draw a circle.
+
+        Args:
+            centre: of it [in].
+            radius: of it [in].
+            colour: of its face.
+            edge: colour of its edge.
+            order: what is higher lies in front.
+            look: other properties of matplotlib's `Circle`.
+        """
+        from matplotlib.patches import Circle
+
+        x, y = centre
+        shape = Circle(centre, radius, **{"facecolor": colour, "edgecolor": edge, "lw": 0.7, "zorder": order, **look})
+        self.patch(shape, (x - radius, y - radius), (x + radius, y + radius))
+
+    def box(self, low: Point, high: Point, colour: str, order: float = 2.0, **look: Any) -> None:
+        """Draw a rectangle.
+
+        Args:
+            low: its corner left and below [in].
+            high: its corner right and above [in].
+            colour: of its face.
+            order: what is higher lies in front.
+            look: other properties of matplotlib's `Rectangle`.
+        """
+        from matplotlib.patches import Rectangle
+
+        look = {"facecolor": colour, "edgecolor": INK, "lw": 0.8, "zorder": order, **look}
+        self.patch(Rectangle(low, high[0] - low[0], high[1] - low[1], **look), low, high)
+
+    def arrow(self, points: Sequence[Point], colour: str = INK, width: float = 0.9, order: float = 5.0) -> None:
+        """Draw a line with a head at its last point.
+
+        Args:
+            points: through which it goes [in].
+            colour: of it.
+            width: of it [pt].
+            order: what is higher lies in front.
+        """
+        from matplotlib.patches import Polygon
+
+        self.line(points, colour, width, zorder=order)
+        (x0, y0), (x, y) = points[-2:]
+        long = hypot(x - x0, y - y0)
+        along = ((x - x0) / long, (y - y0) / long)
+        ends = [(x + 0.085 * a * along[0] + 0.03 * b * along[1], y + 0.085 * a * along[1] - 0.03 * b * along[0])
+                for a, b in ((0.35, 0.0), (-0.65, 1.0), (-0.65, -1.0))]  # fmt: skip
+        self.patch(Polygon(ends, facecolor=colour, edgecolor="none", zorder=order), *ends)
+
+    def cut(self) -> None:
+        """Give the figure the size of what stands on it."""
+        low, high = [v - MARGIN for v in self.low], [v + MARGIN for v in self.high]
+        self.figure.set_size_inches(high[0] - low[0], high[1] - low[1])
+        self.axes.set_position((0.0, 0.0, 1.0, 1.0))
+        self.axes.set_xlim(low[0], high[0])
+        self.axes.set_ylim(low[1], high[1])
+
+    def panel(self, corner: Point, width: float, height: float) -> Any:
+        """Return axes of their own on the sheet; called after `cut`.
+
+        Args:
+            corner: of the axes, left and below [in].
+            width: of the axes [in].
+            height: of the axes [in].
+        """
+        (x0, x1), (y0, y1) = self.axes.get_xlim(), self.axes.get_ylim()
+        w, h = x1 - x0, y1 - y0
+        with styled():
+            return self.figure.add_axes(((corner[0] - x0) / w, (corner[1] - y0) / h, width / w, height / h))
+
+
+def _box(at: Point, text: str, size: float, bold: bool, ha: str) -> tuple[float, float, float, float]:
+    width = width_of(text, size, bold)
+    left = at[0] - {"left": 0.0, "center": 0.5, "right": 1.0}[ha] * width
+    half = 0.62 * size / 72.0
+    return left, at[1] - half, left + width, at[1] + half

@@ -1,0 +1,60 @@
+"""Numbers with the units that a drawing has: mm, N/mm, degrees."""
+
+from __future__ import annotations
+
+import math
+
+LARGE = {"N/m": (1e3, 1e-3, "N/mm"), "kg": (1.0, 1.0, "kg"), "m": (1.0, 1.0, "m")}
+"""SI unit → from where on, factor and name of what is written instead."""
+
+SMALL = {
+    "m": (1.0, 1e3, "mm"),
+    "kg": (1.0, 1e3, "g"),
+    "N m/rad": (0.01, 1e3, "mN m/rad"),
+    "N m": (0.1, 1e3, "mN m"),
+}
+"""SI unit → below what, factor and name of what is written instead."""
+
+
+def written(value: float, si: str) -> str:
+    """Return a number with its unit, to three digits, such as "23 N/mm", "8 mm" or "−20°".
+
+    Args:
+        value: SI.
+        si: its SI unit.
+    """
+    if si == "rad":
+        return f"{rounded(math.degrees(value))}°"
+    if si in LARGE and abs(value) >= LARGE[si][0]:
+        _, factor, unit = LARGE[si]
+    elif si in SMALL and abs(value) < SMALL[si][0]:
+        _, factor, unit = SMALL[si]
+    else:
+        factor, unit = 1.0, si
+    return f"{rounded(factor * value)} {unit.replace('N m', 'N·m')}".rstrip()
+
+
+def rounded(value: float) -> str:
+    """Return a number to three digits, with a true minus.
+
+    Args:
+        value: the number.
+    """
+    digits = max(0, 2 - math.floor(math.log10(abs(value)))) if value and abs(value) < 1e3 else 0
+    if abs(value) >= 1e5 or digits > 7:
+        text = f"{value:.2e}"
+    else:
+        text = f"{value:.{digits}f}"
+        text = text.rstrip("0").rstrip(".") if "." in text else text
+    return text.replace("-", "−")
+
+
+def interval(low: float, high: float, si: str) -> str:
+    """Return the ends of a range, such as "−20° … 90°".
+
+    Args:
+        low: SI.
+        high: SI.
+        si: their SI unit.
+    """
+    return f"{written(low, si)} … {written(high, si)}"
