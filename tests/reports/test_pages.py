@@ -11,7 +11,8 @@ import pytest
 
 from distal import Fit, Log, Rig, estimate, fit, load_scenario, scenario_rig, simulate
 from distal.fitting import sizes
-from distal.reports import FIGURES, fit_report
+from distal.paper.figures import FIGURES
+from distal.reports import fit_report
 from distal.reports.fitting_figures import draw_residuals, draw_traces
 from distal.reports.page import html_table, page, paragraph, picture
 from tests.results.test_plots import legends_lie_beside

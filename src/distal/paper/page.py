@@ -13,7 +13,7 @@ from distal.paper.claims import GROUPS, Claim, Measure, measure_claims, rms
 from distal.paper.figures import CAPTIONS, FIGURES, SUMMARY, draw_figure
 from distal.paper.reasons import EKF_NOTE, REASONS, SEARCH_NOTE
 from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Run, all_runs
-from distal.reports import make_folder, svg_of
+from distal.reports import make_folder, rig_svg, svg_of
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.results import figure_bytes
 from distal.rig import load_rig
