@@ -26,6 +26,10 @@ def reproduce_command(
     """Simulate and filter the 2008 paper's two test series; write its figures, results and a page."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+    from distal.paper.map import SEARCH_FILES
+    from distal.paper.page import REPRODUCTION_FILES
+
+    check_outputs(to_folder("--out", out, SEARCH_FILES if search else REPRODUCTION_FILES))
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=err()) as progress:
         (_search if search else _reproduce)(out, progress)
@@ -34,10 +38,9 @@ def reproduce_command(
 def _reproduce(out: Path, progress: Progress) -> None:
     """Run the reproduction and say what came of it."""
     from distal.paper.claims import GROUPS
-    from distal.paper.page import DRAWN, REPRODUCTION_FILES, reproduce, rms_of
+    from distal.paper.page import DRAWN, reproduce, rms_of
     from distal.paper.series import PLANTS, SEEDS, SERIES_2, series_count
 
-    check_outputs(to_folder("--out", out, REPRODUCTION_FILES))
     task = progress.add_task("simulating and filtering", total=series_count() + len(DRAWN))
     claims, runs = reproduce(out, lambda: progress.advance(task))
     progress.stop()
@@ -62,7 +65,6 @@ def _search(out: Path, progress: Progress) -> None:
     from distal.paper.map import SEARCH_FILES, described, write_search
     from distal.paper.search import plant_count, search
 
-    check_outputs(to_folder("--out", out, SEARCH_FILES))
     task = progress.add_task("simulating plants", total=plant_count())
     found = search(lambda done: progress.update(task, completed=done))
     write_search(found, out)
