@@ -1,6 +1,6 @@
 """Which optimiser a fit should use, and over how far slopes should be taken: measured on one fit of three simulated logs.
 
-`python -m benchmarks.derivatives` prints the tables of docs/identification.md.
+`python -m benchmarks.derivatives` prints the tables of docs/results/fits.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What a da Vinci instrument's hysteresis is driven by: linear regressions, one motion class left out at a time.
 
-`python -m benchmarks.hysteresis` prints the table of docs/da-vinci.md. Features are linear in unknown weights; the offset
-of a run is known from its first 3 s (homing move) or 0.2 s (homing point), as in the filter's tests.
+`python -m benchmarks.hysteresis` prints the table of docs/results/da-vinci.md. Features are linear in unknown weights; the
+offset of a run is known from its first 3 s (homing move) or 0.2 s (homing point), as in the filter's tests.
 """
 
 from __future__ import annotations

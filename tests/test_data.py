@@ -9,7 +9,7 @@ import pytest
 
 from distal import ESTIMATORS, estimate, load_rig, read_log
 
-# bounds: what is measured (see docs/estimators.md) rounded up by a quarter; worse is a regression
+# bounds: what is measured (see docs/results/accuracy.md) rounded up by a quarter; worse is a regression
 SERVO = {
     "adaptive": 0.35,
     "inextensible": 11.5,
@@ -75,7 +75,7 @@ CHAINS = {
 @pytest.mark.parametrize("kind", ["servo", "step", "contact"])
 @pytest.mark.parametrize("name", CHAINS)
 def test_chains_of_others(data: Path, name: str, kind: str) -> None:
-    """docs/chains.md has what is measured; the sum that one flexor tells, and bands that hold, stand beside the mean."""
+    """docs/results/chains.md has what is measured; the sum that one flexor tells, and the bands, are beside the mean."""
     stem, torque, bounds = CHAINS[name]
     rig, folder = load_rig(name), data / "finger"
     log = read_log(folder / f"{stem}_{kind}.csv", rig, folder / f"{stem}_{kind}.truth.csv")

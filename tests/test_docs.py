@@ -14,6 +14,9 @@ import pytest
 import distal
 
 ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
+GENERATED = ("reference/rig-keys.md", "reference/scenario-keys.md")
 MODULES = sorted(module.name for module in pkgutil.walk_packages(distal.__path__, "distal."))
 
 
@@ -70,14 +73,25 @@ def test_the_example_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.Monk
     assert list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("page", ["estimators.md", "scenarios.md"])
-def test_the_examples_of_the_docs_run(page: str) -> None:
-    for code in re.findall(r"```python\n(.*?)```", (ROOT / "docs" / page).read_text(encoding="utf-8"), re.S):
+def examples(page: str) -> list[str]:
+    """Return the Python of a page."""
+    return re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.S)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if examples(page)])
+def test_the_examples_of_the_docs_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for code in examples(page):
         exec(compile(code, page, "exec"), {})
 
 
+def test_pages_have_examples() -> None:
+    assert {"how-to/python.md", "how-to/simulate.md"} <= {page for page in PAGES if examples(page)}
+
+
 def test_pictures_and_pages_that_are_named_exist() -> None:
-    for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
+    others = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+    for page in [*others, *(DOCS / name for name in PAGES)]:
         for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
             if not target.startswith("http"):
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
@@ -98,15 +112,57 @@ def keys(model: type, seen: set[type]) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize(("page", "model"), [("rig-files.md", "Rig"), ("scenarios.md", "Scenario")])
+@pytest.mark.parametrize(("page", "model"), list(zip(GENERATED, ("Rig", "Scenario"))))
 def test_every_key_is_in_the_reference(page: str, model: str) -> None:
-    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    text = (DOCS / page).read_text(encoding="utf-8")
     missing = {key for key in keys(getattr(distal, model), set()) if f"`{key}`" not in text}
     assert missing - {"si", "value", "std"} == set()
 
 
 def test_the_reference_is_up_to_date() -> None:
-    from tools.reference import PAGES, updated
+    from tools.reference import PAGES as PAGES_OF_KEYS
+    from tools.reference import written
 
-    for page, root in PAGES.items():
-        assert page.read_text(encoding="utf-8") == updated(page, root), "run python -m tools.reference"
+    assert sorted(f"reference/{page}" for page in PAGES_OF_KEYS) == sorted(GENERATED)
+    for page in PAGES_OF_KEYS:
+        text = (DOCS / "reference" / page).read_text(encoding="utf-8")
+        assert text == written(page), "run python -m tools.reference"
+
+
+def test_pages_that_code_names_exist() -> None:
+    folders = ("src", "tests", "tools", "benchmarks", "examples")
+    files = [path for folder in folders for kind in ("*.py", "*.toml") for path in (ROOT / folder).rglob(kind)]
+    for file in files:
+        for page in re.findall(r"\bdocs/[\w/-]+\.md", file.read_text(encoding="utf-8")):
+            assert (ROOT / page).exists(), f"{file.relative_to(ROOT)}: {page}"
+
+
+def words(page: str) -> int:
+    """Return how many words a page has; bars of tables and other signs alone are none."""
+    return sum(bool(re.search(r"\w", word)) for word in (DOCS / page).read_text(encoding="utf-8").split())
+
+
+def longest_table(text: str) -> int:
+    """Return the number of rows below the head of a page's longest table."""
+    tables = re.findall(r"(?m)^[ \t]*\|[ :|-]+\|\n((?:[ \t]*\|.*\n?)*)", text)
+    return max((len(rows.splitlines()) for rows in tables), default=0)
+
+
+def test_rows_of_tables_are_counted() -> None:
+    assert longest_table("| a | b |\n|---|---|\n| 1 | 2 |\n| 3 | 4 |\n\nand\n\n| c |\n|---|\n| 5 |\n") == 2
+    assert longest_table("none") == 0
+
+
+def test_the_documentation_is_short() -> None:
+    """Said once, in few words: all of it below 28,000 words, a page below 3,000, a task below 800."""
+    counted = {page: words(page) for page in PAGES if page not in GENERATED}
+    assert sum(counted.values()) <= 28_000
+    assert {page: count for page, count in counted.items() if count > 3000} == {}
+    assert {page: count for page, count in counted.items() if page.startswith("how-to/") and count > 800} == {}
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.startswith("how-to/")])
+def test_a_task_has_no_results_and_no_long_table(page: str) -> None:
+    text = (DOCS / page).read_text(encoding="utf-8")
+    assert longest_table(text) <= 10
+    assert "<!-- table:" not in text

@@ -7,7 +7,8 @@ import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from posixpath import normpath
 from urllib.parse import unquote
 
 import pytest
@@ -52,18 +53,22 @@ def test_the_site(tmp_path: Path) -> None:
     pytest.importorskip("mkdocs", reason="the extra 'docs' is not installed")
     done = built(tmp_path / "site", ROOT / "mkdocs.yml", ROOT)
     assert done.returncode == 0, done.stderr
-    pages = {path.name: Links(path.read_text(encoding="utf-8")) for path in (tmp_path / "site").glob("*.html")}
-    sources = {path.stem for path in (ROOT / "docs").glob("*.md")}
+    site = tmp_path / "site"
+    pages = {
+        path.relative_to(site).as_posix(): Links(path.read_text(encoding="utf-8")) for path in site.rglob("*.html")
+    }
+    sources = {path.relative_to(ROOT / "docs").with_suffix("").as_posix() for path in (ROOT / "docs").rglob("*.md")}
     assert {f"{name}.html" for name in sources | {"index", "contributing", "changelog", "ros2"}} <= set(pages)
     for name, page in pages.items():
         for target in page.loaded:
             assert "://" not in target, f"{name} loads {target}"
         for link in page.links:
             target, _, anchor = link.partition("#")
-            if "://" in target or target.startswith(("mailto:", "/", "..")) or name == "404.html":
+            if "://" in target or target.startswith(("mailto:", "/")) or name == "404.html":
                 continue
-            assert not target or (tmp_path / "site" / unquote(target)).exists(), f"{name}: {link}"
-            held = pages.get(target or name)
+            leads = normpath(str(PurePosixPath(name).parent / unquote(target))) if target else name
+            assert (site / leads).exists(), f"{name}: {link}"
+            held = pages.get(leads)
             assert not anchor or held is None or unquote(anchor) in held.anchors, f"{name}: {link}"
     for public in distal.__all__:
         assert f"distal.{public}" in pages["reference.html"].anchors, public
@@ -76,8 +81,8 @@ def test_what_is_missing_fails(tmp_path: Path) -> None:
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("mkdocs.yml", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE"):
         shutil.copyfile(ROOT / name, tmp_path / name)
-    with (tmp_path / "docs" / "live.md").open("a", encoding="utf-8") as file:
-        file.write("\n[dead](nowhere.md) [dead](model.md#nowhere)\n")
+    with (tmp_path / "docs" / "how-to" / "live.md").open("a", encoding="utf-8") as file:
+        file.write("\n[dead](nowhere.md) [dead](../explanation/model.md#nowhere)\n")
     (tmp_path / "docs" / "stray.md").write_text("# Not in the menu\n", encoding="utf-8")
     done = built(tmp_path / "site", tmp_path / "mkdocs.yml", tmp_path)
     assert done.returncode != 0

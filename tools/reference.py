@@ -1,20 +1,20 @@
-"""Write the tables of keys in docs/rig-files.md and docs/scenarios.md from the descriptions themselves.
+"""Write docs/reference/rig-keys.md and scenario-keys.md from the descriptions themselves.
 
-`python -m tools.reference` rewrites what stands between the markers; a test checks that it is up to date.
+`python -m tools.reference` writes both pages; a test checks that they are up to date.
 """
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 from pydantic.fields import FieldInfo
 
 from distal.rig import Description, In, Parameter, Rig
+from distal.rig.quantities import KEYS
 from distal.simulation import Scenario
 from distal.simulation.signals import Signal, SignalIn
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[1] / "docs" / "reference"
 
 
 def _inner(field: FieldInfo) -> list[type[Description]]:
@@ -88,21 +88,47 @@ def tables(root: type[Description]) -> str:
             continue
         seen.add(model)
         first = (model.__doc__ or "").strip().splitlines()[0]
-        lines += [f"### {title}", "", first, "", *_rows(model), ""]
+        lines += [f"## {title}", "", first, "", *_rows(model), ""]
         for name, field in model.model_fields.items():
             queue += [(inner, f"`{name}`: {inner.__name__}") for inner in _inner(field)]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def updated(page: Path, root: type[Description]) -> str:
-    """Return the page with its tables as they are now."""
-    text = page.read_text(encoding="utf-8")
-    marker = r"(<!-- keys: [^\n]* -->\n).*?(<!-- end of keys -->)"
-    return re.sub(marker, lambda m: m[1] + "\n" + tables(root) + "\n" + m[2], text, flags=re.S)
+NUMBER = {
+    "value": "the value",
+    "std": "standard deviation of what is not known about it; as text also a share of the value",
+    "factor": "in place of std: the value may be so many times as large or small",
+    "drift": "its random walk per √s; default: 2 % of the std, of a bias none",
+    "hold": "true: the std is a prior for fitting only",
+    "shared": "name and std of an error that all of this name have in common, as a share of the value",
+}
+"""What a number that has a std may be written with."""
 
 
-PAGES = {DOCS / "rig-files.md": Rig, DOCS / "scenarios.md": Scenario}
+def numbers() -> str:
+    """Return the table of the keys of a number."""
+    if set(NUMBER) != set(KEYS):
+        raise ValueError(f"NUMBER has to describe {', '.join(KEYS)}")
+    rows = [f"| `{key}` | {NUMBER[key]} |" for key in KEYS]
+    return "\n".join(
+        ["## A number with std", "", "Where a unit is followed by std.", "", "| key | what |", "|---|---|", *rows]
+    )
+
+
+PAGES = {
+    "rig-keys.md": (Rig, "Keys of a rig file", "Every table and key of a [rig file](rig-files.md)."),
+    "scenario-keys.md": (Scenario, "Keys of a scenario", "Every table and key of a [scenario](../how-to/simulate.md)."),
+}
+"""Page → what is described, title, first sentence."""
+
+
+def written(page: str) -> str:
+    """Return a page as it should be."""
+    root, title, first = PAGES[page]
+    text = f"# {title}\n\n{first} `python -m tools.reference` writes this page.\n\n{tables(root)}"
+    return f"{text}\n{numbers()}\n" if root is Rig else text
+
 
 if __name__ == "__main__":
-    for page, root in PAGES.items():
-        page.write_text(updated(page, root), encoding="utf-8")
+    for page in PAGES:
+        (DOCS / page).write_text(written(page), encoding="utf-8")

@@ -1,7 +1,7 @@
 """Put measured tables into the documentation, each from the file that its command wrote.
 
 `python -m tools.results` after `make demo` and `make bench`: copies out/reproduce/results.json and out/bench/*.md between
-the markers in README.md and docs/, and the figures to docs/figures.
+the markers in docs/, and the figures to docs/figures. Wide tables are shortened here: a page has one row for each case.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -70,55 +71,121 @@ def bench(name: str) -> str:
     return (ROOT / "out/bench" / f"{name}.md").read_text(encoding="utf-8").split("\n\n", 1)[1].strip()
 
 
-TABLES = {
+def cells(name: str) -> tuple[list[str], list[dict[str, str]]]:
+    """Return the columns of a measured table and its rows by column."""
+    lines = bench(name).splitlines()
+    head, *rows = ([cell.strip() for cell in line.strip()[1:-1].split("|")] for line in (lines[0], *lines[2:]))
+    return head, [dict(zip(head, row, strict=True)) for row in rows]
+
+
+def written(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table in Markdown."""
+    lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}", *(f"| {' | '.join(row)} |" for row in rows)]
+    return "\n".join(lines)
+
+
+def part(name: str, *columns: str, only: Callable[[dict[str, str]], bool] = lambda row: True) -> str:
+    """Return some columns, and some rows, of a measured table.
+
+    Args:
+        name: of the table.
+        columns: to keep, all if none is named.
+        only: says which rows are kept.
+    """
+    head, rows = cells(name)
+    kept = list(columns) or head
+    return written(kept, [[row[column] for column in kept] for row in rows if only(row)])
+
+
+def side_by_side(
+    name: str,
+    keys: tuple[str, ...],
+    values: tuple[str, str],
+    names: tuple[str, ...],
+    only: Callable[[dict[str, str]], bool] = lambda row: True,
+) -> str:
+    """Return one row for each case, and in it "first (second)" of two columns for each estimator.
+
+    Args:
+        name: of the table.
+        keys: columns that make a case.
+        values: the two columns that are shown.
+        names: estimators, from left to right; – where a case has none.
+        only: says which rows are kept.
+    """
+    found: dict[tuple[str, ...], dict[str, str]] = {}
+    for row in filter(only, cells(name)[1]):
+        shown = f"{row[values[0]]} ({row[values[1]].removesuffix(' %')})"
+        found.setdefault(tuple(row[key] for key in keys), {})[row["estimator"]] = shown
+    rows = [[*case, *(held.get(one, "–") for one in names)] for case, held in found.items()]
+    return written([*keys, *names], rows)
+
+
+strangers = partial(side_by_side, keys=("case",), values=("RMS [°]", "inside 95 % band [%]"))
+accuracy = partial(side_by_side, values=("RMS [°]", "inside 95 % band"))
+RIVALS = ("adaptive", "elastic", "inextensible", "ekf")
+PARTS = ("part", "within 2 standard errors", "RMS, fitted [°]", "ratio", "inside")
+
+TABLES: dict[str, Callable[[], str]] = {
     "claims": claims,
     "readings": readings,
-    "stepping": lambda: bench("stepping"),
-    "stepping-cost": lambda: bench("stepping-cost"),
-    "accuracy-goals": lambda: bench("accuracy-goals"),
-    "accuracy-adaptive": lambda: bench("accuracy-adaptive"),
-    "accuracy-mujoco": lambda: bench("accuracy-mujoco"),
-    "accuracy-rivals": lambda: bench("accuracy-rivals"),
-    "speed": lambda: bench("speed"),
-    "chains-data": lambda: bench("chains-data"),
-    "chains": lambda: bench("chains"),
-    "chains-cost": lambda: bench("chains-cost"),
-    "chains-stepping": lambda: bench("chains-stepping"),
-    "chains-energy": lambda: bench("chains-energy"),
-    "chains-stick-slip": lambda: bench("chains-stick-slip"),
+    "stepping": lambda: part("stepping", "scheme", "6", "10", "15", "30"),
+    "speed": lambda: part(
+        "speed", "what", "median [µs]", "ratio to the first", only=lambda row: "interpreted" not in row["what"]
+    ),
+    "accuracy-goals": lambda: part(
+        "accuracy-goals", "case", "RMS [°]", "worst seed [°]", "inside 95 % band", "half-width [°]"
+    ),
+    "accuracy-rivals": lambda: accuracy("accuracy-rivals", keys=("plants",), names=(*RIVALS, "ekf-2008", "iterated")),
+    "accuracy-mujoco": lambda: accuracy(
+        "accuracy-mujoco", keys=("log",), names=(*RIVALS, "ekf-2008", "iterated", "unscented", "particle")
+    ),
+    "smoothing": lambda: part("smoothing", "logs", "filter [°]", "smoother [°]", "inside, filter", "inside, smoother"),
+    "chains": lambda: side_by_side(
+        "chains",
+        keys=("plant", "log"),
+        values=("mean [°]", "inside [%]"),
+        names=("adaptive", "without forces", "elastic", "inextensible"),
+    ),
+    "fit-parameters": lambda: part(
+        "fit-parameters", "", "within 2 errors", "RMS error / std. error", "RMS", "std. error"
+    ),
+    "fit-da-vinci": lambda: part("fit-da-vinci", only=lambda row: not row["run"].startswith("run")),
+    "microcontroller": lambda: part("microcontroller", only=lambda row: row["estimator"] == "adaptive"),
+    "strangers-steps": lambda: strangers(
+        "strangers-steps", names=("adaptive", "adaptive, plant known", "elastic", "inextensible", "ekf")
+    ),
+    "strangers-glitches": lambda: strangers("strangers-glitches", names=RIVALS),
+    "strangers-series": lambda: strangers("strangers-series", names=RIVALS),
+    "strangers-rigs": lambda: part(
+        "strangers-rigs",
+        "logs",
+        "estimator",
+        "median RMS [°]",
+        "inside 95 % band, mean [%]",
+        "below half inside [%]",
+        "diverged",
+    ),
+    "strangers-poses": lambda: strangers("strangers-poses", names=("adaptive", "affine", "inextensible")),
+    "strangers-kinds": lambda: strangers(
+        "strangers-kinds",
+        names=("adaptive", "affine", "adaptive, nothing learned"),
+        only=lambda row: "homed over half" not in row["case"],
+    ),
+    "strangers-homing": lambda: strangers("strangers-homing", names=("adaptive", "affine", "inextensible")),
+    "strangers-hands": lambda: strangers("strangers-hands", names=("adaptive", "affine")),
+    "strangers-foreign": lambda: strangers(
+        "strangers-foreign", names=("adaptive", "affine", "adaptive, rig as it came")
+    ),
+    "parts": lambda: part("parts", *PARTS),
+    "parts-some": lambda: part("parts-some", *PARTS),
     **{
         name: partial(bench, name)
         for name in (
-            "fit-derivatives",
-            "fit-steps",
-            "fit-optimisers",
-            "fit-parameters",
             "fit-blind",
             "fit-mujoco",
-            "fit-da-vinci",
             "hysteresis",
-            "processes",
-            "microcontroller",
-            "casadi",
             "float-errors",
-            "soak",
-            "strangers-steps",
-            "strangers-glitches",
-            "strangers-rigs",
-            "strangers-rigs-kinds",
-            "strangers-rigs-worst",
-            "strangers-series",
-            "strangers-poses",
-            "strangers-kinds",
-            "strangers-homing",
-            "parts",
-            "parts-some",
-            "sheaths",
-            "strangers-hands",
-            "strangers-contact",
-            "strangers-contact-onset",
-            "strangers-foreign",
-            "smoothing",
             "reliability",
         )
     },
@@ -127,7 +194,7 @@ TABLES = {
 
 def main() -> None:
     """Rewrite what stands between the markers."""
-    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+    for page in sorted((ROOT / "docs").rglob("*.md")):
         text = page.read_text(encoding="utf-8")
         for name, table in TABLES.items():
             marker = rf"(<!-- table: {name} -->\n).*?(\n?<!-- end of table -->)"

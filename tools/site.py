@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -44,40 +45,45 @@ def linked(text: str, folder: Path) -> dict[str, Path]:
     return found
 
 
-def rewritten(text: str, folder: Path) -> str:
+def rewritten(text: str, folder: Path, page: str) -> str:
     """Return a page with links as they are on the site.
 
     Args:
         text: of the page.
         folder: that its links count from.
+        page: where the site has it.
     """
-    pages = {(ROOT / source).resolve(): page for page, source in PAGES.items()}
+    pages = {(ROOT / source).resolve(): target for target, source in PAGES.items()}
 
     def to_site(match: re.Match[str]) -> str:
         target = match[2]
         if "://" in target:
             return match[0]
         path = (folder / target).resolve()
-        if path in pages:
-            return f"{match[1]}{pages[path]}{match[3]}"
         if path.is_dir() and (path / "README.md").exists():
             path /= "README.md"
-        if path.exists() and path.is_relative_to(ROOT / "docs"):
-            return f"{match[1]}{path.relative_to(ROOT / 'docs').as_posix()}{match[3]}"
-        if path.is_file():
-            return f"{match[1]}{FOLDER}/{path.relative_to(ROOT).as_posix()}{match[3]}"
-        return match[0]
+        if path in pages:
+            found = pages[path]
+        elif path.exists() and path.is_relative_to(ROOT / "docs"):
+            found = path.relative_to(ROOT / "docs").as_posix()
+        elif path.is_file():
+            found = f"{FOLDER}/{path.relative_to(ROOT).as_posix()}"
+        else:
+            return match[0]
+        return f"{match[1]}{os.path.relpath(found, Path(page).parent)}{match[3]}"
 
     return LINK.sub(to_site, text)
 
 
 def on_files(files: Files, config: Any) -> Files:
     """Add the README and its like, and the files of the repository that pages link to."""
-    sources = [(file.content_string, ROOT / "docs") for file in files if file.src_uri.endswith(".md")]
+    sources = [
+        (file.content_string, (ROOT / "docs" / file.src_uri).parent) for file in files if file.src_uri.endswith(".md")
+    ]
     for page, source in PAGES.items():
         text = (ROOT / source).read_text(encoding="utf-8")
         folder = (ROOT / source).parent
-        files.append(File.generated(config, page, content=rewritten(text, folder)))
+        files.append(File.generated(config, page, content=rewritten(text, folder, page)))
         sources.append((text, folder))
     known = {(ROOT / source).resolve() for source in PAGES.values()}
     for text, folder in sources:
@@ -92,4 +98,5 @@ def on_files(files: Files, config: Any) -> Files:
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     """Let links of a page in docs/ lead to where the site has their targets."""
-    return markdown if page.file.src_uri in PAGES else rewritten(markdown, ROOT / "docs")
+    where = page.file.src_uri
+    return markdown if where in PAGES else rewritten(markdown, (ROOT / "docs" / where).parent, where)

@@ -87,7 +87,7 @@ def log() -> Log:
 def naive(
     d: Discrepancy, place: Floats, torque: Floats, angle: Floats, own: Floats, dt: float
 ) -> tuple[Floats, Floats]:
-    """Return δ and the variance of the corrected angle, sample by sample, from docs/discrepancy.md."""
+    """Return δ and the variance of the corrected angle, sample by sample, from docs/explanation/discrepancy.md."""
     b, covariance, std = np.array(d.joints[0].coefficients), np.array(d.joints[0].covariance), d.joints[0].std
     low, high, centre, scale = (np.array(x) for x in (d.low, d.high, d.centre, d.scale))
     half = (high - low) / 2

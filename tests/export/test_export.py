@@ -75,7 +75,7 @@ def test_a_whole_log_under_sanitizers(rig: Rig, log: Log, plain: Log, name: str,
     """As Python to 1e-9 in double, to 0.02° in float; no address or undefined behaviour is reported.
 
     The full-state filters jump where a linearisation changes from sticking to slipping: in float, the spoiled log is for
-    the sanitizers only, and bands of ±24° are compared to 1 %; see docs/microcontrollers.md.
+    the sanitizers only, and bands of ±24° are compared to 1 %; see docs/how-to/microcontroller.md.
     """
     program = build(
         c_filter(rig, name, single), tmp_path, "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"

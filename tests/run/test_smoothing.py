@@ -129,7 +129,7 @@ def test_shipped_scenarios(name: str) -> None:
     rig = scenario_rig(scenario)
     logs = [simulate(rig, scenario, seed) for seed in range(8)]
     smoothed = [smooth(log, rig) for log in logs]
-    # on these two the smoother is up to 9 % worse than the filter; docs/guards.md says what else was tried
+    # on these two the smoother is up to 9 % worse than the filter; docs/results/guards.md says what else was tried
     most = 1.12 if name in ("series-2", "series-2-medium") else 1.03
     assert pooled(smoothed)[0] <= most * pooled([estimate(log, rig) for log in logs])[0]
     scale = AdaptiveFilter(rig).states.stds

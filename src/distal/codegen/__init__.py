@@ -1,7 +1,7 @@
 """C from CasADi's functions, written for few bytes: views instead of copies, loops instead of unrolled matrices.
 
 CasADi's own generator copies each slice of a vector and keeps a slot per intermediate; on a microcontroller that is
-most of the memory, and it has no vector lanes. docs/performance.md has the figures.
+most of the memory, and it has no vector lanes. docs/results/performance.md has the figures.
 
 From text to function, each module knows only those above it:
 

@@ -242,7 +242,7 @@ def paper_noise(rig: Rig, q: float = 1e-3, r: float = 1e-9, p0: float = 1.0, nam
     """Return the variances of `ekf-2008`: Q = q·I per sample, R = r·I, P0 = p0·I, all in SI.
 
     The paper prints 0.001 for Q and R without units. R = 0.001 m² would be a sensor that errs by 32 mm, three times its
-    travel, so R is read in mm², 1e-9 m²; docs/reproduction.md compares the readings.
+    travel, so R is read in mm², 1e-9 m²; docs/results/reproduction.md compares the readings.
 
     Args:
         rig: the description.

@@ -17,7 +17,7 @@ from distal.logs import Log
 
 WARM_ITERATIONS = 4
 """The search without some logs begins where that with all of them ended; more iterations gained less than 1 of −ln p on
-three of four rigs (docs/identification.md)."""
+three of four rigs (docs/results/fits.md)."""
 
 
 def cross_fit(numbers: Numbers, known: Sequence[Log], folds: Sequence[int]) -> list[Numbers]:

@@ -32,7 +32,7 @@ FIRST_WIDTH = 1e-2
 
 SLOPE_WIDTH = 0.3
 """Later ones over this share of what a number would be known to if all others were: over less, kinks of friction look like
-information (docs/identification.md)."""
+information (docs/explanation/learning.md)."""
 
 SMALLEST_WIDTH, SMALLEST_NOISE_WIDTH = 1e-3, 0.05
 """Least such shares: of a number, and of a noise, which changes where a joint slips and so what it seems to tell."""

@@ -36,7 +36,7 @@ STEP = 0.02
 
 INDEPENDENT, INDEPENDENT_CORRECTED, SHARE_CORRECTED = 0.1, 1.0, 1 / 3
 """Errors are taken to last at least so long [s]; with a learned map longer, 1 s but at most this share of the window: what
-is wrong with the model is left to the map, instead of bending the numbers (docs/discrepancy.md)."""
+is wrong with the model is left to the map, instead of bending the numbers (docs/explanation/discrepancy.md)."""
 
 UNEXPLAINED = 10.0
 """Errors of the angle begin with a variance of so many times what the filter thinks."""

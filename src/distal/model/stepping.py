@@ -20,7 +20,7 @@ from distal.model.stops import Push, Stop, kick_at_stops, restitution, velocity_
 Floats = NDArray[np.float64]
 
 RESOLUTION = 0.6
-"""Largest product of sub-step and stiffest frequency; see docs/numerics.md for the table behind it."""
+"""Largest product of sub-step and stiffest frequency; docs/results/numerics.md has the table behind it."""
 
 MOST_SUBSTEPS = 1000
 

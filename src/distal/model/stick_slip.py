@@ -21,7 +21,7 @@ NEVER = 2.0
 """Share of the load's change at which an event comes that does not come."""
 
 EVENTS = 2
-"""So many events per joint are followed: a hundred thousand random loads needed no more (docs/numerics.md)."""
+"""So many events per joint are followed: a hundred thousand random loads needed no more (docs/explanation/numerics.md)."""
 
 
 @dataclass(frozen=True)

@@ -180,7 +180,7 @@ class Meeting:
 
 
 MOST_NODES = 4
-"""More points in a sheath than this change nothing that a sensor sees (docs/sheaths.md)."""
+"""More points in a sheath than this change nothing that a sensor sees (docs/results/fits.md)."""
 
 
 class Path(Description):

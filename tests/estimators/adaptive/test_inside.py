@@ -58,8 +58,8 @@ def errors(result: Estimate) -> tuple[float, float]:
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SHEATHS else n for n in NAMES])
 def test_the_angle_is_right_and_its_band_holds(name: str) -> None:
-    """0.03 to 0.05° is what such sensors give (docs/model.md); the number itself is not given, and a gap of a joint, which
-    the joint crosses in a moment, is learned last."""
+    """0.03 to 0.05° is what such sensors give (docs/results/fits.md); the number itself is not given, and a gap of a joint,
+    which the joint crosses in a moment, is learned last."""
     rms, inside = errors(known(name))
     assert rms < (0.13 if name == "backlash of the joint" else 0.07)
     assert inside > 0.9

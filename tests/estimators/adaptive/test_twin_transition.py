@@ -1,4 +1,4 @@
-"""What a smoother needs of the filter: predictions and transitions, section 9 of docs/adaptive.md, against the twin."""
+"""Predictions and transitions for a smoother, against the twin: docs/explanation/adaptive-guards.md, section 9."""
 
 from __future__ import annotations
 

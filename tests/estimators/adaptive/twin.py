@@ -1,7 +1,7 @@
-"""A naive twin of the adaptive filter in NumPy, written from docs/adaptive.md alone: loops, full matrices, no tricks.
+"""A naive twin of the adaptive filter in NumPy, written from docs/explanation/adaptive*.md alone: loops, full matrices.
 
 It takes one sub-step and its slopes from `distal.model`, through `twin_model`. Numbers in brackets are the equations
-of docs/adaptive.md. `taken` counts which branches were gone through, so that a test can say what it has seen.
+of docs/explanation/adaptive.md. `taken` counts which branches were gone through, so that a test can say what it has seen.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Sample:
 
 
 class Twin:
-    """The filter of docs/adaptive.md for a rig and a set of guards."""
+    """The filter of docs/explanation/adaptive.md for a rig and a set of guards."""
 
     def __init__(self, rig: Rig, guards: Robustness, references: tuple[Any, ...] = ()) -> None:
         self.rig, self.guards, self.taken = rig, guards, Counter[str]()

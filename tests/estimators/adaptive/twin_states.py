@@ -1,4 +1,4 @@
-"""The state vector of the naive twin: section 2 of docs/adaptive.md, one plain list."""
+"""The state vector of the naive twin: docs/explanation/adaptive-state.md, one plain list."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sections 6 and 7 of docs/adaptive.md for the naive twin: what is compared, stick and slip, the update."""
+"""Sections 6 and 7 of docs/explanation/adaptive.md for the naive twin: what is compared, stick and slip, the update."""
 
 from __future__ import annotations
 

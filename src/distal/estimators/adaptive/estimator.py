@@ -33,13 +33,13 @@ from distal.rig import Affine, Contact, Discrepancy, LearnedMap, Rig, Sensor
 Floats = NDArray[np.float64]
 
 LONGEST_SUBSTEP = 2.5e-3
-"""Longest sub-step of the joints alone [s]: their own modes are slow (docs/numerics.md)."""
+"""Longest sub-step of the joints alone [s]: their own modes are slow (docs/results/numerics.md)."""
 
 CHAIN_RESOLUTION = 1.5
-"""The same as `RESOLUTION` for joints that carry one another: of their fastest mode nothing is seen (docs/chains.md)."""
+"""The same as `RESOLUTION` for chains: no sensor sees their fastest mode (docs/explanation/numerics.md)."""
 
 MOST_SCALARS = 24
-"""With more states than this the update stays a function of matrices: as fast, built in seconds (docs/performance.md)."""
+"""With more states than this the update stays a function of matrices: as fast, and built in seconds."""
 
 MOST_JOINT_SUBSTEPS = 50
 """More sub-steps than this would cost more than they bring: a stiffer joint follows its tendons."""

@@ -1,6 +1,6 @@
 """Let what moves inside the rig follow the bodies over an interval: plays are pushed by their bounds, tendons creep. (15b)
 
-docs/adaptive.md, section 5, "What moves inside".
+docs/explanation/adaptive.md, section 5, "Plays inside the rig".
 """
 
 from __future__ import annotations

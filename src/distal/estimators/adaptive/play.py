@@ -16,7 +16,7 @@ from distal.model import clip_moments
 from distal.sensors import variance
 
 CALM = 8.0
-"""The effort that moves a play is smoothed until its noise is below the play's limit over this (docs/da-vinci.md)."""
+"""A play's effort is smoothed until its noise is below the limit over this: docs/explanation/adaptive.md, (14)."""
 
 CREST = 2.0
 """A play is moved by the crests of the noise: its limits are wider by this many of its standard deviations."""

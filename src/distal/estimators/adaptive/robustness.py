@@ -1,6 +1,7 @@
 """All that guards the filter against a wrong model or a bad sensor, as one frozen description.
 
-`Robustness.none()` leaves the textbook filter. docs/adaptive.md says where each guard stands in the algorithm.
+`Robustness.none()` leaves the textbook filter. docs/explanation/adaptive-guards.md says where each guard
+stands in the algorithm.
 """
 
 from __future__ import annotations
@@ -43,49 +44,49 @@ class Robustness:
     """
 
     wild_displacement: float = 6.0
-    """docs/guards.md: costs on loads that step, brings on bursts and random rigs with wild samples"""
+    """docs/results/guards.md: costs on loads that step, brings on bursts and random rigs with wild samples"""
     real_jump: float = 0.1
-    """docs/guards.md, bursts of five samples"""
+    """docs/results/guards.md, bursts of five samples"""
     persistence: float = 0.02
-    """docs/guards.md"""
+    """docs/results/guards.md"""
     persistence_alone: float = 0.05
-    """docs/guards.md"""
+    """docs/results/guards.md"""
     bend_share: float = 0.12
-    """a parabola misses 1/8 of its second difference; docs/adaptive.md, equation (6)"""
+    """a parabola misses 1/8 of its second difference; docs/explanation/adaptive.md, equation (6)"""
     follow_time: float = 0.05
-    """docs/guards.md: without it the band is too narrow where samples are missing"""
+    """docs/results/guards.md: without it the band is too narrow where samples are missing"""
     followed_variance: float = 20.0
-    """docs/guards.md, and `python -m benchmarks.sensitivity`, table sensitivity-lost"""
+    """docs/results/guards.md, and `python -m benchmarks.sensitivity`, table sensitivity-lost"""
     wild_force: float = 9.0
-    """3 σ; docs/guards.md: without it one wild force throws the filter off"""
+    """3 σ; docs/results/guards.md: without it one wild force throws the filter off"""
     sticking_time: float = 0.5
-    """docs/guards.md; 50 samples of the paper's rig"""
+    """docs/results/guards.md; 50 samples of the paper's rig"""
     turning_time: float = 0.1
-    """docs/guards.md; 10 samples of the paper's rig"""
+    """docs/results/guards.md; 10 samples of the paper's rig"""
     beyond_time: float = 0.0
-    """docs/chains.md: of a joint with its own drives one mean residual is compared anyway"""
+    """docs/explanation/chains.md: of a joint with its own drives one mean residual is compared anyway"""
     unknown_friction: float = 0.7
-    """docs/guards.md, and `python -m benchmarks.sensitivity`, table sensitivity-priors"""
+    """docs/results/guards.md, and `python -m benchmarks.sensitivity`, table sensitivity-priors"""
     unknown_friction_walk: float = 0.6
     """as above"""
     declared_friction: float = 0.1
     """a third of a load cell's σ on the paper's rig: less cannot be told from noise"""
     reference_time: float = 0.0
-    """docs/chains.md, "Homing": of one joint a reference teaches as fast as it comes"""
+    """docs/explanation/homing.md: of one joint a reference teaches as fast as it comes"""
     parameter_walk: float = 0.02
-    """docs/guards.md: nothing on logs of 12 s; on a long log a parameter that drifts is followed"""
+    """docs/results/guards.md: nothing on logs of 12 s; on a long log a parameter that drifts is followed"""
     learning_time: float = 0.3
-    """docs/guards.md, "How fast parameters are learned"; of forces with declared friction, and of tensions"""
+    """docs/results/guards.md, "How fast parameters are learned"; of forces with declared friction, and of tensions"""
     learning_time_guarded: float = 0.03
     """as above; of forces with friction that is not declared, where `sticking_time` and `turning_time` do the most"""
     creep_learning_time: float = 10.0
-    """docs/model.md, "Creep": two tendons that creep against each other look like a joint that turns"""
+    """docs/explanation/model.md, "Creep": two tendons that creep against each other look like a joint that turns"""
     unmodelled: float = 1.0
-    """the rig file says how much (docs/rig-files.md); without it the band is too narrow: docs/guards.md"""
+    """the rig file says how much (docs/reference/rig-keys.md); without it the band is too narrow: docs/results/guards.md"""
     angle_walk: float = 0.0
-    """docs/chains.md: of one joint, `unmodelled` does the same"""
+    """docs/explanation/chains.md: of one joint, `unmodelled` does the same"""
     moving_only: bool = False
-    """docs/identification.md, "Friction that the rig does not declare\""""
+    """docs/explanation/learning.md, "The criterion\""""
 
     @property
     def guards_displacements(self) -> bool:
@@ -117,7 +118,7 @@ class Robustness:
     def usual(cls, n_joints: int) -> Robustness:
         """Return the guards that a rig gets unless others are given.
 
-        In a chain several forces speak of each joint, so that one sample of each may count more (docs/chains.md).
+        In a chain several forces depend on each joint, so that one sample of each counts more (docs/explanation/chains.md).
 
         Args:
             n_joints: number of joints.

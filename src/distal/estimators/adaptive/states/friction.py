@@ -63,7 +63,7 @@ class UnknownFriction(State):
 
     @property
     def smoothed(self) -> bool:
-        """It is not: what the filter takes for friction at one time says little of another (docs/estimators.md)."""
+        """It is not: friction at one time says little of another time (docs/explanation/adaptive-guards.md)."""
         return False
 
     def friction(self, drive: int, own: Any) -> Any:

@@ -132,7 +132,7 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         rough = known_to_a_factor(first, 1.0, relative)
         logarithmic = rough and number(context.mechanism.rig, first).quantity.bound == "positive"
         mean, spread = (1.0, float(np.log1p(relative))) if logarithmic else cut_normal(1.0, relative)
-        # physics that the rig lacks would teach it wrongly (docs/accuracy-strangers.md, "Rigs that are hardly known")
+        # physics that the rig lacks would teach it wrongly (docs/results/other-rigs.md, "Rigs that are hardly known")
         return UncertainParameter(own, tuple(indices), "factor", mean, spread, walked, SMALLEST_FACTOR, rough)
 
     for i in seen:
