@@ -15,7 +15,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 FIGURES = {
-    "out/reproduce/figure-3.svg": "figure-3.svg",
+    "out/reproduce/summary.png": "paper-summary.png",
     "out/bench/stepping.svg": "stepping.svg",
     "out/bench/speed.svg": "speed.svg",
     "out/bench/accuracy.svg": "accuracy.svg",
@@ -26,7 +26,7 @@ def claims() -> str:
     """Return the table of the paper's statements from results.json."""
     held = json.loads((ROOT / "out/reproduce/results.json").read_text(encoding="utf-8"))
     lines = [
-        "| | statement | measure | threshold | as printed | as observed | verdict |",
+        "| | statement | measure | threshold | as printed | as observed | |",
         "|---|---|---|---|---|---|---|",
     ]
     for key in (f"C{i}" for i in range(1, 13)):
@@ -39,7 +39,7 @@ def claims() -> str:
         bound = f"≥ {main['least']:g}" if main["least"] is not None else f"≤ {main['most']:g}"
         more = len(claim["measures"]) - 1
         measure = main["measure"] + (f" (and {more} more)" if more else "")
-        row = [key, claim["statement"], measure, bound, *cells, claim["verdict"]]
+        row = [key, claim["statement"], measure, bound, *cells, claim["group"]]
         lines.append(f"| {' | '.join(row)} |")
     return "\n".join(lines)
 
