@@ -131,7 +131,7 @@ def _batch(
 
 def _lanes(runner: Estimator) -> LaneKernel | None:
     """Return an estimator's kernel for several runs at once, None where it has none."""
-    return runner.kernel.lanes() if isinstance(runner, KernelEstimator) and runner.kernel is not None else None
+    return runner.kernel.lanes() if isinstance(runner, KernelEstimator) and runner.has_kernel else None
 
 
 def _named(source: Any) -> str:
@@ -155,7 +155,8 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
         return []
     runner = runs[0].runner
     lanes = _lanes(runner)
-    kernels = {id(run.runner.kernel) for run in runs if isinstance(run.runner, KernelEstimator)}
+    own = (run.runner for run in runs if isinstance(run.runner, KernelEstimator))
+    kernels = {id(one.kernel) for one in own if one.has_kernel}
     # a homing move may give a run another kernel (`with_straight_line`)
     if lanes is None or len(runs) == 1 or len(kernels) > 1 or not isinstance(runner, KernelEstimator):
         return [_alone(run) for run in runs]
