@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from distal.analysis import PLANTS, READINGS, SEEDS, SERIES_2, Claim, Measure, Run, all_runs, measure_claims, rms
 from distal.errors import OutputError
@@ -74,14 +74,14 @@ def _svg(made: Figure) -> str:
     return buffer.getvalue()
 
 
-def results(claims: Sequence[Claim], runs: Sequence[Run]) -> dict[str, Any]:
+def results(claims: Sequence[Claim], runs: Sequence[Run]) -> dict[str, object]:
     """Return what `results.json` holds: C1 to C12 with numbers and verdict, and the errors of all estimators.
 
     Args:
         claims: of `measure_claims`.
         runs: of `all_runs`.
     """
-    held: dict[str, Any] = {
+    held: dict[str, object] = {
         claim.key: {
             "statement": claim.statement,
             "verdict": claim.verdict,
@@ -102,7 +102,7 @@ def results(claims: Sequence[Claim], runs: Sequence[Run]) -> dict[str, Any]:
     return held
 
 
-def _measure(measure: Measure) -> dict[str, Any]:
+def _measure(measure: Measure) -> dict[str, object]:
     values = {plant: round(value, 4) for plant, value in measure.values.items()}
     holds = {plant: measure.holds(plant) for plant in measure.values}
     return {"measure": measure.text, "least": measure.least, "most": measure.most, "values": values, "holds": holds}
