@@ -6,9 +6,12 @@ import math
 import re
 from functools import lru_cache
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING
 
 from distal.errors import UnitError
+
+if TYPE_CHECKING:
+    import pint
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _QUANTITY = re.compile(rf"^\s*({_NUMBER})\s*(.*?)\s*$")
@@ -24,10 +27,10 @@ _ANGLE_WORDS = re.compile(
 
 
 @lru_cache(maxsize=1)
-def _registry() -> Any:
+def _registry() -> pint.UnitRegistry[float]:
     import pint
 
-    registry: Any = pint.UnitRegistry(cache_folder=None)
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry(cache_folder=None)
     # roboticists write Nm; pint alone knows only N m
     registry.define("newton_metre = newton * metre = Nm")
     registry.define("@alias turn = rev = revs")

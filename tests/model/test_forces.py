@@ -224,7 +224,7 @@ def test_stiffness_grows_with_tension(delta: float, a: float) -> None:
 def test_the_arm_of_a_linkage_is_the_slope_of_its_excursion(theta: float) -> None:
     """r (1 + s u + c u²), and no excursion at θ = 0."""
     r, centre, slope, curvature = 5e-3, 0.4, 0.3, -0.2
-    insertion = Insertion("linkage", 1, r, None, (centre, slope, curvature))
+    insertion = Insertion("linkage", 1, r, 0.0, (centre, slope, curvature))
     angle = ca.SX.sym("angle")
     drawn = -elongation(insertion, angle, 0)
     function = ca.Function("e", [angle], [drawn, ca.jacobian(drawn, angle)])

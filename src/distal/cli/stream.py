@@ -14,7 +14,7 @@ from itertools import chain
 from math import isfinite, nan
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -25,8 +25,12 @@ from distal.cli.outputs import check_outputs, to_file
 from distal.errors import LogError, OutputError, printable
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
     from distal.logs import MessageReader, Recorder
-    from distal.run import Reading
+    from distal.run import Monitor, Reading
 
 LONGEST_LINE = 1 << 20
 """A line is no longer than this [bytes]: a stream without line ends must not fill the memory."""
@@ -100,7 +104,7 @@ class Session:
 
     def __init__(
         self,
-        monitor: Any,
+        monitor: Monitor,
         reader: MessageReader,
         recorder: Recorder | None,
         target: socket.socket | None,
@@ -169,7 +173,7 @@ class Session:
             return
         self._answer(self._monitor.take(time, sample), sample)
 
-    def _answer(self, reading: Reading, sample: Any) -> None:
+    def _answer(self, reading: Reading, sample: NDArray[np.float64] | None) -> None:
         self._counts[reading.health] += 1
         values = chain(*zip(reading.angles, reading.angle_stds), *zip(reading.torques, reading.torque_stds))
         message = {
@@ -190,7 +194,7 @@ class Session:
             with suppress(OSError):  # nobody listens there: that is none of the stream's business
                 self._target.sendto(sent, ("127.0.0.1", self._port))
 
-    def _record(self, reading: Reading, sample: Any, message: dict[str, Any]) -> None:
+    def _record(self, reading: Reading, sample: NDArray[np.float64] | None, message: Mapping[str, object]) -> None:
         """Record a sample; if that cannot go on, the estimates do."""
         from distal.logs import ESTIMATE_TOPIC, SAMPLE_TOPIC
 

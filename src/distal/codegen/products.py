@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+import casadi as ca
 
 from distal.codegen.memory import Value
 from distal.codegen.operations import CodeError
@@ -151,7 +151,7 @@ def _sum(index: str, offset: int) -> str:
     return f"{index} + {offset}" if offset else index
 
 
-def _triplets(sparsity: Any) -> tuple[list[int], list[int]]:
+def _triplets(sparsity: ca.Sparsity) -> tuple[list[int], list[int]]:
     """Return rows and columns of a sparse matrix's numbers, in their order."""
     rows, columns = sparsity.get_triplet()
     return [int(i) for i in rows], [int(i) for i in columns]

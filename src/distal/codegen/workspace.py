@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import casadi as ca
 
 from distal.codegen.dataflow import Dataflow
 from distal.codegen.memory import Memory, Value
 from distal.codegen.placement import Placement
+from distal.expressions import MatrixNode
 
 
 @dataclass
@@ -58,7 +58,7 @@ class Step:
 
     k: int
     operation: int
-    node: Any
+    node: MatrixNode
     inputs: list[Value]
     makes: list[int]
 

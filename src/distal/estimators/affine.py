@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from distal.errors import EstimationError
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import KernelEstimator
+from distal.expressions import Scalar
 from distal.kernels import Kernel, carry_layout
 from distal.kernels.mask import is_read
 from distal.logs import Log, true_angles
@@ -263,7 +263,7 @@ def learned_alone(window: Samples, kind: Kind) -> LearnedMap:
     return learned.model_copy(update={"logs": 0, "band": tuple(wider * c for c in learned.band)})
 
 
-def start_of(affine: Affine, joint: int, readings: Mapping[str, tuple[Any, Any]]) -> tuple[Any, Any]:
+def start_of(affine: Affine, joint: int, readings: Mapping[str, tuple[Scalar, Scalar]]) -> tuple[Scalar, Scalar]:
     """Return angle and variance of a joint at the first readings; what a play remembers is not known yet.
 
     Outside what the map was learned from its std grows, and far outside, or where a reading is missing, it says nothing.
@@ -273,7 +273,7 @@ def start_of(affine: Affine, joint: int, readings: Mapping[str, tuple[Any, Any]]
         joint: its index.
         readings: channel → (first reading, 1 where there is one), symbolic.
     """
-    own, phi, known, far = affine.joints[joint], dict[str, Any](), ca.SX(1), ca.SX(0)
+    own, phi, known, far = affine.joints[joint], dict[str, Scalar](), ca.SX(1), ca.SX(0)
     for i, name in enumerate(affine.channels):
         value, there = readings[name]
         phi[name] = (value - affine.centre[i]) / affine.scale[i]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -104,11 +104,27 @@ class KernelEstimator:
         measured: tuple[str, ...] = (),
     ) -> None:
         self.name, self.rig = name, rig
-        self.kernel: Any = kernel
+        self._kernel = kernel
         self.channels, self.measured, self.state_names = channels.names, measured, state_names
         self._p, self._interval = frozen(p), channels.interval
         self._begin: Evaluation | None = None
         self.report = NOTHING_REPORTED
+
+    @property
+    def has_kernel(self) -> bool:
+        """Whether it has its kernel; `affine` without a map has none before its homing move."""
+        return self._kernel is not None
+
+    @property
+    def kernel(self) -> Kernel:
+        """The function (carry, x, p) → (carry⁺, y).
+
+        Raises:
+            EstimationError: there is none yet; see `has_kernel`.
+        """
+        if self._kernel is None:
+            raise EstimationError(f"{self.name} has no kernel before its homing move")
+        return self._kernel
 
     def initial(self, time: float, sample: Floats) -> Belief:
         """Return the belief before the first sample.
@@ -148,8 +164,7 @@ class KernelEstimator:
 
     def export_function(self) -> ca.Function:
         """Return (carry, x, p) → (carry⁺, y) in the form for small memories: matrices as loops, the same numbers."""
-        function: ca.Function = self.kernel.function
-        return function
+        return self.kernel.function
 
     def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
         """Return the belief after a sample, and its innovation.
@@ -274,7 +289,7 @@ class KernelEstimator:
     @property
     def initial_size(self) -> int | None:
         """Size of a belief's carry, or None where only the estimator itself knows."""
-        return self.kernel.n_carry if self.kernel is not None else None
+        return self.kernel.n_carry if self.has_kernel else None
 
     def _checked(self, sample: Floats) -> Floats:
         try:

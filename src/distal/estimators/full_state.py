@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,10 +13,11 @@ from distal.errors import EstimationError
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.kalman import predict_covariance, update
+from distal.expressions import Vector
 from distal.kernels import Kernel, carry_layout
 from distal.kernels.mask import is_read
 from distal.model import Mechanism, substeps, tangent_step
-from distal.rig import Rig, angle_names, effort_unit, gain_of, position_unit, speed_names, tendon_angle_name
+from distal.rig import Rig, Sensor, angle_names, effort_unit, gain_of, position_unit, speed_names, tendon_angle_name
 from distal.sensors import systematic_variance, variance
 
 Floats = NDArray[np.float64]
@@ -79,7 +80,7 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
     return ca.Function("full_state", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
 
 
-def _update_function(mechanism: Mechanism, channels: Channels, measured: list[Any]) -> ca.Function:
+def _update_function(mechanism: Mechanism, channels: Channels, measured: Sequence[Sensor]) -> ca.Function:
     """Return prediction of the covariance and update as one scalar function."""
     nb, nd = mechanism.n_bodies, mechanism.n_drives
     n, m, p = 2 * nb, len(measured), mechanism.parameters.symbols
@@ -96,7 +97,7 @@ def _update_function(mechanism: Mechanism, channels: Channels, measured: list[An
     )
 
 
-def expected_measurements(mechanism: Mechanism, measured: list[Any], q: Any, v: Any) -> Any:
+def expected_measurements(mechanism: Mechanism, measured: Sequence[Sensor], q: Vector, v: Vector) -> Vector:
     """Return h(x), what position and tension sensors should read: s + bias, and T + bias.
 
     Args:
@@ -114,7 +115,7 @@ def expected_measurements(mechanism: Mechanism, measured: list[Any], q: Any, v: 
             expected.append(q[body] + sensor.bias.value)
         else:
             tension = mechanism.tensions(q, v)[tendons.index(sensor.of)]
-            expected.append(sensor.gain.value * tension + sensor.bias.value)
+            expected.append(gain_of(sensor).value * tension + sensor.bias.value)
     return ca.vertcat(*expected)
 
 

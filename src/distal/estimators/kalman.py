@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 
+from distal.expressions import Expression, Matrix, MatrixNode, Vector, VectorNode
 
-def symmetric(entries: Any) -> Any:
+
+def symmetric(entries: Expression) -> Expression:
     """Return the symmetric matrix with the lower triangle of `entries`: symmetry is exact, not approximate."""
     return ca.tril2symm(ca.tril(entries))
 
 
-def lowered(covariance: Any, gain: Any, loops: bool) -> Any:
+def lowered(covariance: MatrixNode, gain: VectorNode, loops: bool) -> MatrixNode:
     """Return P − g gᵀ, symmetric: with g = P hᵀ/√S the update with the optimal gain K = P hᵀ/S.
 
     Args:
@@ -23,7 +23,9 @@ def lowered(covariance: Any, gain: Any, loops: bool) -> Any:
     return ca.rank1(covariance, -1, gain, gain) if loops else symmetric(covariance - ca.mtimes(gain, gain.T))
 
 
-def predict_covariance(covariance: Any, transition: Any, input_map: Any, input_variances: Any, process: Any) -> Any:
+def predict_covariance(
+    covariance: Matrix, transition: Matrix, input_map: Matrix, input_variances: Vector, process: Vector
+) -> Matrix:
     """Return P⁻ = Φ P Φᵀ + G diag(q_u) Gᵀ + diag(q).
 
     Args:
@@ -39,7 +41,7 @@ def predict_covariance(covariance: Any, transition: Any, input_map: Any, input_v
     return with_least(whole, ca.diag(added))
 
 
-def with_least(covariance: Any, least: Any) -> Any:
+def with_least(covariance: Matrix, least: Vector) -> Matrix:
     """Return the matrix with no variance below what it is at least, (n,): rounding alone brings it there.
 
     Where one number is known 1e16 times as well as another, terms cancel to less than their rounding.
@@ -53,8 +55,8 @@ def with_least(covariance: Any, least: Any) -> Any:
 
 
 def update(
-    mean: Any, covariance: Any, residuals: Any, jacobian: Any, variances: Any, mask: Any
-) -> tuple[Any, Any, Any, Any]:
+    mean: Vector, covariance: Matrix, residuals: Vector, jacobian: Matrix, variances: Vector, mask: Vector
+) -> tuple[Vector, Matrix, Vector, Vector]:
     """Return mean, covariance, innovations and their variances after a sample, one scalar at a time.
 
     For each value: ν = z − h(x⁻) − H (x − x⁻), S = H P Hᵀ + R, K = P Hᵀ/S, x ← x + K ν,

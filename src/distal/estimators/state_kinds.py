@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
-from distal.rig import angle_names, speed_names, torque_names
+from distal.rig import Rig, angle_names, speed_names, torque_names
 
 
 class StateKind(Enum):
@@ -27,6 +27,13 @@ class StateKind(Enum):
     SENSOR_BIAS = "offset of a sensor of force, tension or angle"
     SENSOR_GAIN = "share by which such a sensor reads too much"
     OTHER = "anything else"
+
+
+class NamesStates(Protocol):
+    """An estimator, as far as its states are asked for."""
+
+    rig: Rig
+    state_names: tuple[str, ...]
 
 
 @runtime_checkable
@@ -57,7 +64,7 @@ def kinds_by_joint(names: Sequence[str], joints: Sequence[str]) -> tuple[tuple[S
     return tuple(kind for kind, _ in found), tuple(part for _, part in found)
 
 
-def kinds_of(runner: Any) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
+def kinds_of(runner: NamesStates) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
     """Return what an estimator's states are, and the parts that they are of, (n,) each.
 
     Args:
@@ -83,7 +90,7 @@ def states_of(
     return {part: found[part] for part in parts if part in found}
 
 
-def external_torques_of(runner: Any) -> dict[str, int]:
+def external_torques_of(runner: NamesStates) -> dict[str, int]:
     """Return joint → index of the state that is the torque on it from outside, in the order of the joints.
 
     Args:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from distal.fitting.progress import Progress, of_part
 from distal.fitting.proposals import propose
 from distal.fitting.result import Fit
 from distal.homing import check_homing
-from distal.logs import Log, read_log, true_angles
+from distal.logs import Log, Source, read_log, true_angles
 from distal.rig import Rig, load_rig
 
 FOR_LEAVING_OUT = 3
@@ -28,7 +27,7 @@ FOR_LEAVING_OUT = 3
 
 
 def fit(
-    logs: Sequence[Any],
+    logs: Sequence[Log | Source] | Log | str | Path,
     rig: Rig | str | Path,
     free: Sequence[str] | str = (),
     per_log: Sequence[str] | str = (),
@@ -108,7 +107,9 @@ def fit(
     return Fit.of(learned, rig, read, options, tuple(folds), tried)
 
 
-def _read(logs: Any, rig: Rig, truth: str | None, homing: float | None) -> list[Log]:
+def _read(
+    logs: Sequence[Log | Source] | Log | str | Path, rig: Rig, truth: str | None, homing: float | None
+) -> list[Log]:
     """Return the logs, read and checked."""
     if not rig.sensors:
         raise FitError("the rig has no sensors, so that no log can tell of it; describe them in [[sensors]]")

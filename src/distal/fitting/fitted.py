@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -71,7 +70,7 @@ class FittedNumber:
         return "mean over the logs" if self.per_log else "fitted"
 
 
-def assignments(numbers: Sequence[FittedNumber], start: Rig, prior_share: float | None = None) -> dict[str, Any]:
+def assignments(numbers: Sequence[FittedNumber], start: Rig, prior_share: float | None = None) -> dict[str, object]:
     """Return path → value, with its std where it had one, of what the logs tell.
 
     Args:
@@ -80,7 +79,7 @@ def assignments(numbers: Sequence[FittedNumber], start: Rig, prior_share: float 
         prior_share: stds are at least this share of the priors' where the fit is in doubt; None: as the logs tell; 0:
             estimators are to take the values as they are (`hold`).
     """
-    changed: dict[str, Any] = {}
+    changed: dict[str, object] = {}
     for part in numbers:
         if part.held:
             changed |= {f"{path}.hold": True for path in part.paths if number(start, path).is_parameter}
@@ -99,13 +98,12 @@ def assignments(numbers: Sequence[FittedNumber], start: Rig, prior_share: float 
             least = 0.0 if prior_share is None else prior_share * part.prior_std
             told = part.held_error if np.isfinite(part.held_error) else part.prior_std
             std = max(min(max(told, least), part.prior_std) * share, SMALLEST_RELATIVE_STD * abs(value))
-            changed[path] = {"value": rounded, **_spread(part, before, std, value, start)}
-            if prior_share == 0.0:
-                changed[path]["hold"] = True
+            held = {"hold": True} if prior_share == 0.0 else {}
+            changed[path] = {"value": rounded, **_spread(part, before, std, value, start), **held}
     return changed
 
 
-def _spread(part: FittedNumber, before: Number, std: float, value: float, start: Rig) -> dict[str, Any]:
+def _spread(part: FittedNumber, before: Number, std: float, value: float, start: Rig) -> dict[str, object]:
     """Return what a file says of how far a value may be off: together with others where all of them were varied as one."""
     name = before.shared[0] if before.shared is not None else None
     if name is not None and before.independent_std == 0.0 and set(start.sharing()[name]) <= set(part.paths):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from distal.errors import RigError
 from distal.rig import Rig, build_rig, parse_toml, set_value
@@ -40,17 +39,19 @@ def fitted_text(rig: Rig, start: Rig, values: Mapping[str, object], head: str, t
     return written
 
 
-def plain(raw: Any) -> Any:
+def plain(raw: Mapping[str, object]) -> dict[str, object]:
     """Return a description as TOML can hold it: no empty values, no SI tags that are found again on reading.
 
     Args:
         raw: as dumped.
     """
-    if isinstance(raw, Mapping):
-        return {key: plain(value) for key, value in raw.items() if value is not None and key != "si"}
-    if isinstance(raw, (list, tuple)):
-        return [plain(value) for value in raw]
-    return raw
+    return {key: _plain(value) for key, value in raw.items() if value is not None and key != "si"}
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, Mapping):
+        return plain(value)
+    return [_plain(part) for part in value] if isinstance(value, (list, tuple)) else value
 
 
 def _without_old_head(text: str) -> str:

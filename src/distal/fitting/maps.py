@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from distal.fitting.map_samples import contact_of, discrepancy_of, filtered, has
 from distal.homing import (
     check_homing,
 )
-from distal.logs import Log, read_log, shown, true_angles, write_whole
+from distal.logs import Log, Source, read_log, shown, true_angles, write_whole
 from distal.regression import NORMAL, Kind, Samples, Terms, errors_of, learn_map
 from distal.regression.learn import ENOUGH_LOGS
 from distal.rig import LearnedMap, Rig, load_rig
@@ -93,10 +92,9 @@ class MapFit:
             f"{max(rms):.3f}{unit}, {inside:.0f} % inside the band of ±{half:.2f}{unit}"
         )
 
-    def as_table(self) -> dict[str, Any]:
+    def as_table(self) -> dict[str, object]:
         """Return the map as a table of a rig file."""
-        table: dict[str, Any] = plain(self.learned.model_dump())
-        return table
+        return plain(self.learned.model_dump())
 
     def with_map(self, learned: LearnedMap) -> MapFit:
         """Return the same with another map of the kind.
@@ -120,7 +118,7 @@ class MapFit:
 
 
 def learn_affine(
-    logs: Sequence[Any] | Log | str | Path,
+    logs: Sequence[Log | Source] | Log | str | Path,
     rig: Rig | str | Path,
     homing: float | None = None,
     truth: str | None = None,
@@ -154,7 +152,7 @@ def learn_affine(
 
 
 def learn_discrepancy(
-    logs: Sequence[Any] | Log | str | Path,
+    logs: Sequence[Log | Source] | Log | str | Path,
     rig: Rig | str | Path,
     homing: float | None = None,
     truth: str | None = None,
@@ -189,7 +187,7 @@ def learn_discrepancy(
 
 
 def learn_contact(
-    logs: Sequence[Any],
+    logs: Sequence[Log | Source],
     rig: Rig | str | Path,
     homing: float | None = None,
     groups: Sequence[str] | None = None,
@@ -270,7 +268,9 @@ def map_of(
     return MapFit(described, rig, kind.name, sources, homing, tuple(scores), tuple(said), chosen)
 
 
-def _with_truth(logs: Any, rig: Rig | str | Path, truth: str | None, name: str) -> tuple[Rig, list[Log]]:
+def _with_truth(
+    logs: Sequence[Log | Source] | Log | str | Path, rig: Rig | str | Path, truth: str | None, name: str
+) -> tuple[Rig, list[Log]]:
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
     given = [logs] if isinstance(logs, (Log, str, Path)) else list(logs)
     read = [log if isinstance(log, Log) else read_log(log, rig, truth) for log in given]

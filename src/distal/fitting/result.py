@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,7 +216,7 @@ class Fit:
         """
         write_whole(path, fitted_text(self.rig, self.start, self.assignments(), self._account(), text))
 
-    def assignments(self) -> dict[str, Any]:
+    def assignments(self) -> dict[str, object]:
         """Return path → value (with its std, where it had one) of what changed, as for `Rig.with_values`."""
         learned = {name: one.as_table() for name, one in self.maps.items()}
         return {**assignments(self.fitted, self.start, self.prior_share), **self.curves, **learned}

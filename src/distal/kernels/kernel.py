@@ -5,7 +5,8 @@ from __future__ import annotations
 import ctypes
 import threading
 import warnings
-from typing import Any, Literal
+from collections.abc import Callable
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -35,7 +36,7 @@ class Kernel:
         self.n_y = int(function.numel_out(1))
         self.backend: Backend = "interpreted"
         self.reason = "asked for"
-        self._scan: Any = None
+        self._scan: Callable[..., int] | None = None
         self._lanes: LaneKernel | None = None
         self._laned = not compiled
         self._lock = threading.Lock()  # one set of buffers: threads that share a kernel take turns
@@ -51,11 +52,10 @@ class Kernel:
         self._p, self._y = np.zeros(self.n_p), np.zeros(self.n_y)
         self._next = np.zeros(self.n_carry)
         self._buffer, self._trigger = call.buffer()
-        view: Any = memoryview
         for i, array in enumerate((self._carry, self._x, self._p)):
-            self._buffer.set_arg(i, view(array))
+            self._buffer.set_arg(i, array.data)
         for i, array in enumerate((self._next, self._y)):
-            self._buffer.set_res(i, view(array))
+            self._buffer.set_res(i, array.data)
         self._call = call
 
     def _load(self) -> ca.Function:
@@ -154,11 +154,10 @@ class Evaluation:
         self._results = [np.zeros(int(function.numel_out(i))) for i in range(function.n_out())]
         self._buffer, self._trigger = function.buffer()
         self._lock, self._function = threading.Lock(), function
-        view: Any = memoryview
         for i, array in enumerate(self._arguments):
-            self._buffer.set_arg(i, view(array))
+            self._buffer.set_arg(i, array.data)
         for i, array in enumerate(self._results):
-            self._buffer.set_res(i, view(array))
+            self._buffer.set_res(i, array.data)
 
     def __call__(self, *arguments: object) -> list[Floats]:
         """Return the results, each as a column.
@@ -188,11 +187,10 @@ class Loop:
         self.carry, self.x, self.y = np.zeros(n_carry), np.zeros(n_x), np.zeros(n_y)
         self._p, self._next = p, np.zeros(n_carry)
         self._buffer, self._trigger = call.buffer()
-        view: Any = memoryview
         for i, array in enumerate((self.carry, self.x, self._p)):
-            self._buffer.set_arg(i, view(array))
+            self._buffer.set_arg(i, array.data)
         for i, array in enumerate((self._next, self.y)):
-            self._buffer.set_res(i, view(array))
+            self._buffer.set_res(i, array.data)
 
     def step(self) -> None:
         """Advance the carry by one sample."""

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import platform
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -76,10 +75,11 @@ class LaneKernel:
         self.n_y = int(function.numel_out(1))
         library = compiled_source(lane_source(function, self.lanes))
         try:
-            self._batch: Any = getattr(ctypes.CDLL(str(library)), f"{function.name()}_batch")
+            batch = getattr(ctypes.CDLL(str(library)), f"{function.name()}_batch")
         except (OSError, AttributeError) as problem:
             raise CompileError(f"the compiled kernel {library} cannot be loaded ({type(problem).__name__})") from None
-        self._batch.restype = None
+        batch.restype = None
+        self._batch: Callable[..., None] = batch
 
     def scan(
         self, carries: Sequence[Floats], xs: Sequence[Floats], ps: Sequence[Floats], keep: Sequence[int]
@@ -110,7 +110,7 @@ class LaneKernel:
         )
         return out
 
-    def _pointers(self, arrays: Sequence[Floats]) -> Any:
+    def _pointers(self, arrays: Sequence[Floats]) -> ctypes.Array[ctypes.c_void_p]:
         filled = [*arrays, *[arrays[0]] * (self.lanes - len(arrays))]
         return (ctypes.c_void_p * self.lanes)(*(array.ctypes.data for array in filled))
 

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import prod
-from typing import Any
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
+
+from distal.expressions import Expression
+
+Number = TypeVar("Number", bound=np.generic)
 
 
 class Layout:
@@ -27,19 +32,27 @@ class Layout:
         """Return where a part stands."""
         return self._slices[name]
 
-    def part(self, vector: Any, name: str) -> Any:
-        """Return a part of a vector; of an array (…, size) with its shape behind the other axes, a view where it can be.
+    def part(self, vector: Expression, name: str) -> Expression:
+        """Return a part of a column of CasADi's, in its shape.
 
         Args:
-            vector: an array, or a column of CasADi's; it may be longer than this layout.
+            vector: the column; it may be longer than this layout.
             name: of the part.
         """
         at, shape = self._slices[name], self._shapes[name]
-        if isinstance(vector, np.ndarray):
-            return vector[..., at].reshape(*vector.shape[:-1], *shape)
         return vector[at] if len(shape) == 1 else ca.reshape(vector[at], *shape)
 
-    def joined(self, **parts: Any) -> Any:
+    def view(self, array: NDArray[Number], name: str) -> NDArray[Number]:
+        """Return a part of arrays (…, size), with its shape behind the other axes; a view where it can be.
+
+        Args:
+            array: it may be longer than this layout.
+            name: of the part.
+        """
+        at, shape = self._slices[name], self._shapes[name]
+        return array[..., at].reshape(*array.shape[:-1], *shape)
+
+    def joined(self, **parts: Expression) -> Expression:
         """Return the column of CasADi's that has these parts.
 
         Args:
@@ -60,31 +73,32 @@ def carry_layout(states: int, **memory: int) -> Layout:
     return Layout(mean=states, covariance=(states, states), **memory)
 
 
-def mean_of(carry: Any, states: int) -> Any:
+def mean_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
     """Return the mean, (…, n), of carries (…, size).
 
     Args:
-        carry: an array, or a column of CasADi's.
+        carry: an array.
         states: number of states n.
     """
-    return carry_layout(states).part(carry, "mean")
+    return carry_layout(states).view(carry, "mean")
 
 
-def covariance_of(carry: Any, states: int) -> Any:
+def covariance_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
     """Return the covariance, (…, n, n), of carries (…, size).
 
     Args:
-        carry: an array, or a column of CasADi's.
+        carry: an array.
         states: number of states n.
     """
-    return carry_layout(states).part(carry, "covariance")
+    return carry_layout(states).view(carry, "covariance")
 
 
-def variances_of(carry: Any, states: int) -> Any:
+def variances_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
     """Return the variances of the states, (…, n), of carries (…, size).
 
     Args:
         carry: an array.
         states: number of states n.
     """
-    return np.diagonal(covariance_of(carry, states), axis1=-2, axis2=-1)
+    variances: NDArray[Number] = np.diagonal(covariance_of(carry, states), axis1=-2, axis2=-1)
+    return variances

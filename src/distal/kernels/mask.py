@@ -5,9 +5,9 @@ A value of the mask is one of the constants here, or, of a displacement in a row
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
+
+from distal.expressions import Scalar
 
 READ = 1.0
 """The value was read."""
@@ -28,7 +28,7 @@ def bridge(rows: int) -> float:
     return -float(rows)
 
 
-def is_read(mask: Any) -> Any:
+def is_read(mask: Scalar) -> Scalar:
     """Return 1 where a value was read.
 
     Args:
@@ -37,7 +37,7 @@ def is_read(mask: Any) -> Any:
     return mask > MISSING
 
 
-def is_there(mask: Any) -> Any:
+def is_there(mask: Scalar) -> Scalar:
     """Return 1 where there is a value, whatever is done with it.
 
     Args:
@@ -46,7 +46,7 @@ def is_there(mask: Any) -> Any:
     return mask != MISSING
 
 
-def is_bridge(mask: Any) -> Any:
+def is_bridge(mask: Scalar) -> Scalar:
     """Return 1 where a displacement crosses a gap.
 
     Args:
@@ -55,7 +55,7 @@ def is_bridge(mask: Any) -> Any:
     return mask < MISSING
 
 
-def rows_left(mask: Any) -> Any:
+def rows_left(mask: Scalar) -> Scalar:
     """Return how many rows the reading is away that ends a gap: the k of `bridge`; 1 where the displacement crosses none.
 
     Args:
@@ -64,7 +64,7 @@ def rows_left(mask: Any) -> Any:
     return ca.if_else(is_bridge(mask), -mask, 1)
 
 
-def share_used(mask: Any) -> Any:
+def share_used(mask: Scalar) -> Scalar:
     """Return 1 where a value corrects the state, else 0.
 
     Args:

@@ -9,6 +9,7 @@ from distal.logs.messages import MessageReader
 from distal.logs.output import check_writable, write_together, write_whole
 from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_SCHEMA, SAMPLE_TOPIC, Recorder, estimate_schema
 from distal.logs.recordings import is_recording, open_recording
+from distal.logs.sources import Frame, Source
 from distal.logs.tables import Table, read_table
 from distal.logs.targets import Output, check_outputs, outputs_in, shown
 from distal.logs.true_columns import true_angles, true_torques
@@ -21,10 +22,12 @@ __all__ = [
     "MEMORY_VARIABLE",
     "SAMPLE_SCHEMA",
     "SAMPLE_TOPIC",
+    "Frame",
     "Log",
     "MessageReader",
     "Output",
     "Recorder",
+    "Source",
     "Table",
     "TruthKind",
     "TruthSource",

@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from distal.logs.log import LARGEST_READING, Log, check_stamps
 from distal.logs.output import write_whole
 from distal.logs.reader_process import recording_by_process
 from distal.logs.recordings import is_recording
+from distal.logs.sources import Source
 from distal.logs.stamps import Clock, clock_of
 from distal.logs.tables import Cells, Table, check_columns, open_table, table_of
 from distal.logs.truth import NO_SOURCE, TruthKind, TruthSource
@@ -26,7 +26,7 @@ from distal.units import unit_factor
 Floats = NDArray[np.float64]
 
 
-def read_log(path: Any, rig: Rig, truth: str | Path | None = None) -> Log:
+def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     """Read a log by the columns and units that a rig's sensors name.
 
     Sensors that measure a joint's angle are references: read where the log has them, and used as truth if no other is
@@ -261,7 +261,7 @@ def write_log(log: Log, rig: Rig, path: str | Path) -> None:
     write_columns(columns, path)
 
 
-def write_columns(columns: Mapping[str, NDArray[Any]], path: str | Path) -> None:
+def write_columns(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> None:
     """Write columns as CSV, or as Parquet by the ending of the path; NaN is an empty cell in CSV.
 
     Raises:
@@ -270,7 +270,7 @@ def write_columns(columns: Mapping[str, NDArray[Any]], path: str | Path) -> None
     write_whole(path, file_of(columns, path))
 
 
-def file_of(columns: Mapping[str, NDArray[Any]], path: str | Path) -> bytes:
+def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> bytes:
     """Return columns as the file that `path` will hold, see `write_columns`.
 
     Args:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pandas
 
 
-def pandas_frame(columns: Mapping[str, NDArray[Any]]) -> pandas.DataFrame:
+def pandas_frame(columns: Mapping[str, NDArray[np.generic]]) -> pandas.DataFrame:
     """Return the columns as a pandas frame.
 
     Raises:

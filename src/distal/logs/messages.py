@@ -8,7 +8,6 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from math import isnan, nan
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +137,7 @@ class MessageReader:
         return {self._time: time / self._time_factor, **values}
 
 
-def find(message: Any, path: str) -> Any:
+def find(message: object, path: str) -> object:
     """Return a member of nested JSON objects and arrays, ``motors/left.force`` or ``position[0]``; None if it is not there.
 
     Args:
@@ -169,7 +168,7 @@ def _is_index(part: str) -> bool:
     return part.isascii() and part.isdecimal() and len(part) < 10
 
 
-def number_of(value: Any, name: str) -> float:
+def number_of(value: object, name: str) -> float:
     """Return a cell or a member as a number, NaN where it is missing.
 
     Args:
@@ -184,6 +183,6 @@ def number_of(value: Any, name: str) -> float:
     if isinstance(value, (bool, dict, list)) or (isinstance(value, str) and "_" in value):
         raise LogError(f"'{name}' is {str(value)[:40]}; a number is expected")
     try:
-        return float(value)
+        return float(value)  # type: ignore[arg-type]
     except (ValueError, OverflowError):
         raise LogError(f"'{name}' is '{str(value)[:40]}'; a number is expected") from None

@@ -8,13 +8,33 @@ import os
 import sys
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Literal, TypedDict
 
 from distal.errors import DistalWarning, LogError
 from distal.logs.memory import how_to_allow, memory_limit
 from distal.logs.parquet_files import read_parquet
 from distal.logs.recordings import open_recording
 from distal.logs.targets import shown
+
+
+class Request(TypedDict, total=False):
+    """What to read: a table, or with `time` and `unit` a recording."""
+
+    read: Literal["parquet", "recording"]
+    path: str
+    columns: list[str] | None
+    time: str
+    unit: float
+    folder: str
+
+
+class Answer(TypedDict, total=False):
+    """What was read: names of all columns and the size of the table that follows, or an error."""
+
+    names: list[str]
+    warnings: list[str]
+    error: str
+    bytes: int
 
 
 def serve() -> None:
@@ -49,7 +69,7 @@ def limit_memory(size: int) -> None:
         return
 
 
-def answer_to(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+def answer_to(request: Request) -> tuple[Answer, bytes]:
     """Return the answer to a request: names and warnings, or an error; and the table.
 
     Args:
@@ -68,7 +88,7 @@ def answer_to(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
                 import polars
 
                 path = Path(request["path"])
-                frame, stamps = open_recording(path, request["columns"], request["time"], request["unit"])
+                frame, stamps = open_recording(path, request["columns"] or (), request["time"], request["unit"])
                 frame = frame.hstack([polars.Series(f"stamps of {len(frame.columns)}", stamps)])
             frame.write_ipc(buffer)
         except LogError as problem:

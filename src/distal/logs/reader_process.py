@@ -17,14 +17,14 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError
 from distal.logs.memory import how_to_allow, memory_limit
-from distal.logs.reader import answer_to
+from distal.logs.reader import Answer, Request, answer_to
 from distal.logs.targets import shown
 
 if TYPE_CHECKING:
@@ -63,13 +63,13 @@ def recording_by_process(
     Raises:
         LogError: it cannot be read, is damaged, or takes too much memory.
     """
-    request = {"read": "recording", "path": str(path), "columns": [*columns], "time": time, "unit": unit}
+    request: Request = {"read": "recording", "path": str(path), "columns": [*columns], "time": time, "unit": unit}
     _, frame = _asked(request)
     stamps: NDArray[np.int64] = frame.to_series(frame.width - 1).to_numpy()
     return frame.select(frame.columns[:-1]), stamps
 
 
-def _asked(request: dict[str, Any]) -> tuple[dict[str, Any], polars.DataFrame]:
+def _asked(request: Request) -> tuple[Answer, polars.DataFrame]:
     """Return the answer to a request; what the reader warns of is warned of here."""
     import polars
 
@@ -123,7 +123,7 @@ class _Reader:
         )
         atexit.register(self.end)
 
-    def ask(self, request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+    def ask(self, request: Request) -> tuple[Answer, bytes]:
         """Return the answer and the table that comes with it; the process ends where it cannot answer.
 
         Args:
@@ -139,7 +139,7 @@ class _Reader:
             process.stdin.write(json.dumps(request).encode() + b"\n")
             process.stdin.flush()
             head = process.stdout.readline()
-            answer: dict[str, Any] = json.loads(head)
+            answer: Answer = json.loads(head)
             payload = process.stdout.read(answer["bytes"])
             if len(payload) < answer["bytes"]:
                 raise EOFError

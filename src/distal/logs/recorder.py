@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ SAMPLE_SCHEMA = {
 }
 
 
-def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[str, Any]:
+def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[str, object]:
     """Return the schema of an estimate: stamp, angle and std of each joint, torques from outside, health, detail.
 
     Args:
@@ -97,7 +97,7 @@ class Recorder:
             self._channels[topic] = self._writer.register_channel(topic, "json", number)
         self._count, self._samples = 0, 0
 
-    def add(self, topic: str, time: float, message: dict[str, Any]) -> None:
+    def add(self, topic: str, time: float, message: Mapping[str, object]) -> None:
         """Write a message.
 
         Args:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 NEAR = 0.1
 """Messages whose stamps differ by less than this share of the busiest topic's interval are one row."""
 
-Read = Callable[[str], Any]
+Read = Callable[[str], object]
 
 LATEST = 9.0e9
 """No stamp is later than this [s]: a stamp in another unit is."""
@@ -49,7 +49,7 @@ class Message:
     json: bool = False
 
 
-def is_recording(path: object) -> bool:
+def is_recording(path: object) -> TypeGuard[str | Path]:
     """Return whether a path is an MCAP file or a ROS bag.
 
     Args:
@@ -99,7 +99,7 @@ def open_recording(
                 value = message.read(column)
             if value is None:
                 continue
-            if isinstance(value, (list, dict)) or np.ndim(value) > 0:
+            if isinstance(value, (list, dict)) or np.ndim(value) > 0:  # type: ignore[arg-type]
                 raise LogError(f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]")
             try:
                 number = number_of(value, column)
@@ -138,7 +138,7 @@ def _named(column: str) -> tuple[str, str]:
     return (topic, field) if dot and "/" in topic else ("", column)
 
 
-def element(read: Read, field: str) -> Any:
+def element(read: Read, field: str) -> object:
     """Return a field of a message; of ``[left_wrist].position`` the element whose place in the message's ``name`` that is.
 
     Args:
@@ -149,7 +149,7 @@ def element(read: Read, field: str) -> Any:
     if found is None:
         return read(field)
     names = read("name")
-    if names is None or isinstance(names, str) or found[1] not in list(names):
+    if not isinstance(names, Iterable) or isinstance(names, str) or found[1] not in list(names):
         return None  # a driver may publish each joint in a message of its own
     return read(f"{found[2]}[{list(names).index(found[1])}]")
 
@@ -253,7 +253,7 @@ def _parts_between(values: list[tuple[int, float]]) -> list[list[tuple[int, floa
     return parts
 
 
-def _merged(stamps: list[list[int]]) -> np.ndarray[Any, np.dtype[np.int64]]:
+def _merged(stamps: list[list[int]]) -> NDArray[np.int64]:
     """Return the stamps of rows: what is nearer than `NEAR` of the busiest topic's interval is one row."""
     intervals = [float(np.median(np.diff(np.unique(each)))) for each in stamps if len(set(each)) > 1]
     near = NEAR * min(intervals, default=0.0)
@@ -334,7 +334,7 @@ def _bag(path: Path, topics: set[str]) -> Iterator[Message]:
             yield Message(connection.topic, recorded, _stamp(read), partial(_field, read))
 
 
-def _stamp(message: Any) -> int | None:
+def _stamp(message: object) -> int | None:
     """Return the stamp of a message's header [ns], None where it has none."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     return None if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

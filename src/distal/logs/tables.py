@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from distal.errors import LogError, did_you_mean
 from distal.logs.csv_files import MISSING, read_csv
 from distal.logs.reader_process import parquet_by_process
+from distal.logs.sources import Source
 from distal.logs.targets import shown
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def read_table(path: str | Path, wanted: Sequence[str] | None = None) -> Table:
     return table_of(open_table(path, wanted), wanted)
 
 
-def open_table(path: Any, columns: Sequence[str] | None = None, index_name: str | None = None) -> Cells:
+def open_table(path: Source, columns: Sequence[str] | None = None, index_name: str | None = None) -> Cells:
     """Return the cells of a CSV or Parquet file, or of a polars or pandas frame.
 
     Args:
@@ -109,7 +110,7 @@ def _all(frame: polars.DataFrame, path: Path, first_row: int) -> Cells:
     return Cells(frame, path, first_row, tuple(frame.columns))
 
 
-def _is_dated(column: Any) -> bool:
+def _is_dated(column: object) -> bool:
     """Return whether a column or an index of pandas holds dates."""
     return str(getattr(column, "dtype", "")).startswith("datetime64")
 

@@ -8,16 +8,16 @@ parallel. A link's centre and inertia are given in the frame of its joint. Feath
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from distal.expressions import Matrix, Scalar, Vector
 from distal.model.parameters import Parameters
 from distal.rig import Rig
 
 
-def rotation(axis: Sequence[float], angle: Any) -> Any:
+def rotation(axis: Sequence[float], angle: Scalar) -> Matrix:
     """Return the matrix of a rotation about a unit axis, (3, 3): R = a aᵀ + cos θ (1 − a aᵀ) + sin θ [a×] (Rodrigues).
 
     Args:
@@ -30,7 +30,7 @@ def rotation(axis: Sequence[float], angle: Any) -> Any:
     return ca.SX(ca.DM(along)) + ca.cos(angle) * ca.DM(np.eye(3) - along) + ca.sin(angle) * ca.DM(cross)
 
 
-def cross(a: Any, b: Any) -> Any:
+def cross(a: Vector, b: Vector) -> Vector:
     """Return a × b, (3,)."""
     return ca.vertcat(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
@@ -47,20 +47,20 @@ class Chain:
         self._rig, self._p = rig, parameters
         self._parents = [rig.parent_of(i) for i in range(len(rig.joints))]
 
-    def _vector(self, path: str) -> Any:
+    def _vector(self, path: str) -> Vector:
         return ca.vertcat(*(self._p[f"{path}.{k}"] for k in range(3)))
 
-    def _rotations(self, q: Any) -> list[Any]:
+    def _rotations(self, q: Vector) -> list[Matrix]:
         return [rotation(joint.axis, q[i]) for i, joint in enumerate(self._rig.joints)]
 
-    def _link(self, joint: int) -> tuple[Any, Any, Any] | None:
+    def _link(self, joint: int) -> tuple[Scalar, Vector, Vector] | None:
         """Return mass, centre and moments of inertia about the centre of a joint's link, None where it has none."""
         if self._rig.joints[joint].link is None:
             return None
         path = f"joints.{joint}.link"
         return self._p[f"{path}.mass"], self._vector(f"{path}.centre"), self._vector(f"{path}.inertia")
 
-    def mass_matrix(self, q: Any) -> Any:
+    def mass_matrix(self, q: Vector) -> Matrix:
         """Return the links' inertia matrix, (n_joints, n_joints) [kg m²], by composite rigid bodies.
 
         A composite body is its mass m, first moment h = m c and inertia J about its joint's frame; unit acceleration about
@@ -70,14 +70,15 @@ class Chain:
             q: joint angles, (n_joints,) [rad].
         """
         n, turned = len(self._rig.joints), self._rotations(q)
-        bodies: list[Any] = [None] * n
+        bodies = list[tuple[Scalar, Vector, Matrix]]()
         for i in range(n):
             link, zero = self._link(i), ca.SX(3, 1)
             if link is None:
-                bodies[i] = (ca.SX(0), zero, ca.SX(3, 3))
+                bodies.append((ca.SX(0), zero, ca.SX(3, 3)))
             else:
                 mass, centre, inertia = link
-                bodies[i] = (mass, mass * centre, ca.diag(inertia) + _shifted(mass, mass * centre, centre))
+                own = ca.diag(inertia) + _shifted(mass, mass * centre, centre)
+                bodies.append((mass, mass * centre, own))
         matrix = ca.SX(n, n)
         for i in reversed(range(n)):
             mass, moment, inertia = bodies[i]
@@ -98,7 +99,7 @@ class Chain:
                 bodies[above] = (before[0] + mass, before[1] + moment + mass * offset, before[2] + whole)
         return matrix
 
-    def torques(self, q: Any, v: Any, acceleration: Any) -> Any:
+    def torques(self, q: Vector, v: Vector, acceleration: Vector) -> Vector:
         """Return M(q) q̈ + c(q, q̇) + g(q) of the links, (n_joints,) [N m], by recursive Newton–Euler.
 
         Args:
@@ -108,7 +109,7 @@ class Chain:
         """
         n, turned = len(self._rig.joints), self._rotations(q)
         resting = (ca.SX(3, 1), ca.SX(3, 1), -self._gravity())
-        moving, loads = list[Any](), list[Any]()
+        moving, loads = list[tuple[Vector, Vector, Vector]](), list[tuple[Vector, Vector]]()
         for i in range(n):
             parent, axis = self._parents[i], ca.DM(self._rig.joints[i].axis)
             spin, twist, linear = resting if parent is None else moving[parent]
@@ -136,7 +137,7 @@ class Chain:
                 loads[parent] = (loads[parent][0] + force, loads[parent][1] + torque)
         return ca.vertcat(*needed)
 
-    def _gravity(self) -> Any:
+    def _gravity(self) -> Vector:
         """Return the acceleration of free fall in the base's frame, (3,) [m/s²]."""
         turned = ca.SX.eye(3)
         for axis, k in (((1.0, 0.0, 0.0), 0), ((0.0, 1.0, 0.0), 1), ((0.0, 0.0, 1.0), 2)):
@@ -145,12 +146,12 @@ class Chain:
         return ca.mtimes(turned.T, self._vector("base.gravity"))
 
 
-def _shifted(mass: Any, moment: Any, offset: Any) -> Any:
+def _shifted(mass: Scalar, moment: Vector, offset: Vector) -> Matrix:
     """Return what a shift by `offset` o adds to an inertia: Σ of h oᵀ, symmetric, as (h·o) 1 − (h oᵀ + o hᵀ)/2.
 
     With h = m o it is the parallel-axis theorem m (o·o 1 − o oᵀ); with h = 2 m c + m o that of a body with its centre at c.
     """
-    if mass.is_zero():
+    if ca.SX(mass).is_zero():
         return ca.SX(3, 3)
     outer = ca.mtimes(moment, offset.T)
     return ca.dot(moment, offset) * ca.SX.eye(3) - (outer + outer.T) / 2

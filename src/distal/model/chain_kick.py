@@ -11,10 +11,10 @@ Wanner, Solving Ordinary Differential Equations II, 1996, section IV.7).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 
+from distal.expressions import Matrix, Scalar, Vector
 from distal.model.mechanism import Mechanism
 from distal.model.stick_slip import Slip, slipping, solver
 from distal.model.stops import Flight, bounce, restitution
@@ -35,11 +35,11 @@ class Loads:
         stiffness: K of the taut tendons and springs, taken implicitly, (n_joints, n_joints) [N m/rad]; None for none.
     """
 
-    force: Any
-    implicit: Any
-    up: Any
-    down: Any
-    stiffness: Any = None
+    force: Vector
+    implicit: Vector
+    up: Vector
+    down: Vector
+    stiffness: Matrix | None = None
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,9 @@ class Contacts:
         place: of the stop.
     """
 
-    stiffness: Any
-    damping: Any
-    place: Any
+    stiffness: Vector
+    damping: Vector
+    place: Vector
 
 
 @dataclass(frozen=True)
@@ -72,26 +72,26 @@ class Kicked:
         down: against − motion, (n_free,).
     """
 
-    q: Any
-    v: Any
+    q: Vector
+    v: Vector
     slip: Slip
     contacts: Contacts
-    matrix: Any
-    load: Any
-    up: Any
-    down: Any
+    matrix: Matrix
+    load: Vector
+    up: Vector
+    down: Vector
 
 
-def _growth(damping: Any, inertia: Any, length: Any) -> Any:
+def _growth(damping: Scalar, inertia: Scalar, length: Scalar) -> Scalar:
     """Return φ(x) = x/(1 − e^{−x}), x = C h/M: 1 where nothing damps."""
-    if damping.is_zero():
+    if ca.SX(damping).is_zero():
         return ca.SX(1)
     x = damping * length / inertia
     small = x < 1e-5
     return ca.if_else(small, 1 + x / 2 + x * x / 12, -x / ca.if_else(small, 1, ca.expm1(-x)))
 
 
-def _implicit_inertias(mechanism: Mechanism, inertias: Any, length: Any) -> Any:
+def _implicit_inertias(mechanism: Mechanism, inertias: Vector, length: Scalar) -> Vector:
     """Return M_jj (φ − 1), (n_joints,)."""
     dampings = mechanism.dampings()
     nj = mechanism.n_joints
@@ -99,8 +99,16 @@ def _implicit_inertias(mechanism: Mechanism, inertias: Any, length: Any) -> Any:
 
 
 def residual(
-    mechanism: Mechanism, q: Any, v: Any, after: Any, loads: Loads, *, slip: Slip, contacts: Contacts, h: Any
-) -> Any:
+    mechanism: Mechanism,
+    q: Vector,
+    v: Vector,
+    after: Vector,
+    loads: Loads,
+    *,
+    slip: Slip,
+    contacts: Contacts,
+    h: Scalar,
+) -> Vector:
     """Return A v⁺ + h f − r of the free joints, (n_free,): zero where they slip; its slopes are those of the kick.
 
     Args:
@@ -133,7 +141,15 @@ def residual(
 
 
 def chain_kick(
-    mechanism: Mechanism, q: Any, v: Any, loads: Loads, length: Any, drift: Any, *, last: bool, rebounds: bool
+    mechanism: Mechanism,
+    q: Vector,
+    v: Vector,
+    loads: Loads,
+    length: Scalar,
+    drift: Scalar,
+    *,
+    last: bool,
+    rebounds: bool,
 ) -> Kicked:
     """Return the joints after a kick and the drift that follows.
 
@@ -196,7 +212,7 @@ def chain_kick(
     return Kicked(whole, ca.mtimes(spread, kicked), slip, contacts, matrix, load, up, down)
 
 
-def _middle(matrix: Any, load: Any, v: Any, up: Any, down: Any) -> Any:
+def _middle(matrix: Matrix, load: Vector, v: Vector, up: Vector, down: Vector) -> Vector:
     """Return the speeds in the middle of a kick, (n_free,): with Coriolis torques taken there its order is two.
 
     Joints that move go on in their direction; those that stand still stay.
@@ -213,9 +229,11 @@ def _middle(matrix: Any, load: Any, v: Any, up: Any, down: Any) -> Any:
     return (v + after) / 2
 
 
-def _contacts(mechanism: Mechanism, q: Any, v: Any, inertias: Any, length: Any, drift: Any, *, last: bool) -> Contacts:
+def _contacts(
+    mechanism: Mechanism, q: Vector, v: Vector, inertias: Vector, length: Scalar, drift: Scalar, *, last: bool
+) -> Contacts:
     """Return which free joints press against a stop, by the velocities without it; see `kick_at_stops`."""
-    stiffnesses, dampings, places = list[Any](), list[Any](), list[Any]()
+    stiffnesses, dampings, places = list[Scalar](), list[Scalar](), list[Scalar]()
     for k, j in enumerate(mechanism.free):
         if not mechanism.bodies[j].has_stops:
             stiffnesses, dampings, places = [*stiffnesses, 0], [*dampings, 0], [*places, 0]
@@ -235,8 +253,8 @@ def _contacts(mechanism: Mechanism, q: Any, v: Any, inertias: Any, length: Any, 
 
 
 def _pressed(
-    contacts: Contacts, at: Any, alone: Any, matrix: Any, load: Any, *, up: Any, down: Any
-) -> tuple[Any, Any, Slip, Any]:
+    contacts: Contacts, at: Vector, alone: Vector, matrix: Matrix, load: Vector, *, up: Vector, down: Vector
+) -> tuple[Matrix, Vector, Slip, Vector]:
     """Return A and r with the stops in them, which free joints slip then, and their speeds."""
     pressed, pressing = matrix + ca.diag(contacts.damping), load - contacts.stiffness * (at - contacts.place)
     slip = slipping(pressed, pressing, up, down, start=alone, events=matrix.size1())
@@ -245,18 +263,18 @@ def _pressed(
 
 def _bounced(
     mechanism: Mechanism,
-    motion: tuple[Any, ...],
-    system: tuple[Any, ...],
+    motion: tuple[Vector, Vector, Vector, Vector],
+    system: tuple[Matrix, Vector, Slip, Vector, Vector],
     contacts: Contacts,
     *,
-    inertias: Any,
-    length: Any,
-    drift: Any,
-) -> tuple[Any, Any]:
+    inertias: Vector,
+    length: Scalar,
+    drift: Scalar,
+) -> tuple[Vector, Vector]:
     """Return speeds and angles with the joints that bounce off their stops; the others answer to that blow."""
     at, before, alone, kicked = motion
     matrix, load, slip, up, down = system
-    bounces, speeds, places = list[Any](), list[Any](), list[Any]()
+    bounces, speeds, places = list[Scalar](), list[Scalar](), list[Scalar]()
     for k, j in enumerate(mechanism.free):
         if not mechanism.bodies[j].has_stops:
             bounces, speeds, places = [*bounces, ca.SX(0)], [*speeds, ca.SX(0)], [*places, ca.SX(0)]

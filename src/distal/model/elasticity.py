@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from math import exp
-from typing import Any
 
 import casadi as ca
+
+from distal.expressions import Scalar
 
 STEEPEST = 2.0
 """Where a δ is larger, the curve goes on as a straight line: its slope there is e² = 7.4 times the first one."""
 
 
-def stretched(elongation: Any, stiffening: Any) -> Any:
+def stretched(elongation: Scalar, stiffening: Scalar) -> Scalar:
     """Return (e^{a δ} − 1)/a, the stretch of a linear tendon with the same tension: T = T_pre + k (e^{aδ} − 1)/a.
 
     Stiffness then grows in a straight line with tension, dT/dδ = k + a (T − T_pre): Fung's law of soft tissue (Am. J.
@@ -28,7 +29,7 @@ def stretched(elongation: Any, stiffening: Any) -> Any:
     return ca.if_else(small, elongation * (1 + x / 2), curve / safe)
 
 
-def polynomial_torque(away: Any, stiffness: Any, quadratic: Any, cubic: Any) -> Any:
+def polynomial_torque(away: Scalar, stiffness: Scalar, quadratic: Scalar, cubic: Scalar) -> Scalar:
     """Return −(k x + k₂ x² + k₃ x³), the torque of a spring about its rest angle [N m].
 
     Args:
@@ -44,7 +45,9 @@ SHORTEST = 1e-6
 """An extension spring is never shorter than this [m]: its direction is then still defined."""
 
 
-def extension_torque(away: Any, stiffness: Any, free_length: Any, radius: Any, distance: Any, preload: Any) -> Any:
+def extension_torque(
+    away: Scalar, stiffness: Scalar, free_length: Scalar, radius: Scalar, distance: Scalar, preload: Scalar
+) -> Scalar:
     """Return −F dL/dθ of a spring between two points [N m]: L² = r² + R² − 2 r R cos x, dL/dθ = r R sin x/L.
 
     F = max(preload + k (L − free length), 0), as an extension spring with initial tension pulls.

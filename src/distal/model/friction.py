@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
+
+from distal.expressions import Scalar
 
 
 @dataclass(frozen=True)
@@ -19,25 +20,25 @@ class Limit:
         down: against negative velocity.
     """
 
-    up: Any
-    down: Any
+    up: Scalar
+    down: Scalar
 
     @property
-    def mean(self) -> Any:
+    def mean(self) -> Scalar:
         """Return half the sum of both."""
         return (self.up + self.down) / 2
 
     @property
-    def asymmetry(self) -> Any:
+    def asymmetry(self) -> Scalar:
         """Return half their difference, up less down: 0 where friction is the same in both directions."""
         return (self.up - self.down) / 2
 
-    def times(self, factor: Any) -> Limit:
+    def times(self, factor: Scalar) -> Limit:
         """Return both multiplied by a factor ≥ 0."""
         return Limit(factor * self.up, factor * self.down)
 
 
-def soft(z: Any, limit: Any) -> Any:
+def soft(z: Scalar, limit: Limit | Scalar) -> Scalar:
     """Return max(z − l₊, 0) + min(z + l₋, 0): the velocity left after friction of impulse l; zero means stick.
 
     It is the exact solution v of z ∈ v + l · sgn(v) with the set-valued sgn(0) = [−1, 1]; its derivative is 0 in
@@ -50,7 +51,7 @@ def soft(z: Any, limit: Any) -> Any:
     return slipped(*slip(z, limit), z, limit)
 
 
-def slip(z: Any, limit: Any, factor: Any = 1) -> tuple[Any, Any]:
+def slip(z: Scalar, limit: Limit | Scalar, factor: Scalar = 1) -> tuple[Scalar, Scalar]:
     """Return (f, b): 1 in slip to + or to −, else 0, as factors of what `soft` leaves; see `slipped`.
 
     Args:
@@ -63,7 +64,7 @@ def slip(z: Any, limit: Any, factor: Any = 1) -> tuple[Any, Any]:
     return (z >= up) * factor, (z < -down) * factor
 
 
-def slipped(forward: Any, back: Any, z: Any, limit: Any) -> Any:
+def slipped(forward: Scalar, back: Scalar, z: Scalar, limit: Limit | Scalar) -> Scalar:
     """Return (f + b) z − f l₊ + b l₋: `soft` as products, whose derivatives need no choice and no division.
 
     Args:
@@ -78,7 +79,7 @@ def slipped(forward: Any, back: Any, z: Any, limit: Any) -> Any:
     return (forward + back) * z - forward * up + back * down
 
 
-def capstan_limit(tension: Any, wrapped: Any, let_out: Any = 1) -> Limit:
+def capstan_limit(tension: Scalar, wrapped: Scalar, let_out: Scalar = 1) -> Limit:
     """Return friction of a tendon along its path, by the capstan equation T_drive = T e^{±μβ} (Euler, Eytelwein).
 
     Drawn in, the drive pulls T e^{μβ}: friction takes T (e^{μβ} − 1); let out, T e^{−μβ}: it takes T (1 − e^{−μβ}).
@@ -91,7 +92,7 @@ def capstan_limit(tension: Any, wrapped: Any, let_out: Any = 1) -> Limit:
     return Limit(tension * ca.expm1(wrapped), -tension * ca.expm1(-let_out * wrapped))
 
 
-def stribeck(speed: Any, excess: Any, characteristic: Any) -> Any:
+def stribeck(speed: Scalar, excess: Scalar, characteristic: Scalar) -> Scalar:
     """Return the factor 1 + e · exp(−(v/v_s)²) of Coulomb friction: stiction that fades as a body begins to move.
 
     Stribeck's curve in the form of Armstrong-Hélouvry, Dupont and Canudas de Wit (Automatica 30, 1994).
@@ -104,7 +105,7 @@ def stribeck(speed: Any, excess: Any, characteristic: Any) -> Any:
     return 1 + excess * ca.exp(-((speed / characteristic) ** 2))
 
 
-def free_response(damping: Any, inertia: Any, step: Any) -> tuple[Any, Any]:
+def free_response(damping: Scalar, inertia: Scalar, step: Scalar) -> tuple[Scalar, Scalar]:
     """Return (a, b) of v⁺ = a v + b F, the exact response over `step` to a constant force F with viscous damping c.
 
     a = exp(−c h/m), b = (1 − a)/c, and b = h/m as c → 0.
@@ -123,7 +124,9 @@ def free_response(damping: Any, inertia: Any, step: Any) -> tuple[Any, Any]:
     return ca.exp(-x), step / inertia * ratio
 
 
-def load_dependent_limit(coefficient: Any, radius: Any, load: Any, reference: Any, exponent: Any) -> Any:
+def load_dependent_limit(
+    coefficient: Scalar, radius: Scalar, load: Scalar, reference: Scalar, exponent: Scalar
+) -> Scalar:
     """Return the friction limit μ r_a N_ref (N/N_ref)^e; with e = 1 it is μ r_a N, equation (12) reconstructed.
 
     Args:
@@ -150,14 +153,14 @@ class SoftMoments:
         back: the chance to slip to −.
     """
 
-    mean: Any
-    slope: Any
-    rest: Any
-    forward: Any
-    back: Any
+    mean: Scalar
+    slope: Scalar
+    rest: Scalar
+    forward: Scalar
+    back: Scalar
 
 
-def clip_moments(low: Any, high: Any, mean: Any, std: Any) -> ClipMoments:
+def clip_moments(low: Scalar, high: Scalar, mean: Scalar, std: Scalar) -> ClipMoments:
     """Return mean, slopes and remaining variance of clip(z, a, b) for z normal with standard deviation s.
 
     With α = (a − m)/s, β = (b − m)/s: E = aΦ(α) + b(1 − Φ(β)) + m(Φ(β) − Φ(α)) + s(φ(α) − φ(β)); its slopes with respect
@@ -170,10 +173,10 @@ def clip_moments(low: Any, high: Any, mean: Any, std: Any) -> ClipMoments:
         std: s > 0.
     """
 
-    def below(x: Any) -> Any:
+    def below(x: Scalar) -> Scalar:
         return (1 + ca.erf(x / ca.sqrt(2))) / 2
 
-    def density(x: Any) -> Any:
+    def density(x: Scalar) -> Scalar:
         return ca.exp(-x * x / 2) / ca.sqrt(2 * ca.pi)
 
     alpha, beta = (low - mean) / std, (high - mean) / std
@@ -199,14 +202,14 @@ class ClipMoments:
         rest: variance beyond by_mean² · σ².
     """
 
-    mean: Any
-    by_low: Any
-    by_mean: Any
-    by_high: Any
-    rest: Any
+    mean: Scalar
+    by_low: Scalar
+    by_mean: Scalar
+    by_high: Scalar
+    rest: Scalar
 
 
-def soft_moments(z: Any, limit: Any, std: Any) -> SoftMoments:
+def soft_moments(z: Scalar, limit: Limit | Scalar, std: Scalar) -> SoftMoments:
     """Return mean, slope and remaining variance of soft(z, l) for z normal with standard deviation s.
 
     With u = (z − l₊)/s, w = (z + l₋)/s: E = (z − l₊)Φ(u) + sφ(u) + (z + l₋)Φ(−w) − sφ(w), slope Φ(u) + Φ(−w). A stuck body
@@ -219,10 +222,10 @@ def soft_moments(z: Any, limit: Any, std: Any) -> SoftMoments:
         std: s > 0.
     """
 
-    def below(x: Any) -> Any:
+    def below(x: Scalar) -> Scalar:
         return (1 + ca.erf(x / ca.sqrt(2))) / 2
 
-    def density(x: Any) -> Any:
+    def density(x: Scalar) -> Scalar:
         return ca.exp(-x * x / 2) / ca.sqrt(2 * ca.pi)
 
     both = limit if isinstance(limit, Limit) else Limit(limit, limit)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 
+from distal.expressions import Scalar
 from distal.rig import Polynomial
 
 NEWTON_STEPS = 12
@@ -28,12 +28,12 @@ class Insertion:
 
     kind: str
     side: int
-    radius: Any
-    free_length: Any = None
-    shape: tuple[Any, ...] = ()
+    radius: Scalar
+    free_length: Scalar = 0.0
+    shape: tuple[Scalar, ...] = ()
 
 
-def excursion(insertion: Insertion, angle: Any) -> Any:
+def excursion(insertion: Insertion, angle: Scalar) -> Scalar:
     """Return how far a linkage draws its tendon from θ = 0 to θ: r [u + s u²/2 + c u³/3], u = θ − θ_c, less that at 0.
 
     Its moment arm is r (1 + s u + c u²): what a jaw driven by a linkage, or a pulley that is not round, has.
@@ -44,13 +44,13 @@ def excursion(insertion: Insertion, angle: Any) -> Any:
     """
     centre, slope, curvature = insertion.shape
 
-    def drawn(u: Any) -> Any:
+    def drawn(u: Scalar) -> Scalar:
         return u * (1 + u * (slope / 2 + u * curvature / 3))
 
     return insertion.radius * (drawn(angle - centre) - drawn(-centre))
 
 
-def elongation(insertion: Insertion, angle: Any, displacement: Any) -> Any:
+def elongation(insertion: Insertion, angle: Scalar, displacement: Scalar) -> Scalar:
     """Return ℓ − l, what the joint's angle and the drive's displacement add to a tendon's free length.
 
     `pinned`: ℓ = sqrt(r²(1 − cos θ)² + (l + x − side · r sin θ)²), equations (4) and (5) of the 2008 paper.
@@ -74,7 +74,7 @@ def elongation(insertion: Insertion, angle: Any, displacement: Any) -> Any:
     return ca.sqrt(square) - free_length
 
 
-def polynomial_excursion(polynomial: Polynomial, coefficients: Sequence[Any], angles: Sequence[Any]) -> Any:
+def polynomial_excursion(polynomial: Polynomial, coefficients: Sequence[Scalar], angles: Sequence[Scalar]) -> Scalar:
     """Return e(θ) = Σ c Π θ_j^{n_j}; outside its range e(θ_c) + Σ a_j (θ_j − θ_c,j), with θ_c at the end of the range.
 
     a_j is the arm at the end of θ_j's own range with the other angles in the middle of theirs: no length jumps, and no arm
@@ -96,7 +96,7 @@ def polynomial_excursion(polynomial: Polynomial, coefficients: Sequence[Any], an
     return total
 
 
-def _slope(polynomial: Polynomial, coefficients: Sequence[Any], at: Sequence[Any], joint: int) -> Any:
+def _slope(polynomial: Polynomial, coefficients: Sequence[Scalar], at: Sequence[Scalar], joint: int) -> Scalar:
     """Return ∂e/∂θ_j at given angles."""
     total = ca.SX(0)
     for term, coefficient in zip(polynomial.terms, coefficients):
@@ -107,7 +107,7 @@ def _slope(polynomial: Polynomial, coefficients: Sequence[Any], at: Sequence[Any
     return total
 
 
-def _product(angles: Sequence[Any], powers: Sequence[int]) -> Any:
+def _product(angles: Sequence[Scalar], powers: Sequence[int]) -> Scalar:
     result = ca.SX(1)
     for angle, power in zip(angles, powers):
         for _ in range(power):
@@ -115,7 +115,7 @@ def _product(angles: Sequence[Any], powers: Sequence[int]) -> Any:
     return result
 
 
-def angle_at(insertion: Insertion, elongated: Any, displacement: Any) -> Any:
+def angle_at(insertion: Insertion, elongated: Scalar, displacement: Scalar) -> Scalar:
     """Return the joint angle θ [rad] at which a tendon has the given ℓ − l: the inverse of `elongation`.
 
     For `pinned`, squaring (4) gives r cos θ + side · A sin θ = (2r² + A² − ℓ²)/(2r) with A = l + x, a shifted sine.

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import casadi as ca
 
+from distal.expressions import Matrix, Scalar, Vector
 from distal.model.chain import Chain
 from distal.model.elasticity import extension_torque, polynomial_torque
 from distal.model.friction import Limit, capstan_limit, load_dependent_limit, stribeck
@@ -54,7 +54,7 @@ class Mechanism(Tendons):
                 self.spread[i, self.free.index(self._joint(joint.coupled.joint))] = joint.coupled.ratio
                 self.offsets[i] = joint.coupled.offset
 
-    def mass_matrix(self, q: Any) -> Any:
+    def mass_matrix(self, q: Vector) -> Matrix:
         """Return the inertia matrix of the joints, (n_joints, n_joints) [kg m²].
 
         Args:
@@ -63,19 +63,19 @@ class Mechanism(Tendons):
         own = ca.diag(self.inertias()[: self.n_joints])
         return own if self.chain is None else own + self.chain.mass_matrix(q)
 
-    def passive_forces(self, q: Any) -> Any:
+    def passive_forces(self, q: Vector) -> Vector:
         """Return what springs and gravity add at the joints, and cogging at the drives, (n_bodies,) [N m]."""
         forces = [self._passive_torque(i, joint, q) for i, joint in enumerate(self.rig.joints)]
         return ca.vertcat(*forces, *(self._cogging(i, q) for i in range(self.n_drives)))
 
-    def _cogging(self, drive: int, q: Any) -> Any:
+    def _cogging(self, drive: int, q: Vector) -> Scalar:
         part, p, path = self.rig.drives[drive], self.parameters, f"drives.{drive}.cogging"
         if part.kind != "capstan" or part.cogging is None:
             return ca.SX(0)
         phase = part.cogging.periods * q[self.n_joints + drive]
         return p[f"{path}.cosine"] * ca.cos(phase) + p[f"{path}.sine"] * ca.sin(phase)
 
-    def passive_springs(self, q: Any) -> Any:
+    def passive_springs(self, q: Vector) -> Matrix:
         """Return the torque of each joint's return spring and its stiffness there, (n_joints, 2) [N m, N m/rad].
 
         Args:
@@ -88,7 +88,7 @@ class Mechanism(Tendons):
         found = ca.Function("springs", [at, self.parameters.symbols], [ca.vertcat(*rows)])
         return found(q, self.parameters.symbols)
 
-    def _spring_torque(self, index: int, joint: Joint, q: Any) -> Any:
+    def _spring_torque(self, index: int, joint: Joint, q: Vector) -> Scalar:
         p, path, torque = self.parameters, f"joints.{index}", ca.SX(0)
         if joint.spring is not None:
             away = q[index] - p[f"{path}.spring.rest_angle"]
@@ -100,7 +100,7 @@ class Mechanism(Tendons):
             torque += extension_torque(q[index] - p[f"{spring}.line_angle"], *parts)
         return torque
 
-    def _passive_torque(self, index: int, joint: Joint, q: Any) -> Any:
+    def _passive_torque(self, index: int, joint: Joint, q: Vector) -> Scalar:
         p, path, torque = self.parameters, f"joints.{index}", self._spring_torque(index, joint, q)
         if self._lone is not None:
             torque -= self._lone.torques(q, ca.SX.zeros(1), ca.SX.zeros(1))[0]
@@ -109,7 +109,7 @@ class Mechanism(Tendons):
             torque -= moment * ca.sin(q[index] - p[f"{path}.gravity.hanging_angle"])
         return torque
 
-    def friction_limits(self, q: Any, v: Any, tensions: Any, at_drives: Any = None) -> list[Limit]:
+    def friction_limits(self, q: Vector, v: Vector, tensions: Vector, at_drives: Vector | None = None) -> list[Limit]:
         """Return the Coulomb limits of all bodies: equations (12) and (13), reconstructed, in their general form.
 
         At the joint μ r_a (T0 + Σ T); at a drive constant + load · R Σ T, and the friction along its tendons' paths
@@ -134,7 +134,7 @@ class Mechanism(Tendons):
             limits.append(limit)
         return limits
 
-    def _joint_friction(self, body: int, tensions: Any) -> Limit:
+    def _joint_friction(self, body: int, tensions: Vector) -> Limit:
         p, path = self.parameters, self.bodies[body].path
         if f"{path}.friction.coefficient" not in p:
             return Limit(ca.SX(0), ca.SX(0))
@@ -148,7 +148,7 @@ class Mechanism(Tendons):
         )
         return Limit(limit, limit)
 
-    def _drive_friction(self, body: int, q: Any, tensions: Any) -> Limit:
+    def _drive_friction(self, body: int, q: Vector, tensions: Vector) -> Limit:
         """Return friction of the drive itself and along the paths of its tendons, drawn in or let out."""
         p, path = self.parameters, self.bodies[body].path
         own = [i for i in range(self.n_tendons) if self.drive_of[i] == body]
@@ -158,7 +158,7 @@ class Mechanism(Tendons):
         up, down = limit, limit
         for i in own:
             part, wrapped = self.rig.tendons[i].path, self.wrapped(i, q)
-            if wrapped.is_zero() or (part is not None and part.nodes > 0):
+            if ca.SX(wrapped).is_zero() or (part is not None and part.nodes > 0):
                 continue
             out = 1 if part is None else p[f"tendons.{i}.path.let_out"]
             path_friction = capstan_limit(tensions[i], wrapped, out).times(lever)
@@ -168,7 +168,7 @@ class Mechanism(Tendons):
             up, down = (up + drawn_in, down + let_out) if drawn > 0 else (up + let_out, down + drawn_in)
         return Limit(up, down)
 
-    def stretch(self, drive: int, q: Any) -> Any:
+    def stretch(self, drive: int, q: Vector) -> Scalar:
         """Return the stretch of a drive's tendons in the drive's own coordinate, Σ h_i ℓ_i/Σ h_i², h_i = ∂ℓ_i/∂s.
 
         For a capstan with two pulleys it is φ − r θ/R, for a slider with one tendon ℓ.
@@ -183,7 +183,7 @@ class Mechanism(Tendons):
         total = sum((levers[i] * elongations[i] for i in own), ca.SX(0))
         return total / sum((levers[i] ** 2 for i in own), ca.SX(0))
 
-    def hysteresis_limit(self, drive: int, q: Any, tensions: Any) -> Any:
+    def hysteresis_limit(self, drive: int, q: Vector, tensions: Vector) -> Scalar:
         """Return the limit h = (constant + load · R Σ T)(1 + slope · θ) of the play in a drive's transmission, ≥ 0.
 
         Args:
@@ -198,12 +198,12 @@ class Mechanism(Tendons):
         limit = p[f"{path}.constant"] + p[f"{path}.load"] * self._drive_radius(body) * tension
         return ca.fmax(limit * (1 + p[f"{path}.slope"] * q[self.joints_of[own[0]][0]]), 0)
 
-    def _drive_radius(self, body: int) -> Any:
+    def _drive_radius(self, body: int) -> Scalar:
         """Return the capstan's radius, or 1 for a slider."""
         path = f"{self.bodies[body].path}.radius"
         return self.parameters[path] if path in self.parameters else ca.SX(1)
 
-    def inertias(self) -> Any:
+    def inertias(self) -> Vector:
         """Return mass or moment of inertia of all bodies, (n_bodies,); links that a chain carries are not among them."""
         own = [
             self.parameters[f"{b.path}.mass" if f"{b.path}.mass" in self.parameters else f"{b.path}.inertia"]
@@ -213,7 +213,7 @@ class Mechanism(Tendons):
             own[0] += self._lone.mass_matrix(ca.SX.zeros(1))[0, 0]
         return ca.vertcat(*own)
 
-    def stop(self, body: int) -> tuple[Any, Any, Any, Any]:
+    def stop(self, body: int) -> tuple[Scalar, Scalar, Scalar, Scalar]:
         """Return stiffness, damping, low and high end of a body's stops.
 
         Args:
@@ -222,6 +222,6 @@ class Mechanism(Tendons):
         p, path = self.parameters, self.bodies[body].path
         return p[f"{path}.stop_stiffness"], p[f"{path}.stop_damping"], p[f"{path}.stops.low"], p[f"{path}.stops.high"]
 
-    def dampings(self) -> Any:
+    def dampings(self) -> Vector:
         """Return the viscous damping of all bodies, (n_bodies,)."""
         return ca.vertcat(*(self.parameters[f"{b.path}.damping"] for b in self.bodies))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from distal.errors import RigError
+from distal.expressions import Scalar, Vector
 from distal.rig import Parameter, Rig
 
 # not part of the equations of motion: the start, and what stands in for a missing force sensor
@@ -79,13 +79,13 @@ class Parameters:
         self.stds: NDArray[np.float64] = np.array(stds)
         self.independent_stds: NDArray[np.float64] = np.array([own.get(i, std) for i, std in enumerate(stds)])
         self.drifts: NDArray[np.float64] = np.array(drifts)
-        self.symbols: Any = ca.SX.sym("p", len(names))
+        self.symbols: Vector = ca.SX.sym("p", len(names))
         self._index = {name: i for i, name in enumerate(names)}
 
     def __len__(self) -> int:
         return len(self.names)
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> Scalar:
         """Return the symbol (or the constant) of a parameter.
 
         Raises:
@@ -113,7 +113,7 @@ def number_at(rig: Rig, path: str) -> float:
     Raises:
         RigError: there is none.
     """
-    part: Any = rig
+    part: object = rig
     for key in path.split("."):
         if isinstance(part, tuple):
             part = (

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
 import casadi as ca
 
+from distal.expressions import Scalar
 from distal.rig import Rig
 
 NEWTON_STEPS = 3
@@ -19,6 +20,10 @@ NEWTON_STEPS = 3
 
 SOFTEST = 1e-9
 """Stiffness that slack tendons are taken to have, so that nothing is divided by zero [N/m, N m/rad]."""
+
+
+Pull: TypeAlias = Callable[[Scalar], tuple[Scalar, Scalar]]
+"""Place → what tendons pull back with there, and its slope."""
 
 
 @dataclass(frozen=True)
@@ -30,15 +35,15 @@ class Bounds:
         high: it is pushed down to this.
     """
 
-    low: Any
-    high: Any
+    low: Scalar
+    high: Scalar
 
     @property
-    def middle(self) -> Any:
+    def middle(self) -> Scalar:
         """Return the place halfway: where it is taken to be if nobody remembers."""
         return (self.low + self.high) / 2
 
-    def hold(self, place: Any) -> Any:
+    def hold(self, place: Scalar) -> Scalar:
         """Return clip(p, a, b).
 
         Args:
@@ -47,7 +52,7 @@ class Bounds:
         return ca.fmin(ca.fmax(place, self.low), self.high)
 
 
-def gap(place: Any, width: Any) -> Bounds:
+def gap(place: Scalar, width: Scalar) -> Bounds:
     """Return the bounds of a backlash: half its width to both sides of what drives it.
 
     Args:
@@ -57,7 +62,7 @@ def gap(place: Any, width: Any) -> Bounds:
     return Bounds(place - width / 2, place + width / 2)
 
 
-def balanced(place: Any, bounds: Bounds, pull: Callable[[Any], tuple[Any, Any]], friction: Any = 0) -> Any:
+def balanced(place: Scalar, bounds: Bounds, pull: Pull, friction: Scalar = 0) -> Scalar:
     """Return where the far side of a backlash comes to rest: where its tendons pull no more than friction holds.
 
     Newton's steps p ← clip(p − soft(g(p), F)/g'(p)) of a pull g that grows with p.
@@ -90,17 +95,17 @@ class Sheath:
         count: points, N.
     """
 
-    stiffness: Any
-    drawn: Any
-    let_out: Any
+    stiffness: Scalar
+    drawn: Scalar
+    let_out: Scalar
     count: int
 
-    def springs(self) -> list[Any]:
+    def springs(self) -> list[Scalar]:
         """Return the stiffness of each stretch of the cable, from the drive to the joint, (N + 1,) [N/m]."""
         ends, between = 2 * self.count * self.stiffness, self.count * self.stiffness
         return [ends, *([between] * (self.count - 1)), ends]
 
-    def bounds(self, point: int, before: Any, after: Any) -> Bounds:
+    def bounds(self, point: int, before: Scalar, after: Scalar) -> Bounds:
         """Return the bounds of a point between its neighbours.
 
         It is drawn in where k₁ (l − m) > e k₂ (m − r), and let out where k₂ (m − r) > e k₁ (l − m).
@@ -117,7 +122,7 @@ class Sheath:
         # a cable that is slack lies anywhere between its ends
         return Bounds(ca.fmin(drawn, let_out), ca.fmax(drawn, let_out))
 
-    def settled(self, points: list[Any], drive: Any, joint: Any) -> list[Any]:
+    def settled(self, points: list[Scalar], drive: Scalar, joint: Scalar) -> list[Scalar]:
         """Return where the points come to rest, by sweeps from end to end and back.
 
         Args:
@@ -140,7 +145,7 @@ class Sheath:
             sweeps += there[1:] + there[-2::-1]
         return sweeps
 
-    def middle(self, drive: Any, joint: Any) -> list[Any]:
+    def middle(self, drive: Scalar, joint: Scalar) -> list[Scalar]:
         """Return displacements of the points at which the tension is the same all along, (N,) [m].
 
         Args:
@@ -149,7 +154,7 @@ class Sheath:
         """
         return [drive + (joint - drive) * (2 * i + 1) / (2 * self.count) for i in range(self.count)]
 
-    def tensions(self, points: list[Any], drive: Any, joint: Any) -> tuple[Any, Any]:
+    def tensions(self, points: list[Scalar], drive: Scalar, joint: Scalar) -> tuple[Scalar, Scalar]:
         """Return the tensions at the drive and at the joint [N].
 
         Args:

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import RigError
+from distal.expressions import Matrix, Scalar, Vector
 from distal.model.chain_kick import Kicked, Loads, chain_kick
-from distal.model.friction import free_response
+from distal.model.friction import Limit, free_response
 from distal.model.mechanism import Mechanism
 from distal.model.stops import Push, Stop, kick_at_stops, restitution, velocity_in_stops
 
@@ -25,7 +25,9 @@ RESOLUTION = 0.6
 MOST_SUBSTEPS = 1000
 
 
-def responses(mechanism: Mechanism, length: Any, drift: Any, added_inertia: Any = None, rebounds: bool = True) -> Any:
+def responses(
+    mechanism: Mechanism, length: Scalar, drift: Scalar, added_inertia: Vector | None = None, rebounds: bool = True
+) -> Matrix:
     """Return what depends on the step only, (n_bodies, 4): a, b (see `free_response`), rebound, implicitness.
 
     Args:
@@ -64,16 +66,16 @@ class Kick:
         implicit: (force F, damping D) per body, (n_bodies, 2): F − D v⁺ is taken implicitly; or none.
     """
 
-    q: Any
-    v: Any
-    effort: Any
-    response: Any
-    length: Any
-    drift: Any
-    implicit: Any = None
+    q: Vector
+    v: Vector
+    effort: Vector
+    response: Matrix
+    length: Scalar
+    drift: Scalar
+    implicit: Matrix | None = None
 
 
-def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Any, Any, Any]:
+def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Vector, list[Limit], Vector]:
     """Return (z, friction impulse, implicit damping) of all bodies: z = a v + b F, before friction and stops.
 
     A body's own share of tendon damping is linearly implicit, so that stiff damping needs no small step.
@@ -149,14 +151,14 @@ def kicked_chain(
     return chain_kick(mechanism, kick.q[:nj], before, loads, kick.length, kick.drift, last=last, rebounds=rebounds)
 
 
-def _stop(mechanism: Mechanism, body: int, response: Any, rebounds: bool) -> Stop:
+def _stop(mechanism: Mechanism, body: int, response: Matrix, rebounds: bool) -> Stop:
     k_s, b_s, low, high = mechanism.stop(body)
     return Stop(low, high, k_s, b_s, response[body, 2] if rebounds else 0.0, response[body, 3])
 
 
 def kick_and_drift(
     mechanism: Mechanism, kick: Kick, rebounds: bool = True, bodies: Sequence[int] | None = None
-) -> tuple[Any, Any]:
+) -> tuple[Vector, Vector]:
     """Return (q⁺, v⁺) after one kick and the drift that follows: v⁺ = soft(a v + b F, b · limit), q⁺ = q + h v⁺.
 
     Args:
@@ -168,7 +170,7 @@ def kick_and_drift(
     """
     z, limits, damping = impulses(mechanism, kick)
     free = range(mechanism.n_bodies) if bodies is None else bodies
-    q, v = list[Any](), list[Any]()
+    q, v = list[Scalar](), list[Scalar]()
     if mechanism.chain is not None:
         chain = kicked_chain(mechanism, kick, rebounds)
         q, v = ca.vertsplit(chain.q), ca.vertsplit(chain.v)
@@ -186,7 +188,7 @@ def kick_and_drift(
     return ca.vertcat(*q), ca.vertcat(*v)
 
 
-def last_kick(mechanism: Mechanism, kick: Kick) -> Any:
+def last_kick(mechanism: Mechanism, kick: Kick) -> Vector:
     """Return v⁺ after the half kick that ends an interval; its `drift` is the one that went before.
 
     Args:
@@ -194,7 +196,7 @@ def last_kick(mechanism: Mechanism, kick: Kick) -> Any:
         kick: its symbols.
     """
     z, limits, damping = impulses(mechanism, kick)
-    velocities = list[Any]()
+    velocities = list[Scalar]()
     if mechanism.chain is not None:
         velocities = ca.vertsplit(kicked_chain(mechanism, kick, last=True).v)
     for i in range(len(velocities), mechanism.n_bodies):

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
 import casadi as ca
+
+from distal.expressions import Matrix, Scalar, Vector
 
 SWEEPS = 2
 """Sweeps of projected Gauss–Seidel before: they save events."""
@@ -33,15 +35,15 @@ class Slip:
         back: 1 where it slips to −.
     """
 
-    forward: Any
-    back: Any
+    forward: Vector
+    back: Vector
 
     @property
-    def moving(self) -> Any:
+    def moving(self) -> Vector:
         """1 where a joint slips at all."""
         return self.forward + self.back
 
-    def friction(self, up: Any, down: Any) -> Any:
+    def friction(self, up: Vector, down: Vector) -> Vector:
         """Return the friction of the joints that slip, 0 for the others, (n,).
 
         Args:
@@ -51,7 +53,11 @@ class Slip:
         return self.forward * up - self.back * down
 
 
-def solver(matrix: Any, weight: Any) -> Callable[[Any], Any]:
+Following: TypeAlias = tuple[list[Scalar], Vector, Vector, Scalar]
+"""Signs of the velocities, velocities, friction, and the share of the load's change that is left."""
+
+
+def solver(matrix: Matrix, weight: Vector) -> Callable[[Vector], Vector]:
     """Return b → x with A_SS x_S = b_S for the joints S whose weight is 1, x = 0 for those whose weight is 0, by L D Lᵀ.
 
     A weight w between 0 and 1 stands between both: x = w (w A w with the diagonal of A)⁻¹ w b.
@@ -61,7 +67,7 @@ def solver(matrix: Any, weight: Any) -> Callable[[Any], Any]:
         weight: w of each joint, (n,).
     """
     n = matrix.size1()
-    pivots, scaled = list[list[Any]](), list[list[Any]]()  # columns of L D, and of L
+    pivots, scaled = list[list[Scalar]](), list[list[Scalar]]()  # columns of L D, and of L
     for j in range(n):
         column = [matrix[j, j] if i == j else weight[i] * matrix[i, j] * weight[j] for i in range(n)]
         for k in range(j):
@@ -70,7 +76,7 @@ def solver(matrix: Any, weight: Any) -> Callable[[Any], Any]:
         pivots.append(column)
         scaled.append([column[i] / column[j] if i > j else ca.SX(0) for i in range(n)])
 
-    def solve(b: Any) -> Any:
+    def solve(b: Vector) -> Vector:
         x = [weight[i] * b[i] for i in range(n)]
         for k in range(n):
             for i in range(k + 1, n):
@@ -84,7 +90,9 @@ def solver(matrix: Any, weight: Any) -> Callable[[Any], Any]:
     return solve
 
 
-def slipping(matrix: Any, load: Any, up: Any, down: Any, start: Any = None, events: int | None = None) -> Slip:
+def slipping(
+    matrix: Matrix, load: Vector, up: Vector, down: Vector, start: Vector | None = None, events: int | None = None
+) -> Slip:
     """Return which joints slip under a load.
 
     Args:
@@ -102,7 +110,7 @@ def slipping(matrix: Any, load: Any, up: Any, down: Any, start: Any = None, even
     v = _swept(matrix, load, up, down) if start is None else start
     # direction of each joint that slips, 0 for one that sticks
     signs = [(v[j] > 0) - (v[j] < 0) for j in range(n)]
-    rest, held = load - ca.mtimes(matrix, v), list[Any]()
+    rest, held = load - ca.mtimes(matrix, v), list[Scalar]()
     for j in range(n):
         high = ca.if_else(v[j] < 0, -down[j], up[j])
         low = ca.if_else(v[j] > 0, up[j], -down[j])
@@ -114,7 +122,7 @@ def slipping(matrix: Any, load: Any, up: Any, down: Any, start: Any = None, even
     return Slip(ca.vertcat(*(sign > 0 for sign in signs)), ca.vertcat(*(sign < 0 for sign in signs)))
 
 
-def _swept(matrix: Any, load: Any, up: Any, down: Any) -> Any:
+def _swept(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
     """Return velocities near the solution, (n,): `SWEEPS` of projected Gauss–Seidel from rest."""
     n, v = matrix.size1(), [ca.SX(0)] * matrix.size1()
     for _ in range(SWEEPS):
@@ -124,9 +132,7 @@ def _swept(matrix: Any, load: Any, up: Any, down: Any) -> Any:
     return ca.vertcat(*v)
 
 
-def _event(
-    matrix: Any, change: Any, up: Any, down: Any, now: tuple[list[Any], Any, Any, Any]
-) -> tuple[list[Any], Any, Any, Any]:
+def _event(matrix: Matrix, change: Vector, up: Vector, down: Vector, now: Following) -> Following:
     """Return (signs, velocity, friction, share of the load's change that is left) after the next event, or the last ones.
 
     While the load changes in a straight line, velocities of the joints that slip and friction of those that stick do,
@@ -145,7 +151,7 @@ def _event(
         time = ca.fmax(distance / (rate + (rate == 0)), 0)
         times.append(NEVER + happens * (time - NEVER))
         soonest = ca.fmin(soonest, times[-1])
-    after, found = list[Any](), ca.SX(soonest >= left)
+    after, found = list[Scalar](), ca.SX(soonest >= left)
     for j in range(n):
         mine = ca.logic_and(times[j] <= soonest, 1 - found)
         found = found + mine
@@ -155,7 +161,7 @@ def _event(
     return after, stands * (v + soonest * dv), g + soonest * dg, left - soonest
 
 
-def velocities(matrix: Any, load: Any, up: Any, down: Any) -> Any:
+def velocities(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
     """Return v⁺, (n,), of joints under a load; see the head of this module.
 
     Args:

@@ -7,14 +7,14 @@ reconstructed. Mend: a stop only pushes, hence max and min (as written it pulls 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 
-from distal.model.friction import slip, slipped, soft
+from distal.expressions import Scalar
+from distal.model.friction import Limit, slip, slipped, soft
 
 
-def restitution(stiffness: Any, damping: Any, inertia: Any) -> Any:
+def restitution(stiffness: Scalar, damping: Scalar, inertia: Scalar) -> Scalar:
     """Return the coefficient of restitution of a body that hits a stop which only pushes.
 
     e = exp(−(β/ω)(π − arctan(2βω/(ω² − β²)))) with β = b_s/2m, ω² = k_s/m − β²; contact ends where the force, not
@@ -44,13 +44,13 @@ class Push:
         implicit: damping coefficient D that is taken implicitly.
     """
 
-    z: Any
-    limit: Any
-    b: Any
-    implicit: Any
+    z: Scalar
+    limit: Limit
+    b: Scalar
+    implicit: Scalar
 
     @property
-    def free(self) -> Any:
+    def free(self) -> Scalar:
         """The velocity without stops, soft(z, l)/(1 + b D)."""
         return soft(self.z, self.limit) / (1 + self.b * self.implicit)
 
@@ -67,11 +67,11 @@ class Flight:
         drift: length of the drift h [s].
     """
 
-    free: Any
-    position: Any
-    before: Any
-    length: Any
-    drift: Any
+    free: Scalar
+    position: Scalar
+    before: Scalar
+    length: Scalar
+    drift: Scalar
 
 
 @dataclass(frozen=True)
@@ -91,14 +91,14 @@ class Stop:
         implicitness: share α of the coming drift at which the spring is taken.
     """
 
-    low: Any
-    high: Any
-    stiffness: Any
-    damping: Any
-    rebound: Any
-    implicitness: Any
+    low: Scalar
+    high: Scalar
+    stiffness: Scalar
+    damping: Scalar
+    rebound: Scalar
+    implicitness: Scalar
 
-    def pressed(self, push: Push, position: Any, place: Any, drift: Any, contact: Any = True) -> Any:
+    def pressed(self, push: Push, position: Scalar, place: Scalar, drift: Scalar, contact: Scalar = True) -> Scalar:
         """Return the velocity of a body that presses against a stop, exact with friction, implicit in the spring.
 
         (1 + b (D + α k_s h + b_s)) v + l ∂|v| ∋ z − b k_s (x − x_stop). v is monotone in z, so a stop that is found by
@@ -124,7 +124,9 @@ class Stop:
         return slipped(forward, back, z, limit) - spring * inside
 
 
-def kick_at_stops(stop: Stop, push: Push, position: Any, before: Any, length: Any, drift: Any) -> tuple[Any, Any]:
+def kick_at_stops(
+    stop: Stop, push: Push, position: Scalar, before: Scalar, length: Scalar, drift: Scalar
+) -> tuple[Scalar, Scalar]:
     """Return (v⁺, x⁺) of a body with stops after a kick of length `length` and a drift h.
 
     Without contact v⁺ = soft(z, l)/(1 + b D), x⁺ = x + h v⁺. If that drifts into a stop, the body is pressed against it
@@ -153,7 +155,7 @@ def kick_at_stops(stop: Stop, push: Push, position: Any, before: Any, length: An
     return ca.if_else(bounces, after, velocity), ca.if_else(bounces, bounced, final)
 
 
-def bounce(rebound: Any, at_high: Any, place: Any, flight: Flight) -> tuple[Any, Any, Any]:
+def bounce(rebound: Scalar, at_high: Scalar, place: Scalar, flight: Flight) -> tuple[Scalar, Scalar, Scalar]:
     """Return whether a body that meets a stop flies off again, and its velocity and place then.
 
     It meets the stop at the time at which its parabola reaches it, leaves with −e times its speed there, and flies on for
@@ -182,7 +184,7 @@ def bounce(rebound: Any, at_high: Any, place: Any, flight: Flight) -> tuple[Any,
     return flies, towards * (away + acceleration * (left - drift / 2)), bounced
 
 
-def velocity_in_stops(stop: Stop, push: Push, position: Any, drift: Any) -> Any:
+def velocity_in_stops(stop: Stop, push: Push, position: Scalar, drift: Scalar) -> Scalar:
     """Return v⁺ of a kick that no drift follows: the last half kick of an interval.
 
     Args:

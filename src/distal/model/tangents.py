@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 
+from distal.expressions import Matrix, MatrixNode, Vector
 from distal.model.mechanism import Mechanism
 from distal.model.stepping import Kick, kick_and_drift, last_kick, responses
 
@@ -58,7 +57,7 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     )
 
 
-def _linearised(name: str, mechanism: Mechanism, symbols: list[Any], velocity: Any, *more: Any) -> ca.Function:
+def _linearised(name: str, mechanism: Mechanism, symbols: list[Matrix], velocity: Vector, *more: Vector) -> ca.Function:
     """Return a kick: the velocity and its transposed slopes with respect to q, v and the drives' pulls, sparse."""
     q, v, effort = symbols[:3]
     slopes = [ca.jacobian(velocity, by) for by in (q, v)] + [ca.jacobian(velocity, effort)[:, mechanism.n_joints :]]
@@ -82,7 +81,7 @@ def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> c
     return ca.Function(name, [q, v, s_q, s_v, effort, response, length, drift, p], outputs)
 
 
-def _chained(mechanism: Mechanism, slopes: tuple[Any, ...], s_q: Any, s_v: Any) -> Any:
+def _chained(mechanism: Mechanism, slopes: tuple[MatrixNode, ...], s_q: MatrixNode, s_v: MatrixNode) -> MatrixNode:
     """Return the transposed S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort."""
     n, columns = mechanism.n_bodies, 2 * mechanism.n_bodies + mechanism.n_drives
     by_q, by_v, by_effort = slopes

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 
+from distal.expressions import Matrix, Scalar, Vector
 from distal.model.elasticity import stretched
 from distal.model.geometry import Insertion, angle_at, elongation, polynomial_excursion
 from distal.model.parameters import Parameters
-from distal.model.plays import Bounds, Sheath, balanced, gap, plays_of, strains_of
+from distal.model.plays import Bounds, Pull, Sheath, balanced, gap, plays_of, strains_of
 from distal.rig import Meeting, Polynomial, Rig
 
 
@@ -34,8 +34,8 @@ class Place:
         inside: places of the far sides of drives' backlashes, then of the points in sheaths, (n_inside,) [rad, m].
     """
 
-    q: Any
-    inside: tuple[Any, ...]
+    q: Vector
+    inside: tuple[Scalar, ...]
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class Pulls:
         forces: on the bodies, −(∂ℓ/∂q)ᵀ T, (n_bodies,).
     """
 
-    joint: Any
-    drive: Any
-    forces: Any
+    joint: Vector
+    drive: Vector
+    forces: Vector
 
 
 class Tendons:
@@ -81,7 +81,7 @@ class Tendons:
         self.joints_of = tuple(tuple(joints[name] for name in tendon.joints) for tendon in rig.tendons)
         self.drive_of = tuple(drives[tendon.drive] for tendon in rig.tendons)
 
-    def displacement(self, tendon: int, q: Any) -> Any:
+    def displacement(self, tendon: int, q: Vector) -> Scalar:
         """Return the displacement [m] of a tendon's proximal end: the slider's, or side · R φ of a capstan.
 
         Args:
@@ -94,11 +94,11 @@ class Tendons:
             return self.rig.tendons[tendon].winding * self.parameters[radius] * q[drive]
         return q[drive]
 
-    def elongations(self, q: Any) -> Any:
+    def elongations(self, q: Vector) -> Vector:
         """Return ℓ_i(q) − l_i of all tendons, (n_tendons,) [m], without what moves inside."""
         return ca.vertcat(*(self._elongation(i, q) for i in range(self.n_tendons)))
 
-    def _elongation(self, tendon: int, q: Any) -> Any:
+    def _elongation(self, tendon: int, q: Vector) -> Scalar:
         """Return ℓ − l of a tendon: each joint on its way changes what the one before it left of the displacement."""
         left, p = self.displacement(tendon, q), self.parameters
         for meeting in self.rig.tendons[tendon].meetings:
@@ -116,7 +116,7 @@ class Tendons:
     def _joint(self, name: str) -> int:
         return next(i for i, joint in enumerate(self.rig.joints) if joint.name == name)
 
-    def angle_at(self, tendon: int, elongated: Any, q: Any) -> Any:
+    def angle_at(self, tendon: int, elongated: Scalar, q: Vector) -> Scalar:
         """Return the joint angle [rad] at which a tendon of one joint has ℓ − l = `elongated`, at the drives' place in q.
 
         Args:
@@ -129,11 +129,11 @@ class Tendons:
 
     def _insertion(self, tendon: int, meeting: Meeting) -> Insertion:
         p, path, kind = self.parameters, f"tendons.{tendon}.{meeting.path}", meeting.shape.kind
-        length = p[f"{path}.free_length"] if kind == "pinned" else None
+        length = p[f"{path}.free_length"] if kind == "pinned" else 0.0
         shape = tuple(p[f"{path}.{name}"] for name in ("centre", "slope", "curvature")) if kind == "linkage" else ()
         return Insertion(kind, meeting.side, p[f"{path}.radius"], length, shape)
 
-    def length_jacobian(self, q: Any) -> Any:
+    def length_jacobian(self, q: Vector) -> Matrix:
         """Return ∂ℓ/∂q, (n_tendons, n_bodies): the moment arms, with minus the sign of the torque."""
         symbols = ca.SX.sym("q", self.n_bodies)
         jacobian = ca.Function(
@@ -141,14 +141,14 @@ class Tendons:
         )
         return jacobian(q, self.parameters.symbols)
 
-    def place(self, q: Any, settled: bool = False) -> Place:
+    def place(self, q: Vector, settled: bool = False) -> Place:
         """Return where what moves inside comes to rest as the bodies have come to q.
 
         Args:
             q: coordinates, (n_bodies,) [rad, m].
             settled: it has come to rest already: what is remembered is where it is.
         """
-        tied, inside = [q[i] for i in range(self.n_bodies)], list[Any]()
+        tied, inside = [q[i] for i in range(self.n_bodies)], list[Scalar]()
         remembered = [self.parameters[name] for name in self.plays] if self.remembers else None
         for i in range(self.n_drives):
             if self.rig.drives[i].backlash is not None:
@@ -172,7 +172,7 @@ class Tendons:
                 inside += points if settled else sheath.settled(points, *ends)
         return Place(at, tuple(inside))
 
-    def bounds(self, which: int, q: Any) -> Bounds:
+    def bounds(self, which: int, q: Vector) -> Bounds:
         """Return between which places one of `plays` stays, the others being where they are remembered to be.
 
         Args:
@@ -194,7 +194,7 @@ class Tendons:
         after = joint if point == sheath.count - 1 else place.inside[first + point + 1]
         return sheath.bounds(point, before, after)
 
-    def _far_side(self, drive: int, q: Any, before: Any, settled: bool) -> Any:
+    def _far_side(self, drive: int, q: Vector, before: Scalar | None, settled: bool) -> Scalar:
         """Return where the far side of a drive's backlash is."""
         part, body, p = self.rig.drives[drive].backlash, self.n_joints + drive, self.parameters
         assert part is not None  # it is asked for drives with backlash
@@ -207,25 +207,25 @@ class Tendons:
             return near.hold(start)
         return balanced(start, near, self._pull_along(body, q), p[f"{path}.friction"])
 
-    def _pulley(self, joint: int, q: Any) -> Any:
+    def _pulley(self, joint: int, q: Vector) -> Scalar:
         """Return where the pulley of a joint with backlash is: the tendons turn it until it meets the link."""
         near = gap(q[joint], self.parameters[f"joints.{joint}.backlash.width"])
         return balanced(q[joint], near, self._pull_along(joint, q))
 
-    def _pull_along(self, body: int, q: Any) -> Callable[[Any], tuple[Any, Any]]:
+    def _pull_along(self, body: int, q: Vector) -> Pull:
         """Return place → (Σ T ∂ℓ/∂q, its slope) of the tendons along one coordinate, the others being at q."""
         at = ca.SX.sym("q", self.n_bodies)
         pull = ca.dot(self.length_jacobian(at)[:, body], self._taut(self.elastic_forces(at)))
         function = ca.Function("pull", [at, self.parameters.symbols], [pull, ca.jacobian(pull, at)[body]])
 
-        def along(place: Any) -> tuple[Any, Any]:
+        def along(place: Scalar) -> tuple[Scalar, Scalar]:
             entries = [place if i == body else q[i] for i in range(self.n_bodies)]
             force, slope = function(ca.vertcat(*entries), self.parameters.symbols)
             return force, slope
 
         return along
 
-    def sheath(self, tendon: int, q: Any) -> Sheath | None:
+    def sheath(self, tendon: int, q: Vector) -> Sheath | None:
         """Return the cable of a tendon as springs and points of friction, None where all friction is at its drive.
 
         Args:
@@ -240,7 +240,7 @@ class Tendons:
         out = ca.exp(exponent * p[f"{name}.path.let_out"])
         return Sheath(p[f"{name}.stiffness"], ca.exp(exponent), out, path.nodes)
 
-    def stiffest(self, tendon: int) -> Any:
+    def stiffest(self, tendon: int) -> Scalar:
         """Return the stiffness of a tendon that its ends feel at once [N/m]: in a sheath that of the stretch at the end.
 
         Args:
@@ -249,7 +249,7 @@ class Tendons:
         path, k = self.rig.tendons[tendon].path, self.parameters[f"tendons.{tendon}.stiffness"]
         return k if path is None or path.nodes == 0 else 2 * path.nodes * k
 
-    def wrapped(self, tendon: int, q: Any) -> Any:
+    def wrapped(self, tendon: int, q: Vector) -> Scalar:
         """Return Σ μ β of a tendon: its path's and that of its guides at the joints it crosses; β changes with the angle.
 
         Args:
@@ -264,14 +264,14 @@ class Tendons:
             total += p[f"{name}.friction"] * ca.fmax(p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[joint], 0)
         return total
 
-    def _ends(self, tendon: int, q: Any, elongated: Any) -> tuple[Any, Any]:
+    def _ends(self, tendon: int, q: Vector, elongated: Vector) -> tuple[Scalar, Scalar]:
         """Return the displacements of a cable's ends [m] whose difference is its stretch."""
         drive = self.displacement(tendon, q)
         stretch = self._beyond(tendon, elongated[tendon])
         p, name = self.parameters, f"tendons.{tendon}"
         return drive, drive - stretch - p[f"{name}.pretension"] / p[f"{name}.stiffness"]
 
-    def pulls(self, q: Any, v: Any, settled: bool = False) -> Pulls:
+    def pulls(self, q: Vector, v: Vector, settled: bool = False) -> Pulls:
         """Return tensions at both ends, T_i = max(k δ + T_pre + c δ̇, 0), zero where slack, and what they do to the bodies.
 
         Equations (8) and (9) with the mend max(·, 0), in the general form with damping and pre-tension.
@@ -284,7 +284,7 @@ class Tendons:
         p, place = self.parameters, self.place(q, settled)
         elastic, jacobian = self.elastic_forces(place.q), self.length_jacobian(place.q)
         rates, elongated = ca.mtimes(jacobian, v), self.elongations(place.q)
-        joint, drive = list[Any](), list[Any]()
+        joint, drive = list[Scalar](), list[Scalar]()
         at = sum(part.backlash is not None for part in self.rig.drives)
         for i in range(self.n_tendons):
             path, sheath = f"tendons.{i}", self.sheath(i, q)
@@ -308,7 +308,7 @@ class Tendons:
             forces = -ca.vertcat(ca.mtimes(jacobian[:, :nj].T, tensions[0]), ca.mtimes(jacobian[:, nj:].T, tensions[1]))
         return Pulls(*tensions, forces)
 
-    def tensions(self, q: Any, v: Any) -> Any:
+    def tensions(self, q: Vector, v: Vector) -> Vector:
         """Return the tensions of all tendons at their drives, (n_tendons,) [N]; see `pulls`.
 
         Args:
@@ -318,10 +318,10 @@ class Tendons:
         return self.pulls(q, v).drive
 
     @staticmethod
-    def _taut(elastic: Any) -> Any:
+    def _taut(elastic: Vector) -> Vector:
         return ca.if_else(elastic > 0, elastic, 0)
 
-    def elastic_forces(self, q: Any) -> Any:
+    def elastic_forces(self, q: Vector) -> Vector:
         """Return T_pre + k δ of all tendons, (n_tendons,) [N], negative where slack; with stiffening, see `stretched`.
 
         Args:
@@ -335,7 +335,7 @@ class Tendons:
             forces.append(p[f"{path}.stiffness"] * stretch + p[f"{path}.pretension"])
         return ca.vertcat(*forces)
 
-    def _beyond(self, tendon: int, elongated: Any) -> Any:
+    def _beyond(self, tendon: int, elongated: Scalar) -> Scalar:
         """Return what is left of an elongation beyond slack and creep [m]."""
         p, path = self.parameters, f"tendons.{tendon}"
         if p.has(f"{path}.slack"):
@@ -358,7 +358,7 @@ class Tendons:
         part = self.rig.tendons[tendon]
         return [f"tendons.{tendon}.{name}" for name in ("creep", "slow_creep") if getattr(part, name) is not None]
 
-    def crept(self, q: Any, dt: Any) -> list[Any]:
+    def crept(self, q: Vector, dt: Scalar) -> list[Scalar]:
         """Return all `strains` after an interval at q, [m]: c⁺ = λ c + (1 − λ) γ/(1 + γ) (T/k + c), λ = e^{−(1 + γ) dt/τ}.
 
         That is the exact response of τ ċ = γ T/k − c where the tendon's whole stretch, T/k + c, stays: stable for any dt.
@@ -377,7 +377,7 @@ class Tendons:
                 after.append(left * strain + (1 - left) * share / (1 + share) * (stretch + strain))
         return after
 
-    def tendon_damping(self, q: Any, tensions: Any) -> Any:
+    def tendon_damping(self, q: Vector, tensions: Vector) -> Vector:
         """Return Σ c (∂ℓ/∂q_j)² over the taut tendons, (n_bodies,): each body's own part of the tendons' damping.
 
         Args:

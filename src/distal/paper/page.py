@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
-from typing import Any
 
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import GROUPS, Claim, Measure, measure_claims, rms
@@ -60,14 +59,14 @@ def reproduce(out: str | Path, advance: Callable[[], None] = lambda: None) -> tu
     return claims, runs
 
 
-def results(claims: Sequence[Claim], runs: Sequence[Run]) -> dict[str, Any]:
+def results(claims: Sequence[Claim], runs: Sequence[Run]) -> dict[str, object]:
     """Return what `results.json` holds: C1 to C12 with numbers and group, and the errors of all estimators.
 
     Args:
         claims: of `measure_claims`.
         runs: of `all_runs`.
     """
-    held: dict[str, Any] = {
+    held: dict[str, object] = {
         claim.statement.key: {
             "statement": claim.statement.text,
             "group": claim.group,

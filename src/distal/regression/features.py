@@ -7,15 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TypeVar
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.expressions import Scalar
 from distal.rig import CONSTANT, LearnedMap, factors
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+Value = TypeVar("Value", Floats, ca.SX)
+"""Values of a term over a log, (k,), or its symbol."""
 
 SMALLEST_HALF = 1e-12
 """Half of a learned range is not taken as smaller than this [SI]."""
@@ -94,11 +99,11 @@ def limits(learned: LearnedMap) -> tuple[Floats, Floats]:
 
 def variables(
     learned: LearnedMap,
-    scaled: Sequence[Any],
-    plays: Mapping[int, Any],
-    widths: Sequence[Any],
-    magnitude: Callable[[Any], Any] = np.abs,
-) -> dict[str, Any]:
+    scaled: Sequence[Value],
+    plays: Mapping[int, Value],
+    widths: Sequence[Scalar],
+    magnitude: Callable[[Value], Value] = np.abs,
+) -> dict[str, Value]:
     """Return name → value of what terms are products of.
 
     Args:
@@ -108,7 +113,7 @@ def variables(
         widths: half-widths of the plays, (m,).
         magnitude: the function |·| for what they are.
     """
-    m, values = len(learned.channels), dict[str, Any]()
+    m, values = len(learned.channels), dict[str, Value]()
     for i, name in enumerate(learned.channels):
         values[name], values[f"abs({name})"] = scaled[i], magnitude(scaled[i])
         if i in plays:
@@ -119,7 +124,7 @@ def variables(
     return values
 
 
-def columns(terms: Sequence[str], values: Mapping[str, Any], one: Any) -> list[Any]:
+def columns(terms: Sequence[str], values: Mapping[str, Value], one: Value) -> list[Value]:
     """Return the terms' values.
 
     Args:
@@ -170,7 +175,7 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
     return np.column_stack([one if term == CONSTANT else faded * one for term, one in zip(learned.terms, every)])
 
 
-def fade(learned: LearnedMap, far: Any) -> Any:
+def fade(learned: LearnedMap, far: Value) -> Value:
     """Return how much terms count that far outside the learned range, 1 / (1 + (d / d½)²): numbers or symbols.
 
     Nothing constrains a curve where there are no logs, and there the filter alone errs less. Lines do not fade.

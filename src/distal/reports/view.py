@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from distal.reports.rig_drawing import rig_svg
 from distal.results import BAND, BLACK, COLOURS, HEALTH_COLOURS, SOFT, Estimate, from_start, time_label
 from distal.rig import Rig
 from distal.run import log_health
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Scatter
 
 Floats = NDArray[np.float64]
 
@@ -112,7 +115,7 @@ def _text(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;")
 
 
-def _angle(estimate: Estimate, joint: int, time: Floats, some: slice) -> Iterator[tuple[int, Any]]:
+def _angle(estimate: Estimate, joint: int, time: Floats, some: slice) -> Iterator[tuple[int, Scatter]]:
     """Return the traces of a joint's angle (row 1) and of its error, or of its band where the truth is not known."""
     first = joint == 0
     angle, half = np.rad2deg(estimate.angles[some, joint]), np.rad2deg(BAND * estimate.angle_stds[some, joint])
@@ -128,20 +131,20 @@ def _angle(estimate: Estimate, joint: int, time: Floats, some: slice) -> Iterato
     yield 2, _line(time, angle - truth, "error", COLOURS[0], False)
 
 
-def _compared(estimate: Estimate, time: Floats, some: slice) -> Iterator[tuple[int, Any]]:
+def _compared(estimate: Estimate, time: Floats, some: slice) -> Iterator[tuple[int, Scatter]]:
     ratios = (estimate.innovations / np.sqrt(estimate.innovation_variances))[some]
     for i, name in enumerate(estimate.measured):
         yield -2, _line(time, ratios[:, i], f"innovation {name}", COLOURS[(i + 1) % len(COLOURS)], True, width=1.0)
 
 
-def _measured(log: Log, rig: Rig, time: Floats, some: slice) -> Iterator[tuple[int, Any]]:
+def _measured(log: Log, rig: Rig, time: Floats, some: slice) -> Iterator[tuple[int, Scatter]]:
     sensors = [s for s in rig.sensors if s.measures in ("force", "tension") and s.name in log.channels]
     for i, sensor in enumerate(sensors):
         name = f"{sensor.name} [{sensor.si}]"
         yield -1, _line(time, log.channels[sensor.name][some], name, COLOURS[(i + 1) % len(COLOURS)], True, width=1.0)
 
 
-def _health(time: Floats, words: Sequence[str]) -> Iterator[tuple[int, Any]]:
+def _health(time: Floats, words: Sequence[str]) -> Iterator[tuple[int, Scatter]]:
     """Return a trace for each word that occurs: a thick line where it holds."""
     given = np.array(words)
     for word in ("ok", *sorted(set(words) - {"ok"})):
@@ -153,7 +156,9 @@ def _health(time: Floats, words: Sequence[str]) -> Iterator[tuple[int, Any]]:
         yield 0, trace
 
 
-def _line(time: Floats, values: Any, name: str, colour: str, in_legend: bool, width: float = 1.5) -> Any:
+def _line(
+    time: Floats, values: Floats | Sequence[str | None], name: str, colour: str, in_legend: bool, width: float = 1.5
+) -> Scatter:
     from plotly.graph_objects import Scatter
 
     return Scatter(
@@ -167,7 +172,7 @@ def _line(time: Floats, values: Any, name: str, colour: str, in_legend: bool, wi
     )
 
 
-def _band(time: Floats, low: Floats, high: Floats, in_legend: bool) -> tuple[Any, Any]:
+def _band(time: Floats, low: Floats, high: Floats, in_legend: bool) -> tuple[Scatter, Scatter]:
     """Return the edges of a band, filled between."""
     from plotly.graph_objects import Scatter
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from distal.errors import EstimationError, did_you_mean
 from distal.estimators import StateKind, kinds_by_joint, states_of
 from distal.logs import pandas_frame
 from distal.results.curves import BAND
-from distal.results.plots import plot_estimates
+from distal.results.plots import PlotOptions, plot_estimates
 from distal.rig import std_name
 
 if TYPE_CHECKING:
@@ -328,9 +328,9 @@ class Estimate:
         there, stds = np.isfinite(errors), self.angle_stds.reshape(errors.shape)
         return float(np.mean(np.abs(errors[there]) <= BAND * stds[there]))
 
-    def columns(self) -> dict[str, NDArray[Any]]:
+    def columns(self) -> dict[str, Floats | NDArray[np.int64]]:
         """Return ``t``, where the log has dates ``stamp`` [ns], then each state and its ``_std``, SI."""
-        columns: dict[str, NDArray[Any]] = {"t": self.time}
+        columns: dict[str, Floats | NDArray[np.int64]] = {"t": self.time}
         if self.stamps is not None:
             columns["stamp"] = self.stamps
         stds = self.stds
@@ -352,7 +352,7 @@ class Estimate:
         """
         return pandas_frame(self.columns())
 
-    def plot(self, path: str | Path | None = None, **options: Any) -> Figure:
+    def plot(self, path: str | Path | None = None, **options: Unpack[PlotOptions]) -> Figure:
         """Draw truth, estimate and 95 % band over time, and save it if a path is given.
 
         Args:

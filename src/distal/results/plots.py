@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from distal.results.style import BLACK, COLOURS, DASHES, figure, legend_above, p
 from distal.rig import Rig
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -30,6 +31,18 @@ SHARE = 0.98
 
 SHORT = 2.5
 """An event whose errors are this many times as large as those of the rest is cut off, if it is short."""
+
+
+class PlotOptions(TypedDict, total=False):
+    """Options of a plot; see `plot_estimates`."""
+
+    title: str | None
+    bands: bool
+    errors: bool | None
+    panels: Sequence[str]
+    log: Log | None
+    rig: Rig | None
+    health: Sequence[str] | None
 
 
 def plot_estimates(
@@ -159,7 +172,7 @@ def _draw_joint(
 ) -> None:
     """Draw one joint: angles above, errors or the width of the band below. Of several, the first one has the legend."""
     top, truth = axes[0], truth_of(estimates[0], joint)
-    entries: list[tuple[Any, str]] = []
+    entries: list[tuple[Artist, str]] = []
     if truth is not None:
         (line,) = top.plot(from_start(estimates[0].time), np.rad2deg(truth), color=BLACK, linewidth=1.6)
         entries.append((line, "truth"))
@@ -266,7 +279,7 @@ def _error(result: Curves, joint: int) -> Floats:
 
 def draw_estimate(
     axes: Axes, result: Curves, index: int, band: bool = True, label: str | None = None, joint: int = 0
-) -> Any:
+) -> Artist:
     """Draw one estimate of a joint and its 95 % band [°], and return its handle for a legend.
 
     Args:
@@ -286,7 +299,7 @@ def draw_estimate(
     return tuple(handles)
 
 
-def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> Any:
+def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> Artist:
     """Shade a band, with edges that are seen where it is hardly wider than a line; return its handle."""
     for edge in (low, high):
         axes.plot(time, edge, color=_colour(index), linewidth=0.4, alpha=0.6)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from distal.errors import OutputError
 from distal.logs import write_whole
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -46,11 +47,12 @@ STYLE = {
 }
 
 
-def styled() -> Any:
+def styled() -> AbstractContextManager[None]:
     """Return the context in which axes and legends come out in distal's style."""
     import matplotlib
 
-    return matplotlib.rc_context(STYLE)
+    context: AbstractContextManager[None] = matplotlib.rc_context(STYLE)
+    return context
 
 
 @contextmanager
@@ -131,7 +133,7 @@ def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
     return buffer.getvalue()
 
 
-def legend_above(axes: Axes, entries: Sequence[tuple[Any, str]] = (), most: int = 4) -> None:
+def legend_above(axes: Axes, entries: Sequence[tuple[Artist, str]] = (), most: int = 4) -> None:
     """Put the legend above the axes, where it never lies on a curve.
 
     Args:

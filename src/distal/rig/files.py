@@ -6,7 +6,6 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 from distal.errors import DistalError, RigError, did_you_mean
 from distal.rig.overrides import parse_assignment, set_value
@@ -54,7 +53,7 @@ def read_text(path: Path, error: type[DistalError]) -> str:
         raise error(f"{path}: cannot be read ({problem.strerror or problem})") from None
 
 
-def parse_toml(text: str, source: str, error: type[DistalError]) -> dict[str, Any]:
+def parse_toml(text: str, source: str, error: type[DistalError]) -> dict[str, object]:
     """Return the tables of a TOML text, or raise `error` naming the source, line and column."""
     try:
         return tomllib.loads(text)
@@ -111,7 +110,7 @@ def template_text() -> str:
     return resources.files("distal.rig").joinpath("library", "template.toml").read_text(encoding="utf-8")
 
 
-def build_rig(raw: Mapping[str, Any], source: str) -> Rig:
+def build_rig(raw: Mapping[str, object], source: str) -> Rig:
     """Check a raw description and return the rig; `source` names it in messages.
 
     Raises:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -93,7 +93,7 @@ class LearnedMap(Description):
 
     @model_validator(mode="before")
     @classmethod
-    def _as_first_written(cls, raw: Any) -> Any:
+    def _as_first_written(cls, raw: object) -> object:
         """Read what a fit wrote before all maps had one form: widths by another name, no terms, no band."""
         if not isinstance(raw, Mapping) or "width" in raw or "channels" not in raw or "joints" not in raw:
             return raw

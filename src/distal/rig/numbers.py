@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from pydantic import BaseModel
 
@@ -75,7 +74,7 @@ def number(rig: Rig, path: str) -> Number:
     Raises:
         RigError: the path leads nowhere, or not to a number.
     """
-    part: Any = rig
+    part: object = rig
     owner: type[BaseModel] | None = None
     field = ""
     keys: list[str] = []

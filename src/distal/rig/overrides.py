@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import MutableMapping
+from collections.abc import MutableMapping, Sequence
 from copy import deepcopy
-from typing import Any
 
 from distal.errors import DistalError, did_you_mean
 from distal.rig.quantities import KEYS
@@ -47,7 +46,7 @@ def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
         ) from None
 
 
-def set_value(raw: Any, path: str, value: object, error: type[DistalError]) -> None:
+def set_value(raw: object, path: str, value: object, error: type[DistalError]) -> None:
     """Replace the value at `path` in `raw`, in place.
 
     A bare value that replaces ``{ value, std }`` keeps the std. Items of a list are named by index or by their name; ``*``
@@ -84,7 +83,7 @@ def set_value(raw: Any, path: str, value: object, error: type[DistalError]) -> N
         raise error(f"--set '{path}': '{where}' is a plain value and has no '{last}'")
 
 
-def _set_all(raw: Any, keys: list[str], path: str, value: object, error: type[DistalError]) -> None:
+def _set_all(raw: object, keys: list[str], path: str, value: object, error: type[DistalError]) -> None:
     """Replace the value in every item of the list that ``*`` stands for."""
     at = keys.index(ALL)
     parent, where = raw, ".".join(keys[:at])
@@ -109,7 +108,7 @@ def _merged(old: object, new: object) -> object:
     return new
 
 
-def _descend(parent: Any, key: str, where: str, path: str, error: type[DistalError]) -> Any:
+def _descend(parent: object, key: str, where: str, path: str, error: type[DistalError]) -> object:
     if isinstance(parent, (list, tuple)):
         return parent[_index(parent, key, where, path, error)]
     if isinstance(parent, MutableMapping):
@@ -124,7 +123,7 @@ def _descend(parent: Any, key: str, where: str, path: str, error: type[DistalErr
     raise error(f"--set '{path}': '{where}' is a plain value and has no '{key}'")
 
 
-def _index(items: Any, key: str, where: str, path: str, error: type[DistalError]) -> int:
+def _index(items: Sequence[object], key: str, where: str, path: str, error: type[DistalError]) -> int:
     if key.isascii() and key.isdigit() and len(key) < 10:
         if int(key) >= len(items):
             raise error(f"--set '{path}': '{where}' has {len(items)} items, so index 0 to {len(items) - 1}; {key} came")

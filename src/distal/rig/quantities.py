@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import hypot
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
@@ -89,9 +89,13 @@ class In:
     bound: Bound = "any"
     drifts: bool = True
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Put the reader in front of pydantic's own check of the field."""
-        readers = {Parameter: self._parameter, float: self._scalar, tuple[float, float, float]: self._vector}
+        readers: dict[object, Callable[[object], object]] = {
+            Parameter: self._parameter,
+            float: self._scalar,
+            tuple[float, float, float]: self._vector,
+        }
         return core_schema.no_info_before_validator_function(readers.get(source, self._interval), handler(source))
 
     def _scalar(self, raw: object) -> float:
@@ -128,7 +132,7 @@ class In:
             raise UnitError(f"hold must be true or false, {hold!r} came")
         return {"value": value, "std": std, "drift": drift, "hold": hold, "shared": self._shared(raw, value)}
 
-    def _within(self, raw: Mapping[str, Any], value: float) -> float:
+    def _within(self, raw: Mapping[str, object], value: float) -> float:
         """Return the std of a number that is known to a factor: the logarithm's is then the factor's, ln(1 + std/value)."""
         factor = to_si(raw["factor"], "")
         if "std" in raw:
@@ -139,7 +143,7 @@ class In:
             raise UnitError(f"factor must be above 1 and at most {LARGEST_FACTOR:g}, {factor:g} came")
         return (factor - 1.0) * value
 
-    def _shared(self, raw: Mapping[str, Any], value: float) -> object:
+    def _shared(self, raw: Mapping[str, object], value: float) -> object:
         shared = raw.get("shared")
         if shared is None:
             return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self, TypeAlias
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -109,7 +109,7 @@ class Rig(Description):
 
     @field_validator("sensors", mode="after")
     @classmethod
-    def _log_units(cls, sensors: tuple[Any, ...]) -> tuple[Any, ...]:
+    def _log_units(cls, sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
         for i, sensor in enumerate(sensors):
             try:
                 log_factor(sensor)
@@ -221,7 +221,7 @@ class Rig(Description):
         """Return a copy without what logs taught beside its numbers: no `affine`, `discrepancy`, `contact`."""
         return self.model_copy(update={"affine": None, "discrepancy": None, "contact": None})
 
-    def sensors_of(self, measures: str) -> tuple[Any, ...]:
+    def sensors_of(self, measures: str) -> tuple[Sensor, ...]:
         """Return the sensors that measure `measures` (position, force, tension, angle or torque), in their order."""
         return tuple(sensor for sensor in self.sensors if sensor.measures == measures)
 
@@ -289,8 +289,10 @@ _MEASURED: dict[str, tuple[str, ...]] = {
     "joints": ("angle", "torque"),
 }
 
+_Parts: TypeAlias = Mapping[str, Sequence[Slider | Capstan | Tendon | Joint]]
 
-def _with_unit(raw: object, index: int, parts: Mapping[str, Any]) -> object:
+
+def _with_unit(raw: object, index: int, parts: _Parts) -> object:
     """Return the raw sensor with the SI unit of what it measures, or as it came if pydantic will refuse it anyway."""
     if not isinstance(raw, Mapping):
         raise ValueError(f"{index}: a sensor is a table, {raw!r} came")
@@ -313,7 +315,7 @@ def _with_unit(raw: object, index: int, parts: Mapping[str, Any]) -> object:
     return {**raw, "si": _measured_unit(measures, part)}
 
 
-def _elsewhere(of: object, measures: object, parts: Mapping[str, Any], names: list[str]) -> str:
+def _elsewhere(of: object, measures: object, parts: _Parts, names: list[str]) -> str:
     """Return what to write where a sensor's part is of another kind, else names that are meant perhaps."""
     for kind, measurands in _MEASURED.items():
         if of in [part.name for part in parts[kind]]:
@@ -323,7 +325,7 @@ def _elsewhere(of: object, measures: object, parts: Mapping[str, Any], names: li
     return did_you_mean(str(of), names)
 
 
-def _measured_unit(measures: object, part: Any) -> str:
+def _measured_unit(measures: object, part: Slider | Capstan | Tendon | Joint) -> str:
     if isinstance(part, (Slider, Capstan)):
         return position_unit(part) if measures == "position" else effort_unit(part)
     return {"tension": "N", "angle": "rad", "torque": "N m"}[str(measures)]
@@ -389,5 +391,5 @@ def parameters_below(part: Description, path: str) -> Iterator[tuple[str, Parame
                     yield from parameters_below(item, f"{path}.{name}.{i}")
 
 
-def _is_one(parameter: Any) -> bool:
+def _is_one(parameter: Parameter) -> bool:
     return bool(parameter.value == 1.0 and parameter.filter_std == 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from math import pi
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -54,7 +54,7 @@ class SensorBase(Description):
         return _in_si(raw, cls._counting) if isinstance(raw, Mapping) else raw
 
     @classmethod
-    def _counting(cls, raw: Mapping[str, Any]) -> tuple[str, float] | None:
+    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
         """Return the unit in which a log may count instead of SI, and what one of it is, None where there is none."""
         return None
 
@@ -119,7 +119,7 @@ class AngleSensor(SensorBase):
     bias: Annotated[Parameter, In("rad")] = Field(Parameter(value=0.0), description="constant offset")
 
     @classmethod
-    def _counting(cls, raw: Mapping[str, Any]) -> tuple[str, float] | None:
+    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
         if raw.get("counts_per_turn") is None:
             return None
         return "count", 2 * pi / (to_si(raw["counts_per_turn"], "") * to_si(raw.get("gear", 1.0), ""))
@@ -170,7 +170,7 @@ class TorqueSensor(SensorBase):
     )
 
     @classmethod
-    def _counting(cls, raw: Mapping[str, Any]) -> tuple[str, float] | None:
+    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
         if raw.get("torque_constant") is not None:
             return "A", to_si(raw["torque_constant"], "N m/A")
         if raw.get("torque_constant_motor") is not None:
@@ -223,7 +223,7 @@ def log_factor(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) 
     return unit_factor(sensor.unit or sensor.si, sensor.si) / gear
 
 
-def _in_si(raw: Mapping[str, Any], counting: Callable[[Mapping[str, Any]], tuple[str, float] | None]) -> object:
+def _in_si(raw: Mapping[str, object], counting: Callable[[Mapping[str, object]], tuple[str, float] | None]) -> object:
     """Return a raw sensor with its errors in SI, as far as they are written in what its log counts."""
     try:
         known = counting(raw)

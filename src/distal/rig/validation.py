@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 import reprlib
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
 from distal.errors import DistalError, did_you_mean
 
@@ -17,7 +19,7 @@ SHOWN = 3
 """How many problems of a description are said at once."""
 
 
-def validated(kind: type[Checked], raw: Mapping[str, Any], source: str, error: type[DistalError]) -> Checked:
+def validated(kind: type[Checked], raw: Mapping[str, object], source: str, error: type[DistalError]) -> Checked:
     """Check a raw description of some kind; what is wrong is one line in an error of the kind's own.
 
     Args:
@@ -60,7 +62,7 @@ def explain(problem: ValidationError, source: str, root: type[BaseModel]) -> str
     return line + (f" (and {others} more problem{'s' if others > 1 else ''})" if others > 0 else "")
 
 
-def _finding(finding: Any, root: type[BaseModel]) -> str:
+def _finding(finding: ErrorDetails, root: type[BaseModel]) -> str:
     tags = {
         "slider",
         "capstan",
@@ -107,7 +109,7 @@ def _finding(finding: Any, root: type[BaseModel]) -> str:
     return f"{path}: {finding['msg'][0].lower()}{finding['msg'][1:]}, {given} came"
 
 
-def _known_keys(root: type[BaseModel], location: Sequence[Any]) -> list[str]:
+def _known_keys(root: type[BaseModel], location: Sequence[int | str]) -> list[str]:
     """Return the keys allowed at a location, by walking the field types along it."""
     models: list[type[BaseModel]] = [root]
     for key in location:
@@ -119,7 +121,7 @@ def _known_keys(root: type[BaseModel], location: Sequence[Any]) -> list[str]:
     return sorted({name for model in models for name in model.model_fields if name != "si"})
 
 
-def models_in(field: Any) -> list[type[BaseModel]]:
+def models_in(field: FieldInfo | None) -> list[type[BaseModel]]:
     """Return the descriptions that a field of a description can hold.
 
     Args:

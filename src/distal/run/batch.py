@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from distal.errors import DistalError, EstimationError
 from distal.estimators import DEFAULT, Estimator, KernelEstimator
 from distal.homing.reference import check_homing
 from distal.kernels import LaneKernel, in_order, variances_of
-from distal.logs import Log, read_log
+from distal.logs import Log, Source, read_log
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
 from distal.run.offline import Run, check_bounds, finished, prepared, runner_for
@@ -24,7 +23,7 @@ Skip = Callable[[str, DistalError], None]
 
 
 def estimate_batch(
-    logs: Iterable[Any],
+    logs: Iterable[Log | Source],
     rig: Rig | str | Path,
     estimator: str | Estimator = DEFAULT,
     truth: str | Path | None = None,
@@ -68,7 +67,7 @@ def estimate_batch(
 
 
 def _batch(
-    logs: Iterator[Any],
+    logs: Iterator[Log | Source],
     rig: Rig,
     estimator: str | Estimator,
     truth: str | Path | None,
@@ -79,13 +78,13 @@ def _batch(
     progress: Callable[[int], None] | None,
     skip: Skip | None,
 ) -> Iterator[Estimate]:
-    def load(source: Any) -> Log | DistalError:
+    def load(source: Log | Source) -> Log | DistalError:
         try:
             return source if isinstance(source, Log) else read_log(source, rig, truth)
         except DistalError as problem:
             return problem
 
-    def work(sources: Sequence[Any]) -> list[Estimate | DistalError]:
+    def work(sources: Sequence[Log | Source]) -> list[Estimate | DistalError]:
         read = [load(source) for source in sources]
         assert runner is not None  # made before the first group is
         runs = [one if isinstance(one, DistalError) else _ready(one, runner, homing) for one in read]
@@ -94,7 +93,7 @@ def _batch(
 
     done = 0
 
-    def refused(source: Any, problem: DistalError) -> None:
+    def refused(source: Log | Source, problem: DistalError) -> None:
         if skip is None:
             raise problem
         skip(_named(source), problem)
@@ -113,13 +112,13 @@ def _batch(
                 progress(done)
             refused(source, problem)
             continue
-        runner = runner_for(first, rig, estimator, compiled, homing)
+        runner, logs = runner_for(first, rig, estimator, compiled, homing), chain([first], logs)
         break
     if runner is None:
         return
     lanes = _lanes(runner)
     size = lanes.lanes if lanes is not None else 1
-    for source, result in in_order(chain([first], logs), size, work, workers):
+    for source, result in in_order(logs, size, work, workers):
         done += 1
         if progress is not None:
             progress(done)
@@ -131,10 +130,10 @@ def _batch(
 
 def _lanes(runner: Estimator) -> LaneKernel | None:
     """Return an estimator's kernel for several runs at once, None where it has none."""
-    return runner.kernel.lanes() if isinstance(runner, KernelEstimator) and runner.kernel is not None else None
+    return runner.kernel.lanes() if isinstance(runner, KernelEstimator) and runner.has_kernel else None
 
 
-def _named(source: Any) -> str:
+def _named(source: Log | Source) -> str:
     return source.source if isinstance(source, Log) else str(source) if isinstance(source, (str, Path)) else "the frame"
 
 
@@ -155,7 +154,8 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
         return []
     runner = runs[0].runner
     lanes = _lanes(runner)
-    kernels = {id(run.runner.kernel) for run in runs if isinstance(run.runner, KernelEstimator)}
+    own = (run.runner for run in runs if isinstance(run.runner, KernelEstimator))
+    kernels = {id(one.kernel) for one in own if one.has_kernel}
     # a homing move may give a run another kernel (`with_straight_line`)
     if lanes is None or len(runs) == 1 or len(kernels) > 1 or not isinstance(runner, KernelEstimator):
         return [_alone(run) for run in runs]

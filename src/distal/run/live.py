@@ -54,7 +54,7 @@ class LiveEstimator:
     ) -> None:
         rig = rig if isinstance(rig, Rig) else load_rig(rig)
         runner = make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
-        if runner.kernel is None:
+        if not runner.has_kernel:
             raise EstimationError(f"{runner.name} is for logs; live, use adaptive or another one with a kernel")
         self._runner, self._n, self._m = runner, len(runner.state_names), len(runner.measured)
         self._loop = runner.kernel.loop(runner.numbers)

@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +28,7 @@ from distal.estimators import (
 from distal.homing.home import home
 from distal.homing.reference import check_homing, homed, with_references
 from distal.kernels import covariance_of
-from distal.logs import LARGEST_READING, Log, frozen, read_log, true_angles, true_torques
+from distal.logs import LARGEST_READING, Log, Source, frozen, read_log, true_angles, true_torques
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
 
@@ -90,7 +89,7 @@ def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
 
 
 def estimate(
-    log: Any,
+    log: Log | Source,
     rig: Rig | str | Path,
     estimator: str | Estimator = DEFAULT,
     passes: int = 1,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import ScenarioError
+from distal.expressions import Scalar
 from distal.kernels import Kernel
 from distal.model import Mechanism, interval_step
 from distal.simulation.inputs import BodyInputs
@@ -95,7 +95,7 @@ RESOLVED = 0.5
 """Largest product of that spring's frequency and the interval."""
 
 
-def presliding_stiffness(mechanism: Mechanism, drive: int) -> Any:
+def presliding_stiffness(mechanism: Mechanism, drive: int) -> Scalar:
     """Return the stiffness of a drive's internal friction before it slips, in the drive's coordinate.
 
     Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
@@ -62,9 +62,9 @@ class Scenario(Description):
     rig: str = Field(min_length=1, description="a shipped rig's name, or a path (relative to the scenario file)")
     name: str = Field("", description="title for plots")
     duration: Annotated[float, In("s", "positive")] = Field(description="how long")
-    set: dict[str, Any] = Field(default_factory=dict, description="values of the rig, known to filters too")
-    plant: dict[str, Any] = Field(default_factory=dict, description="values of the rig that only the plant has")
-    initial: dict[str, Any] = Field(default_factory=dict, description="angles of joints at the start")
+    set: dict[str, object] = Field(default_factory=dict, description="values of the rig, known to filters too")
+    plant: dict[str, object] = Field(default_factory=dict, description="values of the rig that only the plant has")
+    initial: dict[str, object] = Field(default_factory=dict, description="angles of joints at the start")
     drives: dict[str, DriveInput] = Field(default_factory=dict, description="what pulls each drive")
     joints: dict[str, JointInput] = Field(default_factory=dict, description="what acts on each joint")
 
@@ -138,7 +138,7 @@ def load_scenario(name: str | Path, assignments: Sequence[str] = ()) -> Scenario
     return scenario
 
 
-def build_scenario(raw: Mapping[str, Any], source: str = "scenario") -> Scenario:
+def build_scenario(raw: Mapping[str, object], source: str = "scenario") -> Scenario:
     """Check a raw scenario; `source` names it in messages.
 
     Raises:

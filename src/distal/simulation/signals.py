@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,7 @@ class SignalIn:
     interpolation: Interpolation = "hold"
     nonnegative: bool = False
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Let pydantic read the field with this annotation."""
         return core_schema.no_info_plain_validator_function(self._read)
 
@@ -93,7 +93,7 @@ class SignalIn:
             raise UnitError("the times of the points must rise")
         return Signal(times, values, interpolation)
 
-    def _table(self, raw: Mapping[Any, Any]) -> Signal:
+    def _table(self, raw: Mapping[object, object]) -> Signal:
         points = {"points", "interpolation"}
         sine = {"mean", "amplitude", "frequency", "phase"}
         known = points if "points" in raw else sine

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.adaptive.travel import travel
 from distal.estimators.channels import Channels, sensor_for
+from distal.expressions import Scalar, Vector
 from distal.model import Mechanism, joint_frequency
 from distal.rig import Sensor, gain_of
 
@@ -81,7 +81,7 @@ class FilterContext:
         """
         return sensor_for(self.channels.forces, self.mechanism.rig.drives[drive].name)
 
-    def value(self, x: Any, sensor: Sensor) -> Any:
+    def value(self, x: Vector, sensor: Sensor) -> Scalar:
         """Return what a sensor reads in a sample, without its known offset and gain; what 0 stands for where it is missing.
 
         Args:
@@ -90,7 +90,7 @@ class FilterContext:
         """
         return self.corrected(sensor, x[1 + self.channels.names.index(sensor.name)])
 
-    def corrected(self, sensor: Sensor, reading: Any) -> Any:
+    def corrected(self, sensor: Sensor, reading: Scalar) -> Scalar:
         """Return a reading without the sensor's known offset and gain.
 
         Args:
@@ -101,7 +101,7 @@ class FilterContext:
         gain = self.number(f"{self.path(sensor)}.gain", gain_of(sensor).value)
         return offset if isinstance(gain, float) and gain == 1.0 else offset / gain
 
-    def mask(self, x: Any, sensor: Sensor) -> Any:
+    def mask(self, x: Vector, sensor: Sensor) -> Scalar:
         """Return the mask of a sensor's value in a sample, see `distal.kernels.mask`; a wild value is missing.
 
         Args:
@@ -111,7 +111,7 @@ class FilterContext:
         k, width = self.channels.names.index(sensor.name), len(self.channels.names)
         return x[1 + width + k] * self.credible(sensor, x[1 + k])
 
-    def credible(self, sensor: Sensor, reading: Any) -> Any:
+    def credible(self, sensor: Sensor, reading: Scalar) -> Scalar:
         """Return 1 where a drive could be where its sensor says, 0 where it is a wild value.
 
         Geometry is not defined at a place `MOST_TRAVELS` times the travel away, so that no later guard would stop it.
@@ -127,7 +127,7 @@ class FilterContext:
         away = ca.fabs(reading - sensor.bias.value - 0.5 * (low + high))
         return away <= MOST_TRAVELS * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
 
-    def number(self, path: str, otherwise: float) -> Any:
+    def number(self, path: str, otherwise: float) -> Scalar:
         """Return a number of the description: an input of the filter where it is given, else a constant.
 
         Args:
@@ -137,7 +137,7 @@ class FilterContext:
         p = self.mechanism.parameters
         return p[path] if path in p.inputs else otherwise
 
-    def noise(self, sensor: Sensor) -> Any:
+    def noise(self, sensor: Sensor) -> Scalar:
         """Return the variance of a sensor's random error, σ² + Δ²/12.
 
         Args:
@@ -146,7 +146,7 @@ class FilterContext:
         sigma = self.number(f"{self.path(sensor)}.noise", sensor.noise)
         return sigma * sigma + sensor.resolution**2 / 12.0
 
-    def offset(self, sensor: Sensor) -> Any:
+    def offset(self, sensor: Sensor) -> Scalar:
         """Return a sensor's constant offset as far as it is known.
 
         Args:
@@ -181,7 +181,7 @@ class FilterContext:
         names = [each.name for each in self.mechanism.rig.sensors]
         return f"sensors.{names.index(sensor.name)}"
 
-    def unmodelled(self, joint: int) -> Any:
+    def unmodelled(self, joint: int) -> Scalar:
         """Return the random torque of a joint that the model does not know, as the std of ω that it makes in 1 s [rad/s].
 
         Args:

@@ -6,13 +6,14 @@ What is remembered of a drive: place, doubt, mean and mean square speed, varianc
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Generic
 
 import casadi as ca
 
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.robustness import Robustness, chance_of_jump, is_far, jump_evidence
 from distal.estimators.adaptive.states import StateVector
+from distal.expressions import Expression, Scalar, Vector
 from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
 
 MOTION_TIME = 0.025
@@ -49,17 +50,17 @@ class Drive:
         variance: of the place, for the filter: noise, what is unknown, what a straight line misses.
     """
 
-    place: Any
-    doubt: Any
-    speed: Any
-    square: Any
-    unknown: Any
-    lost: Any
-    bend: Any
-    variance: Any
+    place: Scalar
+    doubt: Scalar
+    speed: Scalar
+    square: Scalar
+    unknown: Scalar
+    lost: Scalar
+    bend: Scalar
+    variance: Scalar
 
 
-class Tracks:
+class Tracks(Generic[Expression]):
     """All drives' numbers as one vector: what is remembered of each, drive by drive, then bends, then variances.
 
     Args:
@@ -67,7 +68,7 @@ class Tracks:
         n_drives: number of drives.
     """
 
-    def __init__(self, vector: Any, n_drives: int) -> None:
+    def __init__(self, vector: Expression, n_drives: int) -> None:
         self.vector, self._n = vector, n_drives
 
     @staticmethod
@@ -86,12 +87,12 @@ class Tracks:
         return Drive(**dict(zip(TRACKED, numbers)))
 
     @property
-    def memory(self) -> Any:
+    def memory(self) -> Expression:
         """What is remembered for the next interval, (MEMORY n_drives,)."""
         return self.vector[: MEMORY * self._n]
 
     @property
-    def variances(self) -> Any:
+    def variances(self) -> Expression:
         """Variances of the places, (n_drives,)."""
         return self.vector[(MEMORY + 1) * self._n :]
 
@@ -118,10 +119,10 @@ class ForceEvidence:
         least: smallest share of the change of the pull that a real jump may show.
     """
 
-    missing: Any
-    mask: Any
-    stiffness: Any
-    variance: Any
+    missing: Scalar
+    mask: Scalar
+    stiffness: Scalar
+    variance: Scalar
     least: float = 0.5
 
 
@@ -174,11 +175,11 @@ def tracking(states: StateVector) -> ca.Function:
 
 
 def track(
-    memory: Any,
-    reading: Any,
-    mask: Any,
-    noise: Any,
-    dt: Any,
+    memory: Vector,
+    reading: Scalar,
+    mask: Scalar,
+    noise: Scalar,
+    dt: Scalar,
     *,
     robustness: Robustness,
     force_evidence: ForceEvidence | None = None,
@@ -203,8 +204,8 @@ def track(
     # (1) far: more than the recent motion can have led to
     lost_before = ca.if_else(doubt > 0, 0, unknown)
     far = ca.logic_and(is_far(robustness, jump, square * time * time + lost_before, noise), read)
-    judged: Any = ca.SX(0)
-    evidence: Any = ca.SX(0)
+    judged: Scalar = ca.SX(0)
+    evidence: Scalar = ca.SX(0)
     if force_evidence is not None:
         judged = is_read(force_evidence.mask)
         evidence = jump_evidence(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cached_property, lru_cache
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,6 +22,7 @@ from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
 from distal.estimators.report import Report
 from distal.estimators.state_kinds import StateKind, states_of
+from distal.expressions import Scalar
 from distal.kernels import Kernel
 from distal.kernels.mask import is_read
 from distal.logs import frozen
@@ -170,7 +170,7 @@ class AdaptiveFilter(KernelEstimator):
         sensors = {sensor.name: sensor for sensor in self.rig.sensors}
         mask = ca.vertcat(*(given[k] * context.credible(sensors[name], values[k]) for k, name in enumerate(names)))
 
-        def read(sensor: Sensor, otherwise: float) -> ca.SX:
+        def read(sensor: Sensor, otherwise: float) -> Scalar:
             k = names.index(sensor.name)
             return ca.if_else(is_read(mask[k]), context.corrected(sensor, values[k]), otherwise)
 
@@ -297,7 +297,7 @@ class AdaptiveFilter(KernelEstimator):
         return self._states.context.mechanism.parameters.names
 
 
-def _begin(context: FilterContext, read: Callable[[Sensor, float], Any]) -> Begin:
+def _begin(context: FilterContext, read: Callable[[Sensor, float], Scalar]) -> Begin:
     """Return what is read at the first sample; `read` gives a sensor's value, or what it is given where that is missing."""
     drives, cells = range(context.n_drives), {sensor.of: sensor for sensor in context.channels.tensions}
     positions, forces = [context.position_sensor(i) for i in drives], [context.force_sensor(i) for i in drives]

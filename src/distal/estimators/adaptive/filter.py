@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -21,6 +20,7 @@ from distal.estimators.adaptive.prediction import predicted, revert
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.update import updated
 from distal.estimators.kalman import symmetric
+from distal.expressions import MatrixNode, VectorNode
 from distal.kernels import Layout, carry_layout
 
 
@@ -65,16 +65,16 @@ def adaptive_function(states: StateVector, count: int, loops: bool = False, trac
 class _Step:
     """The filter after a sample, and, with `predicted_` before their names and Φ, before its update."""
 
-    mean: Any
-    covariance: Any
-    forces: Any
-    y: Any
-    predicted_mean: Any
-    predicted_covariance: Any
-    transition: Any
+    mean: VectorNode
+    covariance: MatrixNode
+    forces: VectorNode
+    y: VectorNode
+    predicted_mean: VectorNode
+    predicted_covariance: MatrixNode
+    transition: MatrixNode
 
 
-def corrected(states: StateVector, arguments: list[Any], loops: bool) -> _Step:
+def corrected(states: StateVector, arguments: list[MatrixNode], loops: bool) -> _Step:
     """Return the filter after a sample, once the joints have moved.
 
     Args:
@@ -102,7 +102,7 @@ def corrected(states: StateVector, arguments: list[Any], loops: bool) -> _Step:
     return _Step(mean, covariance, ca.vertcat(*kept), y, before.state, before.covariance, before.transition)
 
 
-def _moving(states: StateVector, motion: Moved) -> Any:
+def _moving(states: StateVector, motion: Moved) -> MatrixNode:
     """Return the transition Φ, (n, n), of an interval in which nothing but angles and speeds moves."""
     n, nj = len(states), states.context.n_joints
     transition = ca.MX(ca.DM.eye(n).full())
@@ -110,11 +110,11 @@ def _moving(states: StateVector, motion: Moved) -> Any:
     return transition
 
 
-def _parts(whole: Moved | _Step) -> list[Any]:
+def _parts(whole: Moved | _Step) -> list[MatrixNode]:
     return [getattr(whole, field.name) for field in fields(whole)]
 
 
-def _scalars(states: StateVector, arguments: list[Any]) -> ca.Function:
+def _scalars(states: StateVector, arguments: list[MatrixNode]) -> ca.Function:
     """Return `corrected` as one function of scalars: what is zero or twice the same is then left out."""
     symbols = [ca.MX.sym(f"i{k}", *entry.shape) for k, entry in enumerate(arguments)]
     whole = ca.Function("update", symbols, _parts(corrected(states, symbols, loops=False)))

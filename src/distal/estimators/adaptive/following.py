@@ -5,8 +5,6 @@ docs/explanation/adaptive.md, section 5, "Plays inside the rig".
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import Tracks
@@ -16,6 +14,7 @@ from distal.estimators.adaptive.prediction import set_row
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.states.inside import BacklashOrSheathState, Strained
 from distal.estimators.state_kinds import StateKind
+from distal.expressions import Matrix, Scalar
 from distal.model import clip_moments
 
 TINY_STD = 1e-12
@@ -97,10 +96,10 @@ def following_function(states: StateVector, block: BacklashOrSheathState | Strai
     return ca.Function("follow", symbols, ca.cse([ca.densify(entry) for entry in outputs]))
 
 
-def _noise(states: StateVector, drive: int) -> Any:
+def _noise(states: StateVector, drive: int) -> Scalar:
     sensor = states.context.position_sensor(drive)
     return 0 if sensor is None else states.context.noise(sensor)
 
 
-def _std(slopes: Any, noises: list[Any]) -> Any:
+def _std(slopes: Matrix, noises: list[Scalar]) -> Scalar:
     return ca.sqrt(sum((slopes[0, i] ** 2 * noise for i, noise in enumerate(noises)), ca.SX(0)))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+
+from distal.expressions import MatrixNode, VectorNode
 
 
 @dataclass(frozen=True)
@@ -17,10 +18,10 @@ class Interval:
         p: the model's parameters.
     """
 
-    tracks: Any
-    memory: Any
-    x: Any
-    p: Any
+    tracks: VectorNode
+    memory: VectorNode
+    x: VectorNode
+    p: VectorNode
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,6 @@ class Prediction:
         transition: Φ, from the start of the interval, (n, n).
     """
 
-    state: Any
-    covariance: Any
-    transition: Any
+    state: VectorNode
+    covariance: MatrixNode
+    transition: MatrixNode

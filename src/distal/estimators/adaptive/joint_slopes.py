@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 
 from distal.estimators.adaptive.context import FilterContext
+from distal.expressions import Matrix, Vector
 from distal.model import (
     Kick,
     Limit,
@@ -45,17 +45,17 @@ class Moving:
         rest: variance that uncertain torques add to ω beyond its slope, (n_joints,).
     """
 
-    q: Any
-    v: Any
-    by_place: Any
-    by_speed: Any
-    by_parameter: Any
-    by_torque: Any
-    by_response: Any
-    rest: Any
+    q: Vector
+    v: Vector
+    by_place: Matrix
+    by_speed: Matrix
+    by_parameter: Matrix
+    by_torque: Matrix
+    by_response: Matrix
+    rest: Vector
 
 
-def moving(context: FilterContext, kick: Kick, torques: Any, torque_stds: Any, pushed: Sequence[int]) -> Moving:
+def moving(context: FilterContext, kick: Kick, torques: Vector, torque_stds: Vector, pushed: Sequence[int]) -> Moving:
     """Return the bodies after a sub-step, the drives moving as they were measured to.
 
     Args:
@@ -70,7 +70,7 @@ def moving(context: FilterContext, kick: Kick, torques: Any, torque_stds: Any, p
 
 
 def _joint_by_joint(
-    context: FilterContext, kick: Kick, torques: Any, torque_stds: Any, pushed: Sequence[int]
+    context: FilterContext, kick: Kick, torques: Vector, torque_stds: Vector, pushed: Sequence[int]
 ) -> Moving:
     mechanism, nj = context.mechanism, context.n_joints
     q, v = kick_and_drift(mechanism, kick, rebounds=False, bodies=range(nj))
@@ -88,7 +88,9 @@ def _joint_by_joint(
     return Moving(q, v, place, own, parameter, torque, by_response, ca.vertcat(*rest))
 
 
-def _all_at_once(context: FilterContext, kick: Kick, torques: Any, torque_stds: Any, pushed: Sequence[int]) -> Moving:
+def _all_at_once(
+    context: FilterContext, kick: Kick, torques: Vector, torque_stds: Vector, pushed: Sequence[int]
+) -> Moving:
     """Return the same of a chain: slopes of an implicit equation, A dω⁺ = −∂(A ω⁺ + h f − r) for the joints that slip."""
     mechanism, nj = context.mechanism, context.n_joints
     kicked = kicked_chain(mechanism, kick, rebounds=False, settles=context.joints_settle)
@@ -130,7 +132,7 @@ def _all_at_once(context: FilterContext, kick: Kick, torques: Any, torque_stds: 
     return Moving(q, v, place, own, parameter, torque, ca.SX(nj, 2 * nj), ca.vertcat(*rest))
 
 
-def _columns(solve: Any, matrix: Any) -> Any:
+def _columns(solve: Callable[[Vector], Vector], matrix: Matrix) -> Matrix:
     """Return A⁻¹ B column by column; columns that are zero stay out."""
     nonzero = sorted(set(matrix.sparsity().get_triplet()[1]))
     result = ca.SX(*matrix.shape)

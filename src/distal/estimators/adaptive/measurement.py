@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 
@@ -12,6 +11,7 @@ from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.robustness import extra_variance
 from distal.estimators.adaptive.states import StateVector
+from distal.expressions import Scalar, Vector
 
 TIE = 0.3
 """How closely the transmitted effort fits the tendons' pull, in standard deviations of the effort's sensor."""
@@ -37,17 +37,17 @@ class Row:
     """
 
     name: str
-    residual: Any
-    variance: Any
-    mask: Any
-    limit: Any = 0
-    asymmetry: Any = 0
+    residual: Scalar
+    variance: Scalar
+    mask: Scalar
+    limit: Scalar = 0
+    asymmetry: Scalar = 0
     drive: int | None = None
     measured: bool = True
     trusted: bool = False
 
 
-def rows_of(states: StateVector, state: Any, tracks: Tracks, rates: Any, x: Any) -> list[Row]:
+def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Vector, x: Vector) -> list[Row]:
     """Return what is compared: U = Σ T ∂ℓ/∂s + b ṡ + friction of each drive, measured tensions, a reference's angle.
 
     Args:
@@ -102,7 +102,7 @@ def rows_of(states: StateVector, state: Any, tracks: Tracks, rates: Any, x: Any)
     return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))
 
 
-def away_from_stops(context: FilterContext, drive: int, place: Any) -> Any:
+def away_from_stops(context: FilterContext, drive: int, place: Scalar) -> Scalar:
     """Return 1 where a drive is certainly not at a stop: there the contact force is unknown, (17).
 
     Args:

@@ -7,7 +7,6 @@ their ringing and their stops leave the state.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 
@@ -15,6 +14,7 @@ from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered
 from distal.estimators.adaptive.interval import Interval
 from distal.estimators.adaptive.joint_slopes import moving
 from distal.estimators.adaptive.states import StateVector
+from distal.expressions import Matrix, MatrixNode, Scalar, Vector, VectorNode
 from distal.model import Kick, responses
 
 
@@ -31,15 +31,15 @@ class Moved:
         rates: mean speed of each drive over the interval, (n_drives,).
     """
 
-    angles: Any
-    speeds: Any
-    angle_slopes: Any
-    speed_slopes: Any
-    rest: Any
-    rates: Any
+    angles: VectorNode
+    speeds: VectorNode
+    angle_slopes: MatrixNode
+    speed_slopes: MatrixNode
+    rest: VectorNode
+    rates: VectorNode
 
 
-def moved(states: StateVector, count: int, mean: Any, covariance: Any, interval: Interval) -> Moved:
+def moved(states: StateVector, count: int, mean: VectorNode, covariance: MatrixNode, interval: Interval) -> Moved:
     """Return the joints after an interval, moved by sub-steps with their slopes.
 
     Args:
@@ -87,7 +87,7 @@ def _by_state(states: StateVector) -> ca.Function:
     n, nd, nj, acting = len(states), states.context.n_drives, states.context.n_joints, _acting(states)
     count = 2 * nj + len(acting)
     both = [ca.SX.sym(name, nj, count + nd) for name in ("S_theta", "S_omega")]
-    places, whole = _place_slopes(states), list[Any]()
+    places, whole = _place_slopes(states), list[Matrix]()
     values = ca.SX.sym("S_drives", places.nnz())
     slopes = ca.SX(places.sparsity(), values)
     for each in both:
@@ -102,7 +102,7 @@ def _by_state(states: StateVector) -> ca.Function:
     return ca.Function("by_state", [*both, values], whole)
 
 
-def _place_slopes(states: StateVector) -> Any:
+def _place_slopes(states: StateVector) -> Matrix:
     """Return the pattern of ∂(places of the drives)/∂(state, what they err by themselves), (n_drives, n + n_drives)."""
     n, nd = len(states), states.context.n_drives
     mean, reading = ca.SX.sym("mean", n), ca.SX.sym("reading", nd)
@@ -122,7 +122,7 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     mean, covariance = ca.SX.sym("mean", n), ca.SX.sym("P", n, n)
     memory, vector = ca.SX.sym("memory", MEMORY * nd), ca.SX.sym("tracks", Tracks.size(nd))
     x, tracks = ca.SX.sym("x", context.width), Tracks(vector, nd)
-    dt, starts, rates, slopes = x[0], list[Any](), list[Any](), list[Any]()
+    dt, starts, rates, slopes = x[0], list[Scalar](), list[Scalar](), list[Vector]()
     for i in range(nd):
         first = states.place(i, memory[remembered_place(i, "place")], mean)
         last = states.place(i, tracks[i].place, mean)
@@ -193,7 +193,7 @@ def _substep(states: StateVector) -> ca.Function:
     return ca.Function("substep", arguments, ca.cse([ca.densify(entry) for entry in outputs]))
 
 
-def _parameter_slopes(states: StateVector) -> Any:
+def _parameter_slopes(states: StateVector) -> Matrix:
     """Return ∂p/∂state, (n_p, n), numbers: states enter the parameters linearly."""
     p, state = states.context.mechanism.parameters, ca.SX.sym("state", len(states))
     slopes = ca.jacobian(states.parameters(state), state)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 
 from distal.estimators.adaptive.context import FilterContext
@@ -11,6 +9,7 @@ from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.prediction import set_row
 from distal.estimators.adaptive.states import StateVector, Transmitted
+from distal.expressions import Scalar, ScalarNode, Vector, VectorNode
 from distal.kernels.mask import is_read
 from distal.model import clip_moments
 from distal.sensors import variance
@@ -26,8 +25,13 @@ TINY_STD = 1e-9
 
 
 def play(
-    states: StateVector, drive: int, prediction: Prediction, rates: Any, remembered: Any, interval: Interval
-) -> Any:
+    states: StateVector,
+    drive: int,
+    prediction: Prediction,
+    rates: VectorNode,
+    remembered: ScalarNode,
+    interval: Interval,
+) -> ScalarNode:
     """Let what a drive transmits follow the measured effort by its play, in place; return the effort to remember.
 
     z⁺ = clip(z, U − b ṡ − h, U − b ṡ + h) of a normal z (`clip_moments`): where it is free, it and its uncertainty stay;
@@ -66,7 +70,7 @@ def reading_weight(block: Transmitted) -> float:
     return 2.0 * ratio / (1.0 + ratio)
 
 
-def smoothed_effort(context: FilterContext, block: Transmitted, remembered: Any, x: Any) -> Any:
+def smoothed_effort(context: FilterContext, block: Transmitted, remembered: Scalar, x: Vector) -> Scalar:
     """Return a drive's measured effort, smoothed; 0 stands for none yet.
 
     Args:

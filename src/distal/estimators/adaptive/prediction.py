@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import casadi as ca
 
@@ -13,9 +12,12 @@ from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.motion import Moved
 from distal.estimators.adaptive.robustness import followed_share
 from distal.estimators.adaptive.states import StateVector
+from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNode
 
 
-def predicted(states: StateVector, mean: Any, covariance: Any, moved: Moved, interval: Interval) -> tuple[Any, Any]:
+def predicted(
+    states: StateVector, mean: VectorNode, covariance: MatrixNode, moved: Moved, interval: Interval
+) -> tuple[VectorNode, MatrixNode]:
     """Return mean and covariance after the joints have moved and what walks has walked: equations (10) to (12).
 
     Only angles and speeds move: the rest of the covariance stays, but for walks.
@@ -81,7 +83,7 @@ def _corner(context: FilterContext, pairs: Sequence[tuple[int, int]]) -> ca.Func
     return ca.Function("corner", arguments, ca.cse([ca.densify(ca.vertcat(*entries))]))
 
 
-def followed_variance(context: FilterContext, joint: int, tracks: Any, memory: Any) -> Any:
+def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory: Vector) -> Scalar:
     """Return the variance of θ that comes from drives whose place is not known: the joint follows them at its arm.
 
     What an unknown place does within one interval is small, but it stays wrong until it is measured again: the longer
@@ -134,7 +136,7 @@ def revert(states: StateVector, prediction: Prediction, interval: Interval) -> N
         set_row(covariance, at, fade * covariance[:, at], fade * fade * covariance[at, at] + added)
 
 
-def set_row(covariance: Any, at: int, row: Any, variance: Any) -> None:
+def set_row(covariance: MatrixNode, at: int, row: VectorNode, variance: ScalarNode) -> None:
     """Replace a row and a column of a covariance, in place.
 
     Args:

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, isfinite, log, radians
-from typing import Any
 
 import casadi as ca
+
+from distal.expressions import Scalar
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,7 @@ STILL_LOST = 3
 """Power with which a lost place comes to move its joint: one missing sample does no harm."""
 
 
-def is_far(robustness: Robustness, away: Any, motion: Any, noise: Any) -> Any:
+def is_far(robustness: Robustness, away: Scalar, motion: Scalar, noise: Scalar) -> Scalar:
     """Return 1 where a displacement is farther from where it should be than the recent motion can have led: (1).
 
     Args:
@@ -162,7 +163,7 @@ MOST_EVIDENCE = 50.0
 """Logarithm of odds beyond which nothing becomes likelier: e⁵⁰ is certain."""
 
 
-def jump_evidence(change: Any, expected: Any, variance: Any, least: float = 0.5) -> Any:
+def jump_evidence(change: Scalar, expected: Scalar, variance: Scalar, least: float = 0.5) -> Scalar:
     """Return the logarithm of the likelihood ratio of a real jump to a wild reading, from the change of its force: (2).
 
     A light slider rings after a jump: it may be seen anywhere from half to twice as far as its force says. A joint that
@@ -179,7 +180,7 @@ def jump_evidence(change: Any, expected: Any, variance: Any, least: float = 0.5)
     return ca.fmin(ca.fmax((change - explained / 2) * explained / variance, -MOST_EVIDENCE), MOST_EVIDENCE)
 
 
-def chance_of_jump(robustness: Robustness, doubt: Any, evidence: Any, judged: Any) -> Any:
+def chance_of_jump(robustness: Robustness, doubt: Scalar, evidence: Scalar, judged: Scalar) -> Scalar:
     """Return the chance that a reading that is far away is a real jump: (2).
 
     Args:
@@ -193,7 +194,7 @@ def chance_of_jump(robustness: Robustness, doubt: Any, evidence: Any, judged: An
     return 1 / (1 + ca.exp(-(odds + ca.if_else(judged, evidence, 0))))
 
 
-def followed_share(robustness: Robustness, lost: Any) -> Any:
+def followed_share(robustness: Robustness, lost: Scalar) -> Scalar:
     """Return how far a joint has followed a drive whose place is lost, from 0 to 1: (12).
 
     Args:
@@ -203,7 +204,7 @@ def followed_share(robustness: Robustness, lost: Any) -> Any:
     return (lost / (lost + robustness.follow_time)) ** STILL_LOST
 
 
-def extra_variance(robustness: Robustness, lost: Any, unknown: Any) -> Any:
+def extra_variance(robustness: Robustness, lost: Scalar, unknown: Scalar) -> Scalar:
     """Return the variance to add to a place that is long lost, so that its force does not speak of the joint: (16).
 
     The joint went where the drive went: its error and the place's are one, and cancel in the tension. The filter, to
@@ -217,7 +218,7 @@ def extra_variance(robustness: Robustness, lost: Any, unknown: Any) -> Any:
     return robustness.followed_variance * followed_share(robustness, lost) * unknown
 
 
-def robust_variance(robustness: Robustness, variance: Any, innovation: Any) -> Any:
+def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar) -> Scalar:
     """Return S' = S max(1, ν²/(c S)), c = `wild_force`: a wild force counts less the farther it is, (22).
 
     Args:

@@ -8,12 +8,12 @@ limit: where the rig declares friction, its mean residual is compared with the l
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MOTION_TIME, Drive
+from distal.expressions import Scalar
 from distal.kernels.mask import is_read
 
 MOTION_SPAN = MOTION_TIME / 2.5
@@ -57,12 +57,12 @@ class Comparison:
             not, since its variance is part of the guess.
     """
 
-    innovation: Any
-    variance: Any
-    memory: Any
-    by_limit: Any = 0
-    by_asymmetry: Any = 0
-    counts: Any = 1
+    innovation: Scalar
+    variance: Scalar
+    memory: Scalar
+    by_limit: Scalar = 0
+    by_asymmetry: Scalar = 0
+    counts: Scalar = 1
 
 
 @dataclass(frozen=True)
@@ -80,14 +80,14 @@ class Residual:
         mask: of the force, see `distal.kernels.mask`.
     """
 
-    value: Any
-    limit: Any
-    asymmetry: Any
-    variance: Any
-    limit_variance: Any
-    value_variance: Any
-    memory: Any
-    mask: Any
+    value: Scalar
+    limit: Scalar
+    asymmetry: Scalar
+    variance: Scalar
+    limit_variance: Scalar
+    value_variance: Scalar
+    memory: Scalar
+    mask: Scalar
 
 
 @dataclass(frozen=True)
@@ -100,12 +100,12 @@ class Motion:
         clear: 1 where it clearly moves in one direction.
     """
 
-    stuck: Any
-    direction: Any
-    clear: Any
+    stuck: Scalar
+    direction: Scalar
+    clear: Scalar
 
 
-def motion_of(drive: Drive, noise: Any, dt: Any, slow: float) -> Motion:
+def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> Motion:
     """Return how a drive moves: mean motion over `MOTION_SPAN` against what its sensor's noise alone would show.
 
     Args:
@@ -123,7 +123,7 @@ def motion_of(drive: Drive, noise: Any, dt: Any, slow: float) -> Motion:
     return Motion(stuck, direction, ca.logic_and(stuck < CLEAR_STICK, ca.fabs(direction) > CLEAR_DIRECTION))
 
 
-def compared(context: FilterContext, index: int, drive: Drive, residual: Residual, dt: Any) -> Comparison:
+def compared(context: FilterContext, index: int, drive: Drive, residual: Residual, dt: Scalar) -> Comparison:
     """Return how a drive's force is compared.
 
     Args:
@@ -144,13 +144,13 @@ def compared(context: FilterContext, index: int, drive: Drive, residual: Residua
     return _unknown(context, motion_of(drive, noise, dt, SLOW_UNKNOWN), residual, interval, dt)
 
 
-def _slipping(residual: Residual, direction: Any, doubt: Any) -> tuple[Any, Any]:
+def _slipping(residual: Residual, direction: Scalar, doubt: Scalar) -> tuple[Scalar, Scalar]:
     """Return innovation and variance with friction against a motion, its limit in doubt: (20)."""
     value = residual.value - direction * residual.limit - ca.fabs(direction) * residual.asymmetry
     return value, residual.variance + doubt * (residual.limit**2 + residual.limit_variance)
 
 
-def _unknown(context: FilterContext, motion: Motion, residual: Residual, interval: float, dt: Any) -> Comparison:
+def _unknown(context: FilterContext, motion: Motion, residual: Residual, interval: float, dt: Scalar) -> Comparison:
     """Return how a force is compared whose friction the rig does not declare."""
     robustness = context.robustness
     # the last clear direction, times the time since: friction of a drive that stops stays as it was
@@ -159,7 +159,7 @@ def _unknown(context: FilterContext, motion: Motion, residual: Residual, interva
     memory = ca.if_else(ca.logic_and(is_read(residual.mask), turned), ca.sign(motion.direction) * interval, since)
     direction = ca.if_else(motion.stuck < CLEAR_STICK, motion.direction, ca.sign(memory))
     # all samples of the time for which friction is the same tell as much as one, those of a long stick little more
-    sticking: Any = 0
+    sticking: Scalar = 0
     if robustness.sticking_time > 0.0:
         sticking = ca.fmax(robustness.sticking_time, memory * memory / robustness.sticking_time) / interval
     turning = (1 - motion.stuck) * (1 - direction**2) * (robustness.turning_time / interval)
@@ -167,7 +167,7 @@ def _unknown(context: FilterContext, motion: Motion, residual: Residual, interva
     return Comparison(innovation, variance, memory, direction, ca.fabs(direction))
 
 
-def _declared(context: FilterContext, motion: Motion, residual: Residual, interval: float, dt: Any) -> Comparison:
+def _declared(context: FilterContext, motion: Motion, residual: Residual, interval: float, dt: Scalar) -> Comparison:
     """Return how a force is compared whose friction the rig declares: a clipped residual while its drive sticks, (21)."""
     robustness, stuck, direction = context.robustness, motion.stuck, motion.direction
     turning = (1 - stuck) * (1 - direction**2) * TURNING_DECLARED * (robustness.turning_time / interval)

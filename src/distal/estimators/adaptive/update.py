@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -15,12 +14,18 @@ from distal.estimators.adaptive.robustness import Robustness, robust_variance
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
 from distal.estimators.kalman import lowered
+from distal.expressions import MatrixNode, ScalarNode, VectorNode
 from distal.kernels.mask import is_there, share_used
 
 
 def updated(
-    states: StateVector, prediction: Prediction, rates: Any, memory: Sequence[Any], interval: Interval, loops: bool
-) -> tuple[Any, Any, list[Any], Any]:
+    states: StateVector,
+    prediction: Prediction,
+    rates: VectorNode,
+    memory: Sequence[ScalarNode],
+    interval: Interval,
+    loops: bool,
+) -> tuple[VectorNode, MatrixNode, list[ScalarNode], VectorNode]:
     """Return mean, covariance, what is remembered of each drive's force, and (innovations, variances) after a sample.
 
     For each row with slope a of what is expected: ν, S = a P aᵀ + R, S' by `robust_variance`, x⁺ = x + P aᵀ ν/S',
@@ -38,7 +43,7 @@ def updated(
     tracks, x, p = interval.tracks, interval.x, interval.p
     rows, table = row_functions(states)
     values, *slopes = table(prior, tracks, rates, x, p)
-    mean, kept, innovations, spreads = prior, list(memory), list[Any](), list[Any]()
+    mean, kept, innovations, spreads = prior, list(memory), list[ScalarNode](), list[ScalarNode]()
     for k, row in enumerate(rows):
         slope, limit_slope, asymmetry_slope = own = slopes[3 * k : 3 * k + 3]
         ahead = [ca.mtimes(covariance, each) for each in own]
@@ -73,7 +78,7 @@ def updated(
     return mean, covariance, kept, y
 
 
-def reduced(shares: Mapping[int, float], covariance: Any, root: Any, loops: bool) -> Any:
+def reduced(shares: Mapping[int, float], covariance: MatrixNode, root: VectorNode, loops: bool) -> MatrixNode:
     """Return the covariance after a row (25): states that take a share κ of the gain keep what they do not learn.
 
     With g = P Aᵀ/√S' and K = κ g/√S', (25) is P_ij − g_i g_j + (1 − κ_i) g_i (1 − κ_j) g_j.
@@ -92,7 +97,7 @@ def reduced(shares: Mapping[int, float], covariance: Any, root: Any, loops: bool
     return after
 
 
-def _along(slope: Any, values: Any) -> Any:
+def _along(slope: VectorNode, values: VectorNode) -> ScalarNode:
     """Return a slope times a vector."""
     return ca.mtimes(slope.T, values) if slope.nnz() else ca.MX(0)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,9 @@ from distal.reports.drawing.sheet import PITCH, Line, Point, Sheet
 from distal.reports.drawing.units import rounded
 from distal.results import COLOURS, DASHES, INK, SOFT, legend_above, styled
 from distal.rig import Rig
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
 Changing = dict[tuple[int, int], tuple[Floats, Floats]]
@@ -111,7 +114,7 @@ def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
     return right, y
 
 
-def draw_curves(axes: Any, rig: Rig, changing: Changing) -> None:
+def draw_curves(axes: Axes, rig: Rig, changing: Changing) -> None:
     """Draw the arms that change over the joint's own angle.
 
     Args:

@@ -6,13 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import cos, hypot, sin
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from distal.results import INK, WHITE, figure, styled
 from distal.results.style import plain
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
 
 Point = tuple[float, float]
 
@@ -103,7 +105,7 @@ class Sheet:
             axes.set_axis_off()
             axes.grid(False)
         self.figure: Figure = made
-        self.axes: Any = axes
+        self.axes: Axes = axes
         self.low, self.high = [0.0, 0.0], [0.0, 0.0]
         self._taken: list[tuple[float, float, float, float]] = []
 
@@ -207,7 +209,7 @@ class Sheet:
         self.disc(at, BADGE - 0.016, WHITE, order=8.0)
         self.write(at, letter, size=5.5, ha="center")
 
-    def line(self, points: Sequence[Point], colour: str = INK, width: float = 0.8, **look: Any) -> None:
+    def line(self, points: Sequence[Point], colour: str = INK, width: float = 0.8, **look: object) -> None:
         """Draw a line through points.
 
         Args:
@@ -233,7 +235,7 @@ class Sheet:
         self.line(points, edge, width + 1.2, solid_capstyle="round", zorder=order)
         self.line(points, colour, width, solid_capstyle="round", zorder=order + 0.05)
 
-    def patch(self, shape: Any, *corners: Point) -> None:
+    def patch(self, shape: Patch, *corners: Point) -> None:
         """Put a shape on the sheet.
 
         Args:
@@ -244,7 +246,9 @@ class Sheet:
         if corners:
             self.reserve(*corners)
 
-    def disc(self, centre: Point, radius: float, colour: str, edge: str = INK, order: float = 2.0, **look: Any) -> None:
+    def disc(
+        self, centre: Point, radius: float, colour: str, edge: str = INK, order: float = 2.0, **look: object
+    ) -> None:
         """Draw a circle.
 
         Args:
@@ -261,7 +265,7 @@ class Sheet:
         shape = Circle(centre, radius, **{"facecolor": colour, "edgecolor": edge, "lw": 0.7, "zorder": order, **look})
         self.patch(shape, (x - radius, y - radius), (x + radius, y + radius))
 
-    def box(self, low: Point, high: Point, colour: str, order: float = 2.0, **look: Any) -> None:
+    def box(self, low: Point, high: Point, colour: str, order: float = 2.0, **look: object) -> None:
         """Draw a rectangle.
 
         Args:
@@ -303,7 +307,7 @@ class Sheet:
         self.axes.set_xlim(low[0], high[0])
         self.axes.set_ylim(low[1], high[1])
 
-    def panel(self, corner: Point, width: float, height: float) -> Any:
+    def panel(self, corner: Point, width: float, height: float) -> Axes:
         """Return axes of their own on the sheet; called after `cut`.
 
         Args:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import cos, sin
-from typing import Any
 
 from distal.reports.drawing.drives import Lane, sensor_lines
 from distal.reports.drawing.joints import coil, scaled
@@ -99,7 +98,7 @@ def draw_tendon(
     if lane.start.radius:
         start = [*reversed(_wound(lane.start)), *start]
     ways: list[list[Point]] = [[*start, one], [other, (right, y), *route([Wheel(eye), *past], wrap)]]
-    look: dict[str, Any] = {"ls": dash, "zorder": 4.0}
+    look: dict[str, object] = {"ls": dash, "zorder": 4.0}
     for way in ways:
         # paper on both sides, so that it is seen which of two that cross is in front
         sheet.line(way, WHITE, 2.8, zorder=3.9, solid_capstyle="butt")

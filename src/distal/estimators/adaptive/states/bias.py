@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import Fading, State
 from distal.estimators.state_kinds import StateKind
+from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
 from distal.sensors import systematic_variance
 
@@ -68,7 +68,7 @@ class SensorBias(State):
         """The bias's `drift` per √s; 0 for a reference's, which fades instead."""
         return 0.0 if self._wanders or self.sensor.bias.drift is None else float(self.sensor.bias.drift)
 
-    def fading(self, dt: Any) -> Fading | None:
+    def fading(self, dt: Scalar) -> Fading | None:
         """Return e^{−dt drift²/(2 σ²)} and σ of a reference that wanders, None for others.
 
         Args:
@@ -81,7 +81,7 @@ class SensorBias(State):
         drift = self.context.number(f"{path}.drift", self.sensor.bias.drift or 0.0)
         return Fading(ca.exp(-dt * drift**2 / (2 * std**2)), std)
 
-    def sensor_error(self, sensor: Sensor, reading: Any, own: Any) -> Any:
+    def sensor_error(self, sensor: Sensor, reading: Scalar, own: Vector) -> Scalar:
         """Return b where it is this sensor's.
 
         Args:
@@ -129,7 +129,7 @@ class SensorGain(State):
         """The std of its `gain`, as a share of it [1]."""
         return np.array([self.context.gain_std(self.sensor)])
 
-    def sensor_error(self, sensor: Sensor, reading: Any, own: Any) -> Any:
+    def sensor_error(self, sensor: Sensor, reading: Scalar, own: Vector) -> Scalar:
         """Return γ times the reading where it is this sensor's.
 
         Args:

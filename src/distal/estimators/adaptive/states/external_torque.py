@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.state import Fading, State
+from distal.estimators.adaptive.states.state import Fading, Prior, State
 from distal.estimators.state_kinds import StateKind
+from distal.expressions import Scalar, Vector
 from distal.rig import torque_names
 
 Floats = NDArray[np.float64]
@@ -54,15 +54,15 @@ class ExternalTorque(State):
         """The rig's ``external_torque.std`` [N m]."""
         return np.array([self.context.mechanism.rig.joints[self.joint].external_torque.std])
 
-    def prior(self) -> tuple[Any, Any]:
+    def prior(self) -> tuple[Prior, Prior]:
         """Return zero and the std, which a fit may vary [N m]."""
         return self.means, self._std
 
     @property
-    def _std(self) -> Any:
+    def _std(self) -> Scalar:
         return self.context.number(f"joints.{self.joint}.external_torque.std", float(self.stds[0]))
 
-    def fading(self, dt: Any) -> Fading:
+    def fading(self, dt: Scalar) -> Fading:
         """Return e^{−dt/T} and the std [N m].
 
         Args:
@@ -71,7 +71,7 @@ class ExternalTorque(State):
         torque = self.context.mechanism.rig.joints[self.joint].external_torque
         return Fading(ca.exp(-dt / torque.correlation_time), self._std)
 
-    def torque(self, joint: int, own: Any) -> Any:
+    def torque(self, joint: int, own: Vector) -> Scalar:
         """Return τ_ext where it is this joint's [N m].
 
         Args:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.state_kinds import StateKind
+from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
 from distal.sensors import variance
 
@@ -66,7 +66,7 @@ class UnknownFriction(State):
         """It is not: friction at one time says little of another time (docs/explanation/adaptive-guards.md)."""
         return False
 
-    def friction(self, drive: int, own: Any) -> Any:
+    def friction(self, drive: int, own: Vector) -> Scalar:
         """Return it where it is this drive's [N, N m].
 
         Args:

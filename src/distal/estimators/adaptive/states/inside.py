@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import Begin, State
 from distal.estimators.state_kinds import StateKind
+from distal.expressions import Scalar, Vector
 from distal.model import Mechanism
 from distal.rig import Creep
 
@@ -88,7 +88,7 @@ class Inside(State):
         p = self.context.mechanism.parameters
         return np.array([float(ca.Function("std", [p.symbols], [begin[1]])(p.values))])
 
-    def parameters(self, own: Any, p: Any) -> Any:
+    def parameters(self, own: Vector, p: Vector) -> Vector:
         """Return the parameters with this number.
 
         Args:
@@ -99,7 +99,7 @@ class Inside(State):
         changed[self.context.mechanism.parameters.names.index(self.name)] = own[0]
         return changed
 
-    def _value(self, path: str) -> Any:
+    def _value(self, path: str) -> Scalar:
         p = self.context.mechanism.parameters
         if path in p.inputs:
             return p[path]
@@ -119,7 +119,7 @@ class BacklashOrSheathState(Inside):
         """Its index among the mechanism's plays."""
         return self.context.mechanism.plays.index(self.name)
 
-    def first(self, begin: Begin) -> tuple[Any, Any]:
+    def first(self, begin: Begin) -> tuple[Scalar, Scalar]:
         """Return where it is and how unsure that is: in the middle of where it can be.
 
         Args:
@@ -155,7 +155,7 @@ class Strained(Inside):
         """Its index among the mechanism's strains."""
         return self.context.mechanism.strains.index(self.name)
 
-    def first(self, begin: Begin) -> tuple[Any, Any]:
+    def first(self, begin: Begin) -> tuple[Scalar, Scalar]:
         """Return what of it has come, ``settled`` of γ T/k, and how unsure that is.
 
         Args:
@@ -170,7 +170,7 @@ class Strained(Inside):
         return settled * share * stretch, spread * stretch
 
 
-def _tension(mechanism: Mechanism, tendon: int, begin: Begin) -> Any:
+def _tension(mechanism: Mechanism, tendon: int, begin: Begin) -> Scalar:
     """Return a tendon's tension at the first sample as far as its drive tells it [N]."""
     part, drive = mechanism.rig.tendons[tendon], mechanism.drive_of[tendon] - mechanism.n_joints
     read, effort, capstan = begin.tensions[tendon], begin.efforts[drive], mechanism.rig.drives[drive]

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.state import State
+from distal.estimators.adaptive.states.state import Prior, State
 from distal.estimators.state_kinds import StateKind
 from distal.rig import Joint, angle_names, speed_names
 
@@ -61,7 +60,7 @@ class JointMotion(State):
         """The std of `initial` [rad], and `START_SPEED` [rad/s]."""
         return np.array([*(joint.initial.std for joint in self._joints), *(START_SPEED for _ in self._joints)])
 
-    def prior(self) -> tuple[Any, Any]:
+    def prior(self) -> tuple[Prior, Prior]:
         """Return the same with each `initial` as a fit varies it."""
         first = [self.context.number(f"joints.{j}.initial", each.initial.value) for j, each in enumerate(self._joints)]
         return ca.vertcat(*first, *(0.0 for _ in self._joints)), self.stds

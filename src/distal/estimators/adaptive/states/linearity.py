@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,6 +13,7 @@ from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.adaptive.travel import travel
 from distal.estimators.state_kinds import StateKind
+from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
 
 Floats = NDArray[np.float64]
@@ -84,7 +84,7 @@ class Linearity(State):
     def _travel(self) -> tuple[float, float]:
         return travel(self.context.mechanism, self.drive)
 
-    def place_error(self, drive: int, reading: Any, own: Any) -> Any:
+    def place_error(self, drive: int, reading: Scalar, own: Vector) -> Scalar:
         """Return Σ w_j cos(π j ξ) where it is this drive's sensor [m, rad].
 
         By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ): one cosine for all (Chebyshev).

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import erf, exp, pi, sqrt
-from typing import Any, Literal
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.state_kinds import StateKind
+from distal.expressions import Vector
 from distal.rig import known_to_a_factor, number
 from distal.sensors import variance
 
@@ -95,7 +96,7 @@ class UncertainParameter(State):
         """What it is kept above."""
         return self.bound
 
-    def parameters(self, own: Any, p: Any) -> Any:
+    def parameters(self, own: Vector, p: Vector) -> Vector:
         """Return the parameters with this one's value, or these times their factor.
 
         Args:

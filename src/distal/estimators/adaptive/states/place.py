@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.adaptive.travel import travel
 from distal.estimators.state_kinds import StateKind
+from distal.expressions import Scalar, Vector
 
 Floats = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ class UnmeasuredPlace(State):
         low, high = self._travel
         return (high - low) * PLACE_WALK
 
-    def place(self, drive: int, own: Any) -> Any:
+    def place(self, drive: int, own: Vector) -> Scalar | None:
         """Return s where it is this drive's [m, rad].
 
         Args:

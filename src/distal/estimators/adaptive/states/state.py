@@ -10,15 +10,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators.state_kinds import StateKind
+from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
 
 Floats = NDArray[np.float64]
+
+Prior: TypeAlias = Vector | Floats | float
+"""Numbers of a block, (k,): plain, or expressions where a fit varies them; one number stands for all."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +34,8 @@ class Fading:
         std: standard deviation that it has after a long time, σ.
     """
 
-    factor: Any
-    std: Any
+    factor: Scalar
+    std: Scalar
 
 
 @dataclass(frozen=True)
@@ -44,9 +48,9 @@ class Begin:
         tensions: of the tendons, (n_tendons,) [N]; None where no sensor is.
     """
 
-    places: Sequence[Any]
-    efforts: Sequence[Any | None]
-    tensions: Sequence[Any | None]
+    places: Sequence[Scalar]
+    efforts: Sequence[Scalar | None]
+    tensions: Sequence[Scalar | None]
 
 
 class State(ABC):
@@ -87,7 +91,7 @@ class State(ABC):
     def stds(self) -> Floats:
         """Prior standard deviations, (k,), SI."""
 
-    def prior(self) -> tuple[Any, Any]:
+    def prior(self) -> tuple[Prior, Prior]:
         """Return prior means and standard deviations, (k,) each, where they depend on inputs of the filter (a fit)."""
         return self.means, self.stds
 
@@ -111,7 +115,7 @@ class State(ABC):
         """Whether a smoother may change it by what came later; a guard's state stays as the filter had it."""
         return True
 
-    def first(self, begin: Begin) -> tuple[Any, Any] | None:
+    def first(self, begin: Begin) -> tuple[Scalar, Scalar] | None:
         """Return mean and standard deviation at the first sample, where its readings tell them; None where they do not.
 
         Args:
@@ -119,7 +123,7 @@ class State(ABC):
         """
         return None
 
-    def fading(self, dt: Any) -> Fading | None:
+    def fading(self, dt: Scalar) -> Fading | None:
         """Return how its numbers fade over an interval, None where they stay.
 
         Args:
@@ -127,7 +131,7 @@ class State(ABC):
         """
         return None
 
-    def parameters(self, own: Any, p: Any) -> Any:
+    def parameters(self, own: Vector, p: Vector) -> Vector:
         """Return the model's parameters with what this block says of them; it must be linear in the block.
 
         Args:
@@ -136,7 +140,7 @@ class State(ABC):
         """
         return p
 
-    def torque(self, joint: int, own: Any) -> Any:
+    def torque(self, joint: int, own: Vector) -> Scalar:
         """Return what it adds to the torque on a joint [N m].
 
         Args:
@@ -145,7 +149,7 @@ class State(ABC):
         """
         return 0
 
-    def place(self, drive: int, own: Any) -> Any:
+    def place(self, drive: int, own: Vector) -> Scalar | None:
         """Return the place of a drive that nothing measures [m, rad], None where it does not say.
 
         Args:
@@ -154,7 +158,7 @@ class State(ABC):
         """
         return None
 
-    def place_error(self, drive: int, reading: Any, own: Any) -> Any:
+    def place_error(self, drive: int, reading: Scalar, own: Vector) -> Scalar:
         """Return what it adds to the reading of a drive's position sensor [m, rad].
 
         Args:
@@ -164,7 +168,7 @@ class State(ABC):
         """
         return 0
 
-    def friction(self, drive: int, own: Any) -> Any:
+    def friction(self, drive: int, own: Vector) -> Scalar:
         """Return what it adds to the friction limit of a drive [N, N m].
 
         Args:
@@ -173,7 +177,7 @@ class State(ABC):
         """
         return 0
 
-    def force(self, drive: int, own: Any) -> Any:
+    def force(self, drive: int, own: Vector) -> Scalar:
         """Return what it adds to the force that is expected at a drive [N, N m].
 
         Args:
@@ -182,7 +186,7 @@ class State(ABC):
         """
         return 0
 
-    def sensor_error(self, sensor: Sensor, reading: Any, own: Any) -> Any:
+    def sensor_error(self, sensor: Sensor, reading: Scalar, own: Vector) -> Scalar:
         """Return what it adds to the reading of a sensor of force, tension or angle.
 
         Args:

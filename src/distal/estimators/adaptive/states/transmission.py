@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.state import Fading, State
+from distal.estimators.adaptive.states.state import Fading, Prior, State
 from distal.estimators.state_kinds import StateKind
+from distal.expressions import Scalar, Vector
 from distal.rig import Hysteresis, Sensor, SliderHysteresis
 from distal.sensors import variance
 
@@ -58,7 +58,7 @@ class Transmitted(State):
         """Anywhere within the limits h of the play, h/√3, and the sensor's noise [N, N m]."""
         return np.array([float(np.hypot(self.limit / np.sqrt(3.0), np.sqrt(variance(self.sensor))))])
 
-    def prior(self) -> tuple[Any, Any]:
+    def prior(self) -> tuple[Prior, Prior]:
         """Return the same with the sensor's noise as a fit varies it [N, N m]."""
         return self.means, ca.sqrt(self.limit**2 / 3.0 + self.context.noise(self.sensor))
 
@@ -112,12 +112,12 @@ class TransmissionError(State):
         """``hysteresis.error`` [N, N m]."""
         return np.array([self.hysteresis.error])
 
-    def prior(self) -> tuple[Any, Any]:
+    def prior(self) -> tuple[Prior, Prior]:
         """Return zero and the std, which a fit may vary [N, N m]."""
         return self.means, self._error
 
     @property
-    def _error(self) -> Any:
+    def _error(self) -> Scalar:
         return self.context.number(f"drives.{self.drive}.hysteresis.error", float(self.stds[0]))
 
     @property
@@ -125,7 +125,7 @@ class TransmissionError(State):
         """It is: its uncertainty counts, but it is never estimated."""
         return True
 
-    def fading(self, dt: Any) -> Fading:
+    def fading(self, dt: Scalar) -> Fading:
         """Return e^{−dt/T} with T = ``hysteresis.error_time``, and the std [N, N m].
 
         Args:
@@ -135,7 +135,7 @@ class TransmissionError(State):
         time = self.context.number(f"{path}.error_time", self.hysteresis.error_time)
         return Fading(ca.exp(-dt / time), self._error)
 
-    def force(self, drive: int, own: Any) -> Any:
+    def force(self, drive: int, own: Vector) -> Scalar:
         """Return minus the error where it is this drive's: what is transmitted lacks it [N, N m].
 
         Args:

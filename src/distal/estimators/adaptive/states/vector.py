@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -19,6 +18,7 @@ from distal.estimators.adaptive.states.parameter import UncertainParameter, unce
 from distal.estimators.adaptive.states.place import unmeasured_places
 from distal.estimators.adaptive.states.state import Fading, State
 from distal.estimators.adaptive.states.transmission import Transmitted, transmissions
+from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
 
 Kind = Callable[[FilterContext], Sequence[State]]
@@ -81,7 +81,7 @@ class StateVector:
     def __len__(self) -> int:
         return len(self.names)
 
-    def prior(self) -> tuple[Any, Any]:
+    def prior(self) -> tuple[Vector, Vector]:
         """Return prior means and standard deviations, (n,) each, as expressions of the filter's inputs."""
         means, stds = zip(*(block.prior() for block in self.blocks))
         return ca.vertcat(*map(ca.SX, means)), ca.vertcat(*map(ca.SX, stds))
@@ -124,7 +124,7 @@ class StateVector:
         own = self._slices[id(block)]
         return range(own.start, own.stop)
 
-    def own(self, block: State, state: Any) -> Any:
+    def own(self, block: State, state: Vector) -> Vector:
         """Return a block's numbers of a state.
 
         Args:
@@ -133,7 +133,7 @@ class StateVector:
         """
         return state[self._slices[id(block)]]
 
-    def fadings(self, dt: Any) -> list[tuple[int, Fading]]:
+    def fadings(self, dt: Scalar) -> list[tuple[int, Fading]]:
         """Return index and fading of every number that fades.
 
         Args:
@@ -142,7 +142,7 @@ class StateVector:
         every = ((block, block.fading(dt)) for block in self.blocks)
         return [(i, fading) for block, fading in every if fading is not None for i in self.indices(block)]
 
-    def parameters(self, state: Any) -> Any:
+    def parameters(self, state: Vector) -> Vector:
         """Return the model's parameters at a state, (n_p,).
 
         Args:
@@ -153,7 +153,7 @@ class StateVector:
             p = block.parameters(self.own(block, state), p)
         return p
 
-    def torques(self, state: Any) -> Any:
+    def torques(self, state: Vector) -> Vector:
         """Return the external torque on each joint, (n_joints,) [N m].
 
         Args:
@@ -166,7 +166,7 @@ class StateVector:
             )
         )
 
-    def place(self, drive: int, reading: Any, state: Any) -> Any:
+    def place(self, drive: int, reading: Scalar, state: Vector) -> Scalar:
         """Return the place of a drive [m, rad]: its reading less what its sensor errs by, or the state that stands for it.
 
         Args:
@@ -180,7 +180,7 @@ class StateVector:
                 return place
         return reading - sum((b.place_error(drive, reading, self.own(b, state)) for b in self.blocks), ca.SX(0))
 
-    def friction(self, drive: int, state: Any) -> Any:
+    def friction(self, drive: int, state: Vector) -> Scalar:
         """Return what is added to the friction limit of a drive [N, N m].
 
         Args:
@@ -189,7 +189,7 @@ class StateVector:
         """
         return sum((block.friction(drive, self.own(block, state)) for block in self.blocks), ca.SX(0))
 
-    def force(self, drive: int, state: Any) -> Any:
+    def force(self, drive: int, state: Vector) -> Scalar:
         """Return what is added to the force that is expected at a drive [N, N m].
 
         Args:
@@ -198,7 +198,7 @@ class StateVector:
         """
         return sum((block.force(drive, self.own(block, state)) for block in self.blocks), ca.SX(0))
 
-    def sensor_error(self, sensor: Sensor, reading: Any, state: Any) -> Any:
+    def sensor_error(self, sensor: Sensor, reading: Scalar, state: Vector) -> Scalar:
         """Return what is added to the reading of a sensor of force, tension or angle.
 
         Args:

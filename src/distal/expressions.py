@@ -1,0 +1,33 @@
+"""What CasADi's expressions stand for in signatures: a number, a column or a matrix.
+
+CasADi has two kinds of expressions. In an `SX` every entry is an expression of its own: the model is written in them. In an
+`MX` a whole matrix is one node of the graph: the filters join their functions with them. The two kinds do not mix, so that
+each has its names here. All are types of CasADi itself, which type checkers know from version 3.8 on.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias, TypeVar
+
+import casadi as ca
+
+Scalar: TypeAlias = ca.SX | ca.DM | float
+"""One number, 1 × 1: an expression, or a plain number where its value is known."""
+
+Vector: TypeAlias = ca.SX | ca.DM
+"""A column of n numbers, n × 1."""
+
+Matrix: TypeAlias = ca.SX | ca.DM
+"""A matrix of numbers, n × m."""
+
+ScalarNode: TypeAlias = ca.MX
+"""One number, 1 × 1, in a function of matrices."""
+
+VectorNode: TypeAlias = ca.MX
+"""A column, n × 1, in a function of matrices."""
+
+MatrixNode: TypeAlias = ca.MX
+"""A matrix, n × m, in a function of matrices."""
+
+Expression = TypeVar("Expression", ca.SX, ca.MX)
+"""Either kind of expression, the same one throughout a signature; its docstring says the shape."""

@@ -1,0 +1,93 @@
+"""What type checkers see: no `Any` in public signatures, and a user's own code passes with all checks on."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import distal
+from distal.results.plots import PlotOptions
+
+PACKAGE = Path(distal.__file__).parent
+README = Path(__file__).parents[1] / "README.md"
+
+
+def public_annotations(body: list[ast.stmt], path: str) -> Iterator[tuple[str, ast.expr]]:
+    """Yield path and annotation of all that is public: arguments, results, fields, of classes within too."""
+    for node in body:
+        name = getattr(node, "name", "")
+        if name.startswith("_") and not name.endswith("__"):
+            continue
+        if isinstance(node, ast.ClassDef):
+            yield from public_annotations(node.body, f"{path}.{name}")
+        elif isinstance(node, ast.FunctionDef):
+            arguments = node.args
+            every = [*arguments.posonlyargs, *arguments.args, arguments.vararg, *arguments.kwonlyargs, arguments.kwarg]
+            annotated = [each.annotation for each in every if each is not None] + [node.returns]
+            yield from ((f"{path}.{name}", each) for each in annotated if each is not None)
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id[0] != "_":
+            yield f"{path}.{node.target.id}", node.annotation
+
+
+def test_no_public_signature_has_any() -> None:
+    """`Any` tells neither a reader nor a type checker what a value is."""
+    found, seen = [], 0
+    for file in sorted(PACKAGE.rglob("*.py")):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        for path, annotation in public_annotations(tree.body, str(file.relative_to(PACKAGE))):
+            seen += 1
+            if any(isinstance(node, ast.Name) and node.id == "Any" for node in ast.walk(annotation)):
+                found.append(f"{path}: {ast.unparse(annotation)}")
+    assert seen > 1000
+    assert not found
+
+
+def test_a_plot_has_the_options_that_its_type_names() -> None:
+    accepted = inspect.signature(distal.plot_estimates).parameters
+    assert list(PlotOptions.__annotations__) == [name for name in accepted if name not in ("estimates", "path")]
+
+
+def checked(code: str, folder: Path) -> str:
+    """Return what a user's mypy says of code that uses the package, in a folder with no settings."""
+    pytest.importorskip("mypy", reason="the extra 'dev' is not installed")
+    (folder / "user.py").write_text(code, encoding="utf-8")
+    paths = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--config-file", os.devnull, "user.py"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_the_code_of_the_readme_passes_a_users_type_check(tmp_path: Path) -> None:
+    blocks = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.S)
+    assert blocks
+    said = checked("\n".join(blocks), tmp_path)
+    assert said == "Success: no issues found in 1 source file\n", said
+
+
+@pytest.mark.slow
+def test_a_users_type_check_sees_mistakes(tmp_path: Path) -> None:
+    """A package whose types were not found would let everything pass."""
+    said = checked(
+        'import distal\n\nrig = distal.load_rig("template")\n'
+        "distal.estimate(3, rig)\n"
+        'distal.estimate("log.csv", rig).plot(panel=["innovations"])\n'
+        'distal.estimate("log.csv", rig).angles.nonsense\n',
+        tmp_path,
+    )
+    assert {line.split(":")[1] for line in said.splitlines() if ": error:" in line} == {"4", "5", "6"}, said
