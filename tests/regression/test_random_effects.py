@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from distal.regression.features import played
-from distal.regression.random_effects import correlated_samples, line, surprise, updated
+from distal.regression.random_effects import _basis, correlated_samples, line, surprise, updated
 
 
 def direction(values: np.ndarray, band: float) -> np.ndarray:
@@ -78,3 +78,14 @@ def test_a_direction_is_the_last_motion_beyond_the_dead_band() -> None:
     # the same path at half the pace: no rate in it
     slow = np.interp(np.arange(299) / 2.0, np.arange(150), up_down)
     np.testing.assert_allclose(direction(slow, 0.05)[::2], direction(up_down, 0.05), atol=1e-12)
+
+
+def test_columns_of_the_basis_are_uncorrelated_and_of_size_one() -> None:
+    """Over all logs together, WᵀXᵀX W/k = 1; a combination that is always zero is left out."""
+    rng = np.random.default_rng(8)
+    x = rng.normal(size=(300, 3)) @ np.array([[2.0, 1.0, 0.0], [0.0, 1e-2, 0.0], [0.0, 0.0, 5.0]])
+    designs = [np.column_stack([part, part[:, 0] + part[:, 2]]) for part in (x[:100], x[100:])]
+    w = _basis(designs)
+    whole = np.vstack(designs) @ w
+    assert w.shape == (4, 3)
+    np.testing.assert_allclose(whole.T @ whole / len(whole), np.eye(3), atol=1e-9)
