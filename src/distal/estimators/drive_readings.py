@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +61,7 @@ def first_drives(rig: Rig, channels: Channels, sample: Floats) -> tuple[Floats, 
     return places, pulls
 
 
-def tension_share(levers: list[Scalar], own: list[int], tendon: int) -> Scalar:
+def tension_share(levers: Sequence[Scalar], own: Sequence[int], tendon: int) -> Scalar:
     """Return the tension of a tendon per unit of its drive's pull, the smallest that balances it: h_i/Σ h².
 
     Args:
