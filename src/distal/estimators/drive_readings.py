@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators.channels import Channels, sensor_for
+from distal.expressions import Scalar, Vector
 from distal.rig import Rig, gain_of
 
 Floats = NDArray[np.float64]
@@ -15,7 +18,7 @@ CUT_OFF = 5.0
 """Cut-off of the low-pass on measured forces in `elastic` [Hz]."""
 
 
-def read_drives(rig: Rig, channels: Channels, places: ca.SX, pulls: ca.SX, x: ca.SX) -> tuple[ca.SX, ca.SX]:
+def read_drives(rig: Rig, channels: Channels, places: Vector, pulls: Vector, x: Vector) -> tuple[Vector, Vector]:
     """Return places and pulls of the drives after a sample, (n_drives,) each: F⁺ = U + e^{−2π f dt} (F − U), f = `CUT_OFF`.
 
     Args:
@@ -58,7 +61,7 @@ def first_drives(rig: Rig, channels: Channels, sample: Floats) -> tuple[Floats, 
     return places, pulls
 
 
-def tension_share(levers: list[ca.SX], own: list[int], tendon: int) -> ca.SX:
+def tension_share(levers: Sequence[Scalar], own: Sequence[int], tendon: int) -> Scalar:
     """Return the tension of a tendon per unit of its drive's pull, the smallest that balances it: h_i/Σ h².
 
     Args:

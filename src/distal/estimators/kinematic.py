@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from distal.estimators.channels import Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.drive_readings import first_drives, read_drives, tension_share
+from distal.expressions import Scalar
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism
 from distal.rig import Rig, angle_names, tendon_angle_name
@@ -62,7 +63,7 @@ def kinematic_function(
     return ca.Function("kinematic", [carry, x, p], [following, ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"])
 
 
-def _share(mechanism: Mechanism, tendon: int) -> ca.SX:
+def _share(mechanism: Mechanism, tendon: int) -> Scalar:
     """Return `tension_share` of a tendon."""
     q, drive = ca.SX.sym("q", mechanism.n_bodies), mechanism.drive_of[tendon]
     levers = [ca.jacobian(mechanism.displacement(i, q), q[d]) for i, d in enumerate(mechanism.drive_of)]

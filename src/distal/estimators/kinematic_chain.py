@@ -10,6 +10,7 @@ from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
 from distal.estimators.drive_readings import first_drives, read_drives, tension_share
+from distal.expressions import Scalar, Vector
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism, solver
 from distal.rig import Rig, angle_names
@@ -30,7 +31,7 @@ CONSTRAINT = 1e3
 """Where springs decide with fewer tendons than joints, tendons weigh so many times their stiffness: lengths come first."""
 
 
-def stretches(mechanism: Mechanism, pulls: ca.SX, elastic: bool) -> list[ca.SX]:
+def stretches(mechanism: Mechanism, pulls: Vector, elastic: bool) -> list[Scalar]:
     """Return by how much each tendon is longer than at its pre-tension, (T − T_pre)/k [m]; 0 if not `elastic`.
 
     A drive's pull F is shared so that it is balanced with the smallest changes: T = T_pre + h (F − Σ h T_pre)/Σ h².

@@ -8,7 +8,7 @@ Linear Complementarity Problem, 1992, section 4.5): at each event one joint stop
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -53,7 +53,7 @@ class Slip:
         return self.forward * up - self.back * down
 
 
-Following: TypeAlias = tuple[list[Scalar], Vector, Vector, Scalar]
+Following: TypeAlias = tuple[Sequence[Scalar], Vector, Vector, Scalar]
 """Signs of the velocities, velocities, friction, and the share of the load's change that is left."""
 
 

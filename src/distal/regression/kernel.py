@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.expressions import Scalar, Vector
 from distal.kernels.mask import is_read
 from distal.regression.features import SMALLEST_HALF, columns, fade, limits, variables
 from distal.regression.window import ANYWHERE
@@ -113,7 +114,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     return ca.Function("map", [memory, x, places, angles, numbers], ca.cse([ca.densify(each) for each in results]))
 
 
-def first_memory(learned: LearnedMap, values: ca.SX, mask: ca.SX) -> ca.SX:
+def first_memory(learned: LearnedMap, values: Vector, mask: Vector) -> Vector:
     """Return what is remembered before the first sample: readings as in that sample, or the usual ones.
 
     Args:
@@ -170,12 +171,12 @@ def reporting_function(
     return ca.Function("reporting", [carry, x, p], [ca.vertcat(following, *memories), ca.vertcat(y, *reports)], *names)
 
 
-def _split(column: ca.SX, sizes: Sequence[int]) -> list[ca.SX]:
-    parts: list[ca.SX] = ca.vertsplit(column, [int(i) for i in np.cumsum([0, *sizes])])
+def _split(column: Vector, sizes: Sequence[int]) -> list[Vector]:
+    parts: list[Vector] = ca.vertsplit(column, [int(i) for i in np.cumsum([0, *sizes])])
     return parts
 
 
-def _form(matrix: ca.SX, vector: ca.SX) -> ca.SX:
+def _form(matrix: Vector, vector: Vector) -> Scalar:
     """Return vᵀ M v of a symmetric matrix that stands row by row."""
     n = vector.numel()
     total = ca.SX(0)

@@ -5,6 +5,8 @@ docs/explanation/adaptive.md, section 5, "Plays inside the rig".
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import Tracks
@@ -101,5 +103,5 @@ def _noise(states: StateVector, drive: int) -> Scalar:
     return 0 if sensor is None else states.context.noise(sensor)
 
 
-def _std(slopes: Matrix, noises: list[Scalar]) -> Scalar:
+def _std(slopes: Matrix, noises: Sequence[Scalar]) -> Scalar:
     return ca.sqrt(sum((slopes[0, i] ** 2 * noise for i, noise in enumerate(noises)), ca.SX(0)))
