@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-from importlib.metadata import PackageNotFoundError, version
 
 from distal.cli.console import say
 from distal.version import __version__
@@ -16,6 +15,8 @@ _EXTRAS = {"pandas": "pandas", "mcap": "mcap", "rosbags": "ros", "pooch": "data"
 
 def doctor_command() -> None:
     """Say which versions and which kernels are in use, and why."""
+    from importlib.metadata import PackageNotFoundError, version
+
     from distal.kernels import cache_folder, find_compiler, lanes_here, probe
 
     say(f"distal {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}")

@@ -16,7 +16,6 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from distal.cli.console import warn
@@ -219,7 +218,7 @@ class Session:
 
 
 def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    return float(value) if isfinite(value) else None
 
 
 def _lines() -> Iterator[bytes]:
