@@ -7,9 +7,17 @@ import platform
 from distal.cli.console import say
 from distal.version import __version__
 
-_PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "polars", "matplotlib")
+_PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "matplotlib")
 
-_EXTRAS = {"pandas": "pandas", "mcap": "mcap", "rosbags": "ros", "pooch": "data", "plotly": "view"}
+_EXTRAS = {
+    "pyarrow": "parquet",
+    "pandas": "pandas",
+    "polars": "polars",
+    "mcap": "mcap",
+    "rosbags": "ros",
+    "pooch": "data",
+    "plotly": "view",
+}
 """Packages that are not needed, and the extra that installs each."""
 
 
