@@ -149,9 +149,9 @@ def _number(cell: str, path: Path, name: str, row: int) -> float:
     try:
         number = float(text)
     except ValueError:
-        raise _no_number(path, row, name, cell) from None
+        raise _no_number(path, row, name, cell.strip("\r")) from None
     if isinf(number) or not is_plain(text):
-        raise _no_number(path, row, name, cell)
+        raise _no_number(path, row, name, cell.strip("\r"))
     return number
 
 
