@@ -1,9 +1,12 @@
-"""No circles of imports: a module can be read, tested and changed with only those below it."""
+"""Imports: no circles, so that a module can be read with only those below it; and nothing heavy before it is needed."""
 
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -189,3 +192,33 @@ def package(folder: Path, sources: Mapping[str, str]) -> Path:
 def test_circles_are_seen(tmp_path: Path, sources: dict[str, str], circle: set[str]) -> None:
     found = circles(import_graph(package(tmp_path, sources)))
     assert found == ({frozenset(circle)} if circle else set())
+
+
+HEAVY = ("numpy", "casadi", "scipy", "pydantic", "pint", "matplotlib", "pandas", "polars", "pyarrow")
+
+
+@pytest.mark.parametrize("start", ["import distal", "import distal.cli"])
+def test_starting_is_light(start: str) -> None:
+    """What `import distal` and `distal --help` do not need is not imported; nobody needs typer for `import distal`."""
+    heavy = (*HEAVY, "typer") if start == "import distal" else HEAVY
+    ran = subprocess.run(
+        [sys.executable, "-c", f"{start}; import sys; print([name for name in {heavy} if name in sys.modules])"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ran.stdout.strip() == "[]"
+
+
+def test_every_public_name_is_found() -> None:
+    """At run time as a type checker finds it: from the same package, and listed by `dir`."""
+    tree = ast.parse(Path(distal.__file__).read_text(encoding="utf-8"))
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    packages = {alias.name: node.module or "" for node in imports for alias in node.names}
+    for name in distal.__all__:
+        assert getattr(distal, name) is getattr(import_module(packages[name]), name)
+    code = "import distal; print(*dir(distal))"
+    listed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert set(listed) >= set(distal.__all__)
+    with pytest.raises(AttributeError, match="'distal' has no attribute 'estimat'"):
+        distal.estimat  # noqa: B018

@@ -1,24 +1,22 @@
 """Where a tendon-driven joint is, without a sensor in the joint."""
 
-from distal.diagnosis import diagnose
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from distal.errors import DistalError, DistalWarning
-from distal.estimators import ESTIMATORS, Belief, Estimator, Innovation, make_estimator
-from distal.export import export_c
-from distal.fitting import (
-    Fit,
-    fit,
-    learn_affine,
-    learn_contact,
-    learn_discrepancy,
-    observability,
-)
-from distal.homing import at_known_angle
-from distal.logs import Log, read_log, write_log
-from distal.results import Estimate, plot_estimates
-from distal.rig import Rig, load_rig, shipped_rigs
-from distal.run import LiveEstimator, Monitor, estimate, estimate_batch, log_health, smooth
-from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate, simulate_batch
 from distal.version import __version__ as __version__
+
+if TYPE_CHECKING:
+    from distal.diagnosis import diagnose
+    from distal.estimators import ESTIMATORS, Belief, Estimator, Innovation, make_estimator
+    from distal.export import export_c
+    from distal.fitting import Fit, fit, learn_affine, learn_contact, learn_discrepancy, observability
+    from distal.homing import at_known_angle
+    from distal.logs import Log, read_log, write_log
+    from distal.results import Estimate, plot_estimates
+    from distal.rig import Rig, load_rig, shipped_rigs
+    from distal.run import LiveEstimator, Monitor, estimate, estimate_batch, log_health, smooth
+    from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate, simulate_batch
 
 __all__ = [
     "ESTIMATORS",
@@ -58,3 +56,30 @@ __all__ = [
     "smooth",
     "write_log",
 ]
+
+_NAMES = {
+    "diagnosis": ("diagnose",),
+    "estimators": ("ESTIMATORS", "Belief", "Estimator", "Innovation", "make_estimator"),
+    "export": ("export_c",),
+    "fitting": ("Fit", "fit", "learn_affine", "learn_contact", "learn_discrepancy", "observability"),
+    "homing": ("at_known_angle",),
+    "logs": ("Log", "read_log", "write_log"),
+    "results": ("Estimate", "plot_estimates"),
+    "rig": ("Rig", "load_rig", "shipped_rigs"),
+    "run": ("LiveEstimator", "Monitor", "estimate", "estimate_batch", "log_health", "smooth"),
+    "simulation": ("Scenario", "load_scenario", "scenario_rig", "shipped_scenarios", "simulate", "simulate_batch"),
+}
+"""Package → public names in it. A package is imported when one of its names is first used: `import distal` is light."""
+
+_PACKAGES = {name: package for package, names in _NAMES.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _PACKAGES:
+        raise AttributeError(f"module 'distal' has no attribute '{name}'")
+    value = globals()[name] = getattr(import_module(f"distal.{_PACKAGES[name]}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

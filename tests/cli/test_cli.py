@@ -331,14 +331,6 @@ def test_a_reader_that_goes_away() -> None:
     assert "Traceback" not in ran.stderr
 
 
-def test_import_is_light() -> None:
-    """`import distal` loads no plotting, no solver and no data frames."""
-    heavy = ("matplotlib", "scipy", "pandas", "polars", "pint", "typer")
-    code = f"import sys, distal; print(','.join(m for m in {heavy} if m in sys.modules))"
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout.strip() == ""
-
-
 @pytest.mark.slow
 def test_reproduce(run, tmp_path: Path) -> None:
     folder = tmp_path / "out" / "reproduce"

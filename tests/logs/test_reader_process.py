@@ -176,5 +176,5 @@ def test_text_that_repeats_is_long_as_a_whole(tmp_path: Path, monkeypatch: pytes
     pl.select(pl.repeat("1.6" + "0" * 5000, 50_000).alias("a")).write_parquet(path)
     assert path.stat().st_size < 1_000_000
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "400 MB")
-    with pytest.raises(LogError, match=r"its columns a hold 250,150,000 bytes of text, about 0.8 GB in memory"):
+    with pytest.raises(LogError, match=r"its column a holds 250,150,000 bytes of text, about 0.8 GB in memory"):
         read_table(path, ["a"])

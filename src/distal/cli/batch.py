@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import typer
 
 from distal.cli.console import err, failure, say, table, warn
@@ -71,6 +70,8 @@ def estimate_many(
         homing: for how long the truth is used [s].
         out: folder for the estimates, or None.
     """
+    import numpy as np
+
     from distal.diagnosis import diagnose_estimate
     from distal.estimators import ESTIMATORS
     from distal.logs import write_columns

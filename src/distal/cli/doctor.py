@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import platform
-from importlib.metadata import PackageNotFoundError, version
 
 from distal.cli.console import say
 from distal.version import __version__
 
-_PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "polars", "matplotlib")
+_PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "matplotlib")
 
-_EXTRAS = {"pandas": "pandas", "mcap": "mcap", "rosbags": "ros", "pooch": "data", "plotly": "view"}
+_EXTRAS = {
+    "pyarrow": "parquet",
+    "pandas": "pandas",
+    "polars": "polars",
+    "mcap": "mcap",
+    "rosbags": "ros",
+    "pooch": "data",
+    "plotly": "view",
+}
 """Packages that are not needed, and the extra that installs each."""
 
 
 def doctor_command() -> None:
     """Say which versions and which kernels are in use, and why."""
+    from importlib.metadata import PackageNotFoundError, version
+
     from distal.kernels import cache_folder, find_compiler, lanes_here, probe
 
     say(f"distal {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from distal.cli.console import failure, say, table
@@ -148,7 +148,7 @@ def estimate_command(
             )
         which, place = joint_angle(known_place)
         data, description = at_known_angle(data, description, home, *place, which)
-        about, off = np.rad2deg(place)
+        about, off = map(degrees, place)
         say(f"home: {which or 'the joint'} stands at {about:g}° ± {off:g}° for the first {home:g} s")
     # in a comparison that nobody chose, what cannot run is a row that says what it needs
     missing = estimator is None and description.affine is None and home is None
@@ -205,6 +205,8 @@ def estimate_command(
 
 def _describe(log: Log, rig: Rig) -> None:
     """Print what was read: samples, time, rate, missing values, gaps."""
+    import numpy as np
+
     say(
         f"read {log.source}: {len(log)} samples, {log.time[0]:g} to {log.time[-1]:g} s, {log.rate:.4g} Hz; "
         f"rig: {rig.name}"
@@ -229,15 +231,17 @@ def _describe(log: Log, rig: Rig) -> None:
 
 def _compare(results: list[Estimate], failed: dict[str, str]) -> None:
     """Print a row for each estimator, and of those that could not run why."""
+    import numpy as np
+
     from distal.results import BAND
 
     rows = [
         (
             result.estimator,
-            f"{np.rad2deg(result.rms_error()):.3f}",
-            f"{np.rad2deg(result.max_error()):.3f}",
+            f"{degrees(result.rms_error()):.3f}",
+            f"{degrees(result.max_error()):.3f}",
             f"{100 * result.inside_band():.0f} %",
-            f"±{np.rad2deg(BAND * float(np.median(result.angle_stds))):.3f}",
+            f"±{degrees(BAND * np.median(result.angle_stds)):.3f}",
         )
         for result in results
     ]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import time
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from distal.cli.console import err, say, table
@@ -179,7 +179,7 @@ def _say(result: Fit) -> None:
         say(f"not told by these logs: {', '.join(names[:MOST_NAMES])}{more}")
     scores = result.scores()
     if scores:
-        said = ", ".join(f"{name} {np.rad2deg(rms):.3f}° ({100 * inside:.0f} %)" for name, rms, inside in scores)
+        said = ", ".join(f"{name} {degrees(rms):.3f}° ({100 * inside:.0f} %)" for name, rms, inside in scores)
         say(f"each log left out once, RMS error (inside the 95 % band): {said}")
     for line in result.advice()[:MOST_DOUBTS]:
         say(line)

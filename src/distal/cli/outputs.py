@@ -7,9 +7,10 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from distal import logs as files
-from distal.logs import Output
+if TYPE_CHECKING:
+    from distal.logs import Output
 
 TABLES = (".csv", ".parquet", ".pq", ".txt")
 """Endings by which a truth is a file; else it is a file only if there is one of that name."""
@@ -20,12 +21,16 @@ BAG = (".db3", ".mcap", ".bag", ".zstd", ".yaml")
 
 def to_file(option: str, path: Path | None) -> list[Output]:
     """Return the file that an option asks for, if it was given."""
+    from distal.logs import Output
+
     return [] if path is None else [Output(path, option)]
 
 
 def to_folder(option: str, folder: Path | None, names: Iterable[str]) -> list[Output]:
     """Return the files in a folder that an option asks for, if it was given."""
-    return [] if folder is None else files.outputs_in(folder, names, option)
+    from distal.logs import outputs_in
+
+    return [] if folder is None else outputs_in(folder, names, option)
 
 
 def check_outputs(
@@ -50,6 +55,7 @@ def check_outputs(
     Raises:
         OutputError: see `distal.logs.check_outputs`.
     """
+    from distal import logs as files
     from distal.rig import shipped_rigs
     from distal.simulation import shipped_scenarios
 
@@ -74,7 +80,9 @@ def _description(name: str, shipped: Sequence[str], package: str) -> Path:
 
 def _files_of(log: Path) -> Iterator[Path]:
     """Return the files that a log is read from: of a ROS bag, those beside each other in its folder."""
+    from distal.logs import is_recording
+
     yield log
     folder = log.parent if log.suffix.lower() == ".db3" else log
-    if files.is_recording(log) and folder.is_dir():
+    if is_recording(log) and folder.is_dir():
         yield from (file for file in sorted(folder.iterdir()) if file.suffix.lower() in BAG)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
+from math import degrees
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from distal.cli.console import say, table, warn
@@ -62,7 +62,7 @@ def check_command(
     if description.affine is not None:
         learned = description.affine.logs
         what = "a homing move" if learned == 0 else f"{learned} log{'s' if learned > 1 else ''}"
-        std = max(float(np.rad2deg(joint.std)) for joint in description.affine.joints)
+        std = max(degrees(joint.std) for joint in description.affine.joints)
         say(f"  affine: learned from {what}, residual ±{std:.2g}° (1σ)")
     say(f"  uncertain: {', '.join(uncertain) if uncertain else 'nothing (no parameter has a std)'}")
     exact = [

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import replace
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from distal.cli.console import say, table, warn
@@ -104,7 +104,7 @@ def _ranges(log: Log, rig: Rig) -> str:
 
     joints, texts = [joint.name for joint in rig.joints], []
     for joint, name in zip(joints, angle_names(joints)):
-        theta = np.rad2deg(log.truth[name])
+        theta = log.truth[name]
         which = "angle" if len(joints) == 1 else f"angle of {joint}"
-        texts.append(f"{which} from {theta.min():.2f}° to {theta.max():.2f}°")
+        texts.append(f"{which} from {degrees(theta.min()):.2f}° to {degrees(theta.max()):.2f}°")
     return ", ".join(texts)

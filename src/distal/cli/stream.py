@@ -16,7 +16,6 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from distal.cli.console import warn
@@ -27,6 +26,7 @@ from distal.errors import LogError, OutputError, printable
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from distal.logs import MessageReader, Recorder
@@ -223,7 +223,7 @@ class Session:
 
 
 def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    return float(value) if isfinite(value) else None
 
 
 def _lines() -> Iterator[bytes]:

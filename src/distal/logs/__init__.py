@@ -2,7 +2,7 @@
 
 from distal.logs.datasets import da_vinci_grasper
 from distal.logs.files import file_of, read_log, read_truth, write_columns, write_log
-from distal.logs.frames import pandas_frame
+from distal.logs.frames import pandas_frame, polars_frame
 from distal.logs.log import LARGEST_READING, Log, check_stamps, frozen
 from distal.logs.memory import MEMORY_VARIABLE, size_of
 from distal.logs.messages import MessageReader
@@ -42,6 +42,7 @@ __all__ = [
     "open_recording",
     "outputs_in",
     "pandas_frame",
+    "polars_frame",
     "read_log",
     "read_table",
     "read_truth",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError
+from distal.logs.formats import format_of, write_csv
 from distal.logs.log import LARGEST_READING, Log, check_stamps
 from distal.logs.output import write_whole
 from distal.logs.reader_process import recording_by_process
 from distal.logs.recordings import is_recording
 from distal.logs.sources import Source
 from distal.logs.stamps import Clock, clock_of
-from distal.logs.tables import Cells, Table, check_columns, open_table, table_of
+from distal.logs.tables import Table, open_table, table_of
 from distal.logs.truth import NO_SOURCE, TruthKind, TruthSource
 from distal.rig import REFERENCES, Capstan, Rig, Sensor, angle_names, log_factor, torque_names
 from distal.units import unit_factor
@@ -34,7 +34,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
 
     Args:
         path: CSV or Parquet; an MCAP file or a ROS bag, with columns ``/topic.field`` (see `open_recording`); or a frame of
-            polars or pandas with the same columns and units.
+            pandas or polars with the same columns and units.
         rig: the description.
         truth: the true joint angle: a column of the log, or a second file with ``t`` and ``theta`` (rad).
 
@@ -51,14 +51,14 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     stamps = None
     if is_recording(path):
         factor = unit_factor(rig.log.time.unit, "s")
-        frame, stamps = recording_by_process(Path(path), asked, rig.log.time.column, factor)
-        cells = Cells(frame, Path(path), 0, tuple(frame.columns))
+        cells, recorded = recording_by_process(Path(path), asked, rig.log.time.column, factor)
+        stamps = np.asarray(recorded)
     else:
         cells = open_table(path, asked, rig.log.time.column)
     column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None
     optional = [*references, *torques, *simulated, *([column] if column else [])]
     wanted = [sensor.log_column for sensor in needed]
-    check_columns(cells, [rig.log.time.column])
+    cells.check([rig.log.time.column])
     clock = clock_of(cells, rig.log.time.column, unit_factor(rig.log.time.unit, "s"))
     table = table_of(cells, wanted, optional)
     if rig.log.time.repeated != "refused":
@@ -160,7 +160,7 @@ def read_truth(
     """
     names = angle_names(joints)
     cells = open_table(path, ["t", *names])
-    check_columns(cells, ["t"])
+    cells.check(["t"])
     stamps, known = clock_of(cells, "t", 1.0).since(start), dict[str, Floats]()
     table = table_of(cells, names)
     check_stamps(stamps, table.source, table.first_row)
@@ -277,12 +277,4 @@ def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> byt
         columns: name → values.
         path: where it will be written; its ending gives the format.
     """
-    import polars
-
-    frame = polars.DataFrame({name: np.array(values) for name, values in columns.items()})
-    buffer = io.BytesIO()
-    if Path(path).suffix.lower() in (".parquet", ".pq"):
-        frame.write_parquet(buffer)
-    else:
-        frame.fill_nan(None).write_csv(buffer)
-    return buffer.getvalue()
+    return (format_of(path).write or write_csv)(columns)

@@ -1,4 +1,4 @@
-"""Columns as pandas frames, where pandas is installed."""
+"""Columns as frames, where the library for that is installed."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from distal.errors import DistalError
 
 if TYPE_CHECKING:
     import pandas
+    import polars
 
 
 def pandas_frame(columns: Mapping[str, NDArray[np.generic]]) -> pandas.DataFrame:
@@ -23,5 +24,18 @@ def pandas_frame(columns: Mapping[str, NDArray[np.generic]]) -> pandas.DataFrame
     try:
         import pandas
     except ImportError:
-        raise DistalError("pandas is not installed; `pip install '.[pandas]'`, or use .to_polars()") from None
+        raise DistalError("pandas is not installed; `pip install 'distal[pandas]'`") from None
     return pandas.DataFrame({name: np.array(values) for name, values in columns.items()})
+
+
+def polars_frame(columns: Mapping[str, NDArray[np.generic]]) -> polars.DataFrame:
+    """Return the columns as a polars frame.
+
+    Raises:
+        DistalError: polars is not installed.
+    """
+    try:
+        import polars
+    except ImportError:
+        raise DistalError("polars is not installed; `pip install 'distal[polars]'`") from None
+    return polars.DataFrame(dict(columns))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
+from distal.logs.frames import pandas_frame, polars_frame
 from distal.logs.truth import NO_SOURCE, TruthKind, TruthSource, truth_source_of
 
 if TYPE_CHECKING:
@@ -114,18 +115,25 @@ class Log:
         stamps = None if self.stamps is None else self.stamps[rows]
         return Log(self.time[rows], channels, truth, self.source, self.truth_source, stamps)
 
-    def to_polars(self) -> polars.DataFrame:
-        """Return time, channels and truth (prefixed ``true_``) as a polars frame, SI."""
-        import polars
-
-        truth = {f"true_{name}": values for name, values in self.truth.items()}
-        return polars.DataFrame({"t": self.time, **self.channels, **truth})
+    def columns(self) -> dict[str, Floats]:
+        """Return time, channels and truth (prefixed ``true_``), SI."""
+        return {"t": self.time, **self.channels, **{f"true_{name}": values for name, values in self.truth.items()}}
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return the same as `to_polars` as a pandas frame."""
-        from distal.logs.frames import pandas_frame
+        """Return the `columns` as a pandas frame.
 
-        return pandas_frame({"t": self.time, **self.channels, **{f"true_{k}": v for k, v in self.truth.items()}})
+        Raises:
+            DistalError: pandas is not installed.
+        """
+        return pandas_frame(self.columns())
+
+    def to_polars(self) -> polars.DataFrame:
+        """Return the `columns` as a polars frame.
+
+        Raises:
+            DistalError: polars is not installed.
+        """
+        return polars_frame(self.columns())
 
 
 def check_stamps(time: Floats, source: str, first_row: int | None = None) -> None:

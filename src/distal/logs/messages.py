@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.csv_files import MISSING
+from distal.logs.cells import MISSING
 from distal.rig import Rig, log_factor
 from distal.units import unit_factor
 

@@ -7,20 +7,23 @@ import json
 import os
 import sys
 import warnings
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Literal, TypedDict
+from typing import TypedDict
+
+import numpy as np
 
 from distal.errors import DistalWarning, LogError
+from distal.logs.cells import Column
+from distal.logs.formats import format_of
 from distal.logs.memory import how_to_allow, memory_limit
-from distal.logs.parquet_files import read_parquet
 from distal.logs.recordings import open_recording
 from distal.logs.targets import shown
 
 
 class Request(TypedDict, total=False):
-    """What to read: a table, or with `time` and `unit` a recording."""
+    """What to read: columns of a table, or with `time` and `unit` of a recording."""
 
-    read: Literal["parquet", "recording"]
     path: str
     columns: list[str] | None
     time: str
@@ -29,16 +32,17 @@ class Request(TypedDict, total=False):
 
 
 class Answer(TypedDict, total=False):
-    """What was read: names of all columns and the size of the table that follows, or an error."""
+    """What was read: names of all columns, those held and the size of what follows, or an error."""
 
-    names: list[str]
+    names: Sequence[str]
+    held: list[str]
     warnings: list[str]
     error: str
     bytes: int
 
 
 def serve() -> None:
-    """Answer requests, a JSON line each, until there are no more: a JSON line and a table as Arrow IPC."""
+    """Answer requests, a JSON line each, until there are no more: a JSON line, and columns as `packed` writes them."""
     # whatever a library prints must not stand between the answers
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -70,7 +74,7 @@ def limit_memory(size: int) -> None:
 
 
 def answer_to(request: Request) -> tuple[Answer, bytes]:
-    """Return the answer to a request: names and warnings, or an error; and the table.
+    """Return the answer to a request: names and warnings, or an error; and the columns as `packed` writes them.
 
     Args:
         request: what to read, as `distal.logs.reader_process` asks.
@@ -79,18 +83,19 @@ def answer_to(request: Request) -> tuple[Answer, bytes]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DistalWarning)
         try:
-            buffer, names = io.BytesIO(), list[str]()
             if "folder" in request:
                 os.chdir(request["folder"])  # the caller may have gone elsewhere since
-            if request["read"] == "parquet":
-                frame, names = read_parquet(Path(request["path"]), request["columns"])
+            held: dict[str, Column]
+            path, columns = Path(request["path"]), request["columns"]
+            read = format_of(path).read
+            if read is None:
+                found, stamps = open_recording(path, columns or (), request["time"], request["unit"])
+                names, held = tuple(found), {**found, STAMPS: stamps}
             else:
-                import polars
-
-                path = Path(request["path"])
-                frame, stamps = open_recording(path, request["columns"] or (), request["time"], request["unit"])
-                frame = frame.hstack([polars.Series(f"stamps of {len(frame.columns)}", stamps)])
-            frame.write_ipc(buffer)
+                cells = read(path, columns)
+                names = cells.names
+                held = {name: cells.column(name) for name in names if columns is None or name in columns}
+            payload = packed(held.values())
         except LogError as problem:
             return {"error": str(problem), "warnings": said}, b""
         except MemoryError:
@@ -100,4 +105,38 @@ def answer_to(request: Request) -> tuple[Answer, bytes]:
             return {"error": f"{shown(request['path'])}: cannot be read ({what}); the file is damaged"}, b""
         finally:
             said += [str(one.message) for one in caught if issubclass(one.category, DistalWarning)]
-    return {"names": names, "warnings": said}, buffer.getvalue()
+    return {"names": names, "held": [*held], "warnings": said}, payload
+
+
+STAMPS = "stamps [ns]"
+"""Column of a recording's stamps beside those that were asked for."""
+
+
+def packed(columns: Iterable[Column]) -> bytes:
+    """Return columns as bytes: arrays as NumPy writes them, text as JSON in one.
+
+    Args:
+        columns: one after the other.
+    """
+    buffer = io.BytesIO()
+    for column in columns:
+        text = isinstance(column, list)
+        array = np.frombuffer(json.dumps(column).encode(), np.uint8) if text else column
+        buffer.write(b"t" if text else b"n")
+        np.save(buffer, array, allow_pickle=False)
+    return buffer.getvalue()
+
+
+def unpacked(payload: bytes, names: Iterable[str]) -> dict[str, Column]:
+    """Return the columns that `packed` wrote.
+
+    Args:
+        payload: the bytes.
+        names: of the columns.
+    """
+    buffer, columns = io.BytesIO(payload), dict[str, Column]()
+    for name in names:
+        text = buffer.read(1) == b"t"
+        array = np.load(buffer, allow_pickle=False)
+        columns[name] = json.loads(array.tobytes()) if text else array
+    return columns

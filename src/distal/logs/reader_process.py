@@ -7,7 +7,6 @@ The process that reads has a limit on its memory, and is used again for the next
 from __future__ import annotations
 
 import atexit
-import io
 import json
 import os
 import subprocess
@@ -17,26 +16,20 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING
-
-import numpy as np
-from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError
+from distal.logs.cells import Cells, Column, held
 from distal.logs.memory import how_to_allow, memory_limit
-from distal.logs.reader import Answer, Request, answer_to
+from distal.logs.reader import STAMPS, Answer, Request, answer_to, unpacked
 from distal.logs.targets import shown
-
-if TYPE_CHECKING:
-    import polars
 
 _BEGIN = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from distal.logs.reader import serve; serve()"
 
 _LOCK = Lock()
 
 
-def parquet_by_process(path: Path, columns: Sequence[str] | None) -> tuple[polars.DataFrame, list[str]]:
-    """Return what `distal.logs.parquet_files.read_parquet` does, read in a process of its own.
+def table_by_process(path: Path, columns: Sequence[str] | None) -> Cells:
+    """Return what the format's own reader does, read in a process of its own.
 
     Args:
         path: of the file.
@@ -45,14 +38,12 @@ def parquet_by_process(path: Path, columns: Sequence[str] | None) -> tuple[polar
     Raises:
         LogError: it cannot be read, is damaged, or takes too much memory.
     """
-    answer, frame = _asked({"read": "parquet", "path": str(path), "columns": None if columns is None else [*columns]})
-    return frame, list(answer["names"])
+    names, held_columns = _asked({"path": str(path), "columns": None if columns is None else [*columns]})
+    return held(held_columns, path, 1, names)
 
 
-def recording_by_process(
-    path: Path, columns: Sequence[str], time: str, unit: float
-) -> tuple[polars.DataFrame, NDArray[np.int64]]:
-    """Return what `distal.logs.recordings.open_recording` does, read in a process of its own.
+def recording_by_process(path: Path, columns: Sequence[str], time: str, unit: float) -> tuple[Cells, Column]:
+    """Return the table and the stamps of `distal.logs.recordings.open_recording`, read in a process of its own.
 
     Args:
         path: an MCAP file, or a bag.
@@ -63,16 +54,12 @@ def recording_by_process(
     Raises:
         LogError: it cannot be read, is damaged, or takes too much memory.
     """
-    request: Request = {"read": "recording", "path": str(path), "columns": [*columns], "time": time, "unit": unit}
-    _, frame = _asked(request)
-    stamps: NDArray[np.int64] = frame.to_series(frame.width - 1).to_numpy()
-    return frame.select(frame.columns[:-1]), stamps
+    names, found = _asked({"path": str(path), "columns": [*columns], "time": time, "unit": unit})
+    return held(found, path, 0, names), found[STAMPS]
 
 
-def _asked(request: Request) -> tuple[Answer, polars.DataFrame]:
-    """Return the answer to a request; what the reader warns of is warned of here."""
-    import polars
-
+def _asked(request: Request) -> tuple[list[str], dict[str, Column]]:
+    """Return the names of all columns and those that were read; what the reader warns of is warned of here."""
     path = request["path"]
     try:
         path.encode()
@@ -90,7 +77,7 @@ def _asked(request: Request) -> tuple[Answer, polars.DataFrame]:
         warnings.warn(text, DistalWarning, stacklevel=5)
     if "error" in answer:
         raise LogError(answer["error"])
-    return answer, polars.read_ipc(io.BytesIO(payload))
+    return answer["names"], unpacked(payload, answer["held"])
 
 
 class _Reader:
@@ -111,7 +98,7 @@ class _Reader:
     def __init__(self, limit: int) -> None:
         self._of = (os.getpid(), limit)
         # threads reserve memory of their own, and one file does not need many
-        few = dict.fromkeys(("POLARS_MAX_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "2")
+        few = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "2")
         # a session of its own: Ctrl-C is for the caller, who ends it
         self._process = subprocess.Popen(
             [sys.executable, "-c", _BEGIN, json.dumps(sys.path)],

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError, did_you_mean
-from distal.logs.memory import check_memory
-from distal.logs.messages import find, number_of
+from distal.logs.formats import Message, format_of
+from distal.logs.messages import number_of
 
-if TYPE_CHECKING:
-    import polars
+Floats = NDArray[np.float64]
 
 NEAR = 0.1
 """Messages whose stamps differ by less than this share of the busiest topic's interval are one row."""
@@ -30,43 +26,18 @@ LATEST = 9.0e9
 """No stamp is later than this [s]: a stamp in another unit is."""
 
 
-@dataclass(frozen=True)
-class Message:
-    """One message of a recording.
-
-    Args:
-        topic: where it was published.
-        recorded: when [ns].
-        stamp: of its header [ns]; None where it has none.
-        read: gives a field, None where it is not there.
-        json: whether it is JSON, whose fields may be looked for by name alone.
-    """
-
-    topic: str
-    recorded: int
-    stamp: int | None
-    read: Read
-    json: bool = False
-
-
 def is_recording(path: object) -> TypeGuard[str | Path]:
     """Return whether a path is an MCAP file or a ROS bag.
 
     Args:
         path: of a log.
     """
-    if not isinstance(path, (str, Path)):
-        return False
-    path = Path(path)
-    try:
-        return path.suffix.lower() in (".mcap", ".bag", ".db3") or (path / "metadata.yaml").is_file()
-    except OSError:
-        return False
+    return isinstance(path, (str, Path)) and format_of(path).messages is not None
 
 
 def open_recording(
     path: str | Path, columns: Sequence[str], time: str, unit: float = 1.0
-) -> tuple[polars.DataFrame, NDArray[np.int64]]:
+) -> tuple[dict[str, Floats], NDArray[np.int64]]:
     """Return the columns that are in a recording with the time from its first stamp on, and the stamps [ns].
 
     A column is ``/topic.field``, e.g. ``/joint_states.position[0]`` or ``/load/left.wrench.force.z``;
@@ -83,8 +54,6 @@ def open_recording(
     Raises:
         LogError: it cannot be read, a package for that is missing, or none of the columns is there.
     """
-    import polars
-
     path = Path(path)
     wanted = [(column, *_named(column)) for column in columns if column != time]
     cells: dict[str, list[tuple[str, int | None, int, float]]] = {column: [] for column, _, _ in wanted}
@@ -99,7 +68,7 @@ def open_recording(
                 value = message.read(column)
             if value is None:
                 continue
-            if isinstance(value, (list, dict)) or np.ndim(value) > 0:  # type: ignore[arg-type]
+            if isinstance(value, (list, dict)) or np.asarray(value, dtype=object).ndim > 0:
                 raise LogError(f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]")
             try:
                 number = number_of(value, column)
@@ -123,7 +92,7 @@ def open_recording(
         at = np.searchsorted(rows, [stamp for stamp, _ in entries], side="right") - 1
         filled[at] = [value for _, value in entries]
         columns_of[column] = filled
-    return polars.DataFrame(columns_of), rows
+    return columns_of, rows
 
 
 def _named(column: str) -> tuple[str, str]:
@@ -149,9 +118,9 @@ def element(read: Read, field: str) -> object:
     if found is None:
         return read(field)
     names = read("name")
-    if not isinstance(names, Iterable) or isinstance(names, str) or found[1] not in list(names):
+    if isinstance(names, str) or not isinstance(names, Iterable) or found[1] not in (known := list(names)):
         return None  # a driver may publish each joint in a message of its own
-    return read(f"{found[2]}[{list(names).index(found[1])}]")
+    return read(f"{found[2]}[{known.index(found[1])}]")
 
 
 def _own_stamp(path: Path, message: Message, time: str, unit: float) -> int | None:
@@ -269,94 +238,10 @@ def _messages(path: Path, topics: set[str]) -> Iterator[Message]:
     if not path.exists():
         raise LogError(f"{path}: is not there")
     try:
-        if path.suffix.lower() == ".mcap":
-            yield from _mcap(path, topics)
-        else:
-            yield from _bag(path.parent if path.suffix.lower() == ".db3" else path, topics)
+        read = format_of(path).messages
+        assert read is not None
+        yield from read(path, topics)
     except (LogError, GeneratorExit, MemoryError):
         raise
     except Exception as problem:
         raise LogError(f"{path}: cannot be read ({type(problem).__name__}: {str(problem)[:120]})") from None
-
-
-def _mcap(path: Path, topics: set[str]) -> Iterator[Message]:
-    try:
-        from mcap.reader import make_reader
-    except ImportError:
-        raise LogError(f"{path}: MCAP needs the package mcap (pip install '.[mcap]')") from None
-    known: dict[int, Any] = {}
-    with path.open("rb") as file:
-        reader = make_reader(file)
-        summary = reader.get_summary()
-        for chunk in [] if summary is None else summary.chunk_indexes:
-            check_memory(
-                path, 2 * chunk.uncompressed_size, f"its header says {chunk.uncompressed_size:,} bytes in a chunk"
-            )
-        # as they were recorded: a clock that was set back is then seen
-        for schema, channel, message in reader.iter_messages(log_time_order=False):
-            if channel.message_encoding == "json":
-                topics.add(channel.topic)
-                try:
-                    read = json.loads(message.data)
-                except (ValueError, RecursionError):
-                    continue  # one message that is none costs itself only
-                yield Message(channel.topic, message.log_time, None, partial(find, read), json=True)
-            elif channel.message_encoding == "cdr" and schema is not None:
-                topics.add(channel.topic)
-                if schema.id not in known:
-                    known[schema.id] = _typestore(path, schema)
-                read = known[schema.id].deserialize_cdr(message.data, schema.name)
-                yield Message(channel.topic, message.log_time, _stamp(read), partial(_field, read))
-
-
-def _typestore(path: Path, schema: Any) -> Any:
-    """Return what can read messages of ROS 2 in an MCAP file, which holds their definitions."""
-    try:
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-    except ImportError:
-        raise LogError(f"{path}: messages of ROS need the package rosbags (pip install '.[ros]')") from None
-    store = get_typestore(Stores.LATEST)
-    if schema.name not in store.fielddefs and schema.encoding == "ros2msg":
-        store.register(get_types_from_msg(schema.data.decode(), schema.name))
-    return store
-
-
-def _bag(path: Path, topics: set[str]) -> Iterator[Message]:
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise LogError(f"{path}: ROS bags need the package rosbags (pip install '.[ros]')") from None
-    with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-        topics.update(connection.topic for connection in reader.connections)
-        for connection, recorded, raw in reader.messages():
-            read = reader.deserialize(raw, connection.msgtype)
-            yield Message(connection.topic, recorded, _stamp(read), partial(_field, read))
-
-
-def _stamp(message: object) -> int | None:
-    """Return the stamp of a message's header [ns], None where it has none."""
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
-    return None if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
-def _field(message: Any, path: str) -> Any:
-    """Return a field of a message of ROS, ``wrench.force.z`` or ``position[0]``; None if it is not there."""
-    for part in _parts(path):
-        if isinstance(part, int):
-            if not hasattr(message, "__len__") or part >= len(message):
-                return None
-            message = message[part]
-        else:
-            message = getattr(message, part, None)
-            if message is None:
-                return None
-    return message
-
-
-def _parts(path: str) -> Iterable[str | int]:
-    for part in path.replace("[", ".[").split("."):
-        if part.startswith("["):
-            yield int(part[1:-1]) if part[1:-1].isdecimal() else part
-        elif part:
-            yield part

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.csv_files import MISSING
-from distal.logs.tables import Cells, numbers_of
-
-if TYPE_CHECKING:
-    import polars
+from distal.logs.cells import MISSING, Cells, is_plain, numbers_of
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 EPOCH, LATEST = 1e8, 9e9
 """Seconds since 1970 between which a stamp is a date (1973 to 2255): what is smaller counts from a start of its own."""
+
+START, SECOND = datetime(1970, 1, 1, tzinfo=UTC), timedelta(seconds=1)
+
+FRACTION = re.compile(r"[.,](\d{1,9})\d*(?=$|[Zz+-])")
 
 UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 """Units in which dates are counted [s]."""
@@ -69,28 +70,29 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     Raises:
         LogError: a stamp is missing or is none, or is of no time at all.
     """
-    import polars
-
-    column, path, first_row = cells.frame[name], cells.path, cells.first_row
-    if column.dtype == polars.Date or column.dtype == polars.Datetime:
-        if getattr(column.dtype, "time_unit", None) == "ns":
-            return _dated(_there(column.to_physical(), name, path, first_row))
-        dates = _in_ns(column.cast(polars.Datetime("us")).to_physical())
-        return _dated(_there(dates, name, path, first_row, column.cast(polars.String)))
-    if column.dtype == polars.String:
-        text = column.str.strip_chars()
-        whole = text.cast(polars.Int64, strict=False)
-        if not whole.null_count():
-            return _counted(whole.to_numpy(), unit, name, path)
-        first = next((cell for cell in text if cell is not None and cell.lower() not in MISSING), "")
+    column, path, first_row = cells.column(name), cells.path, cells.first_row
+    if isinstance(column, list):
+        whole = _whole_numbers(column)
+        if whole is not None:
+            return _counted(whole, unit, name, path)
+        first = next((text for text in map(str.strip, column) if text.lower() not in MISSING), "")
         if _is_date(first):
-            return _dated(_there(_dates(text), name, path, first_row, text))
-    elif column.dtype.is_integer() and not column.null_count():
-        try:
-            return _counted(column.cast(polars.Int64).to_numpy(), unit, name, path)
-        except polars.exceptions.PolarsError:
-            raise LogError(f"{path}: column '{name}' holds {column[0]}, which is no time") from None
-    return _counted(numbers_of(cells, name), unit, name, path)
+            return _dated([_one_date(cell.strip()) for cell in column], column, name, path, first_row)
+    elif column.dtype.kind == "M":
+        return _dated(_in_ns(column), np.datetime_as_string(column).tolist(), name, path, first_row)
+    elif column.dtype.kind in "iu":
+        if column.dtype == np.uint64 and len(column) and column.max() > np.iinfo(np.int64).max:
+            raise LogError(f"{path}: column '{name}' holds {column.max()}, which is no time")
+        return _counted(column.astype(np.int64), unit, name, path)
+    return _counted(numbers_of(column, path, name, first_row), unit, name, path)
+
+
+def _whole_numbers(cells: list[str]) -> Stamps | None:
+    """Return whole numbers of 64 bits, None where a cell is something else."""
+    try:
+        return np.fromiter(map(int, cells), np.int64, len(cells)) if is_plain("".join(cells)) else None
+    except (ValueError, OverflowError):
+        return None
 
 
 def _counted(values: Any, unit: float, name: str, path: Path) -> Clock:
@@ -113,7 +115,7 @@ def _counted(values: Any, unit: float, name: str, path: Path) -> Clock:
         raise LogError(f"{path}: '{name}' is {values[far[0]]} in a log that begins with {values[0]}, which is no time")
     if values.dtype == np.int64:
         stamps: Stamps = values * np.int64(round(unit * 1e9))
-        return _dated(stamps)
+        return _clock(stamps)
     # differences of floats are exact where the stamps themselves are near each other
     time = (values - values[0]) * unit
     if not np.isfinite(values).all():
@@ -121,8 +123,19 @@ def _counted(values: Any, unit: float, name: str, path: Path) -> Clock:
     return Clock(time, np.int64(round(float(values[0]) * unit * 1e9)) + np.round(time * 1e9).astype(np.int64))
 
 
-def _dated(stamps: Stamps) -> Clock:
+def _clock(stamps: Stamps) -> Clock:
     return Clock((stamps - stamps[0]) * 1e-9, stamps)
+
+
+def _dated(stamps: Sequence[int | None], cells: Sequence[str], name: str, path: Path, first_row: int) -> Clock:
+    """Return the time of stamps since 1970 [ns] of which none may be missing; `cells` is how they were written."""
+    row = next((row for row, stamp in enumerate(stamps) if stamp is None), None)
+    if row is not None:
+        raise LogError(
+            f"{path}: row {row + first_row}, column '{name}': '{cells[row]}' is no date; ISO text such as "
+            "2026-11-20T21:02:47.5Z is one"
+        )
+    return _clock(np.array(stamps, dtype=np.int64))
 
 
 def _is_date(text: str) -> bool:
@@ -138,51 +151,22 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _dates(text: polars.Series) -> polars.Series:
-    """Return ISO dates as nanoseconds since 1970, null where one is none; without a zone they are taken as UTC."""
-    import polars
+def _in_ns(dates: NDArray[Any]) -> list[int | None]:
+    """Return dates as nanoseconds since 1970, None where there is none or 64 bits do not hold it."""
+    seconds = dates.astype("datetime64[s]").astype(np.int64)
+    there = ~np.isnat(dates) & (np.abs(seconds) < LATEST)
+    whole = dates.astype("datetime64[ns]").astype(np.int64).tolist()
+    return [stamp if one else None for stamp, one in zip(whole, there.tolist())]
 
+
+def _one_date(cell: str) -> int | None:
+    """Return an ISO date as nanoseconds since 1970, None where it is none; without a zone it is taken as UTC."""
     try:
-        dates = text.str.to_datetime(time_unit="us", time_zone="UTC", strict=False).to_physical()
-        # a fraction of more than six digits is read by itself
-        found = _in_ns(dates.set(text.str.contains(r"\.\d{7,}"), None)).to_list()
-    except polars.exceptions.PolarsError:
-        found = [None] * len(text)
-    # a clock that prints whole seconds without a fraction changes its format on the way
-    cells = [number if number is not None else _one_date(cell) for number, cell in zip(found, text)]
-    return polars.Series(cells, dtype=polars.Int64)
-
-
-def _in_ns(dates: polars.Series) -> polars.Series:
-    """Return microseconds since 1970 as nanoseconds, null where they would be beyond what 64 bits hold."""
-    import polars
-
-    there = dates.abs() < int(LATEST * 1e6)
-    frame = polars.DataFrame({"dates": dates, "there": there})
-    return frame.select(polars.when("there").then(polars.col("dates") * 1000)).to_series()
-
-
-def _one_date(cell: str | None) -> int | None:
-    try:
-        date = datetime.fromisoformat((cell or "").replace(",", "."))
+        date = datetime.fromisoformat(re.sub(r"[/.]", "-", cell[:10]) + cell[10:].replace(",", "."))
     except ValueError:
         return None
     date = date if date.tzinfo is not None else date.replace(tzinfo=UTC)
-    whole = date.replace(microsecond=0)
-    fraction = re.search(r"[.,](\d{1,9})\d*(?=$|[Zz+-])", cell or "")
+    fraction = FRACTION.search(cell, 10)
     rest = int(fraction[1].ljust(9, "0")) if fraction is not None else 0
-    stamp = int(whole.timestamp()) * 1_000_000_000 + rest
+    stamp = (date.replace(microsecond=0) - START) // SECOND * 1_000_000_000 + rest
     return stamp if abs(stamp) < LATEST * 1e9 else None
-
-
-def _there(stamps: polars.Series, name: str, path: Path, first_row: int, text: polars.Series | None = None) -> Stamps:
-    """Return stamps of which none is missing, as an array."""
-    missing = np.flatnonzero(stamps.is_null().to_numpy())
-    if len(missing):
-        row = int(missing[0])
-        came = f"'{text[row]}' is no date" if text is not None else "the stamp is missing"
-        raise LogError(
-            f"{path}: row {row + first_row}, column '{name}': {came}; ISO text such as 2026-11-20T21:02:47.5Z is one"
-        )
-    values: Stamps = stamps.to_numpy()
-    return values

@@ -1,42 +1,23 @@
-"""Tables from files: CSV or Parquet, every refusal names file, row, column, what came and what is allowed."""
+"""Tables of files and frames: every refusal names file, row, column, what came and what is allowed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import LogError, did_you_mean
-from distal.logs.csv_files import MISSING, read_csv
-from distal.logs.reader_process import parquet_by_process
+from distal.errors import LogError
+from distal.logs.cells import Cells, Column, held
+from distal.logs.formats import format_of
+from distal.logs.reader_process import table_by_process
 from distal.logs.sources import Source
 from distal.logs.targets import shown
 
-if TYPE_CHECKING:
-    import polars
-
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Cells:
-    """An open table, its cells as they came.
-
-    Args:
-        frame: the cells of the columns that were read.
-        path: what to call it.
-        first_row: row number of the first value in the file, as an editor counts.
-        names: of all its columns, also of those that were not read.
-    """
-
-    frame: polars.DataFrame
-    path: Path
-    first_row: int
-    names: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -69,18 +50,16 @@ def read_table(path: str | Path, wanted: Sequence[str] | None = None) -> Table:
 
 
 def open_table(path: Source, columns: Sequence[str] | None = None, index_name: str | None = None) -> Cells:
-    """Return the cells of a CSV or Parquet file, or of a polars or pandas frame.
+    """Return the cells of a CSV or Parquet file, or of a frame.
 
     Args:
-        path: a path or a frame.
+        path: a path, or a frame of any library whose columns have ``to_numpy``.
         columns: that are needed; None needs all. Others may be left out where a format allows that.
         index_name: a pandas frame that lacks this column has it from an index of dates.
 
     Raises:
         LogError: it cannot be read, or is neither.
     """
-    import polars
-
     if isinstance(path, (str, Path)):
         path = Path(path)
         try:
@@ -90,37 +69,33 @@ def open_table(path: Source, columns: Sequence[str] | None = None, index_name: s
             raise LogError(f"{shown(path)}: cannot be read ({getattr(problem, 'strerror', None) or problem})") from None
         if folder:
             raise LogError(f"{path}: is a folder; a CSV or Parquet file is expected")
-        if there and path.suffix.lower() in (".parquet", ".pq"):
-            frame, names = parquet_by_process(path, columns)
-            return Cells(frame, path, 1, tuple(names))
-        frame, first_row = read_csv(path)
-        return _all(frame, path, first_row)
-    if isinstance(path, polars.DataFrame):
-        return _all(path, Path("the frame"), 0)
+        kind = format_of(path)
+        if kind.read is None:
+            raise LogError(f"{path}: is a recording of topics; a CSV or Parquet file is expected")
+        return table_by_process(path, columns) if there and kind.apart else kind.read(path, columns)
     if not hasattr(path, "columns"):
         raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
-    held = {str(name): _plain(path[name]) for name in path.columns}
+    columns_of = {str(name): _column(path[name]) for name in path.columns if columns is None or str(name) in columns}
+    names = [str(name) for name in path.columns]
     index = getattr(path, "index", None)
-    if index_name is not None and index_name not in held and _is_dated(index):
-        held[index_name] = _plain(index)
-    return _all(polars.DataFrame(held), Path("the frame"), 0)
+    if index_name is not None and index_name not in names and _is_dated(index):
+        columns_of[index_name], names = _column(index), [*names, index_name]
+    return held(columns_of, Path("the frame"), 0, names)
 
 
-def _all(frame: polars.DataFrame, path: Path, first_row: int) -> Cells:
-    return Cells(frame, path, first_row, tuple(frame.columns))
-
-
-def _is_dated(column: object) -> bool:
+def _is_dated(column: Any) -> bool:
     """Return whether a column or an index of pandas holds dates."""
     return str(getattr(column, "dtype", "")).startswith("datetime64")
 
 
-def _plain(column: Any) -> Any:
-    """Return a column or an index of pandas as NumPy has it, dates with a zone in UTC."""
+def _column(column: Any) -> Column:
+    """Return a column or an index of a frame: dates with a zone in UTC, what is neither number nor date as text."""
     if _is_dated(column) and getattr(column.dtype, "tz", None) is not None:
-        dates = getattr(column, "dt", column)
-        column = dates.tz_convert(None)
-    return column.to_numpy()
+        column = getattr(column, "dt", column).tz_convert(None)
+    values = np.asarray(column.to_numpy())
+    if values.dtype.kind in "OUT":
+        return ["" if cell is None else str(cell) for cell in values.tolist()]
+    return values
 
 
 def table_of(cells: Cells, wanted: Sequence[str] | None, optional: Iterable[str] = ()) -> Table:
@@ -135,63 +110,5 @@ def table_of(cells: Cells, wanted: Sequence[str] | None, optional: Iterable[str]
         LogError: a column is missing or does not hold numbers, or there is no row.
     """
     names = list(cells.names) if wanted is None else [*wanted, *(c for c in optional if c in cells.names)]
-    check_columns(cells, names)
-    return Table(str(cells.path), {name: numbers_of(cells, name) for name in dict.fromkeys(names)}, cells.first_row)
-
-
-def check_columns(cells: Cells, names: Iterable[str]) -> None:
-    """Refuse an open table that lacks a column, or has no row.
-
-    Args:
-        cells: the open table.
-        names: columns that must be there.
-
-    Raises:
-        LogError: see above.
-    """
-    for name in names:
-        if name not in cells.names:
-            raise LogError(f"{cells.path}: column '{name}' is missing{did_you_mean(name, cells.names)}")
-    if cells.frame.height == 0:
-        raise LogError(f"{cells.path}: has a header but no rows")
-
-
-def numbers_of(cells: Cells, name: str) -> Floats:
-    """Return a column as numbers, NaN where a cell is missing.
-
-    Args:
-        cells: the open table.
-        name: of the column.
-
-    Raises:
-        LogError: a cell is no finite number.
-    """
-    import polars
-
-    column, path, first_row = cells.frame[name], cells.path, cells.first_row
-    if column.dtype != polars.String:
-        if not column.dtype.is_numeric():
-            raise LogError(f"{path}: column '{name}' holds {column.dtype}; numbers are expected")
-        held = column.cast(polars.Float64).fill_null(float("nan")).to_numpy()
-        infinite = np.flatnonzero(np.isinf(held))
-        if len(infinite):
-            _refuse(path, int(infinite[0]) + first_row, name, str(column[int(infinite[0])]))
-        return held
-    text = column.str.strip_chars()
-    missing = text.str.to_lowercase().is_in(list(MISSING))
-    numbers = text.cast(polars.Float64, strict=False)
-    bad = np.flatnonzero((numbers.is_null() & ~missing).to_numpy())
-    if len(bad):
-        _refuse(path, int(bad[0]) + first_row, name, str(column[int(bad[0])]))
-    values = numbers.fill_null(float("nan")).to_numpy()
-    infinite = np.flatnonzero(np.isinf(values))
-    if len(infinite):
-        _refuse(path, int(infinite[0]) + first_row, name, str(column[int(infinite[0])]))
-    return values
-
-
-def _refuse(path: Path, row: int, column: str, came: str) -> None:
-    hint = "; write a decimal point, not a comma" if "," in came else ""
-    raise LogError(
-        f"{path}: row {row}, column '{column}': '{came}' is not a finite number{hint} (an empty cell is a missing value)"
-    )
+    cells.check(names)
+    return Table(str(cells.path), cells.numbers(list(dict.fromkeys(names))), cells.first_row)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError, did_you_mean
 from distal.estimators import StateKind, kinds_by_joint, states_of
-from distal.logs import pandas_frame
+from distal.logs import pandas_frame, polars_frame
 from distal.results.curves import BAND
 from distal.results.plots import PlotOptions, plot_estimates
 from distal.rig import std_name
@@ -23,6 +24,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
+
+
+SummaryRow = TypedDict(
+    "SummaryRow",
+    {
+        "joint": str,
+        "least [deg]": float,
+        "greatest [deg]": float,
+        "median band [deg]": float,
+        "RMS error [deg]": float | None,
+        "largest error [deg]": float | None,
+        "inside band": float | None,
+    },
+)
+"""What `Estimate.summary` says of a joint."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -94,7 +110,7 @@ class Estimate:
 
     def _repr_html_(self) -> str:
         """Return the same as a table, as notebooks show it."""
-        return f"<p>{escape(repr(self))}</p>{self.summary()._repr_html_()}"
+        return f"<p>{escape(repr(self))}</p>{_html(self.summary())}"
 
     def in_words(self, joint: int = 0) -> str:
         """Return in a line where a joint was, how sure that is, and how true where the truth is known.
@@ -102,24 +118,22 @@ class Estimate:
         Args:
             joint: its index.
         """
-        row = self.summary().row(joint, named=True)
+        row = self.summary()[joint]
         which = "angle" if len(self.joint_names) == 1 else f"angle of {row['joint']}"
         text = (
             f"{self.estimator}: {which} from {row['least [deg]']:.2f}° to {row['greatest [deg]']:.2f}°, "
             f"95 % band ±{row['median band [deg]']:.2f}° (median)"
         )
-        if row["RMS error [deg]"] is None:
+        if row["RMS error [deg]"] is None or row["inside band"] is None:
             return text
         return f"{text}, RMS error {row['RMS error [deg]']:.3g}°, {100 * row['inside band']:.0f} % inside the band"
 
-    def summary(self) -> polars.DataFrame:
-        """Return a table with a row for each joint: range, band, and error where the truth is known (else null) [deg].
+    def summary(self) -> list[SummaryRow]:
+        """Return a row for each joint: range, band, and error where the truth is known (else None) [deg].
 
         The band is the median half-width of the 95 % band; ``inside band`` is a share of the samples.
         """
-        import polars
-
-        rows = []
+        rows: list[SummaryRow] = []
         for joint, name in enumerate(self.joint_names):
             angles, stds = self.angles[:, joint], self.angle_stds[:, joint]
             known = np.full(len(self), np.nan) if self.truths is None else self.truths[:, joint]
@@ -137,7 +151,7 @@ class Estimate:
                     "inside band": float(np.mean(inside)) if there else None,
                 }
             )
-        return polars.DataFrame(rows)
+        return rows
 
     @property
     def angles(self) -> Floats:
@@ -339,10 +353,12 @@ class Estimate:
         return columns
 
     def to_polars(self) -> polars.DataFrame:
-        """Return the `columns` as a polars frame."""
-        import polars
+        """Return the `columns` as a polars frame.
 
-        return polars.DataFrame(self.columns())
+        Raises:
+            DistalError: polars is not installed.
+        """
+        return polars_frame(self.columns())
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the `columns` as a pandas frame.
@@ -360,3 +376,10 @@ class Estimate:
             options: see `distal.plot_estimates`.
         """
         return plot_estimates([self], path=path, **options)
+
+
+def _html(rows: Sequence[Mapping[str, object]]) -> str:
+    """Return rows as a table of HTML, numbers to four digits."""
+    written = ([f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row.values()] for row in rows)
+    lines = ("".join(f"<td>{escape(cell)}</td>" for cell in line) for line in (rows[0], *written))
+    return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"

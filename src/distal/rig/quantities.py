@@ -31,7 +31,7 @@ Bound = Literal["any", "nonnegative", "positive"]
 class Description(BaseModel):
     """Base of every part of a description: frozen, and an unknown key is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, defer_build=True)
 
 
 class Shared(Description):

@@ -119,10 +119,10 @@ def test_text_beyond_the_first_block_is_looked_at(tmp_path: Path) -> None:
 
 def test_a_character_that_is_cut_at_a_block_is_in_its_own_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its first byte ends a block and the next row begins the other: the row is that of the first byte's line."""
-    from distal.logs import csv_files
+    from distal.logs.formats import csv
 
     data = b"t,a\n1,\xc3\n2,3\n"
-    monkeypatch.setattr(csv_files, "BLOCK", data.index(b"\xc3") + 1)
+    monkeypatch.setattr(csv, "BLOCK", data.index(b"\xc3") + 1)
     path = tmp_path / "log.csv"
     path.write_bytes(data)
     with pytest.raises(LogError, match="row 2: is not UTF-8"):

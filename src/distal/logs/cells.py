@@ -1,0 +1,162 @@
+"""Tables as they came: columns of numbers, dates or text, and how text becomes numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from math import isinf, nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import LogError, did_you_mean
+
+Floats = NDArray[np.float64]
+
+Column = NDArray[Any] | list[str]
+"""Numbers, dates (``datetime64``), or text."""
+
+MISSING = frozenset({"", "nan", "na", "n/a", "<na>", "null", "none", "-"})
+"""Texts of a cell that mean a missing value, in any case."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """An open table, its cells as they came.
+
+    Args:
+        blocks: names of columns → their cells, some rows after the others: a long text is never taken apart as a whole.
+        path: what to call it.
+        first_row: row number of the first value in the file, as an editor counts.
+        names: of all its columns.
+        rows: how many it has.
+    """
+
+    blocks: Callable[[Sequence[str]], Iterable[Sequence[Column]]]
+    path: Path
+    first_row: int
+    names: tuple[str, ...]
+    rows: int
+
+    def column(self, name: str) -> Column:
+        """Return a column as it came.
+
+        Args:
+            name: of the column.
+        """
+        parts = [column for (column,) in self.blocks([name])]
+        return parts[0] if len(parts) == 1 else list(chain.from_iterable(parts))
+
+    def numbers(self, names: Sequence[str]) -> dict[str, Floats]:
+        """Return columns as numbers, NaN where a cell is missing.
+
+        Args:
+            names: of the columns.
+
+        Raises:
+            LogError: a cell is no finite number.
+        """
+        parts: dict[str, list[Floats]] = {name: [] for name in names}
+        row = self.first_row
+        for columns in self.blocks(names) if names else ():
+            for name, column in zip(names, columns):
+                parts[name].append(numbers_of(column, self.path, name, row))
+            row += len(columns[0])
+        return {name: np.concatenate(each) for name, each in parts.items()}
+
+    def check(self, names: Iterable[str]) -> None:
+        """Refuse a table that lacks a column, or has no row.
+
+        Args:
+            names: columns that must be there.
+
+        Raises:
+            LogError: see above.
+        """
+        for name in names:
+            if name not in self.names:
+                raise LogError(f"{self.path}: column '{name}' is missing{did_you_mean(name, self.names)}")
+        if self.rows == 0:
+            raise LogError(f"{self.path}: has a header but no rows")
+
+
+def held(columns: Mapping[str, Column], path: Path, first_row: int = 0, names: Iterable[str] | None = None) -> Cells:
+    """Return a table of columns that are in memory.
+
+    Args:
+        columns: name → cells.
+        path: what to call it.
+        first_row: row number of the first value.
+        names: of all columns that the file has; None: of those.
+    """
+    rows = len(next(iter(columns.values()), ()))
+    there = tuple(columns if names is None else names)
+    return Cells(lambda wanted: [[columns[name] for name in wanted]], path, first_row, there, rows)
+
+
+def numbers_of(column: Column, path: Path, name: str, first_row: int) -> Floats:
+    """Return a column as numbers, NaN where a cell is missing.
+
+    Args:
+        column: its cells.
+        path: what to call the table.
+        name: of the column.
+        first_row: row number of the first cell.
+
+    Raises:
+        LogError: a cell is no finite number.
+    """
+    if isinstance(column, list):
+        values = _plain_numbers(column)
+        if values is None:
+            cells = enumerate(column, first_row)
+            values = np.array([_number(cell, path, name, row) for row, cell in cells], dtype=np.float64)
+        return values
+    if column.dtype.kind not in "iuf":
+        raise LogError(f"{path}: column '{name}' holds {column.dtype}; numbers are expected")
+    values = column.astype(np.float64)
+    infinite = np.flatnonzero(np.isinf(values))
+    if len(infinite):
+        raise _no_number(path, int(infinite[0]) + first_row, name, str(column[infinite[0]]))
+    return values
+
+
+def _plain_numbers(cells: list[str]) -> Floats | None:
+    """Return numbers of cells that are nothing else, else None: fast, and so it is for most logs."""
+    try:
+        values = np.fromiter(map(float, cells), np.float64, len(cells))
+    except ValueError:
+        return None
+    return values if np.isfinite(values).all() and is_plain("".join(cells)) else None
+
+
+def is_plain(text: str) -> bool:
+    """Return whether Python's numbers in a text are those of a log, which has no ``1_000`` and digits of no other script.
+
+    Args:
+        text: a cell, or several.
+    """
+    return text.isascii() and "_" not in text
+
+
+def _number(cell: str, path: Path, name: str, row: int) -> float:
+    text = cell.strip()
+    if text.lower() in MISSING:
+        return nan
+    try:
+        number = float(text)
+    except ValueError:
+        raise _no_number(path, row, name, cell.strip("\r")) from None
+    if isinf(number) or not is_plain(text):
+        raise _no_number(path, row, name, cell.strip("\r"))
+    return number
+
+
+def _no_number(path: Path, row: int, column: str, came: str) -> LogError:
+    hint = "; write a decimal point, not a comma" if "," in came else ""
+    return LogError(
+        f"{path}: row {row}, column '{column}': '{came}' is not a finite number{hint} (an empty cell is a missing value)"
+    )

@@ -1,0 +1,7 @@
+"""Formats of logs, a file each; the list of them is in `registry`."""
+
+from distal.logs.formats.csv import write_csv
+from distal.logs.formats.format import Format, Message
+from distal.logs.formats.registry import FORMATS, format_of
+
+__all__ = ["FORMATS", "Format", "Message", "format_of", "write_csv"]

@@ -1,0 +1,165 @@
+"""CSV files: every line is a row, none is lost, none is joined with another."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import LogError
+from distal.logs.cells import Cells
+from distal.logs.formats.format import Format
+from distal.logs.memory import check_memory, memory_limit
+
+SEPARATORS = (",", ";", "\t")
+
+SEPARATOR = "\0"
+"""Between the cells of a file whose quotes were taken off: a text has no such byte."""
+
+COPIES, PLAIN, QUOTED = 3, 16, 120
+"""Memory that reading takes: copies of the file, and bytes for each cell of a file without and with quotes, measured on
+95 MB of 10 million cells by `python -m benchmarks.csv_readers`."""
+
+WIDE = 4
+"""Bytes that a character of a quoted cell may take in memory, where the file is not plain ASCII."""
+
+BLOCK = 1 << 16
+"""So much is taken apart at once: more is slower, since it leaves the processor's cache [bytes]."""
+
+
+def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
+    """Return a CSV's cells as text.
+
+    Args:
+        path: of a file with a header, separated by comma, semicolon or tab.
+        columns: that are needed; a text is taken apart when a column is read, so nothing follows from it.
+
+    Raises:
+        LogError: it cannot be read or is no text, the header repeats a name, a row is short, long or blank, or a quote is
+            left open.
+    """
+    try:
+        size = path.stat().st_size
+        check_memory(path, COPIES * size, f"has {size / 1e9:.1f} GB")
+        with path.open("rb") as file:
+            # a pipe or a device has no size, and may never end
+            data = file.read(memory_limit() // COPIES + 1)
+        check_memory(path, COPIES * len(data), f"has more than {len(data) / 1e9:.1f} GB")
+    except OSError as problem:
+        raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
+    # each of these is a copy of a large file where something is taken off, else none
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    size = len(data)
+    blank = data[: size - len(data.lstrip(b"\r\n"))]
+    data, above = data[len(blank) :], blank.count(b"\n")
+    if not data[:BLOCK].strip() and not data.strip():
+        raise LogError(f"{path}: is empty")
+    _check_text(path, data, above)
+    header = data.split(b"\n", 1)[0].decode()
+    separator = max(SEPARATORS, key=header.count)
+    # blank lines at the end are no rows; with tabs, one may be an empty last cell
+    data = data.rstrip(b"\r\n " if separator == "\t" else None)
+    quoted = b'"' in data
+    cells = data.count(separator.encode()) + data.count(b"\n") + 1
+    copies = COPIES + (0 if not quoted else 1 if data.isascii() else WIDE)
+    check_memory(path, copies * len(data) + cells * (QUOTED if quoted else PLAIN), f"has {cells:,} cells")
+    if quoted:
+        data, separator = _without_quotes(path, data, separator, above), SEPARATOR
+    names = tuple(name.strip() for name in data.split(b"\n", 1)[0].decode().split(separator))
+    name, count = Counter(names).most_common(1)[0]
+    if count > 1:
+        raise LogError(f"{path}: the header has column '{name}' more than once; names must differ")
+    rows = _checked_rows(path, data, separator.encode(), len(names), above)
+    body = data.find(b"\n") + 1 or len(data)
+
+    def blocks(wanted: Sequence[str]) -> Iterator[list[list[str]]]:
+        places = [names.index(name) for name in wanted]
+        for block in _blocks(data, body):
+            flat = block.decode().replace("\n", separator).split(separator)
+            yield [flat[place :: len(names)] for place in places]
+
+    return Cells(blocks, path, above + 2, names, rows)
+
+
+def _blocks(data: bytes, at: int = 0) -> Iterator[bytes]:
+    """Return whole lines of a text, without the last line's end."""
+    while at < len(data):
+        end = data.find(b"\n", at + BLOCK)
+        end = len(data) if end < 0 else end
+        yield data[at:end]
+        at = end + 1
+
+
+def _check_text(path: Path, data: bytes, above: int) -> None:
+    """Raise where the bytes are no text, or begin with a comment."""
+    if b"\0" in data:
+        if b"\0" in data[:4096]:
+            raise LogError(f"{path}: is not text; a CSV file is expected (Parquet needs the ending .parquet)")
+        row = data[: data.index(0)].count(b"\n") + 1 + above
+        raise LogError(f"{path}: row {row}: holds a zero byte, which is no text")
+    if not data.isascii():
+        row = 1 + above
+        for block in _blocks(data):
+            try:
+                block.decode()
+            except UnicodeDecodeError as problem:
+                row += block[: problem.start].count(b"\n")
+                raise LogError(f"{path}: row {row}: is not UTF-8 text") from None
+            row += block.count(b"\n") + 1
+    if data.startswith(b"#"):
+        raise LogError(f"{path}: row {above + 1}: begins with '#'; comment lines are not supported, remove them")
+
+
+def _without_quotes(path: Path, data: bytes, separator: str, above: int) -> bytes:
+    """Return the text without its quotes; a quote ends in the line in which it begins, or the file is refused."""
+    lines = (line.removesuffix(b"\n").decode() for line in io.BytesIO(data))
+    reader = csv.reader(lines, delimiter=separator, strict=True)
+    rows: list[bytes] = []
+    while True:
+        begins = reader.line_num + 1 + above
+        try:
+            row = next(reader)
+        except StopIteration:
+            return b"\n".join(rows)
+        except csv.Error as problem:
+            raise LogError(f"{path}: row {begins}: cannot be read as CSV ({problem}); is a quote not closed?") from None
+        if reader.line_num + above != begins:
+            raise LogError(
+                f"{path}: row {begins}: a quote is opened and not closed in this row; a cell may not hold a line break"
+            )
+        rows.append(SEPARATOR.join(row).encode())
+
+
+def _checked_rows(path: Path, data: bytes, separator: bytes, width: int, above: int) -> int:
+    """Return the number of rows below the header; raise where one is blank, or shorter or longer than the header."""
+    row = above
+    for row, line in enumerate(io.BytesIO(data), above + 1):
+        cells = line.count(separator) + 1
+        if cells == 1 and not line.strip():
+            raise LogError(f"{path}: row {row}: is blank; remove it")
+        if cells != width:
+            kind = "short" if cells < width else "long"
+            raise LogError(f"{path}: row {row}: is too {kind} ({cells} cells; the header has {width})")
+    return row - above - 1
+
+
+def write_csv(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
+    """Return columns as the content of a file; NaN is an empty cell, and a number has the digits that tell it.
+
+    Args:
+        columns: name → values.
+    """
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    cells = ([None if value != value else value for value in np.asarray(each).tolist()] for each in columns.values())
+    writer.writerows(zip(*cells))
+    return text.getvalue().encode()
+
+
+CSV = Format(endings=(".csv", ".txt"), read=read_csv, write=write_csv, apart=False)

@@ -1,0 +1,69 @@
+"""MCAP: recordings of messages, JSON or those of ROS 2."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from distal.errors import LogError
+from distal.logs.formats.format import Format, Message
+from distal.logs.formats.ros_messages import field, stamp_of
+from distal.logs.memory import check_memory
+from distal.logs.messages import find
+
+
+def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
+    """Yield the messages of a file, as they were recorded.
+
+    Args:
+        path: of the file.
+        topics: names of the topics are put into it.
+
+    Raises:
+        LogError: a package that reads it is missing, or a chunk takes more memory than is allowed.
+    """
+    try:
+        from mcap.reader import make_reader
+    except ImportError:
+        raise LogError(f"{path}: MCAP needs the package mcap (pip install '.[mcap]')") from None
+    known: dict[int, Any] = {}
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        for chunk in [] if summary is None else summary.chunk_indexes:
+            check_memory(
+                path, 2 * chunk.uncompressed_size, f"its header says {chunk.uncompressed_size:,} bytes in a chunk"
+            )
+        # as they were recorded: a clock that was set back is then seen
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            if channel.message_encoding == "json":
+                topics.add(channel.topic)
+                try:
+                    read = json.loads(message.data)
+                except (ValueError, RecursionError):
+                    continue  # one message that is none costs itself only
+                yield Message(channel.topic, message.log_time, None, partial(find, read), json=True)
+            elif channel.message_encoding == "cdr" and schema is not None:
+                topics.add(channel.topic)
+                if schema.id not in known:
+                    known[schema.id] = _typestore(path, schema)
+                read = known[schema.id].deserialize_cdr(message.data, schema.name)
+                yield Message(channel.topic, message.log_time, stamp_of(read), partial(field, read))
+
+
+def _typestore(path: Path, schema: Any) -> Any:
+    """Return what can read messages of ROS 2 in an MCAP file, which holds their definitions."""
+    try:
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    except ImportError:
+        raise LogError(f"{path}: messages of ROS need the package rosbags (pip install '.[ros]')") from None
+    store = get_typestore(Stores.LATEST)
+    if schema.name not in store.fielddefs and schema.encoding == "ros2msg":
+        store.register(get_types_from_msg(schema.data.decode(), schema.name))
+    return store
+
+
+MCAP = Format(endings=(".mcap",), messages=read_mcap)

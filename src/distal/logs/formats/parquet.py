@@ -1,0 +1,117 @@
+"""Parquet files: the columns that are asked for, after a look at what their header says they take."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import LogError, OutputError
+from distal.logs.cells import Cells, Column, held
+from distal.logs.formats.format import Format
+from distal.logs.memory import check_memory
+
+WIDEST = 16
+"""Bytes of a cell whose size the header does not say, such as text."""
+
+COPIES = 3
+"""Times that a column is in memory while it is read and turned into numbers."""
+
+TEXTS = ("string", "large_string", "string_view")
+"""Arrow's kinds of text."""
+
+NEEDS = "Parquet needs the package pyarrow; `pip install 'distal[parquet]'`, or use CSV"
+
+
+def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
+    """Return columns of a Parquet file as far as it has them.
+
+    Args:
+        path: of the file.
+        columns: that are read; None reads all.
+
+    Raises:
+        LogError: it is not such a file, what is asked for takes more memory than is allowed or is neither numbers nor
+            dates nor text, or pyarrow is missing.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise LogError(f"{path}: {NEEDS}") from None
+    try:
+        source = path.open("rb")
+    except OSError as problem:
+        raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
+    with source:
+        try:
+            file = pyarrow.parquet.ParquetFile(source)
+            schema, rows = file.schema_arrow, file.metadata.num_rows
+            chosen = [name for name in schema.names if columns is None or name in columns]
+            kinds = {name: schema.field(name).type for name in chosen}
+            size = rows * sum(_bytes_of(kind) for kind in kinds.values())
+            check_memory(path, COPIES * size, f"its header says {rows:,} rows of {len(chosen)} columns")
+            # a text that is the same in all rows is then held once
+            texts = [name for name, kind in kinds.items() if str(kind) in TEXTS]
+            file = pyarrow.parquet.ParquetFile(source, read_dictionary=texts)
+            table = file.read(columns=chosen, use_threads=False)
+            return held({name: _column(path, name, table[name]) for name in chosen}, path, 1, schema.names)
+        except MemoryError:  # Arrow's own is one of its other errors, too
+            raise
+        except (pyarrow.ArrowException, OSError, KeyError, UnicodeDecodeError) as problem:
+            raise LogError(f"{path}: is not a Parquet file ({(str(problem).splitlines() or [''])[0][:160]})") from None
+
+
+def _bytes_of(kind: Any) -> int:
+    """Return how many bytes a cell of a column takes at least."""
+    try:
+        return max(int(kind.bit_width) // 8, 1)
+    except ValueError:
+        return WIDEST
+
+
+def _column(path: Path, name: str, column: Any) -> Column:
+    """Return a column of Arrow: whole numbers stay whole where none is missing, dates keep their unit."""
+    import pyarrow.compute
+    from pyarrow import types
+
+    kind = column.type
+    if types.is_dictionary(kind) and str(kind.value_type) in TEXTS:
+        parts, length = [(chunk.dictionary, chunk.indices) for chunk in column.chunks], 0
+        for texts, places in parts:
+            lengths = pyarrow.compute.binary_length(texts).take(places)
+            length += pyarrow.compute.sum(lengths).as_py() or 0
+        check_memory(path, COPIES * length, f"its column {name} holds {length:,} bytes of text")
+        read = ((texts.to_pylist(), places.to_pylist()) for texts, places in parts)
+        return ["" if place is None else texts[place] or "" for texts, places in read for place in places]
+    if types.is_decimal(kind):
+        column = column.cast("float64")
+    elif not (types.is_integer(kind) or types.is_floating(kind) or types.is_timestamp(kind) or types.is_date(kind)):
+        raise LogError(f"{path}: column '{name}' holds {kind}; numbers are expected")
+    return np.asarray(column.to_numpy())
+
+
+def write_parquet(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
+    """Return columns as the content of a file.
+
+    Args:
+        columns: name → values.
+
+    Raises:
+        OutputError: pyarrow is missing.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise OutputError(NEEDS) from None
+    buffer = io.BytesIO()
+    pyarrow.parquet.write_table(pyarrow.table({name: np.asarray(each) for name, each in columns.items()}), buffer)
+    return buffer.getvalue()
+
+
+PARQUET = Format(endings=(".parquet", ".pq"), read=read_parquet, write=write_parquet)

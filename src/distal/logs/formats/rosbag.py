@@ -1,0 +1,37 @@
+"""Bags of ROS 1, a file, and of ROS 2, a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from distal.errors import LogError
+from distal.logs.formats.format import Format, Message
+from distal.logs.formats.ros_messages import field, stamp_of
+
+
+def read_rosbag(path: Path, topics: set[str]) -> Iterator[Message]:
+    """Yield the messages of a bag.
+
+    Args:
+        path: of the bag, or of the database in it.
+        topics: names of the topics are put into it.
+
+    Raises:
+        LogError: the package that reads it is missing.
+    """
+    path = path.parent if path.suffix.lower() == ".db3" else path
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise LogError(f"{path}: ROS bags need the package rosbags (pip install '.[ros]')") from None
+    with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+        topics.update(connection.topic for connection in reader.connections)
+        for connection, recorded, raw in reader.messages():
+            read = reader.deserialize(raw, connection.msgtype)
+            yield Message(connection.topic, recorded, stamp_of(read), partial(field, read))
+
+
+ROSBAG = Format(endings=(".bag", ".db3"), messages=read_rosbag, folder="metadata.yaml")
