@@ -77,7 +77,7 @@ def _asked(request: Request) -> tuple[list[str], dict[str, Column]]:
         warnings.warn(text, DistalWarning, stacklevel=5)
     if "error" in answer:
         raise LogError(answer["error"])
-    return answer["names"], unpacked(payload, answer["held"])
+    return [*answer["names"]], unpacked(payload, answer["held"])
 
 
 class _Reader:
