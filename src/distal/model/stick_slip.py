@@ -109,7 +109,7 @@ def slipping(
         return Slip(load[0] >= up[0], load[0] < -down[0])
     v = _swept(matrix, load, up, down) if start is None else start
     # direction of each joint that slips, 0 for one that sticks
-    signs = [(v[j] > 0) - (v[j] < 0) for j in range(n)]
+    signs: Sequence[Scalar] = [(v[j] > 0) - (v[j] < 0) for j in range(n)]
     rest, held = load - ca.mtimes(matrix, v), list[Scalar]()
     for j in range(n):
         high = ca.if_else(v[j] < 0, -down[j], up[j])
