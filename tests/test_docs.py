@@ -7,7 +7,11 @@ import importlib
 import inspect
 import pkgutil
 import re
+import shlex
+import textwrap
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -128,6 +132,47 @@ def test_the_reference_is_up_to_date() -> None:
     for page in PAGES_OF_KEYS:
         text = (DOCS / "reference" / page).read_text(encoding="utf-8")
         assert text == written(page), "run python -m tools.reference"
+
+
+def blocks(page: str, kind: str) -> list[str]:
+    """Return the fenced blocks of a kind on a page, those within lists too."""
+    found = re.findall(rf"(?ms)^( *)```{kind}\n(.*?)^ *```", (DOCS / page).read_text(encoding="utf-8"))
+    return [textwrap.dedent(text) for _, text in found]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "toml")])
+def test_toml_of_the_docs_is_valid(page: str) -> None:
+    for text in blocks(page, "toml"):
+        tomllib.loads(text)
+
+
+def commands(page: str) -> list[list[str]]:
+    """Return the calls of distal on a page, word by word, without comments and what stands behind a pipe."""
+    lines = [line for text in blocks(page, "sh") for line in text.replace("\\\n", " ").splitlines()]
+    calls = [
+        re.split(r"[|<>]", line[line.index("distal ") :])[0] for line in lines if re.search(r"(^|\| )distal ", line)
+    ]
+    return [shlex.split(call, comments=True) for call in calls]
+
+
+def test_commands_of_the_docs_exist() -> None:
+    import typer
+
+    from distal.cli import app
+
+    checked = 0
+    for page in PAGES:
+        for words_of_call in commands(page):
+            command: Any = typer.main.get_command(app)
+            rest = words_of_call[1:]
+            while rest and rest[0] in getattr(command, "commands", {}):
+                command = command.commands[rest.pop(0)]
+            assert not hasattr(command, "commands"), f"{page}: {words_of_call}"
+            known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+            for word in rest:
+                assert not re.match(r"--?[a-z]", word) or word in known, f"{page}: {word} of {words_of_call}"
+            checked += 1
+    assert checked > 30
 
 
 def test_pages_that_code_names_exist() -> None:

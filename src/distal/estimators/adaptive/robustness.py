@@ -85,7 +85,7 @@ class Robustness:
     unmodelled: float = 1.0
     """the rig file says how much (docs/reference/rig-keys.md); without it the band is too narrow: docs/results/guards.md"""
     angle_walk: float = 0.0
-    """docs/explanation/chains.md: of one joint, `unmodelled` does the same"""
+    """docs/results/chains.md: of one joint, `unmodelled` does the same"""
     moving_only: bool = False
     """docs/explanation/learning.md, "The criterion\""""
 
