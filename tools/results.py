@@ -25,10 +25,7 @@ FIGURES = {
 def claims() -> str:
     """Return the table of the paper's statements from results.json."""
     held = json.loads((ROOT / "out/reproduce/results.json").read_text(encoding="utf-8"))
-    lines = [
-        "| | statement | measure | threshold | as printed | as observed | |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    rows = []
     for key in (f"C{i}" for i in range(1, 13)):
         claim = held[key]
         main = claim["measures"][0]
@@ -39,26 +36,25 @@ def claims() -> str:
         bound = f"≥ {main['least']:g}" if main["least"] is not None else f"≤ {main['most']:g}"
         more = len(claim["measures"]) - 1
         measure = main["measure"] + (f" (and {more} more)" if more else "")
-        row = [key, claim["statement"], measure, bound, *cells, claim["group"]]
-        lines.append(f"| {' | '.join(row)} |")
-    return "\n".join(lines)
+        rows.append([key, claim["statement"], measure, bound, *cells])
+    return written(["", "statement", "measure", "threshold", "as printed", "as observed"], rows)
 
 
 def readings() -> str:
     """Return the table of readings of Q and R."""
     held = json.loads((ROOT / "out/reproduce/results.json").read_text(encoding="utf-8"))
     by_plant = held["readings_of_q_and_r_rms_deg"]
-    lines = ["| reading | RMS, as printed [°] | RMS, as observed [°] |", "|---|---|---|"]
-    lines += [
-        f"| {name} | {by_plant['as printed'][name]:.2f} | {by_plant['as observed'][name]:.2f} |"
+    rows = [
+        [name, f"{by_plant['as printed'][name]:.2f}", f"{by_plant['as observed'][name]:.2f}"]
         for name in by_plant["as printed"]
     ]
-    return "\n".join(lines)
+    return written(["reading", "RMS, as printed [°]", "RMS, as observed [°]"], rows)
 
 
 def bench(name: str) -> str:
     """Return a table of `make bench`."""
-    return (ROOT / "out/bench" / f"{name}.md").read_text(encoding="utf-8").split("\n\n", 1)[1].strip()
+    text = (ROOT / "out/bench" / f"{name}.md").read_text(encoding="utf-8").split("\n\n", 1)[1].strip()
+    return re.sub(r" *\| *", "|", text)
 
 
 def cells(name: str) -> tuple[list[str], list[dict[str, str]]]:
@@ -70,8 +66,7 @@ def cells(name: str) -> tuple[list[str], list[dict[str, str]]]:
 
 def written(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table in Markdown."""
-    lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}", *(f"| {' | '.join(row)} |" for row in rows)]
-    return "\n".join(lines)
+    return "\n".join(f"|{'|'.join(row)}|" for row in (head, ["---"] * len(head), *rows))
 
 
 def part(name: str, *columns: str, only: Callable[[dict[str, str]], bool] = lambda row: True) -> str:

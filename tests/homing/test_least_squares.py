@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from distal import Log, diagnose, estimate, estimate_batch, load_rig, simulate
+from distal import (
+    Log,
+    at_known_angle,
+    diagnose,
+    estimate,
+    estimate_batch,
+    load_rig,
+    load_scenario,
+    scenario_rig,
+    simulate,
+)
 from distal.homing.apply import errors_last
 from distal.homing.least_squares import line_is_better
 from distal.simulation import build_scenario
@@ -83,3 +93,13 @@ def test_a_batch_may_have_both(wrong: Log) -> None:
         alone = estimate(log, RIG, homing=HOMING)
         np.testing.assert_allclose(one.angles, alone.angles, rtol=1e-9, atol=1e-12)
         assert one.notes == alone.notes
+
+
+def test_a_reference_that_stands_still_teaches_no_line() -> None:
+    """The joint moves during the move while it is said to be at rest: the angle must not stand still with it."""
+    scenario = load_scenario("template")
+    rig = scenario_rig(scenario)
+    log, homed = at_known_angle(simulate(rig, scenario, 1), rig, 0.5, 0.0, 0.02)
+    result = estimate(log, homed, homing=0.5, compiled=False)
+    assert np.ptp(result.theta) > np.deg2rad(20.0)
+    assert result.theta_std[-1] > np.deg2rad(0.05)

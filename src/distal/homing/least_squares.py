@@ -32,6 +32,9 @@ FIRST = 0.5
 CLEARLY = 1.5
 """Least squares is taken where the filter errs this many times more on the rest of the window."""
 
+STILL = np.deg2rad(0.5)
+"""A reference that moves less than this tells where zero is, and no slope of a straight line [rad]."""
+
 
 def led_astray(
     runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, known: Floats, homing: float
@@ -65,8 +68,8 @@ def led_astray(
     errors, variances = window.errors(done[0])
     sizes, of_line, surprise = (np.full(errors.shape[1], np.nan) for _ in range(3))
     for j, error in enumerate(errors.T):
-        there = late & np.isfinite(error)
-        if not there.any():
+        there, told = late & np.isfinite(error), known[:until, j][np.isfinite(known[:until, j])]
+        if not there.any() or np.ptp(told) < STILL:
             continue
         said = np.interp(since[:until], straight.time, predict(line, straight, j).values)
         sizes[j] = np.sqrt(np.mean(error[there] ** 2))
