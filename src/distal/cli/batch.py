@@ -57,7 +57,15 @@ def _few_warnings() -> Iterator[None]:
 
 
 def estimate_many(
-    logs: list[Path], rig: Rig, estimator: str, truth: str | None, homing: float | None, out: Path | None
+    logs: list[Path],
+    rig: Rig,
+    estimator: str,
+    truth: str | None,
+    homing: float | None,
+    out: Path | None,
+    *,
+    unit: str = "rad",
+    every: bool = False,
 ) -> None:
     """Estimate over many logs, write each estimate to a folder, and print a line for each.
 
@@ -70,6 +78,8 @@ def estimate_many(
         truth: the true angle's column.
         homing: for how long the truth is used [s].
         out: folder for the estimates, or None.
+        unit: of the angles in them: rad or deg.
+        every: whether all states are written.
     """
     from distal.diagnosis import diagnose_estimate
     from distal.estimators import ESTIMATORS
@@ -94,7 +104,7 @@ def estimate_many(
             path = next(p for p in waiting if p not in failed)  # results come in the order of the logs
             if out is not None:
                 try:
-                    write_columns(result.columns(), out / _estimate_of(path))
+                    write_columns(result.columns(unit, every=every), out / _estimate_of(path))
                 except OutputError as problem:
                     failed[path] = str(problem)
                     continue

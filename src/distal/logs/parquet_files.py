@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from distal.errors import LogError
+from distal.logs.headers import name_and_unit
 from distal.logs.memory import check_memory
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> tuple[polars.Data
         lazy = polars.scan_parquet(path, glob=False, hive_partitioning=False)
         schema = lazy.collect_schema()
         names = list(schema)
-        chosen = names if columns is None else [name for name in names if name in columns]
+        chosen = names if columns is None else [n for n in names if {n, name_and_unit(n)[0]}.intersection(columns)]
         rows = int(lazy.select(polars.len()).collect().item())
         cells = sum(_bytes_of(schema[name]) for name in chosen)
         check_memory(path, COPIES * rows * cells, f"its header says {rows:,} rows of {len(chosen)} columns")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from distal.errors import LogError, did_you_mean
 from distal.logs.csv_files import MISSING, read_csv
+from distal.logs.headers import header, scale, units_of
 from distal.logs.reader_process import parquet_by_process
 from distal.logs.targets import shown
 
@@ -29,13 +30,15 @@ class Cells:
         frame: the cells of the columns that were read.
         path: what to call it.
         first_row: row number of the first value in the file, as an editor counts.
-        names: of all its columns, also of those that were not read.
+        names: of all its columns, also of those that were not read; without units where they were asked for so.
+        units: name → unit, of those whose header says it beside the name that was asked for.
     """
 
     frame: polars.DataFrame
     path: Path
     first_row: int
     names: tuple[str, ...]
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -46,11 +49,26 @@ class Table:
         source: the file's name.
         columns: name → values, NaN where missing.
         first_row: row number of the first value in the file, as an editor counts.
+        units: name → unit, of those whose header says it beside the name.
     """
 
     source: str
     columns: dict[str, Floats]
     first_row: int
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def in_si(self, name: str, si: str) -> Floats:
+        """Return a column in SI by the unit in its header; as it is where the header says none.
+
+        Args:
+            name: of the column.
+            si: unit of the dimension that is wanted.
+
+        Raises:
+            LogError: the header's unit is another dimension's, or none.
+        """
+        unit = self.units.get(name)
+        return self.columns[name] * scale(unit, si, f"{self.source}: column '{header(name, unit or '')}'")
 
 
 def read_table(path: str | Path, wanted: Sequence[str] | None = None) -> Table:
@@ -72,12 +90,25 @@ def open_table(path: Any, columns: Sequence[str] | None = None, index_name: str 
 
     Args:
         path: a path or a frame.
-        columns: that are needed; None needs all. Others may be left out where a format allows that.
+        columns: that are needed, with or without their units; None needs all. Others may be left out where a format
+            allows that.
         index_name: a pandas frame that lacks this column has it from an index of dates.
 
     Raises:
         LogError: it cannot be read, or is neither.
     """
+    cells = _opened(path, columns, index_name)
+    said = units_of(cells.names, columns or (), str(cells.path))
+    plain = {text: name for name, (text, _) in said.items()}
+    return replace(
+        cells,
+        frame=cells.frame.rename(plain) if plain else cells.frame,
+        names=tuple(plain.get(name, name) for name in cells.names),
+        units={name: unit for name, (_, unit) in said.items()},
+    )
+
+
+def _opened(path: Any, columns: Sequence[str] | None, index_name: str | None) -> Cells:
     import polars
 
     if isinstance(path, (str, Path)):
@@ -135,7 +166,8 @@ def table_of(cells: Cells, wanted: Sequence[str] | None, optional: Iterable[str]
     """
     names = list(cells.names) if wanted is None else [*wanted, *(c for c in optional if c in cells.names)]
     check_columns(cells, names)
-    return Table(str(cells.path), {name: numbers_of(cells, name) for name in dict.fromkeys(names)}, cells.first_row)
+    read = {name: numbers_of(cells, name) for name in dict.fromkeys(names)}
+    return Table(str(cells.path), read, cells.first_row, cells.units)
 
 
 def check_columns(cells: Cells, names: Iterable[str]) -> None:

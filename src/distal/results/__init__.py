@@ -1,7 +1,7 @@
 """What an estimator made of a log: angles, bands, innovations, what they say of the rig, and plots."""
 
 from distal.results.curves import BAND
-from distal.results.estimate import Estimate
+from distal.results.estimate import ANGLE_UNITS, Estimate
 from distal.results.panels import HEALTH_COLOURS
 from distal.results.plots import (
     PANELS,
@@ -26,6 +26,7 @@ from distal.results.style import (
 from distal.results.thresholds import LARGE_PRIOR, SMALL
 
 __all__ = [
+    "ANGLE_UNITS",
     "BAND",
     "COLOURS",
     "DASHES",
