@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.fitting import Fit, Observability, Score, name_of, observability, sizes
+from distal.fitting import Fit, Observability, Score, observability
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.reports.reproduction import make_folder
 from distal.results import Estimate
+from distal.rig import named
 from distal.run import estimate
 
 if TYPE_CHECKING:
@@ -92,9 +93,9 @@ def _svg(made: Figure) -> str:
 def _parameters(fit: Fit) -> list[str]:
     rows = [
         (
-            escape(name_of(fit.start, part)),
-            f"<code>{escape(part.name)}</code>",
-            *map(escape, sizes(part)),
+            escape(part.name),
+            f"<code>{escape(', '.join(named(fit.start, path) for path in part.paths))}</code>",
+            *map(escape, part.sizes),
             f"<span class='{'yes' if part.identified else 'no'}'>{escape(part.origin)}</span>",
         )
         for part in fit.fitted
@@ -104,7 +105,7 @@ def _parameters(fit: Fit) -> list[str]:
     if fit.combinations:
         parts.append(paragraph("These logs tell " + "; ".join(fit.combinations) + "."))
     own = [
-        (f"<code>{escape(part.name)}</code>", escape(Path(name).name), f"{value:.5g}", escape(part.si))
+        (escape(part.name), escape(Path(name).name), f"{value:.5g}", escape(part.si))
         for part in fit.fitted
         for name, value in part.per_log.items()
     ]
