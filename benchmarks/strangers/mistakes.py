@@ -30,6 +30,7 @@ from benchmarks.strangers.library import (
 from benchmarks.strangers.plants import wide_rig
 from benchmarks.strangers.random_rigs import drawn_plant, random_case
 from benchmarks.strangers.scoring import Job, Record, Table, share
+from distal.rig import in_words
 
 NAME = "mistakes"
 TAG = 77
@@ -107,15 +108,17 @@ def mistakes(rig: Rig, log: Log) -> Iterator[Mistake]:
     capstans = [f"drives.{i}.radius" for i, drive in enumerate(rig.drives) if drive.kind == "capstan"]
     for factor in (0.8, 1.2):
         for paths in [[path] for path in arms] + ([arms] if len(arms) > 1 else []):
-            own = frozenset(paths) if len(paths) == 1 else frozenset({"all moment arms"}) | frozenset(paths)
+            own = frozenset(
+                {in_words(rig, path) for path in paths} | ({"all moment arms"} if len(paths) > 1 else set())
+            )
             kind = "one moment arm ± 20 %" if len(paths) < len(arms) else "all moment arms ± 20 %"
             yield Mistake(kind, f"{paths} × {factor}", times(rig, paths, factor), log, own)
         for path in capstans:
-            own = frozenset({path})
+            own = frozenset({in_words(rig, path)})
             yield Mistake("radius of a capstan ± 20 %", f"{path} × {factor}", times(rig, [path], factor), log, own)
     springs = [f"tendons.{i}.stiffness" for i in range(len(rig.tendons))]
     for factor in (1 / 3, 3.0):
-        own = frozenset({"tendons.stiffness.factor", *springs, *(f"{path}.factor" for path in springs)})
+        own = frozenset({in_words(rig, *springs)})
         yield Mistake("stiffness × 3", f"× {factor:.2g}", times(rig, springs, factor), log, own)
     for drive in rig.drives:
         if drive.kind == "capstan":

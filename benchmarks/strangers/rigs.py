@@ -9,6 +9,7 @@ import numpy as np
 from benchmarks.strangers.library import Log, Rig
 from benchmarks.strangers.random_rigs import random_case
 from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, score_known, share
+from distal.rig import step_of
 
 NAME = "rigs"
 CLEAN, SPOILED = "as recorded", "30 % missing, 2 % wild"
@@ -20,7 +21,7 @@ def spoilt(log: Log, rig: Rig, seed: int) -> Log:
     channels = {}
     for sensor in rig.sensors:
         values = np.array(log.channels[sensor.name])
-        sigma = np.hypot(sensor.noise, sensor.resolution / np.sqrt(12.0))
+        sigma = np.hypot(sensor.noise, step_of(sensor) / np.sqrt(12.0))
         wild = rng.random(len(values)) < 0.02
         values += np.where(wild, sigma * rng.uniform(20, 200, len(values)) * rng.choice([-1, 1], len(values)), 0.0)
         values[rng.random(len(values)) < 0.3] = np.nan

@@ -92,7 +92,7 @@ def test_a_reference_teaches_slowly_in_a_chain() -> None:
     states = AdaptiveFilter(load_rig("finger-2n"), compiled=False).states
     shares = states.gain_shares(None, reference=True)
     names = {states.names[i] for i in shares}
-    assert {"tendons.0.crossings.0.radius", "rope.factor", "linearity_x_mcp_f_0"} <= names
+    assert {"radius of tendon mcp_f at mcp", "common factor of rope", "linearity_x_mcp_f_0"} <= names
     assert set(shares.values()) == {0.005 / 0.5}
     assert not names & {"theta_mcp", "theta_pip", "theta_mcp_dot"}
     assert AdaptiveFilter(load_rig("paper-2008"), compiled=False).states.gain_shares(None, reference=True) == {}

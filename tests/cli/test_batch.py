@@ -52,6 +52,14 @@ def test_a_bad_log_is_named_and_the_others_are_done(runs: list[str], tmp_path: P
     assert sorted(path.name for path in out.iterdir()) == ["run_09.csv", "run_10.csv"]
 
 
+@pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
+def test_estimates_of_many_may_be_in_degrees(runs: list[str], tmp_path: Path) -> None:
+    options = ["--estimator", "inextensible", "--unit", "deg", "--all", "--out", str(tmp_path)]
+    assert CliRunner().invoke(app, ["estimate", *runs[:2], *RIG, *options]).exit_code == 0
+    columns = pl.read_csv(tmp_path / "run_09.csv").columns
+    assert columns[:4] == ["t [s]", "theta [deg]", "theta_std [deg]", "tendon_angle_left [deg]"]
+
+
 def test_what_makes_no_sense_is_refused(runs: list[str], tmp_path: Path) -> None:
     taken = tmp_path / "file"
     taken.write_text("")

@@ -71,11 +71,35 @@ def test_simulate_then_estimate(run, log: Path, tmp_path: Path) -> None:
     for name in ("inextensible", "elastic", "ekf-2008", "ekf"):
         assert name in ran.out
     frame = pl.read_csv(out)
-    assert frame.columns[:3] == ["t", "theta", "theta_std"]
+    assert frame.columns == ["t [s]", "theta [rad]", "theta_std [rad]"]
     assert frame.height == 800
     truth = pl.read_csv(log)["true_theta"].to_numpy()
-    assert np.rad2deg(np.sqrt(np.mean((frame["theta"].to_numpy() - truth) ** 2))) < 0.9
+    assert np.rad2deg(np.sqrt(np.mean((frame["theta [rad]"].to_numpy() - truth) ** 2))) < 0.9
     assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_degrees_and_all_states(run, log: Path, tmp_path: Path) -> None:
+    """In degrees it is read as a truth again; --all writes every state, each with its unit."""
+    out, every = tmp_path / "est.csv", tmp_path / "every.csv"
+    asked = ("estimate", log, "--rig", "paper-2008-printed", "--estimator", "ekf", *SET)
+    assert run(*asked, "--out", out, "--unit", "deg").code == 0
+    assert pl.read_csv(out).columns == ["t [s]", "theta [deg]", "theta_std [deg]"]
+    row = next(line for line in run(*asked, "--truth", out).out.splitlines() if line.split()[:1] == ["ekf"])
+    assert row.split()[1] == "0.000"  # RMS error against itself [°]
+    assert run(*asked, "--out", every, "--all").code == 0
+    written = pl.read_csv(every)
+    np.testing.assert_allclose(np.deg2rad(pl.read_csv(out)["theta [deg]"]), written["theta [rad]"], atol=1e-12)
+    assert {"position_left [m]", "position_left_std [m]", "theta_dot [rad/s]"} <= set(written.columns)
+    refused = run(*asked, "--out", out, "--unit", "turns")
+    assert (refused.code, refused.err) == (2, "error: --unit turns: angles are written in rad or deg\n")
+
+
+def test_both_sides_of_a_gear(run) -> None:
+    """2000 counts in a turn of the motor are 0.18°, behind a gear of 30 they are 0.006°."""
+    said = run("rig", "check", "lab-bench").out
+    assert "motor_angle is before a gear of 30: resolution 0.18° at the motor, 0.006° at the capstan" in said
+    noisy = run("rig", "check", "lab-bench", "--set", 'sensors.motor_angle.noise="0.01 deg"').out
+    assert "noise 0.3° at the motor, 0.01° at the capstan" in noisy
 
 
 def test_rows_with_one_stamp(run, log: Path, tmp_path: Path) -> None:
@@ -106,7 +130,7 @@ def test_what_the_plant_overrides_is_said(run, tmp_path: Path) -> None:
     said = run(
         "simulate", tmp_path / "s.toml", "--out", tmp_path / "log.csv", "--set", "joints.0.friction.coefficient=0.55"
     )
-    assert "warning: the scenario's [plant] has its own joints.0.friction.coefficient" in said.err
+    assert "warning: the scenario's [plant] has its own joints.link.friction.coefficient" in said.err
 
 
 def test_the_same_from_python(run, log: Path, tmp_path: Path) -> None:
@@ -116,7 +140,7 @@ def test_the_same_from_python(run, log: Path, tmp_path: Path) -> None:
     run("estimate", log, "--rig", "paper-2008-printed", "--out", out, "--estimator", "ekf-2008", "--passes", 2, *SET)
     rig = distal.load_rig("paper-2008-printed", SET[1::2])
     result = distal.estimate(log, rig, "ekf-2008", passes=2)
-    np.testing.assert_array_equal(pl.read_parquet(out)["theta"].to_numpy(), result.theta)
+    np.testing.assert_array_equal(pl.read_parquet(out)["theta [rad]"].to_numpy(), result.theta)
 
 
 def test_without_truth_one_estimate_and_no_errors(run, log: Path, tmp_path: Path) -> None:
@@ -148,7 +172,7 @@ def test_home_without_a_reference(run, log: Path, tmp_path: Path) -> None:
         done = run(*command, text, "--out", out)
         assert done.code == 0, done.err
         assert re.search(r"home: the joint stands at 4(\.0+1?)?° ± 0.\d+° for the first 0.1 s", done.out)
-        assert pl.read_csv(out)["theta"][8] == pytest.approx(np.deg2rad(4), abs=np.deg2rad(0.3))
+        assert pl.read_csv(out)["theta [rad]"][8] == pytest.approx(np.deg2rad(4), abs=np.deg2rad(0.3))
     for text, said in (("4 deg ± 1 ± 2", "written as '0 deg'"), ("± 1 deg", "written as"), ("4 mm", "is no angle")):
         done = run(*command, text)
         assert done.code == 2
@@ -218,7 +242,7 @@ def test_bad_rigs_and_options(run, log: Path, tmp_path: Path) -> None:
         (("estimate", log, "--rig", "paper-208"), ("unknown rig 'paper-208'; did you mean 'paper-2008'?",)),
         (
             ("estimate", log, "--rig", "paper-2008-printed", "--set", "drives.0.mass=-1"),
-            ("drives.0.mass", "positive", "-1 came"),
+            ("drives.left.mass", "positive", "-1 came"),
         ),
         (("estimate", log, "--rig", "paper-2008-printed", "--set", "drives.0.mss=1"), ("did you mean 'mass'?",)),
         (("estimate", log, "--rig", "paper-2008-printed", "--set", 'sensors.x1.unit="s"'), ("wrong dimension",)),

@@ -16,7 +16,7 @@ SET = (
     "--set", 'drives.1.stops=["-5 mm","15 mm"]',
     "--set", "joints.0.friction.preload.std=0",
 )  # fmt: skip
-FREE = ("--free", "tendons.*.stiffness", "--free", "joints.0.friction.coefficient")
+FREE = ("--free", "tendons.*.stiffness", "--free", "joints.link.friction.coefficient")
 
 
 @pytest.fixture(scope="module")

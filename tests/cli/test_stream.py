@@ -77,7 +77,7 @@ def test_csv_in_csv_out(run: Run, rig: Rig, log: Log, csv: str) -> None:
     out, err, code = run(csv)
     assert code == 0, err
     rows = pl.read_csv(out.encode())
-    np.testing.assert_allclose(rows["theta"], estimate(log, rig).theta, atol=1e-14)
+    np.testing.assert_allclose(rows["theta [rad]"], estimate(log, rig).theta, atol=1e-14)
     assert set(rows["health"]) == {"ok"}
     assert "300 samples in" in err
 
@@ -205,7 +205,7 @@ def test_each_line_is_answered_at_once(csv: str) -> None:
         process.stdin.write(line)
         process.stdin.flush()
         if line is lines[1]:
-            assert process.stdout.readline().startswith("t,theta")
+            assert process.stdout.readline().startswith("t [s],theta [rad]")
         assert process.stdout.readline().startswith(line.split(",")[0])
     process.stdin.close()
     assert process.wait(20) == 0

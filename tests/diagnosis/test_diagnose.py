@@ -61,8 +61,8 @@ class TestRerun:
 
     def test_a_start(self, rig: Rig, log: Log) -> None:
         rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
-        other = rerun(Change(shifts={"tendons.stiffness.factor": 0.1}))
-        at = rerun.runner.state_names.index("tendons.stiffness.factor")
+        other = rerun(Change(shifts={"common factor of tendons.stiffness": 0.1}))
+        at = rerun.runner.state_names.index("common factor of tendons.stiffness")
         assert 1.0 < other.means[0, at] <= 1.2
         assert np.any(other.means[:, 0] != rerun.base.means[:, 0])
 
@@ -107,7 +107,7 @@ class TestCannotTest:
         subjects = {one.subject for one in cannot_test(log, rig)}
         assert "all moment arms" in subjects
         # forces and displacements of two tendons see these
-        assert not subjects & {"sign of x1", "sign of u1", "scale of x1", "scale of u1", "tendons.stiffness"}
+        assert not subjects & {"sign of x1", "sign of u1", "scale of x1", "scale of u1", "stiffness of all tendons"}
 
     def test_what_is_named_is_true(self, rig: Rig, log: Log) -> None:
         """With arms 20 % too large in the rig, the estimate is a sixth too small, and innovations as they were."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from distal import load_rig, make_estimator, shipped_rigs
-from distal.estimators import AdaptiveFilter, StateKind, external_torques_of, kinds_of
+from distal.estimators import AdaptiveFilter, StateKind, external_torques_of, kinds_of, state_units
+from distal.rig import in_words
 
 STEMS = {
     StateKind.LINEARITY: "linearity_{}_",
@@ -18,7 +19,6 @@ STEMS = {
     StateKind.CREEP: "creep_{}",
     StateKind.SENSOR_BIAS: "bias_{}",
     StateKind.SENSOR_GAIN: "gain_{}",
-    StateKind.PARAMETER: "{}",
 }
 """How the names of a kind begin, with the part that they are of."""
 
@@ -36,9 +36,22 @@ def test_every_state_says_what_it_is_and_of_what(name: str) -> None:
         assert kind is not StateKind.OTHER, state
         if kind is StateKind.EXTERNAL_TORQUE:
             assert external_torques_of(runner)[part] == runner.state_names.index(state)
+        elif kind is StateKind.PARAMETER:
+            assert state in (in_words(rig, part), f"common factor of {part.removesuffix('.factor')}")
+            assert not any(key.isdigit() for key in part.split(".")), part
         else:
             assert state.startswith(STEMS[kind].format(part)), state
         assert part in parts or kind is StateKind.PARAMETER
+
+
+def test_every_state_has_a_unit() -> None:
+    runner = AdaptiveFilter(load_rig("lab-bench"), compiled=False)
+    units = dict(zip(runner.state_names, state_units(runner)))
+    assert all(units.values())
+    assert (units["theta"], units["theta_dot"], units["inertia of joint finger"]) == ("rad", "rad/s", "kg m^2")
+    assert (units["friction coefficient of joint finger"], units["common factor of cable"]) == ("1", "1")
+    full = make_estimator("ekf", load_rig("paper-2008"), False)
+    assert dict(zip(full.state_names, state_units(full)))["velocity_left"] == "m/s"
 
 
 def test_of_other_estimators_the_joints_states_are_known() -> None:

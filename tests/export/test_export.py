@@ -175,8 +175,14 @@ def test_springs_slack_and_counts(tmp_path: Path) -> None:
     again = read_log(tmp_path / "log.csv", described)
     np.testing.assert_allclose(again.channels["motor_torque"], made.channels["motor_torque"], rtol=1e-12)
     rows = replayed(build(c_filter(described, "adaptive", False), tmp_path, "-O2"), tmp_path / "log.csv")
+    head, rest = (tmp_path / "log.csv").read_text().split("\n", 1)
+    units = {"t": "s", "motor_angle": "count", "motor_torque": "mA"}
+    said = ",".join(f"{column} [{units[column]}]" if column in units else column for column in head.split(","))
+    (tmp_path / "said.csv").write_text(f"{said}\n{rest}")
+    np.testing.assert_array_equal(replayed(tmp_path / "replay", tmp_path / "said.csv"), rows)
     known = estimate(made, described)
-    assert {"tendons.0.slack", "joints.0.spring.cubic", "joints.0.extension_spring.stiffness"} <= set(known.state_names)
+    sprung = {"slack of tendon flexor", "spring cubic of joint jaw", "extension spring stiffness of joint jaw"}
+    assert sprung <= set(known.state_names)
     np.testing.assert_allclose(rows[:, 1], known.theta, atol=1e-9)
     np.testing.assert_allclose(rows[:, 2], known.theta_std, atol=1e-9)
 

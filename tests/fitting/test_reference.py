@@ -46,8 +46,8 @@ def test_how_much_doubt_a_file_keeps(share: float | None, std: float, hold: bool
     """The standard error, at least so much of the prior's std where there are doubts; with none of it it is held."""
     start = load_rig("capstan-joint").with_values({"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}})
     path = "joints.0.friction.coefficient"
-    found = FittedNumber(path, (path,), "", 0.2, 0.1, 0.3, 0.05, True, False, (0.3,), held_error=0.05)
-    written = assignments([found], start, share)[path]
+    found = FittedNumber("it", (path,), "", 0.2, 0.1, 0.3, 0.05, True, False, (0.3,), held_error=0.05)
+    written = assignments([found], start, share)["joints.jaw.friction.coefficient"]
     assert written["value"] == 0.3
     assert written["std"] == pytest.approx(std)
     assert written.get("hold", False) is hold

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from distal import Rig, load_rig
+from distal.errors import FitError
 from distal.fitting.fitted import FittedNumber, assignments
 from distal.fitting.selection import choose
 
@@ -30,20 +31,41 @@ def varied(rig: Rig) -> dict[str, tuple[tuple[str, ...], float]]:
 
 def test_what_errs_together_is_varied_by_one_factor() -> None:
     rig = rig_with(_0={"value": 800.0, "shared": SPOOL}, _1={"value": 500.0, "shared": SPOOL})
-    assert varied(rig) == {"tendons.*.stiffness": (PATHS, pytest.approx(80.0))}
+    assert varied(rig) == {"stiffness of all tendons": (PATHS, pytest.approx(80.0))}
 
 
 def test_what_also_errs_alone_is_varied_alone_with_both_spreads() -> None:
     rig = rig_with(_0={"value": 800.0, "std": 60.0, "shared": SPOOL}, _1={"value": 500.0, "shared": SPOOL})
     assert varied(rig) == {
-        "tendons.1.stiffness": (PATHS[1:], pytest.approx(50.0)),
-        "tendons.0.stiffness": (PATHS[:1], pytest.approx(100.0)),
+        "stiffness of tendon right": (PATHS[1:], pytest.approx(50.0)),
+        "stiffness of tendon left": (PATHS[:1], pytest.approx(100.0)),
     }
+
+
+@pytest.mark.parametrize(
+    ("wanted", "name", "paths"),
+    [
+        ("tendons.left.stiffness", "stiffness of tendon left", PATHS[:1]),
+        ("tendons.1.stiffness", "stiffness of tendon right", PATHS[1:]),
+        ("tendons.*.stiffness", "stiffness of all tendons", PATHS),
+    ],
+)
+def test_what_is_asked_for_is_named_by_parts(wanted: str, name: str, paths: tuple[str, ...]) -> None:
+    rig = load_rig("pulley-antagonist")
+    for asked, per_log in (((wanted,), ()), (("joints.link.friction.coefficient",), (wanted,))):
+        free = choose(rig, rig.sensors_of("angle"), asked, per_log, noise=False, homing=False)
+        assert [part.paths for part in free if part.name == name] == [paths]
+    with pytest.raises(FitError, match=r"--free 'tendons\.middle\.stiffness': there is no 'middle'"):
+        choose(rig, (), ("tendons.middle.stiffness",), (), noise=False, homing=False)
+    with pytest.raises(FitError, match="--per-log 'tendons"):
+        choose(rig, (), (), ("tendons.middle.stiffness",), noise=False, homing=False)
+    with pytest.raises(FitError, match=f"is asked for twice, by '{name}' and '{name}'"):
+        choose(rig, (), (wanted,), (wanted,), noise=False, homing=False)
 
 
 def test_equal_stds_alone_share_nothing() -> None:
     alike = {"value": 800.0, "std": 80.0}
-    assert set(varied(rig_with(_0=alike, _1=alike))) == set(PATHS)
+    assert set(varied(rig_with(_0=alike, _1=alike))) == {"stiffness of tendon left", "stiffness of tendon right"}
 
 
 def test_a_file_keeps_what_is_shared_where_all_were_varied_as_one() -> None:
@@ -75,7 +97,9 @@ def test_parts_of_one_limit_are_told_as_a_sum() -> None:
     from distal.fitting.uncertainty import _line
 
     def part(name: str) -> SimpleNamespace:
-        return SimpleNamespace(name=name, has_prior=True, spread=0.1, slope=lambda _: 1.0, value=lambda _: 0.5)
+        return SimpleNamespace(
+            name=name, paths=(name,), has_prior=True, spread=0.1, slope=lambda _: 1.0, value=lambda _: 0.5
+        )
 
     def told(one: str, other: str, *changes: float) -> str:
         return _line([part(one), part(other)], [0.0, 0.0], np.array(changes))  # type: ignore[list-item]

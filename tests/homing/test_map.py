@@ -90,9 +90,9 @@ def test_wide_priors_do_not_lead_it_astray(log: Log, monkeypatch: pytest.MonkeyP
 def test_the_numbers_are_those_of_the_plant(found: tuple[Window, Belief]) -> None:
     """What only products show stays uncertain: each number within three stds of the whole posterior."""
     window, belief = found
-    names = list(window.runner.state_names)
+    names = list(window.runner.state_parts)
     radius, first, second = (
-        names.index(name) for name in ("disk.factor", "tendons.0.stiffness.factor", "tendons.1.stiffness.factor")
+        names.index(name) for name in ("disk.factor", "tendons.left.stiffness.factor", "tendons.right.stiffness.factor")
     )
     for at, true in ((radius, 1.5), (first, 1450 / 806), (second, 320 / 806)):
         std = np.sqrt(belief.covariance[at, at] / KEPT)

@@ -111,9 +111,9 @@ def test_results_have_them(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> Non
     log = read(frame, NANOSECONDS, rig, tmp_path / "log.csv")
     result = estimate(log, rig, compiled=False)
     made = result.to_polars()
-    assert made.columns[:2] == ["t", "stamp"]
-    assert made["stamp"].dtype == pl.Int64
-    np.testing.assert_array_equal(made["stamp"].to_numpy(), NANOSECONDS)
+    assert made.columns[:2] == ["t [s]", "stamp [ns]"]
+    assert made["stamp [ns]"].dtype == pl.Int64
+    np.testing.assert_array_equal(made["stamp [ns]"].to_numpy(), NANOSECONDS)
     part = log.select(slice(3, 9)).stamps
     assert part is not None
     np.testing.assert_array_equal(part, NANOSECONDS[3:9])

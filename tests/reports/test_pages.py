@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from distal import Fit, Log, Rig, estimate, fit, load_scenario, scenario_rig, simulate
-from distal.fitting import sizes
 from distal.paper.figures import FIGURES
 from distal.reports import fit_report
 from distal.reports.fitting_figures import draw_residuals, draw_traces
@@ -83,7 +82,7 @@ def test_the_page_of_a_fit(fitted: Fit, logs: list[Log], tmp_path: Path) -> None
     assert "<0>" not in text
     assert not re.search(r"(src|href)\s*=\s*['\"]?http", text)
     part = fitted.fitted[0]
-    assert sizes(part)[1] in text
+    assert part.sizes[1] in text
     assert np.isfinite(part.value)
 
 

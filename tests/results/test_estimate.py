@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from distal import Estimate, Log, estimate, load_scenario, scenario_rig, simulate
+from distal import Estimate, Log, estimate, load_rig, load_scenario, scenario_rig, simulate
 from distal.errors import EstimationError
 
 
@@ -29,10 +29,21 @@ def test_numbers(result: Estimate) -> None:
 
 def test_frames(result: Estimate) -> None:
     polars, pandas = result.to_polars(), result.to_pandas()
-    assert polars.columns[:3] == ["t", "theta", "theta_std"]
+    assert polars.columns == ["t [s]", "theta [rad]", "theta_std [rad]"]
     assert list(pandas.columns) == polars.columns
-    assert polars.columns[3:5] == ["position_left", "position_left_std"]
-    np.testing.assert_array_equal(polars["theta"].to_numpy(), result.theta)
+    np.testing.assert_array_equal(polars["theta [rad]"].to_numpy(), result.theta)
+    every = result.to_polars("deg", every=True)
+    assert every.columns[:5] == [
+        "t [s]",
+        "theta [deg]",
+        "theta_std [deg]",
+        "position_left [m]",
+        "position_left_std [m]",
+    ]
+    np.testing.assert_allclose(every["theta [deg]"].to_numpy(), np.rad2deg(result.theta))
+    np.testing.assert_array_equal(every["position_left [m]"].to_numpy(), result.state("position_left"))
+    with pytest.raises(EstimationError, match="unit 'grad': angles are written in rad or deg"):
+        result.columns("grad")
 
 
 def test_no_truth() -> None:
@@ -44,3 +55,17 @@ def test_no_truth() -> None:
         blind.rms_error()
     assert blind.rms_error(log.truth["theta"]) > 0
     assert [axes.get_ylabel() for axes in blind.plot().axes] == ["joint angle θ [°]", "95 % band ± [°]"]
+
+
+def test_a_number_of_the_rig_is_a_state_by_its_words_and_by_its_path() -> None:
+    rig = load_rig("lab-bench")
+    found = estimate(simulate(rig, "lab-bench", 0).select(slice(0, 60)), rig, compiled=False)
+    words = "friction coefficient of joint finger"
+    np.testing.assert_array_equal(found.state(words), found.state("joints.finger.friction.coefficient"))
+    every = found.to_polars(every=True)
+    np.testing.assert_array_equal(every[f"{words} [1]"].to_numpy(), found.state(words))
+    at = found.state_names.index("damping of drive motor")
+    np.testing.assert_array_equal(every["std of damping of drive motor [N m s/rad]"].to_numpy(), found.stds[:, at])
+    assert not any(".0." in name or ".1." in name for name in every.columns)
+    with pytest.raises(EstimationError, match="did you mean 'inertia of joint finger'"):
+        found.state("joints.finger")

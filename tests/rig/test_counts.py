@@ -9,7 +9,8 @@ import pytest
 
 from distal import Rig, load_rig
 from distal.errors import RigError
-from distal.rig import build_rig, log_factor
+from distal.rig import build_rig, log_factor, step_of
+from distal.sensors import measure, variance
 
 ENCODER = {"unit": "count", "counts_per_turn": 4096, "gear": 50}
 MOTOR = {"unit": "mA", "torque_constant_motor": "24 mN m/A", "gear": 50}
@@ -27,7 +28,8 @@ def test_counts_are_angles_of_the_capstan() -> None:
     """One turn of the capstan is 50 of the motor, 204,800 counts; what an encoder cannot tell is one of them."""
     sensor = with_sensors(ENCODER, {}).sensors[0]
     assert 204_800 * log_factor(sensor) == pytest.approx(2 * np.pi)
-    assert sensor.resolution == pytest.approx(COUNT)
+    assert sensor.resolution == pytest.approx(50 * COUNT)
+    assert step_of(sensor) == pytest.approx(COUNT)
     for unit, turn in (("rev", 1.0), ("turn", 1.0), ("deg", 360.0), ("rad", 2 * np.pi)):
         other = with_sensors({"unit": unit, "gear": 50}, {}).sensors[0]
         assert 50 * turn * log_factor(other) == pytest.approx(2 * np.pi)
@@ -43,7 +45,7 @@ def test_errors_in_counts_and_in_si() -> None:
     }
     sensor = with_sensors({**ENCODER, **errors}, {}).sensors[0]
     found = [sensor.noise, sensor.linearity, sensor.resolution, sensor.bias.value, sensor.bias.std]
-    np.testing.assert_allclose(found, COUNT * np.arange(2, 7))
+    np.testing.assert_allclose(found, COUNT * np.array([2, 3, 4 * 50, 5, 6]))
     assert with_sensors({**ENCODER, "noise": "0.1 deg"}, {}).sensors[0].noise == pytest.approx(np.deg2rad(0.1))
     assert with_sensors({**ENCODER, "noise": 1e-3}, {}).sensors[0].noise == 1e-3
 
@@ -65,10 +67,43 @@ def test_a_rig_that_is_written_and_read_again_is_the_same() -> None:
     assert rig.with_values({"sensors.motor_angle.noise": "4 count"}).sensors[0].noise == pytest.approx(4 * COUNT)
 
 
+def test_the_resolution_is_that_of_the_sensors_own_shaft() -> None:
+    """Before the gear, whatever it is written in: 4096 counts in a turn are 0.0879° of the motor, a 50th of the capstan."""
+    degree = 360 / 4096
+    written = [
+        with_sensors({**ENCODER, "resolution": "1 count"}, {}),
+        with_sensors({**ENCODER, "resolution": f"{degree} deg"}, {}),
+        with_sensors({"unit": "deg", "gear": 50, "resolution": f"{degree} deg"}, {}),
+        with_sensors({"unit": "deg", "gear": 50, "resolution": np.deg2rad(degree)}, {}),
+    ]
+    for rig in (*written, *(one.with_values({}) for one in written)):  # and once more through a dump
+        sensor = rig.sensors[0]
+        assert step_of(sensor) == pytest.approx(COUNT)
+        assert variance(sensor) == pytest.approx(COUNT**2 / 12)
+        read = measure(sensor, np.linspace(0.0, 0.1, 10_000), (0.0, 0.1), np.random.default_rng(0))
+        assert np.diff(np.unique(read)).min() == pytest.approx(COUNT)
+
+
+@pytest.mark.parametrize(
+    ("angle", "torque"),
+    [
+        ({**ENCODER, "gear": "50 to 1", "noise": "2 count", "bias": {"value": 0, "std": "3 count"}}, {}),
+        ({**ENCODER, "counts_per_turn": "many", "noise": "2 count"}, {}),
+        ({}, {**MOTOR, "gear": "50 to 1", "noise": "20 mA"}),
+        ({}, {**MOTOR, "torque_constant_motor": "24 mN", "noise": "20 mA"}),
+    ],
+)
+def test_one_mistake_is_one_message(angle: dict[str, Any], torque: dict[str, Any]) -> None:
+    with pytest.raises(RigError) as caught:
+        with_sensors(angle, torque)
+    assert str(caught.value).startswith("counting: sensors.motor_")
+    assert "also" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("angle", "torque", "said"),
     [
-        ({"unit": "count"}, {}, r"sensors\.0: unit: 'count' needs 'counts_per_turn'"),
+        ({"unit": "count"}, {}, r"sensors\.motor_angle: unit: 'count' needs 'counts_per_turn'"),
         ({"counts_per_turn": 4096}, {}, r'counts_per_turn: is for a log in counts; give unit = "count" too'),
         ({**ENCODER, "counts_per_turn": 0}, {}, r"counts_per_turn: must be positive, 0 came"),
         ({**ENCODER, "counts_per_turn": "many"}, {}, r"counts_per_turn: 'many' does not start with a number"),
@@ -79,7 +114,7 @@ def test_a_rig_that_is_written_and_read_again_is_the_same() -> None:
         ({}, {"gear": 50, "torque_constant": 1.0}, r"gear: applies to torque_constant_motor only"),
         ({}, {**MOTOR, "torque_constant": 1.0}, r"give one of them"),
         ({}, {"noise": "20 mA"}, r"noise: unit 'mA' has the wrong dimension"),
-        ({}, {"unit": "count"}, r"sensors\.1: unit: 'count' needs"),
+        ({}, {"unit": "count"}, r"sensors\.motor_torque: unit: 'count' needs"),
     ],
 )
 def test_what_is_refused(angle: dict[str, Any], torque: dict[str, Any], said: str) -> None:

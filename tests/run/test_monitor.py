@@ -92,7 +92,7 @@ class TestHealth:
         path = "tendons.{}.stiffness"
         three = {path.format(i): {"value": 3 * rig.tendons[i].stiffness.value, "std": 240.0} for i in range(2)}
         readings = take(Monitor(LiveEstimator(rig.with_values(three))), log, range(len(log)))
-        said = [one for one in readings if one.health == "disagrees" and "stiffness.factor" in one.detail]
+        said = [one for one in readings if one.health == "disagrees" and "stiffness" in one.detail]
         assert said
         assert "further from the rig's value" in said[-1].detail
 

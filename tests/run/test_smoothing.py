@@ -18,7 +18,7 @@ from distal import (
     simulate,
     smooth,
 )
-from distal.estimators import AdaptiveFilter, first_values
+from distal.estimators import AdaptiveFilter, StateKind, first_values
 from distal.run import samples_of
 from distal.simulation import build_scenario
 from tests.helpers import rms_degrees
@@ -84,7 +84,8 @@ def conditional(log: Log, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
 
 def without_parameters(rig: Rig) -> Rig:
     """Return a rig whose parameters are certain."""
-    names = [name for name in AdaptiveFilter(rig, compiled=False).states.names if "." in name]
+    states = AdaptiveFilter(rig, compiled=False).states
+    names = [part for kind, part in zip(states.state_kinds, states.state_parts) if kind is StateKind.PARAMETER]
     factors = {"tendons.stiffness.factor": [f"tendons.{i}.stiffness.shared" for i in range(len(rig.tendons))]}
     paths = [path for name in names for path in factors.get(name, [name])]
     return rig.with_values({f"{path}.std": 0.0 for path in paths})

@@ -56,7 +56,15 @@ def _few_warnings() -> Iterator[None]:
 
 
 def estimate_many(
-    logs: list[Path], rig: Rig, estimator: str, truth: str | None, homing: float | None, out: Path | None
+    logs: list[Path],
+    rig: Rig,
+    estimator: str,
+    truth: str | None,
+    homing: float | None,
+    out: Path | None,
+    *,
+    unit: str = "rad",
+    every: bool = False,
 ) -> None:
     """Estimate over many logs, write each estimate to a folder, and print a line for each.
 
@@ -69,6 +77,8 @@ def estimate_many(
         truth: the true angle's column.
         homing: for how long the truth is used [s].
         out: folder for the estimates, or None.
+        unit: of the angles in them: rad or deg.
+        every: whether all states are written.
     """
     import numpy as np
 
@@ -95,7 +105,7 @@ def estimate_many(
             path = next(p for p in waiting if p not in failed)  # results come in the order of the logs
             if out is not None:
                 try:
-                    write_columns(result.columns(), out / _estimate_of(path))
+                    write_columns(result.columns(unit, every=every), out / _estimate_of(path))
                 except OutputError as problem:
                     failed[path] = str(problem)
                     continue

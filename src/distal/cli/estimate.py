@@ -92,6 +92,10 @@ def estimate_command(
             "--what-if/--no-what-if", help="Run again with one thing changed: what explains it, what is untested."
         ),
     ] = True,
+    unit: Annotated[str, typer.Option("--unit", help="Of the angles in --out: rad or deg.")] = "rad",
+    every: Annotated[
+        bool, typer.Option("--all", help="Write all states to --out, not only time, angles and torques.")
+    ] = False,
     repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
@@ -102,11 +106,13 @@ def estimate_command(
     from distal.estimators.affine import NEEDS
     from distal.homing import at_known_angle
     from distal.logs import file_of, read_log, true_angles, write_together
-    from distal.results import PANELS, check_panels, figure_bytes, plot_estimates, plot_kind
+    from distal.results import ANGLE_UNITS, PANELS, check_panels, figure_bytes, plot_estimates, plot_kind
     from distal.rig import load_rig
     from distal.run import estimate, log_health
     from distal.run import smooth as smoothed
 
+    if unit not in ANGLE_UNITS:
+        raise EstimationError(f"--unit {unit}: angles are written in {' or '.join(ANGLE_UNITS)}")
     if len(logs) > 1:
         asked = {
             "--homing-angle": bool(homing_angle),
@@ -122,7 +128,8 @@ def estimate_command(
 
         check_outputs(estimates_of(logs, out), logs=logs, rig=rig, truth=truth)
         home = seconds(homing) if homing is not None else None
-        estimate_many(logs, load_rig(rig, settings(set_, repeated)), (estimator or [DEFAULT])[0], truth, home, out)
+        described, name = load_rig(rig, settings(set_, repeated)), (estimator or [DEFAULT])[0]
+        estimate_many(logs, described, name, truth, home, out, unit=unit, every=every)
         return
     log = logs[0]
     panels = check_panels(PANELS if "all" in (panel or ()) else tuple(dict.fromkeys(panel or ())))
@@ -172,7 +179,7 @@ def estimate_command(
         results.insert(0, smoothed(data, description))
     made: dict[Path, bytes | str] = {}
     if out is not None:
-        made[out] = file_of(results[0].columns(), out)
+        made[out] = file_of(results[0].columns(unit, every=every), out)
     if plot is not None:
         drawn = results if estimator else results[:1]
         health = log_health(data, description) if "health" in panels else None
@@ -214,10 +221,12 @@ def _describe(log: Log, rig: Rig) -> None:
     if log.stamps is not None:
         begins = np.datetime64(int(log.stamps[0]), "ns").astype("datetime64[ms]")
         say(f"  begins at {begins} UTC; t counts from there, the column 'stamp' is the original [ns]")
+    from distal.rig import log_unit
+
     for sensor in rig.sensors:
         if sensor.name in log.channels:
             missing = int(np.isnan(log.channels[sensor.name]).sum())
-            unit = sensor.unit or sensor.si
+            unit = sensor.unit or f"{log_unit(sensor)}, or as its header says"
             column = f"  {sensor.name}: {sensor.measures} of {sensor.of}, column '{sensor.log_column}' in {unit}"
             say(column + (f", {missing} missing" if missing else ""))
     gaps = log.gaps()

@@ -36,11 +36,19 @@ def fit_command(
     out: Annotated[Path | None, typer.Option("--out", help="Where to write the fitted rig (TOML).")] = None,
     free: Annotated[
         list[str] | None,
-        typer.Option("--free", metavar="PATH", help="What is varied; repeatable. Default: all that have a std."),
+        typer.Option(
+            "--free",
+            metavar="PATH",
+            help="What is varied, e.g. tendons.left.stiffness; default: all with a std. Repeatable.",
+        ),
     ] = None,
     per_log: Annotated[
         list[str] | None,
-        typer.Option("--per-log", metavar="PATH", help="What each log has its own of, e.g. tendons.*.pretension."),
+        typer.Option(
+            "--per-log",
+            metavar="PATH",
+            help="What each log has its own of, e.g. tendons.*.pretension.",
+        ),
     ] = None,
     homing: Annotated[
         str | None,
@@ -163,18 +171,16 @@ def _check_logs(logs: list[Path]) -> None:
 
 def _say(result: Fit) -> None:
     """Print what a fit found, within a screen: the numbers that the logs tell, how it does on logs left out, doubts."""
-    from distal.fitting import name_of, sizes
-
     told = [part for part in result.fitted if part.identified and not part.noise]
     rest = [part for part in result.fitted if not part.identified]
-    rows = [(name_of(result.start, part), *sizes(part)) for part in told[:MOST_ROWS]]
+    rows = [(part.name, *part.sizes) for part in told[:MOST_ROWS]]
     count = f"{len(result.logs)} log{'s' if len(result.logs) > 1 else ''}"
     if rows:
         table(f"fitted to {count}, {result.duration:.0f} s", ["number", "rig file", "fitted", "unit"], rows)
     if len(told) > MOST_ROWS:
         say(f"and {len(told) - MOST_ROWS} more (--report shows all)")
     if rest:
-        names = [name_of(result.start, part) for part in rest]
+        names = [part.name for part in rest]
         more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
         say(f"not told by these logs: {', '.join(names[:MOST_NAMES])}{more}")
     scores = result.scores()

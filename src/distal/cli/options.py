@@ -16,7 +16,7 @@ SetOption = Annotated[
         "--set",
         metavar="PATH=VALUE",
         help=(
-            "Replace a value of the rig, e.g. joints.0.friction.coefficient=0.3 or "
+            "Replace a value of the rig by names of its parts, e.g. joints.link.friction.coefficient=0.3 or "
             "'tendons.left.stiffness=\"2 N/mm\"'; repeatable."
         ),
     ),

@@ -38,13 +38,14 @@ def check_command(
 ) -> None:
     """Check a rig file and say what it holds."""
     from distal.model import Mechanism, stiffest_frequency, substeps
-    from distal.rig import doubts, load_rig
+    from distal.rig import doubts, in_words, load_rig
 
     description = load_rig(rig, set_ or ())
     mechanism = Mechanism(description)
     rate = max((sensor.rate for sensor in description.sensors), default=100.0)
     count = substeps(mechanism, 1.0 / rate)
-    uncertain = [name for name, std in zip(mechanism.parameters.names, mechanism.parameters.stds) if std > 0.0]
+    numbers = mechanism.parameters
+    uncertain = [name for name, std in zip(numbers.names, numbers.stds) if std > 0.0]
     say(f"{rig}: ok, '{description.name}'")
     say(
         "  "
@@ -64,15 +65,29 @@ def check_command(
         what = "a homing move" if learned == 0 else f"{learned} log{'s' if learned > 1 else ''}"
         std = max(degrees(joint.std) for joint in description.affine.joints)
         say(f"  affine: learned from {what}, residual ±{std:.2g}° (1σ)")
-    say(f"  uncertain: {', '.join(uncertain) if uncertain else 'nothing (no parameter has a std)'}")
+    say(f"  uncertain: {in_words(description, *uncertain) or 'nothing (no parameter has a std)'}")
     exact = [
         name
-        for name, value, std in zip(mechanism.parameters.names, mechanism.parameters.values, mechanism.parameters.stds)
+        for name, value, std in zip(numbers.names, numbers.values, numbers.stds)
         if std == 0.0 and value != 0.0 and not name.startswith(("sensors.", "base.")) and not GEOMETRY.search(name)
     ]
-    say(f"  taken as exact: {', '.join(exact) if exact else 'nothing'}")
+    say(f"  taken as exact: {in_words(description, *exact) or 'nothing'}")
+    for sensor in description.sensors:
+        gear = getattr(sensor, "gear", 1.0)
+        if sensor.measures == "position" and gear != 1.0:
+            sides = [f"{_degrees(sensor.resolution)} at the motor, {_degrees(sensor.resolution / gear)} at the capstan"]
+            sides += [
+                f"{name} {_degrees(gear * value)} at the motor, {_degrees(value)} at the capstan"
+                for name, value in (("noise", sensor.noise), ("linearity", sensor.linearity))
+                if value > 0.0
+            ]
+            say(f"  {sensor.name} is before a gear of {gear:g}: resolution {'; '.join(sides)}")
     for doubt in doubts(description):
         warn(doubt)
+
+
+def _degrees(angle: float) -> str:
+    return f"{degrees(angle):.3g}°"
 
 
 @app.command("draw")

@@ -42,7 +42,7 @@ def simulate_command(
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
     from distal.errors import ScenarioError
     from distal.logs import write_log
-    from distal.rig import parse_assignment
+    from distal.rig import named, parse_assignment
     from distal.simulation import load_scenario, scenario_rig, simulate
 
     description = load_scenario(scenario)
@@ -62,7 +62,7 @@ def simulate_command(
     write_log(log if truth else replace(log, truth={}), rig, out)
     say(f"{rig.name}: {len(log)} samples, {description.duration:g} s, {_ranges(log, rig)}")
     say(f"wrote {out}")
-    ignored = sorted(set(values) & set(description.plant))
+    ignored = sorted({named(rig, path) for path in values} & {named(rig, path) for path in description.plant})
     if ignored:
         warn(f"the scenario's [plant] has its own {', '.join(ignored)}")
     say(

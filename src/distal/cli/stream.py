@@ -118,7 +118,9 @@ class Session:
         self._joints = [joint.name for joint in monitor.rig.joints]
         names = angle_names(self._joints)
         self._torques = monitor.torque_names
-        self._names = [column for name in (*names, *self._torques) for column in (name, std_name(name))]
+        units = {**dict.fromkeys(names, "rad"), **dict.fromkeys(self._torques, "N m")}
+        self._units = {each: unit for name, unit in units.items() for each in (name, std_name(name))}
+        self._names = list(self._units)
         self.csv: bool | None = None  # not known before the first line
         self.no_header: LogError | None = None
         self.lost = False
@@ -140,6 +142,7 @@ class Session:
             raise KeyboardInterrupt
 
     def _take(self, line: bytes) -> None:
+        from distal.logs import header
         from distal.run import Reading
 
         # a tab at the end of a line may be an empty last cell
@@ -161,7 +164,8 @@ class Session:
                 if self._reader.absent:
                     warn(f"the stream has no column {', '.join(self._reader.absent)}")
                 if not self._json:
-                    self._write(",".join(["t", *self._names, "health", "detail"]))
+                    headers = [header(name, unit) for name, unit in {"t": "s", **self._units}.items()]
+                    self._write(",".join([*headers, "health", "detail"]))
                 return
         try:
             if len(line) >= LONGEST_LINE:

@@ -10,6 +10,7 @@ from distal.diagnosis import sentences
 from distal.diagnosis.comparison import disagreement, disagreement_with_map
 from distal.diagnosis.explanations import explanations
 from distal.diagnosis.finding import Finding
+from distal.diagnosis.gears import geared, out_of_reach
 from distal.diagnosis.of_estimate import Diagnosis, diagnose_estimate
 from distal.diagnosis.rerun import Rerun
 from distal.diagnosis.what_if import overconfidence, untestable
@@ -39,8 +40,9 @@ def diagnose(
     """Return what was tested, what disagrees, and what no sensor there can test.
 
     From the result alone: its innovations, and states that left their priors. With log and rig also: displacements where
-    no drive can be, a kinematic estimate that excludes this one, a band that hangs on the start, and, by running
-    `adaptive` again with one thing changed, what would explain a disagreement, or else what cannot be tested.
+    no drive can be, a motor that turns many times as far as the joint's known angle asks for, a kinematic estimate that
+    excludes this one, a band that hangs on the start, and, by running `adaptive` again with one thing changed, what would
+    explain a disagreement, or else what cannot be tested.
 
     Args:
         result: an estimate.
@@ -58,7 +60,8 @@ def diagnose(
         raise EstimationError("diagnose needs both the log and the rig, or neither; one of them came")
     if log is None or rig is None:
         return diagnose_estimate(result)
-    further = [*elsewhere(log, rig), *out_of_range(log, _learned_range(rig) if ranges is None else ranges)]
+    gears = geared(log, rig)
+    further = [*gears, *elsewhere(log, rig), *out_of_range(log, _learned_range(rig) if ranges is None else ranges)]
     if result.estimator != "adaptive":
         return diagnose_estimate(result, further)
     runner = runner_for(log, rig, "adaptive", compiled, homing)
@@ -73,7 +76,8 @@ def diagnose(
         return first
     against = [one for one in first.findings if one.contradicts]
     if any(one.kind != "overconfident" for one in against):
-        return diagnose_estimate(result, [*explanations(rerun), *further])
+        explained = [] if gears else [*explanations(rerun), *out_of_reach(log, rig)]
+        return diagnose_estimate(result, [*explained, *further])
     if against:
         return first
     return diagnose_estimate(result, [*further, *untestable(rerun)])

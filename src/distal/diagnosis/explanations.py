@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -19,8 +19,8 @@ UNIT_FACTORS: dict[float, dict[str, str]] = {
     57.295779513: {"": "57.3 times too small (converted from degrees twice?)"},
     1e-3: {"m": "like millimetres", "N": "like millinewtons", "N m": "like N mm", "": "1000 times too large"},
     1e3: {"": "1000 times too small"},
-    4.4482216: {"N": "like pounds", "": "4.45 times too small"},
-    1 / 4.4482216: {"": "4.45 times too large (pounds converted twice?)"},
+    4.4482216: {"N": "like pounds"},
+    1 / 4.4482216: {"N": "4.45 times too large (pounds converted twice?)"},
 }
 """Factor on a channel → in words by the sensor's unit, what the channel looks like if the factor mends it."""
 
@@ -29,6 +29,9 @@ GEARS = tuple(float(n) for n in np.geomspace(2.0, 200.0, 14))
 
 GAIN = 0.5
 """Gain in ln p per compared value that a change must bring to explain something."""
+
+LEAST_TURN = float(np.deg2rad(3.0))
+"""A change after which the joints turn by less explains nothing [rad]: what stands still agrees with most forces."""
 
 ALIKE = 0.05
 """Gains that differ by less are alike: nothing tells which of two signs is wrong."""
@@ -44,39 +47,59 @@ def explanations(rerun: Rerun) -> list[Finding]:
     """
     base = _likelihood(rerun.base)
     explain: list[tuple[float, Finding]] = []
-    for finding, change in _candidates(rerun):
+    for finding, change in (*_signs_and_units(rerun), *_gears(rerun)):
         outcome = rerun(change)
         gain = _likelihood(outcome) - base
         near = max((known for known, _ in explain), default=GAIN) - ALIKE
-        if outcome.bounded and gain > max(GAIN, near) and _agrees(rerun, outcome):
+        if outcome.bounded and gain > max(GAIN, near) and _moves(rerun, outcome) and _agrees(rerun, outcome):
             explain.append((gain, finding))
     explain.sort(key=lambda one: -one[0])
     alike = {one.subject: one.text for gain, one in explain if gain > explain[0][0] - ALIKE}
     return [Finding("looks like", explain[0][1].subject, ", or ".join(list(alike.values())[:2]))] if explain else []
 
 
-def _candidates(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
-    rig, channels = rerun.runner.rig, rerun.runner.channels
-    for sensor in rig.sensors:
-        if sensor.name in channels and sensor.measures not in REFERENCES:
+def _signs_and_units(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
+    for sensor in rerun.runner.rig.sensors:
+        if sensor.name in rerun.runner.channels and sensor.measures not in REFERENCES:
             for factor, words in UNIT_FACTORS.items():
-                like = words.get(sensor.si, words[""])
-                yield sentences.looks(sensor.name, like), Change(channels={sensor.name: factor})
+                like = words.get(sensor.si, words.get(""))
+                if like is not None:
+                    yield sentences.looks(sensor.name, like), Change(channels={sensor.name: factor})
+
+
+def _gears(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
+    """Yield for each capstan the ratio of a gear that fits best, on its angle and its torque."""
+    rig, channels = rerun.runner.rig, rerun.runner.channels
     for drive in rig.drives:
-        own = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive.name}
+        own: dict[str, str] = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive.name}
+        powers = {own[kind]: power for kind, power in (("position", -1), ("force", 1)) if own.get(kind) in channels}
         if drive.kind == "capstan" and own.get("position") in channels:
-            for ratio in (*GEARS, *(1 / gear for gear in GEARS)):
-                change = {own["position"]: 1 / ratio}
-                if own.get("force") in channels:
-                    change[own["force"]] = ratio
-                like = f"as if a gear of about {ratio:.2g}:1 were forgotten"
-                yield sentences.looks(drive.name, like), Change(channels=change)
+
+            def change(ratio: float, powers: dict[str, int] = powers) -> Change:
+                return Change(channels={name: ratio**power for name, power in powers.items()})
+
+            ratio = _best_ratio(rerun, change)
+            yield sentences.looks_geared(drive.name, ratio), change(ratio)
+
+
+def _best_ratio(rerun: Rerun, change: Callable[[float], Change]) -> float:
+    """Return the ratio with the largest likelihood: of `GEARS` and their inverses, then between the neighbours of that."""
+    best = max((*GEARS, *(1 / gear for gear in GEARS)), key=lambda ratio: _likelihood(rerun(change(ratio))))
+    for width in np.geomspace(GEARS[1] / GEARS[0], 1.01, 5):
+        near = best * np.geomspace(1 / width, width, 5)
+        best = max(map(float, near), key=lambda ratio: _likelihood(rerun(change(ratio))))
+    return best
 
 
 def _likelihood(outcome: Outcome) -> float:
     """Return ln p per compared value."""
     there = int(np.isfinite(outcome.innovations).sum())
     return outcome.log_likelihood / there if outcome.bounded and there else -np.inf
+
+
+def _moves(rerun: Rerun, outcome: Outcome) -> bool:
+    """Return whether a joint turns at all: a change after which none does agrees with everything."""
+    return float(np.ptp(outcome.means[:, : len(rerun.runner.rig.joints)], axis=0).max()) > LEAST_TURN
 
 
 def _agrees(rerun: Rerun, outcome: Outcome) -> bool:

@@ -32,7 +32,7 @@ class Finding:
 
     Args:
         kind: what it is.
-        subject: of what: a sensor, a state, or a number of the rig by its path.
+        subject: of what: a sensor, a state, or a number of the rig in words.
         text: in words.
     """
 

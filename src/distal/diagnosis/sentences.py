@@ -132,7 +132,7 @@ def friction_undeclared(drive: str, value: float) -> Finding:
         value: where it ends, SI.
     """
     size = f"friction that the rig does not have: {value:.2g} at '{drive}' [SI]"
-    return Finding("friction", drive, f"{size} (set drives.*.friction, or a hand acts)")
+    return Finding("friction", drive, f"{size} (set drives.{drive}.friction, or a hand acts)")
 
 
 def drive_elsewhere(sensor: str) -> Finding:
@@ -186,6 +186,31 @@ def looks(subject: str, like: str) -> Finding:
         like: what it looks like, in words.
     """
     return Finding("looks like", subject, f"{subject} looks {like}")
+
+
+def looks_geared(subject: str, ratio: float, given: float = 1.0) -> Finding:
+    """Return that a gear between motor and capstan would explain that a log disagrees with its rig.
+
+    Args:
+        subject: the angle's sensor, or the drive where its torque is geared too.
+        ratio: turns in the log for one turn that the rig expects.
+        given: gear that the rig file has.
+    """
+    if given != 1.0:
+        return looks(subject, f"like a gear of about {given * ratio:.2g}, where the rig file has {given:g}")
+    if ratio < 1.0:
+        return looks(subject, f"about {1 / ratio:.2g} times too small, as if a gear were taken off twice")
+    return looks(subject, f"like a gear of about {ratio:.2g} that the rig file does not have")
+
+
+def looks_geared_at_least(subject: str, ratio: float) -> Finding:
+    """Return that a motor would turn its joint further than that can turn.
+
+    Args:
+        subject: the angle's sensor.
+        ratio: by how much further.
+    """
+    return looks(subject, f"like a gear of {ratio:.2g} or more, or a unit, that the rig file does not have")
 
 
 def cannot_test(subject: str) -> Finding:

@@ -11,10 +11,10 @@ from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.of_estimate import diagnose_estimate
 from distal.diagnosis.rerun import Change, Outcome, Rerun
-from distal.estimators import AdaptiveFilter, StateKind
+from distal.estimators import AdaptiveFilter, StateKind, state_units
 from distal.logs import Log
 from distal.results import BAND, Estimate
-from distal.rig import REFERENCES, Rig
+from distal.rig import REFERENCES, Rig, in_words, named
 from distal.run.offline import runner_for
 
 UNMOVED = 0.1
@@ -120,13 +120,13 @@ def _suspects(rerun: Rerun) -> Iterator[tuple[str, list[Change]]]:
     rig, runner = rerun.runner.rig, rerun.runner
     arms = [f"tendons.{i}.{at}.radius" for i, tendon in enumerate(rig.tendons) for at, _ in tendon.shapes()]
     for path in arms:
-        yield path, _numbers(rerun, [path], 1 - ARM, 1 + ARM)
+        yield in_words(rig, path), _numbers(rerun, [path], 1 - ARM, 1 + ARM)
     if len(arms) > 1:
         yield "all moment arms", _numbers(rerun, arms, 1 - ARM, 1 + ARM)
     for i, drive in enumerate(rig.drives):
         if drive.kind == "capstan":
             path = f"drives.{i}.radius"
-            yield path, _numbers(rerun, [path], 1 - ARM, 1 + ARM)
+            yield in_words(rig, path), _numbers(rerun, [path], 1 - ARM, 1 + ARM)
             sensors = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive.name}
             pair = {sensors[kind]: power for kind, power in (("position", 1), ("force", -1)) if kind in sensors}
             if set(pair) <= set(runner.channels):
@@ -135,9 +135,9 @@ def _suspects(rerun: Rerun) -> Iterator[tuple[str, list[Change]]]:
     for i, tendon in enumerate(rig.tendons):
         if tendon.pretension.value > 0.0:
             path = f"tendons.{i}.pretension"
-            yield path, _numbers(rerun, [path], 1 - ARM, 1 + ARM)
+            yield in_words(rig, path), _numbers(rerun, [path], 1 - ARM, 1 + ARM)
     springs = [f"tendons.{i}.stiffness" for i in range(len(rig.tendons))]
-    yield "tendons.stiffness", _numbers(rerun, springs, 1 / STIFF, STIFF)
+    yield in_words(rig, *springs), _numbers(rerun, springs, 1 / STIFF, STIFF)
     for sensor in rig.sensors:
         if sensor.name in runner.channels and sensor.measures not in REFERENCES:
             yield f"sign of {sensor.name}", [Change(channels={sensor.name: -1.0})]
@@ -146,17 +146,17 @@ def _suspects(rerun: Rerun) -> Iterator[tuple[str, list[Change]]]:
 
 def _numbers(rerun: Rerun, paths: list[str], *factors: float) -> list[Change]:
     """Return changes of numbers of the rig by a factor, of states by as much or by 3 stds."""
-    states, names = rerun.runner.states, rerun.runner.state_names
+    runner, states = rerun.runner, rerun.runner.states
     changes = []
     for factor in factors:
         numbers, shifts = dict[str, float](), dict[str, float]()
         for path in paths:
-            number = int(rerun.runner.parameter_names.index(path)) if path in rerun.runner.parameter_names else None
-            if path in names:
-                i = names.index(path)
+            part = named(runner.rig, path)
+            if part in runner.state_parts:
+                i = runner.state_parts.index(part)
                 by = max(abs(factor - 1) * abs(float(states.means[i])), 3 * float(states.stds[i]))
-                shifts[path] = by if factor > 1 else -by
-            elif number is not None:
+                shifts[runner.state_names[i]] = by if factor > 1 else -by
+            elif path in runner.parameter_names:
                 # where its factor is a state, the number beneath it is moved, and the state would have to undo it
                 numbers[path] = factor
         changes.append(Change(numbers=numbers, shifts=shifts))
@@ -209,4 +209,5 @@ def as_estimate(rerun: Rerun, outcome: Outcome) -> Estimate:
         prior_stds=np.where(lasting, runner.states.stds, np.nan),
         state_kinds=runner.state_kinds,
         state_parts=runner.state_parts,
+        state_units=state_units(runner),
     )

@@ -13,18 +13,27 @@ from distal.estimators.contract import (
     check_time,
 )
 from distal.estimators.directions import Directions, directions
-from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise, state_units
+from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise
 from distal.estimators.gaps import first_values
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.kinematic_chain import ChainKinematics
 from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
-from distal.estimators.state_kinds import StateKind, external_torques_of, kinds_by_joint, kinds_of, states_of
+from distal.estimators.state_kinds import (
+    UNITS_OF_JOINTS,
+    StateKind,
+    external_torques_of,
+    kinds_by_joint,
+    kinds_of,
+    state_units,
+    states_of,
+)
 
 __all__ = [
     "DEFAULT",
     "ESTIMATORS",
     "LARGEST_ANGLE",
     "SHORTEST",
+    "UNITS_OF_JOINTS",
     "WILD",
     "AdaptiveFilter",
     "AffineEstimator",

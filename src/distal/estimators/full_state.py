@@ -17,7 +17,7 @@ from distal.expressions import Vector
 from distal.kernels import Kernel, carry_layout
 from distal.kernels.mask import is_read
 from distal.model import Mechanism, substeps, tangent_step
-from distal.rig import Rig, Sensor, angle_names, effort_unit, gain_of, position_unit, speed_names, tendon_angle_name
+from distal.rig import Rig, Sensor, angle_names, gain_of, speed_names
 from distal.sensors import systematic_variance, variance
 
 Floats = NDArray[np.float64]
@@ -182,19 +182,6 @@ def state_names(rig: Rig) -> tuple[str, ...]:
     joints = [joint.name for joint in rig.joints]
     positions, velocities = (tuple(f"{kind}_{drive}" for drive in drives) for kind in ("position", "velocity"))
     return (*angle_names(joints), *positions, *speed_names(joints), *velocities)
-
-
-def state_units(rig: Rig) -> dict[str, str]:
-    """Return the SI units of the states that `state_names` and other estimators name."""
-    joints = [joint.name for joint in rig.joints]
-    units = dict.fromkeys(angle_names(joints), "rad") | dict.fromkeys(speed_names(joints), "rad/s")
-    for drive in rig.drives:
-        units[f"position_{drive.name}"] = position_unit(drive)
-        units[f"velocity_{drive.name}"] = f"{position_unit(drive)}/s"
-        units[f"force_{drive.name}"] = effort_unit(drive)
-    for tendon in rig.tendons:
-        units[tendon_angle_name(tendon.name)] = "rad"
-    return units
 
 
 def rig_noise(rig: Rig, name: str = "ekf") -> Noise:

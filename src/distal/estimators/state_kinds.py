@@ -6,7 +6,16 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Protocol, runtime_checkable
 
-from distal.rig import Rig, angle_names, speed_names, torque_names
+from distal.rig import (
+    Rig,
+    angle_names,
+    effort_unit,
+    number,
+    position_unit,
+    speed_names,
+    tendon_angle_name,
+    torque_names,
+)
 
 
 class StateKind(Enum):
@@ -47,7 +56,8 @@ class SaysKinds(Protocol):
 
     @property
     def state_parts(self) -> tuple[str, ...]:
-        """The part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its path."""
+        """The part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its path
+        with names of parts."""
         ...
 
 
@@ -73,6 +83,45 @@ def kinds_of(runner: NamesStates) -> tuple[tuple[StateKind, ...], tuple[str, ...
     if isinstance(runner, SaysKinds):
         return runner.state_kinds, runner.state_parts
     return kinds_by_joint(runner.state_names, [joint.name for joint in runner.rig.joints])
+
+
+UNITS_OF_JOINTS = {StateKind.ANGLE: "rad", StateKind.SPEED: "rad/s", StateKind.EXTERNAL_TORQUE: "N m"}
+"""Units of the joints' states."""
+
+_OF_DRIVE = {
+    StateKind.POSITION: position_unit,
+    StateKind.BACKLASH: position_unit,
+    StateKind.FRICTION: effort_unit,
+    StateKind.TRANSMITTED: effort_unit,
+    StateKind.TRANSMISSION_ERROR: effort_unit,
+}
+
+
+def state_units(runner: NamesStates) -> tuple[str, ...]:
+    """Return the SI units of an estimator's states, (n,): 1 of a plain number, nothing where it is not known.
+
+    Args:
+        runner: the estimator.
+    """
+    rig: Rig = runner.rig
+    by_name = dict.fromkeys((tendon_angle_name(tendon.name) for tendon in rig.tendons), "rad")
+    for drive in rig.drives:
+        place = position_unit(drive)
+        by_name |= {f"position_{drive.name}": place, f"velocity_{drive.name}": f"{place}/s"}
+    drives, sensors = {drive.name: drive for drive in rig.drives}, {sensor.name: sensor for sensor in rig.sensors}
+
+    def unit(name: str, kind: StateKind, part: str) -> str:
+        if kind is StateKind.PARAMETER:
+            return "1" if part.endswith(".factor") else number(rig, part.removesuffix(".deviation")).quantity.si or "1"
+        if kind in (StateKind.SHEATH, StateKind.CREEP):
+            return "m"
+        if kind in (StateKind.LINEARITY, StateKind.SENSOR_BIAS):
+            return str(sensors[part].si)
+        if kind in _OF_DRIVE:
+            return _OF_DRIVE[kind](drives[part])
+        return "1" if kind is StateKind.SENSOR_GAIN else UNITS_OF_JOINTS.get(kind) or by_name.get(name, "")
+
+    return tuple(unit(*state) for state in zip(runner.state_names, *kinds_of(runner)))
 
 
 def states_of(

@@ -6,8 +6,8 @@ import re
 
 from distal.estimators import KernelEstimator
 from distal.export.fields import angle_fields, torque_fields
-from distal.logs import LARGEST_READING
-from distal.rig import angle_names, log_factor, std_name
+from distal.logs import LARGEST_READING, header
+from distal.rig import angle_names, log_factor, log_unit, std_name
 from distal.units import unit_factor
 
 
@@ -24,17 +24,20 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
     factors = [unit_factor(runner.rig.log.time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in read)]
     angles = angle_names([joint.name for joint in runner.rig.joints])
     torques = torque_fields(runner)
-    names = [column for each in (*angles, *(torque for torque, _ in torques)) for column in (each, std_name(each))]
+    units = {**dict.fromkeys(angles, "rad"), **{torque: "N m" for torque, _ in torques}}
+    names = [header(column, unit) for each, unit in units.items() for column in (each, std_name(each))]
+    read_in = [runner.rig.log.time.unit, *(log_unit(sensor) for sensor in read)]
     pairs = [*angle_fields(runner.rig), *((field, std_name(field)) for _, field in torques)]
     fields = [f"(double)out.{field}" for pair in pairs for field in pair]
     values = {
-        "header": ",".join(["t", *names]),
+        "header": ",".join([header("t", "s"), *names]),
         "format": ",".join(["%.17g"] * (1 + len(names))),
         "fields": ", ".join(fields),
         "wild": f"{LARGEST_READING:.17g}",
         "name": name,
         "NAME": name.upper(),
         "columns": ", ".join(c_string(column) for column in columns),
+        "headers": ", ".join(c_string(header(*pair)) for pair in zip(columns, read_in)),
         "factors": ", ".join(f"{factor:.17g}" for factor in factors),
     }
     return re.sub(r"\$(\w+)\$", lambda m: values[m[1]], _PROGRAM)
@@ -66,6 +69,7 @@ _PROGRAM = """\
 #define COLUMNS (1 + $NAME$_CHANNELS)
 
 static const char* const columns[COLUMNS] = {$columns$};
+static const char* const headers[COLUMNS] = {$headers$}; /* the same, where the header says the unit */
 static const double factors[COLUMNS] = {$factors$}; /* to SI, with the sensor's sign */
 static const char* const missing[] = {"", "nan", "na", "n/a", "null", "none", "-"};
 
@@ -126,7 +130,7 @@ int main(int argc, char** argv) {
   for (i = 0; i < COLUMNS; ++i) at[i] = -1;
   for (width = 0; (text = cell(&rest)); ++width)
     for (i = 0; i < COLUMNS; ++i)
-      if (!strcmp(text, columns[i])) {
+      if (!strcmp(text, columns[i]) || !strcmp(text, headers[i])) {
         if (at[i] >= 0) return fail(argv[1], 1, "a column is there twice: ", columns[i]);
         at[i] = width;
       }

@@ -123,12 +123,14 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
     dialect, n, m = emitter.dialect, len(runner.state_names), len(runner.measured)
     assert isinstance(dialect, Plain)
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
-    units = state_units(runner.rig)
     channels = [
         f" *   {i}  {c}: {sensors[c].measures} of {sensors[c].of} [{sensors[c].si}]"
         for i, c in enumerate(runner.channels)
     ]
-    states = [f" *   {i:2d}  {s}{f' [{units[s]}]' if s in units else ''}" for i, s in enumerate(runner.state_names)]
+    states = [
+        f" *   {i:2d}  {s}{f' [{unit}]' * bool(unit)}"
+        for i, (s, unit) in enumerate(zip(runner.state_names, state_units(runner)))
+    ]
     measured = [f" *   {i}  {c}" for i, c in enumerate(runner.measured)]
     numbers = [dialect.constant(float(x)) for x in runner.numbers]
     rows = [", ".join(numbers[i : i + 6]) for i in range(0, len(numbers), 6)]

@@ -7,7 +7,6 @@ from distal.fitting.groups import groups_of
 from distal.fitting.learn import Learned, learn
 from distal.fitting.leave_out import Compared, Fold, Score, leave_out
 from distal.fitting.maps import LeftOut, MapFit, learn_affine, learn_contact, learn_discrepancy
-from distal.fitting.naming import in_words, name_of, sizes
 from distal.fitting.observability import Observability, observability
 from distal.fitting.options import Options
 from distal.fitting.progress import Doing
@@ -28,13 +27,10 @@ __all__ = [
     "Score",
     "fit",
     "groups_of",
-    "in_words",
     "learn",
     "learn_affine",
     "learn_contact",
     "learn_discrepancy",
     "leave_out",
-    "name_of",
     "observability",
-    "sizes",
 ]

@@ -70,7 +70,6 @@ def curves(problem: Problem, z: Floats) -> dict[str, object]:
                 )
         left = np.linalg.inv(precision)
         share = float(np.sqrt(np.trace(left) / np.sum(spread[at] ** 2)))
-        index = [each.name for each in problem.filter.rig.sensors].index(sensor.name)
-        found[f"sensors.{index}.curve"] = [float(f"{w:.4g}") for w in weights]
-        found[f"sensors.{index}.linearity"] = float(f"{min(LINEARITY_LEFT * share, 1.0) * sensor.linearity:.3g}")
+        found[f"sensors.{sensor.name}.curve"] = [float(f"{w:.4g}") for w in weights]
+        found[f"sensors.{sensor.name}.linearity"] = float(f"{min(LINEARITY_LEFT * share, 1.0) * sensor.linearity:.3g}")
     return found

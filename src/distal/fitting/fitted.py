@@ -7,10 +7,20 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from distal.rig import Number, Rig, number
+from distal.rig import Number, Rig, named, number
 
 DIGITS = 7
 """Significant digits of a value in a file: far more than any log tells."""
+
+COMMON = {
+    "rad": ("deg", float(np.rad2deg(1.0))),
+    "rad/s": ("deg/s", float(np.rad2deg(1.0))),
+    "m": ("mm", 1e3),
+    "N/m": ("N/mm", 1e-3),
+    "N m": ("mN m", 1e3),
+    "N m s": ("mN m s", 1e3),
+}
+"""Unit → the one that people use for sizes of fingers and instruments, and how many of it there are."""
 
 SMALLEST_RELATIVE_STD = 0.002
 """A std in a fitted file is at least this share of its value: no two days are more alike."""
@@ -21,8 +31,8 @@ class FittedNumber:
     """One free number after a fit.
 
     Args:
-        name: as asked for.
-        paths: in the description.
+        name: in words.
+        paths: in the description, by indices.
         si: unit.
         start: where it started, which is the mean of its prior.
         prior_std: of the prior; NaN where there was none.
@@ -59,6 +69,17 @@ class FittedNumber:
         return replace(self, value=self.start, values=starts, identified=False, held=False)
 
     @property
+    def sizes(self) -> tuple[str, str, str]:
+        """What it was, what it is with its standard error, and its unit, in a unit that people use."""
+        unit, factor = COMMON.get(self.si, (self.si, 1.0))
+        prior = "" if np.isnan(self.prior_std) else f" ± {factor * self.prior_std:.2g}"
+        before = f"{factor * self.start:.4g}{prior}"
+        if not self.identified:
+            return before, "as it was", unit
+        error = f" ± {factor * self.error:.2g}" if np.isfinite(self.error) else ""
+        return before, f"{factor * self.value:.4g}{error}", unit
+
+    @property
     def origin(self) -> str:
         """Where the value comes from, in a word or two."""
         if self.held:
@@ -71,7 +92,7 @@ class FittedNumber:
 
 
 def assignments(numbers: Sequence[FittedNumber], start: Rig, prior_share: float | None = None) -> dict[str, object]:
-    """Return path → value, with its std where it had one, of what the logs tell.
+    """Return path by names → value, with its std where it had one, of what the logs tell.
 
     Args:
         numbers: every free number.
@@ -100,7 +121,7 @@ def assignments(numbers: Sequence[FittedNumber], start: Rig, prior_share: float 
             std = max(min(max(told, least), part.prior_std) * share, SMALLEST_RELATIVE_STD * abs(value))
             held = {"hold": True} if prior_share == 0.0 else {}
             changed[path] = {"value": rounded, **_spread(part, before, std, value, start), **held}
-    return changed
+    return {named(start, path): value for path, value in changed.items()}
 
 
 def _spread(part: FittedNumber, before: Number, std: float, value: float, start: Rig) -> dict[str, object]:

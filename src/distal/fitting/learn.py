@@ -21,7 +21,7 @@ from distal.fitting.options import Options
 from distal.fitting.progress import Progress
 from distal.logs import Log, true_angles, true_torques
 from distal.regression import Samples
-from distal.rig import Rig
+from distal.rig import Rig, part_at
 
 Floats = NDArray[np.float64]
 
@@ -159,11 +159,7 @@ def described(rig: Rig, values: Mapping[str, object]) -> Rig:
         rig: the description as it came.
         values: path → value.
     """
-    own = {
-        path: value
-        for path, value in values.items()
-        if not path.startswith("sensors.") or int(path.split(".")[1]) < len(rig.sensors)
-    }
+    own = {path: value for path, value in values.items() if part_at(rig, ".".join(path.split(".")[:2])) is not None}
     return rig.with_values(own) if own else rig
 
 

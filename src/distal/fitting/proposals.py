@@ -12,7 +12,7 @@ from distal.fitting.leave_out import Fold, leave_out
 from distal.fitting.options import Options
 from distal.fitting.progress import Doing, Progress
 from distal.logs import Log
-from distal.rig import Pulley, Rig
+from distal.rig import Pulley, Rig, in_words
 
 MOST_PROPOSALS = 3
 """So many are told, the best first."""
@@ -73,7 +73,7 @@ def changes_of(rig: Rig) -> Iterator[Change]:
     for kind, path in (("tendons", "path.wrap"), ("tendons", "pretension"), ("joints", "gravity.mass")):
         if any(_std_of(part, path) > 0.0 for part in getattr(rig, kind)):
             name = f"{kind}.*.{path}"
-            yield Change(f"give each log its own {name} (--per-log '{name}')", per_log=(name,))
+            yield Change(f"give each log its own {in_words(rig, name)} (--per-log '{name}')", per_log=(name,))
     round_pulleys = {i: t.insertion for i, t in enumerate(rig.tendons) if isinstance(t.insertion, Pulley)}
     unknown = {"value": 0.0, "std": 0.2}
     arms = {

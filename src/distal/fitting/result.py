@@ -10,15 +10,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.errors import DistalError
 from distal.fitting.angle_maps import CLEARLY
 from distal.fitting.fitted import FittedNumber, assignments
 from distal.fitting.fitted_file import MARK, fitted_text
 from distal.fitting.learn import Learned
 from distal.fitting.leave_out import Compared, Fold
 from distal.fitting.maps import MapFit
-from distal.fitting.naming import name_of, sizes
 from distal.fitting.options import Options
 from distal.fitting.proposals import Proposal
+from distal.fitting.selection import paths_of
 from distal.logs import Log, shown, write_whole
 from distal.rig import Rig
 
@@ -149,7 +150,7 @@ class Fit:
     def _repr_html_(self) -> str:
         """Return the same with a table of the numbers that the logs tell, as notebooks show it."""
         told = [part for part in self.fitted if part.identified and not part.noise]
-        cells = [(name_of(self.start, part), *sizes(part)) for part in told]
+        cells = [(part.name, *part.sizes) for part in told]
         rows = "".join(f"<tr>{''.join(f'<td>{escape(str(cell))}</td>' for cell in row)}</tr>" for row in cells)
         head = "<tr><th>number</th><th>rig file</th><th>fitted</th><th>unit</th></tr>"
         return f"<p>{escape(repr(self))}</p><table>{head}{rows}</table>"
@@ -194,13 +195,20 @@ class Fit:
         return lines
 
     def __getitem__(self, name: str) -> FittedNumber:
-        """Return a fitted number by its name or one of its paths.
+        """Return a fitted number by its name or its path, as in ``--set``.
 
         Raises:
             KeyError: there is none.
         """
         for part in self.fitted:
-            if name == part.name or name in part.paths:
+            if name == part.name:
+                return part
+        try:
+            wanted = paths_of(self.start, name)
+        except DistalError:
+            raise KeyError(name) from None
+        for part in self.fitted:
+            if set(wanted) <= set(part.paths):
                 return part
         raise KeyError(name)
 

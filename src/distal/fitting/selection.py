@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,7 +12,7 @@ from distal.estimators import Robustness, channels_of
 from distal.estimators.adaptive import FilterContext, uncertain_parameters
 from distal.fitting.free import NOISY, POINTS, Free
 from distal.model import Mechanism
-from distal.rig import REFERENCES, Number, Rig, Sensor, number
+from distal.rig import REFERENCES, Number, Rig, Sensor, in_words, named, number, part_at
 
 NOISE_RANGE = 25.0
 """A noise stays within this factor of where it starts: a model that is trusted wholly has standard errors of nothing."""
@@ -57,10 +56,9 @@ def choose(
     Raises:
         FitError: nothing is free, or a path cannot be.
     """
-    free = (
-        [_asked(rig, path, False) for path in asked] if asked else list(_uncertain(rig, references, per_log, several))
-    )
-    free += [_asked(rig, path, True) for path in per_log]
+    own_of_each = [_asked(rig, path, True) for path in per_log]
+    free = [_asked(rig, path, False) for path in asked] or _uncertain(rig, references, own_of_each, several)
+    free = free + own_of_each
     if noise:
         own = {path for part in free for path in part.paths}
         free += [part for part in _noises(rig, references, homing) if not own.intersection(part.paths)]
@@ -68,12 +66,14 @@ def choose(
     for part in free:
         for path in part.paths:
             if path in seen:
-                raise FitError(f"'{path}' is asked for twice, by '{seen[path]}' and '{part.name}'; name it once")
+                raise FitError(
+                    f"'{named(rig, path)}' is asked for twice, by '{seen[path]}' and '{part.name}'; name it once"
+                )
             seen[path] = part.name
     if not asked and not any(not part.noise for part in free):
         raise FitError(
             f"{rig.name}: no parameter that shows in these sensors has a std, so there is nothing to fit; give the "
-            "unknown ones one (--set joints.0.friction.coefficient.std=0.1) or name them with --free"
+            f"unknown ones one (--set 'joints.{rig.joints[0].name}.damping.std=…') or name them with --free"
         )
     return tuple(_coarse(rig, part) for part in free)
 
@@ -91,9 +91,9 @@ def _coarse(rig: Rig, part: Free) -> Free:
     return part
 
 
-def _uncertain(rig: Rig, references: Sequence[Sensor], per_log: Sequence[str], several: bool) -> list[Free]:
+def _uncertain(rig: Rig, references: Sequence[Sensor], own_of_each: Sequence[Free], several: bool) -> list[Free]:
     mechanism = Mechanism(rig)
-    own = {path for wanted in per_log for path in _paths(rig, wanted)}
+    own = {path for part in own_of_each for path in part.paths}
     free = [part for part in _biases(rig, several) if not own.intersection(part.paths)]
     for state in uncertain_parameters(
         FilterContext(mechanism, channels_of(rig, "fit", references), Robustness.fitting())
@@ -106,31 +106,18 @@ def _uncertain(rig: Rig, references: Sequence[Sensor], per_log: Sequence[str], s
             # what also errs alone is varied alone, with the spread of both
             together = [one for one in numbers if one.independent_std == 0.0]
             if together:
-                free.append(_free(_common_name([one.path for one in together]), together, False))
+                free.append(_free(rig, together, False))
         else:
-            free.append(_free(paths[0], numbers, False))
+            free.append(_free(rig, numbers, False))
     taken = {path for part in free for path in part.paths} | own
-    alike: dict[tuple[str, float, float], list[str]] = {}
+    alike: dict[tuple[str, float, float], list[Number]] = {}
     for path in _held(rig):
         if path not in taken:
             held = number(rig, path)
             # one pulley serves all its tendons: insertions with the same number are varied together
-            shared = re.sub(r"\.\d+\.", ".*.", path, count=1) if ".insertion." in path else path
-            key = (shared, held.value, held.std)
-            alike.setdefault(key, []).append(path)
-    for (name, _, _), paths in alike.items():
-        numbers = [number(rig, path) for path in paths]
-        free.append(_free(paths[0] if len(paths) == 1 else name, numbers, False))
-    return free
-
-
-def _common_name(paths: Sequence[str]) -> str:
-    """Return what to call numbers that are varied by one factor."""
-    kinds = {(path.split(".")[0], path.split(".", 2)[2]) for path in paths}
-    if len(paths) > 1 and len(kinds) == 1:
-        head, tail = kinds.pop()
-        return f"{head}.*.{tail}"
-    return "+".join(paths)
+            shared = path.split(".", 2)[2] if ".insertion." in path else path
+            alike.setdefault((shared, held.value, held.std), []).append(held)
+    return free + [_free(rig, numbers, False) for numbers in alike.values()]
 
 
 def _biases(rig: Rig, several: bool) -> list[Free]:
@@ -138,7 +125,7 @@ def _biases(rig: Rig, several: bool) -> list[Free]:
     read = [(i, sensor) for i, sensor in enumerate(rig.sensors) if sensor.measures not in REFERENCES]
     numbers = [(number(rig, f"sensors.{i}.bias"), several) for i, _ in read]
     numbers += [(number(rig, f"sensors.{i}.gain"), False) for i, sensor in read if sensor.measures != "position"]
-    return [_free(one.path, [one], own) for one, own in numbers if one.std > 0.0 and not one.hold]
+    return [_free(rig, [one], own) for one, own in numbers if one.std > 0.0 and not one.hold]
 
 
 def _held(rig: Rig) -> list[str]:
@@ -155,71 +142,65 @@ def _held(rig: Rig) -> list[str]:
     return held
 
 
-def _paths(rig: Rig, wanted: str) -> list[str]:
-    """Return the paths that a wish names; ``*`` stands for all parts of a kind."""
-    head, star, tail = wanted.partition(".*.")
+def paths_of(rig: Rig, wanted: str) -> list[str]:
+    """Return the paths, by indices, that a wish names; ``*`` stands for all parts of a kind.
+
+    Args:
+        rig: the description.
+        wanted: a path, parts by name or index.
+
+    Raises:
+        FitError: ``*`` stands for nothing.
+        RigError: the path is not that of a number.
+    """
+    before, star, after = wanted.partition(".*.")
     if not star:
         return [number(rig, wanted).path]
-    parts = getattr(rig, head, None)
-    if not isinstance(parts, tuple):
-        raise FitError(f"'{wanted}': '*' stands for all joints, drives, tendons or sensors, e.g. tendons.*.stiffness")
-    found = list[str]()
-    for i in range(len(parts)):
-        found += _each(rig, f"{head}.{i}.{tail}")
-    return found
-
-
-def _each(rig: Rig, path: str) -> list[str]:
-    """Return the paths that one with further ``*`` names: below a part, as for the crossings of a tendon."""
-    before, star, after = path.partition(".*.")
-    if not star:
-        return [number(rig, path).path]
-    part: object = rig
-    for key in before.split("."):
-        part = part[int(key)] if isinstance(part, tuple) else getattr(part, key, None)
-    if not isinstance(part, tuple):
-        raise FitError(f"'{path}': '{before}' is no list that '*' could stand for")
-    return [found for i in range(len(part)) for found in _each(rig, f"{before}.{i}.{after}")]
+    items = part_at(rig, before)
+    if not isinstance(items, tuple):
+        raise FitError(f"'{wanted}': '{before}' is no list that '*' could stand for; write e.g. tendons.*.stiffness")
+    return [path for i in range(len(items)) for path in paths_of(rig, f"{before}.{i}.{after}")]
 
 
 def _asked(rig: Rig, wanted: str, per_log: bool) -> Free:
     try:
-        numbers = [number(rig, path) for path in _paths(rig, wanted)]
+        numbers = [number(rig, path) for path in paths_of(rig, wanted)]
     except RigError as problem:
-        raise FitError(f"--free {problem}") from None
-    return _free(wanted, numbers, per_log)
+        raise FitError(f"{'--per-log' if per_log else '--free'} {problem}") from None
+    return _free(rig, numbers, per_log)
 
 
-def _free(name: str, numbers: Sequence[Number], per_log: bool) -> Free:
-    first = numbers[0]
+def _free(rig: Rig, numbers: Sequence[Number], per_log: bool) -> Free:
+    first, paths = numbers[0], tuple(one.path for one in numbers)
+    name, place = in_words(rig, *paths), named(rig, first.path)
     if not first.is_parameter:
-        return _noise(name, numbers)
+        return _noise(rig, numbers)
     if first.value == 0.0 and first.std == 0.0:
         raise FitError(
-            f"'{first.path}' is zero without a std, so its size is unknown; give it one "
-            f"(--set {first.path}.std=…) to say how large it may be"
+            f"'{place}' is zero without a std, so its size is unknown; give it one "
+            f"(--set {place}.std=…) to say how large it may be"
         )
     if per_log and first.std == 0.0:
-        raise FitError(f"'{first.path}' has no std; what differs from log to log needs one (--set {first.path}.std=…)")
+        raise FitError(f"'{place}' has no std; what differs from log to log needs one (--set {place}.std=…)")
     low = {"any": -np.inf, "nonnegative": 0.0, "positive": SMALLEST_NUMBER * first.value}[first.quantity.bound]
     if len(numbers) > 1 and any(one.value == 0.0 for one in numbers) and len({one.value for one in numbers}) > 1:
         raise FitError(f"'{name}' varies its numbers by one factor, but some are zero; name them one by one")
     scale = first.std if first.std > 0.0 else 0.1 * abs(first.value)
     std = first.std if first.std > 0.0 else float("nan")
     starts = tuple(one.value for one in numbers)
-    paths = tuple(one.path for one in numbers)
     rough = first.is_rough
     low = SMALLEST_NUMBER * first.value if rough else low
     return Free(name, paths, starts, std, scale, low, np.inf, first.quantity.si, logarithmic=rough, per_log=per_log)
 
 
-def _noise(name: str, numbers: Sequence[Number], prior: bool = True) -> Free:
+def _noise(rig: Rig, numbers: Sequence[Number], prior: bool = True) -> Free:
     first = numbers[0]
     if first.value <= 0.0:
-        raise FitError(f"'{first.path}' is zero; a noise that is fitted needs a size to start from")
+        raise FitError(f"'{named(rig, first.path)}' is zero; a noise that is fitted needs a size to start from")
+    paths = tuple(one.path for one in numbers)
     return Free(
-        name,
-        tuple(one.path for one in numbers),
+        in_words(rig, *paths),
+        paths,
         tuple(one.value for one in numbers),
         NOISE_PRIOR * first.value if prior else float("nan"),
         first.value,
@@ -250,15 +231,14 @@ def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
     free = []
     for indices in groups.values():
         paths = [f"sensors.{i}.noise" for i in indices]
-        name = paths[0] if len(paths) == 1 else f"noise of {', '.join(rig.sensors[i].name for i in indices)}"
         place = rig.sensors[indices[0]].measures == "position"
-        free.append(replace(_noise(name, [number(rig, path) for path in paths]), kept_by_file=place))
+        free.append(replace(_noise(rig, [number(rig, path) for path in paths]), kept_by_file=place))
     for at, sensor in enumerate(rig.sensors):
         if sensor.name in angles and sensor.noise > 0.0:
-            own = _noise(f"sensors.{at}.noise", [number(rig, f"sensors.{at}.noise")], prior=False)
+            own = _noise(rig, [number(rig, f"sensors.{at}.noise")], prior=False)
             free.append(replace(own, low=min(max(own.low, EXACT), own.start)))
     paths = [f"drives.{i}.hysteresis.error" for i, d in enumerate(rig.drives) if d.hysteresis is not None]
     paths = [path for path in paths if number(rig, path).value > 0.0]
     paths += [f"joints.{j}.unmodelled" for j, joint in enumerate(rig.joints) if joint.unmodelled > 0.0]
-    free += [replace(_noise(path, [number(rig, path)]), kept_by_file=path.endswith(".unmodelled")) for path in paths]
+    free += [replace(_noise(rig, [number(rig, path)]), kept_by_file=path.endswith(".unmodelled")) for path in paths]
     return free

@@ -143,7 +143,7 @@ def _line(parts: Sequence[Free], z: Sequence[float], direction: Floats) -> str:
     ]
     if len(parts) == 2:
         kind = "as a product" if changes[0] * changes[1] < 0 else "as a ratio"
-        if {part.name.rpartition(".")[2] for part in parts} <= SUMMANDS:
+        if {part.paths[0].rpartition(".")[2] for part in parts} <= SUMMANDS:
             kind = "as a sum"
         return f"{names[0]} and {names[1]} only {kind}: turn the joint further, or vary the load"
     return f"{', '.join(names[:-1])} and {names[-1]} only together: turn the joint further, or vary the load"

@@ -3,6 +3,7 @@
 from distal.logs.datasets import da_vinci_grasper
 from distal.logs.files import file_of, read_log, read_truth, write_columns, write_log
 from distal.logs.frames import pandas_frame, polars_frame
+from distal.logs.headers import header
 from distal.logs.log import LARGEST_READING, Log, check_stamps, frozen
 from distal.logs.memory import MEMORY_VARIABLE, size_of
 from distal.logs.messages import MessageReader
@@ -38,6 +39,7 @@ __all__ = [
     "estimate_schema",
     "file_of",
     "frozen",
+    "header",
     "is_recording",
     "open_recording",
     "outputs_in",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from math import isinf, nan
 from pathlib import Path
@@ -31,8 +31,9 @@ class Cells:
         blocks: names of columns → their cells, some rows after the others: a long text is never taken apart as a whole.
         path: what to call it.
         first_row: row number of the first value in the file, as an editor counts.
-        names: of all its columns.
+        names: of all its columns; without units where they were asked for so.
         rows: how many it has.
+        units: name → unit, of those whose header says it beside the name that was asked for.
     """
 
     blocks: Callable[[Sequence[str]], Iterable[Sequence[Column]]]
@@ -40,6 +41,22 @@ class Cells:
     first_row: int
     names: tuple[str, ...]
     rows: int
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def without_units(self, said: Mapping[str, tuple[str, str]]) -> Cells:
+        """Return the same table where columns are called by their names alone.
+
+        Args:
+            said: name → header and unit, see `distal.logs.headers.units_of`.
+        """
+        header_of = {name: text for name, (text, _) in said.items()}
+        plain = {text: name for name, text in header_of.items()}
+        return replace(
+            self,
+            blocks=lambda names: self.blocks([header_of.get(name, name) for name in names]),
+            names=tuple(plain.get(name, name) for name in self.names),
+            units={name: unit for name, (_, unit) in said.items()},
+        )
 
     def column(self, name: str) -> Column:
         """Return a column as it came.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError
 from distal.logs.formats import format_of, write_csv
+from distal.logs.headers import factor_of, scale, time_factor
 from distal.logs.log import LARGEST_READING, Log, check_stamps
 from distal.logs.output import write_whole
 from distal.logs.reader_process import recording_by_process
@@ -30,13 +31,15 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     """Read a log by the columns and units that a rig's sensors name.
 
     Sensors that measure a joint's angle are references: read where the log has them, and used as truth if no other is
-    given (a simulated log's own ``true_theta`` comes first). All other sensors must be there.
+    given (a simulated log's own ``true_theta`` comes first). All other sensors must be there. A header may say its unit,
+    ``x1 [mm]``: it counts where the rig gives none, and must be the same where it does.
 
     Args:
         path: CSV or Parquet; an MCAP file or a ROS bag, with columns ``/topic.field`` (see `open_recording`); or a frame of
             pandas or polars with the same columns and units.
         rig: the description.
-        truth: the true joint angle: a column of the log, or a second file with ``t`` and ``theta`` (rad).
+        truth: the true joint angle: a column of the log, or a second file with ``t`` and ``theta`` (rad, or as its
+            header says).
 
     Raises:
         LogError: see `read_table`; stamps that repeat or go back; a truth that does not overlap the log.
@@ -59,7 +62,9 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     optional = [*references, *torques, *simulated, *([column] if column else [])]
     wanted = [sensor.log_column for sensor in needed]
     cells.check([rig.log.time.column])
-    clock = clock_of(cells, rig.log.time.column, unit_factor(rig.log.time.unit, "s"))
+    clock = clock_of(
+        cells, rig.log.time.column, time_factor(rig, cells.units.get(rig.log.time.column), str(cells.path))
+    )
     table = table_of(cells, wanted, optional)
     if rig.log.time.repeated != "refused":
         kept = _one_of_each(clock.time, last=rig.log.time.repeated == "last")
@@ -97,7 +102,7 @@ def _known_torques(rig: Rig, table: Table, sensors: Mapping[str, Sensor]) -> dic
     joints = [joint.name for joint in rig.joints]
     names = dict(zip(joints, torque_names(joints)))
     read = {names[s.of]: _in_si(s, table) for s in sensors.values() if s.log_column in table.columns}
-    simulated = {n: table.columns[f"true_{n}"] for n in names.values() if f"true_{n}" in table.columns}
+    simulated = {n: table.in_si(f"true_{n}", "N m") for n in names.values() if f"true_{n}" in table.columns}
     return {name: values for name, values in {**read, **simulated}.items() if np.isfinite(values).any()}
 
 
@@ -119,7 +124,7 @@ def _known_angles(
                 f"truth '{column}' is one column, but the rig has the joints {', '.join(joints)}; give a file with t, "
                 f"{', '.join(names.values())}, or an angle sensor for each joint in the rig file"
             )
-        values = table.columns[column] if sensor is None else _in_si(sensor, table)
+        values = table.in_si(column, "rad") if sensor is None else _in_si(sensor, table)
         kind = TruthKind.COLUMN if sensor is None else TruthKind.SENSOR
         origin = TruthSource(kind, f"column '{column}'")
         return {names[joints[0] if sensor is None else sensor.of]: values}, origin
@@ -127,7 +132,7 @@ def _known_angles(
         return read_truth(truth, clock.time, joints, clock.start), TruthSource(TruthKind.FILE, str(truth))
     simulated = {name: f"true_{name}" for name in names.values()}
     if any(there in table.columns for there in simulated.values()):
-        known = {name: table.columns[there] for name, there in simulated.items() if there in table.columns}
+        known = {name: table.in_si(there, "rad") for name, there in simulated.items() if there in table.columns}
         return known, TruthSource(TruthKind.COLUMN, "column " + ", ".join(f"'{simulated[name]}'" for name in known))
     read = {names[s.of]: s for s in references.values() if s.log_column in table.columns}
     listed = ", ".join(f"'{sensor.log_column}'" for sensor in read.values())
@@ -150,7 +155,8 @@ def read_truth(
     """Return name → true angle [rad] at `time`, by straight lines between the stamps of a file with ``t`` and ``theta``.
 
     Args:
-        path: CSV or Parquet, SI; with several joints, a column for each (`distal.rig.angle_names`).
+        path: CSV or Parquet, in SI or in the units that its header says (``theta [deg]``); with several joints, a column
+            for each (`distal.rig.angle_names`).
         time: stamps of the log [s], (n,).
         joints: names of the joints.
         start: when the log begins, since 1970 [ns], where it is dated; a file that is dated too is then laid over it.
@@ -161,11 +167,12 @@ def read_truth(
     names = angle_names(joints)
     cells = open_table(path, ["t", *names])
     cells.check(["t"])
-    stamps, known = clock_of(cells, "t", 1.0).since(start), dict[str, Floats]()
+    unit = scale(cells.units.get("t"), "s", f"{cells.path}: column 't'")
+    stamps, known = clock_of(cells, "t", unit).since(start), dict[str, Floats]()
     table = table_of(cells, names)
     check_stamps(stamps, table.source, table.first_row)
     for name in names:
-        theta = table.columns[name]
+        theta = table.in_si(name, "rad")
         there = np.isfinite(theta)
         if not there.any() or stamps[there][-1] < time[0] or stamps[there][0] > time[-1]:
             raise LogError(
@@ -177,7 +184,8 @@ def read_truth(
 
 
 def _in_si(sensor: Sensor, table: Table) -> Floats:
-    values: Floats = sensor.sign * log_factor(sensor) * table.columns[sensor.log_column]
+    factor = factor_of(sensor, table.units.get(sensor.log_column), table.source)
+    values: Floats = sensor.sign * factor * table.columns[sensor.log_column]
     return values
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from distal.errors import LogError
 from distal.logs.cells import MISSING
+from distal.logs.headers import factor_of, time_factor, units_of
 from distal.rig import Rig, log_factor
 from distal.units import unit_factor
 
@@ -34,8 +35,9 @@ class MessageReader:
     def __init__(self, rig: Rig, channels: Sequence[str]) -> None:
         sensors = {sensor.name: sensor for sensor in rig.sensors}
         self._time, self._time_factor = rig.log.time.column, unit_factor(rig.log.time.unit, "s")
-        self._columns = [sensors[channel].log_column for channel in channels]
-        self._factors = np.array([sensors[channel].sign * log_factor(sensors[channel]) for channel in channels])
+        self._rig, self._sensors = rig, [sensors[channel] for channel in channels]
+        self._columns = [sensor.log_column for sensor in self._sensors]
+        self._factors = np.array([sensor.sign * log_factor(sensor) for sensor in self._sensors])
         self._at: list[int] | None = None
         self._width, self._separator = 0, ","
         self._sample = np.zeros(len(channels))
@@ -44,7 +46,7 @@ class MessageReader:
         """Take the header of a CSV stream.
 
         Args:
-            line: names, separated by commas, semicolons or tabs.
+            line: names, with or without units, separated by commas, semicolons or tabs.
 
         Raises:
             LogError: the time column or all sensors are missing, or a name is there twice.
@@ -54,6 +56,9 @@ class MessageReader:
         name, count = Counter(names).most_common(1)[0]
         if count > 1:
             raise LogError(f"the stream's header has '{name[:80]}' twice")
+        said = units_of(names, [self._time, *self._columns], "the stream")
+        plain = {text: name for name, (text, _) in said.items()}
+        names, units = [plain.get(name, name) for name in names], {name: unit for name, (_, unit) in said.items()}
         if self._time not in names:
             raise LogError(
                 f"the stream's header lacks the time column '{self._time}' (it has {', '.join(names)[:200]})"
@@ -63,6 +68,9 @@ class MessageReader:
                 f"the stream's header has none of the columns {', '.join(self._columns)} (it has {', '.join(names)[:200]})"
             )
         self._width = len(names)
+        self._time_factor = time_factor(self._rig, units.get(self._time), "the stream")
+        for i, sensor in enumerate(self._sensors):
+            self._factors[i] = sensor.sign * factor_of(sensor, units.get(sensor.log_column), "the stream")
         self._at = [names.index(name) if name in names else -1 for name in (self._time, *self._columns)]
 
     @property

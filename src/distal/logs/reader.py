@@ -16,6 +16,7 @@ import numpy as np
 from distal.errors import DistalWarning, LogError
 from distal.logs.cells import Column
 from distal.logs.formats import format_of
+from distal.logs.headers import needed
 from distal.logs.memory import how_to_allow, memory_limit
 from distal.logs.recordings import open_recording
 from distal.logs.targets import shown
@@ -94,7 +95,7 @@ def answer_to(request: Request) -> tuple[Answer, bytes]:
             else:
                 cells = read(path, columns)
                 names = cells.names
-                held = {name: cells.column(name) for name in names if columns is None or name in columns}
+                held = {name: cells.column(name) for name in names if needed(name, columns)}
             payload = packed(held.values())
         except LogError as problem:
             return {"error": str(problem), "warnings": said}, b""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from distal.errors import LogError
 from distal.logs.cells import Cells, Column, held
 from distal.logs.formats import format_of
+from distal.logs.headers import header, needed, scale, units_of
 from distal.logs.reader_process import table_by_process
 from distal.logs.sources import Source
 from distal.logs.targets import shown
@@ -28,11 +29,26 @@ class Table:
         source: the file's name.
         columns: name → values, NaN where missing.
         first_row: row number of the first value in the file, as an editor counts.
+        units: name → unit, of those whose header says it beside the name.
     """
 
     source: str
     columns: dict[str, Floats]
     first_row: int
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def in_si(self, name: str, si: str) -> Floats:
+        """Return a column in SI by the unit in its header; as it is where the header says none.
+
+        Args:
+            name: of the column.
+            si: unit of the dimension that is wanted.
+
+        Raises:
+            LogError: the header's unit is another dimension's, or none.
+        """
+        unit = self.units.get(name)
+        return self.columns[name] * scale(unit, si, f"{self.source}: column '{header(name, unit or '')}'")
 
 
 def read_table(path: str | Path, wanted: Sequence[str] | None = None) -> Table:
@@ -54,12 +70,18 @@ def open_table(path: Source, columns: Sequence[str] | None = None, index_name: s
 
     Args:
         path: a path, or a frame of any library whose columns have ``to_numpy``.
-        columns: that are needed; None needs all. Others may be left out where a format allows that.
+        columns: that are needed, with or without their units; None needs all. Others may be left out where a format
+            allows that.
         index_name: a pandas frame that lacks this column has it from an index of dates.
 
     Raises:
         LogError: it cannot be read, or is neither.
     """
+    cells = _opened(path, columns, index_name)
+    return cells.without_units(units_of(cells.names, columns or (), str(cells.path)))
+
+
+def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None) -> Cells:
     if isinstance(path, (str, Path)):
         path = Path(path)
         try:
@@ -75,7 +97,7 @@ def open_table(path: Source, columns: Sequence[str] | None = None, index_name: s
         return table_by_process(path, columns) if there and kind.apart else kind.read(path, columns)
     if not hasattr(path, "columns"):
         raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
-    columns_of = {str(name): _column(path[name]) for name in path.columns if columns is None or str(name) in columns}
+    columns_of = {str(name): _column(path[name]) for name in path.columns if needed(str(name), columns)}
     names = [str(name) for name in path.columns]
     index = getattr(path, "index", None)
     if index_name is not None and index_name not in names and _is_dated(index):
@@ -111,4 +133,4 @@ def table_of(cells: Cells, wanted: Sequence[str] | None, optional: Iterable[str]
     """
     names = list(cells.names) if wanted is None else [*wanted, *(c for c in optional if c in cells.names)]
     cells.check(names)
-    return Table(str(cells.path), cells.numbers(list(dict.fromkeys(names))), cells.first_row)
+    return Table(str(cells.path), cells.numbers(list(dict.fromkeys(names))), cells.first_row, cells.units)

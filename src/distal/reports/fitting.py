@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from distal.fitting import Fit, Observability, Score, name_of, observability, sizes
+from distal.fitting import Fit, Observability, Score, observability
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
 from distal.reports.page import heading, html_table, make_folder, page, paragraph, picture, svg_of
 from distal.reports.rig_drawing import rig_svg
 from distal.results import Estimate
+from distal.rig import named
 from distal.run import estimate
 
 MOST_TRACES = 8
@@ -87,9 +88,9 @@ def fit_report(
 def _parameters(fit: Fit) -> list[str]:
     rows = [
         (
-            escape(name_of(fit.start, part)),
-            f"<code>{escape(part.name)}</code>",
-            *map(escape, sizes(part)),
+            escape(part.name),
+            f"<code>{escape(', '.join(named(fit.start, path) for path in part.paths))}</code>",
+            *map(escape, part.sizes),
             f"<span class='{'yes' if part.identified else 'no'}'>{escape(part.origin)}</span>",
         )
         for part in fit.fitted
@@ -99,7 +100,7 @@ def _parameters(fit: Fit) -> list[str]:
     if fit.combinations:
         parts.append(paragraph("These logs tell " + "; ".join(fit.combinations) + "."))
     own = [
-        (f"<code>{escape(part.name)}</code>", escape(Path(name).name), f"{value:.5g}", escape(part.si))
+        (escape(part.name), escape(Path(name).name), f"{value:.5g}", escape(part.si))
         for part in fit.fitted
         for name, value in part.per_log.items()
     ]

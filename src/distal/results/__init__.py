@@ -1,7 +1,7 @@
 """What an estimator made of a log: angles, bands, innovations, what they say of the rig, and plots."""
 
 from distal.results.curves import BAND
-from distal.results.estimate import Estimate
+from distal.results.estimate import ANGLE_UNITS, Estimate
 from distal.results.panels import HEALTH_COLOURS
 from distal.results.plots import (
     PANELS,
@@ -35,6 +35,7 @@ from distal.results.style import (
 from distal.results.thresholds import LARGE_PRIOR, SMALL
 
 __all__ = [
+    "ANGLE_UNITS",
     "BAD",
     "BAND",
     "BLACK",

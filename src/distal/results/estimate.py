@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError, did_you_mean
-from distal.estimators import StateKind, kinds_by_joint, states_of
-from distal.logs import pandas_frame, polars_frame
+from distal.estimators import UNITS_OF_JOINTS, StateKind, kinds_by_joint, states_of
+from distal.logs import header, pandas_frame, polars_frame
 from distal.results.curves import BAND
 from distal.results.plots import PlotOptions, plot_estimates
 from distal.rig import std_name
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
+
+ANGLE_UNITS = {"rad": 1.0, "deg": float(np.deg2rad(1.0))}
+"""Units in which angles are written, and how many radians one of it is."""
 
 
 SummaryRow = TypedDict(
@@ -67,7 +70,8 @@ class Estimate:
             direction, or nothing is known of that.
         state_kinds: what each state is, (n,); default those of the joints by their names.
         state_parts: the part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its
-            path.
+            path with names of parts.
+        state_units: SI unit of each state, (n,); default those of the joints' states.
         stamps: of the log, since 1970 [ns], (k,), where it has dates: by them results join with other recordings.
     """
 
@@ -92,6 +96,7 @@ class Estimate:
     unseen: str | None = None
     state_kinds: tuple[StateKind, ...] = ()
     state_parts: tuple[str, ...] = ()
+    state_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Say of the joints' states what they are where the estimator did not."""
@@ -99,6 +104,8 @@ class Estimate:
             kinds, parts = kinds_by_joint(self.state_names, self.joint_names)
             object.__setattr__(self, "state_kinds", kinds)
             object.__setattr__(self, "state_parts", parts)
+        if not self.state_units:
+            object.__setattr__(self, "state_units", tuple(UNITS_OF_JOINTS.get(kind, "") for kind in self.state_kinds))
 
     def __len__(self) -> int:
         return len(self.time)
@@ -202,11 +209,13 @@ class Estimate:
         """Return a state over time, (k,).
 
         Args:
-            name: one of `state_names`.
+            name: one of `state_names`; of a number of the rig also its path, as in ``--set``.
 
         Raises:
             EstimationError: there is no such state.
         """
+        if name in self.state_parts and self.state_kinds[self.state_parts.index(name)] is StateKind.PARAMETER:
+            return self.means[:, self.state_parts.index(name)]
         if name not in self.state_names:
             old = f"tendon_angle_{name.removeprefix('theta_')}"
             renamed = f"; it is called '{old}' since release 0.2" if old in self.state_names else ""
@@ -342,31 +351,56 @@ class Estimate:
         there, stds = np.isfinite(errors), self.angle_stds.reshape(errors.shape)
         return float(np.mean(np.abs(errors[there]) <= BAND * stds[there]))
 
-    def columns(self) -> dict[str, Floats | NDArray[np.int64]]:
-        """Return ``t``, where the log has dates ``stamp`` [ns], then each state and its ``_std``, SI."""
-        columns: dict[str, Floats | NDArray[np.int64]] = {"t": self.time}
+    def columns(self, unit: str = "rad", *, every: bool = False) -> dict[str, NDArray[np.generic]]:
+        """Return header → values: ``t [s]``, the angles with their ``_std``, and the torques on the joints from outside.
+
+        Where the log has dates ``stamp [ns]`` comes after the time.
+
+        Args:
+            unit: of angles: "rad" or "deg".
+            every: all states with their standard deviations, instead.
+
+        Raises:
+            EstimationError: the unit is neither.
+        """
+        if unit not in ANGLE_UNITS:
+            raise EstimationError(f"unit '{unit}': angles are written in {' or '.join(ANGLE_UNITS)}")
+        columns: dict[str, NDArray[np.generic]] = {header("t", "s"): self.time}
         if self.stamps is not None:
-            columns["stamp"] = self.stamps
+            columns[header("stamp", "ns")] = self.stamps
         stds = self.stds
-        for i, name in enumerate(self.state_names):
-            columns[name], columns[std_name(name)] = self.means[:, i], stds[:, i]
+        for i, (name, kind, si) in enumerate(zip(self.state_names, self.state_kinds, self.state_units)):
+            factor = 1.0 / ANGLE_UNITS[unit] if si in ("rad", "rad/s") else 1.0
+            said = si.replace("rad", unit) if si in ("rad", "rad/s") else si
+            if every or kind in (StateKind.ANGLE, StateKind.EXTERNAL_TORQUE):
+                columns[header(name, said)] = factor * self.means[:, i]
+            if every or kind is StateKind.ANGLE:
+                columns[header(std_name(name), said)] = factor * stds[:, i]
         return columns
 
-    def to_polars(self) -> polars.DataFrame:
+    def to_polars(self, unit: str = "rad", *, every: bool = False) -> polars.DataFrame:
         """Return the `columns` as a polars frame.
+
+        Args:
+            unit: of angles: "rad" or "deg".
+            every: all states with their standard deviations.
 
         Raises:
             DistalError: polars is not installed.
         """
-        return polars_frame(self.columns())
+        return polars_frame(self.columns(unit, every=every))
 
-    def to_pandas(self) -> pandas.DataFrame:
+    def to_pandas(self, unit: str = "rad", *, every: bool = False) -> pandas.DataFrame:
         """Return the `columns` as a pandas frame.
+
+        Args:
+            unit: of angles: "rad" or "deg".
+            every: all states with their standard deviations.
 
         Raises:
             DistalError: pandas is not installed.
         """
-        return pandas_frame(self.columns())
+        return pandas_frame(self.columns(unit, every=every))
 
     def plot(self, path: str | Path | None = None, **options: Unpack[PlotOptions]) -> Figure:
         """Draw truth, estimate and 95 % band over time, and save it if a path is given.

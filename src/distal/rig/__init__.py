@@ -25,12 +25,13 @@ from distal.rig.files import (
 )
 from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spring, Stribeck
 from distal.rig.learned_map import CONSTANT, Affine, Contact, Discrepancy, JointMap, LearnedMap, factors
+from distal.rig.naming import in_words, named, part_at
 from distal.rig.numbers import Number, is_arm, known_to_a_factor, number
 from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.plausibility import doubts
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import LogFormat, Rig, Stepping
-from distal.rig.sensors import REFERENCES, Sensor, SensorBase, gain_of, log_factor
+from distal.rig.sensors import COUNTS, REFERENCES, Sensor, SensorBase, gain_of, log_factor, log_unit, step_of
 from distal.rig.tendons import (
     Creep,
     CrossedLinkage,
@@ -50,6 +51,7 @@ from distal.rig.validation import validated
 __all__ = [
     "BASE",
     "CONSTANT",
+    "COUNTS",
     "REFERENCES",
     "Affine",
     "Base",
@@ -100,13 +102,17 @@ __all__ = [
     "effort_unit",
     "factors",
     "gain_of",
+    "in_words",
     "is_arm",
     "known_to_a_factor",
     "load_rig",
     "log_factor",
+    "log_unit",
+    "named",
     "number",
     "parse_assignment",
     "parse_toml",
+    "part_at",
     "position_unit",
     "read_text",
     "rig_text",
@@ -114,6 +120,7 @@ __all__ = [
     "shipped_rigs",
     "speed_names",
     "std_name",
+    "step_of",
     "template_text",
     "tendon_angle_name",
     "torque_names",

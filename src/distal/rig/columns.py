@@ -35,12 +35,12 @@ def torque_names(joints: Sequence[str]) -> tuple[str, ...]:
 
 
 def std_name(name: str) -> str:
-    """Return the name of the standard deviation of what is called `name`.
+    """Return the name of the standard deviation of what is called `name`: ``theta_std``, ``std of inertia of joint pip``.
 
     Args:
         name: of a state.
     """
-    return f"{name}_std"
+    return f"std of {name}" if " " in name else f"{name}_std"
 
 
 def tendon_angle_name(tendon: str) -> str:

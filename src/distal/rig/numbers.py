@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pydantic import BaseModel
 
 from distal.errors import RigError, did_you_mean
+from distal.rig.naming import index_of, names_in
 from distal.rig.quantities import In, Parameter
 from distal.rig.rig import Rig
 
@@ -80,14 +81,9 @@ def number(rig: Rig, path: str) -> Number:
     keys: list[str] = []
     for key in path.split("."):
         if isinstance(part, tuple):
-            names = [str(getattr(item, "name", "")) for item in part]
-            index = (
-                int(key)
-                if key.isascii() and key.isdigit() and len(key) < 10
-                else (names.index(key) if key in names else -1)
-            )
-            if not 0 <= index < len(part):
-                raise RigError(f"'{path}': there is no '{key}'{did_you_mean(key, names)}")
+            index = index_of(part, key)
+            if index is None:
+                raise RigError(f"'{path}': there is no '{key}'{did_you_mean(key, names_in(part))}")
             part, key = part[index], str(index)
         elif isinstance(part, BaseModel) and not isinstance(part, Parameter):
             if key not in type(part).model_fields:
@@ -101,7 +97,7 @@ def number(rig: Rig, path: str) -> Number:
         quantity = next((m for m in owner.model_fields[field].metadata if isinstance(m, In)), None)
     if quantity is None or not isinstance(part, (Parameter, int, float)):
         raise RigError(
-            f"'{path}' is not a number with a unit; give the path of one, e.g. joints.0.friction.coefficient"
+            f"'{path}' is not a number with a unit; give the path of one, e.g. joints.{rig.joints[0].name}.inertia"
         )
     if isinstance(part, Parameter):
         shared = (part.shared.name, part.shared.std) if part.shared is not None and part.shared.std > 0.0 else None

@@ -8,6 +8,7 @@ from collections.abc import MutableMapping, Sequence
 from copy import deepcopy
 
 from distal.errors import DistalError, did_you_mean
+from distal.rig.naming import index_of, names_in
 from distal.rig.quantities import KEYS
 
 DEEPEST = 12
@@ -23,7 +24,7 @@ def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
     """Split ``path=value`` and read the value as TOML; a quantity that lost its quotes to a shell is text.
 
     Args:
-        text: e.g. ``drives.0.stops=["-5 mm","15 mm"]``.
+        text: e.g. ``drives.left.stops=["-5 mm","15 mm"]``.
         error: the kind of error to raise.
 
     Raises:
@@ -34,7 +35,7 @@ def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
     if "\n" in value or "\r" in value:
         raise error(f"--set '{path}': the value has more than one line; give one value")
     if not equals or not path or not value:
-        raise error(f"--set '{text}': write path=value, e.g. --set joints.0.friction.coefficient=0.4")
+        raise error(f"--set '{text}': write path=value, e.g. --set joints.finger.friction.coefficient=0.4")
     try:
         return path, tomllib.loads(f"value = {value}")["value"]
     except (ValueError, RecursionError):
@@ -49,12 +50,12 @@ def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
 def set_value(raw: object, path: str, value: object, error: type[DistalError]) -> None:
     """Replace the value at `path` in `raw`, in place.
 
-    A bare value that replaces ``{ value, std }`` keeps the std. Items of a list are named by index or by their name; ``*``
-    stands for all of them.
+    A bare value that replaces ``{ value, std }`` keeps the std. Items of a list are named by their name or index, crossings
+    by their joint; ``*`` stands for all of them.
 
     Args:
         raw: nested tables and lists, as read from TOML.
-        path: keys and indices joined by dots.
+        path: keys joined by dots, parts by name (or index).
         value: what to put there.
         error: the kind of error to raise.
 
@@ -124,11 +125,7 @@ def _descend(parent: object, key: str, where: str, path: str, error: type[Distal
 
 
 def _index(items: Sequence[object], key: str, where: str, path: str, error: type[DistalError]) -> int:
-    if key.isascii() and key.isdigit() and len(key) < 10:
-        if int(key) >= len(items):
-            raise error(f"--set '{path}': '{where}' has {len(items)} items, so index 0 to {len(items) - 1}; {key} came")
-        return int(key)
-    names = [str(item.get("name")) for item in items if isinstance(item, MutableMapping)]
-    if key in names:
-        return names.index(key)
-    raise error(f"--set '{path}': '{where}' has no '{key}'{did_you_mean(key, names)}")
+    index = index_of(items, key)
+    if index is None:
+        raise error(f"--set '{path}': '{where}' has no '{key}'{did_you_mean(key, names_in(items))}")
+    return index

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain
 
+from distal.rig.naming import in_words
 from distal.rig.rig import Rig, parameters_below
 from distal.rig.tendons import Pinned
 
@@ -35,17 +36,20 @@ def doubts(rig: Rig) -> list[str]:
     for path, name, value in _numbers(rig):
         low, high, unit = USUAL[name]
         if not low <= value <= high:
-            said.append(f"{path} is {value:g} {unit}; between {low:g} and {high:g} is usual: is its unit there?")
+            said.append(
+                f"{in_words(rig, path)} is {value:g} {unit}; between {low:g} and {high:g} is usual: is its unit there?"
+            )
     parts = [(kind, part) for kind in ("joints", "drives", "tendons", "sensors") for part in getattr(rig, kind)]
     for path, own in chain(*(parameters_below(part, f"{kind}.{part.name}") for kind, part in parts)):
         if 0.0 < own.std < SMALLEST_STD * abs(own.value):
             said.append(
-                f"{path}: a std of {own.std:g} is {own.std / abs(own.value):.1g} of its value: is its unit there?"
+                f"{in_words(rig, path)}: a std of {own.std:g} is {own.std / abs(own.value):.1g} of its value: is its unit "
+                "there?"
             )
     for joint in rig.joints:
         away = max(abs(part) for part in (*joint.offset, *(joint.link.centre if joint.link is not None else ())))
         if away > LARGEST_OFFSET:
-            said.append(f"joints.{joint.name} sits or weighs {away:g} m away; is its unit there?")
+            said.append(f"joint {joint.name} sits or weighs {away:g} m away; is its unit there?")
         if (
             rig.is_chain
             and len(rig.joints) > 1
@@ -53,10 +57,10 @@ def doubts(rig: Rig) -> list[str]:
             and joint.damping.absent
             and joint.friction is None
         ):
-            said.append(f"joints.{joint.name} has neither friction nor damping: nothing stops it from swinging")
+            said.append(f"joint {joint.name} has neither friction nor damping: nothing stops it from swinging")
     for drive in rig.drives:
         if not any(sensor.measures == "position" and sensor.of == drive.name for sensor in rig.sensors):
-            said.append(f"drives.{drive.name} has no position sensor: where it is has to be guessed from forces")
+            said.append(f"drive {drive.name} has no position sensor: where it is has to be guessed from forces")
     for joint in rig.joints:
         arms = [tendon.arms().get(joint.name, 0.0) for tendon in rig.tendons]
         sides = {1 if arm > 0.0 else -1 for arm in arms if arm != 0.0}

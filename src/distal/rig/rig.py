@@ -12,6 +12,7 @@ from distal.rig.chain import BASE, Base
 from distal.rig.drives import Capstan, Drive, Slider, effort_unit, position_unit
 from distal.rig.joints import Joint
 from distal.rig.learned_map import Affine, Contact, Discrepancy
+from distal.rig.naming import named
 from distal.rig.overrides import set_value
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.sensors import Sensor, log_factor
@@ -120,7 +121,7 @@ class Rig(Description):
     @field_validator("affine", "discrepancy", "contact", mode="after")
     @classmethod
     def _learned_fits(cls, learned: Learned, info: ValidationInfo) -> Learned:
-        if learned is None or "sensors" not in info.data or "joints" not in info.data:
+        if learned is None or any(kind not in info.data for kind in ("sensors", *_MEASURED)):
             return learned
         sensors, joints = ([part.name for part in info.data[kind]] for kind in ("sensors", "joints"))
         for channel in learned.channels:
@@ -164,7 +165,7 @@ class Rig(Description):
             friction = joint.friction
             if friction is not None and not _is_one(friction.exponent) and self.reference_load(i) <= 0.0:
                 raise ValueError(
-                    f"joints.{i}.friction: an exponent other than 1 needs a 'reference' load "
+                    f"joints.{joint.name}.friction: an exponent other than 1 needs a 'reference' load "
                     "(or a preload, a pretension or a nominal_force to take it from)"
                 )
         return self
@@ -229,7 +230,7 @@ class Rig(Description):
         """Return a copy with some values replaced, named by path as with ``--set`` on the command line.
 
         Args:
-            values: path → value, e.g. ``{"joints.0.friction.coefficient": 0.4, "drives.left.stops": ["-5 mm", "15 mm"]}``.
+            values: path → value, e.g. ``{"joints.finger.inertia": 1e-4, "drives.left.stops": ["-5 mm", "15 mm"]}``.
                 A bare number (or text) replaces a parameter's value and keeps its std.
 
         Raises:
@@ -344,8 +345,8 @@ def _share_alike(rig: Rig) -> None:
         for path, other in others:
             if abs(other - std) > 1e-9 * std:
                 raise ValueError(
-                    f"{path}.shared: what '{name}' stands for errs by the same share everywhere; "
-                    f"std {other:g} came here and {std:g} at {before}; make them equal, or use two names"
+                    f"{named(rig, path)}.shared: what '{name}' stands for errs by the same share everywhere; "
+                    f"std {other:g} came here and {std:g} at {named(rig, before)}; make them equal, or use two names"
                 )
 
 
@@ -353,22 +354,23 @@ def _plays_apart(rig: Rig) -> None:
     """Refuse plays that cannot be put one behind the other."""
     sheathed = [tendon for tendon in rig.tendons if tendon.path is not None and tendon.path.nodes > 0]
     several = {name for tendon in rig.tendons if len(tendon.joints) > 1 for name in tendon.joints}
-    for i, joint in enumerate(rig.joints):
+    for joint in rig.joints:
         if joint.backlash is not None and (rig.is_chain or joint.name in several):
             raise ValueError(
-                f"joints.{i}.backlash: is not supported on a chain, nor where a tendon crosses several joints; describe "
-                "it at the drive"
+                f"joints.{joint.name}.backlash: is not supported on a chain, nor where a tendon crosses several joints; "
+                "describe it at the drive"
             )
         if joint.backlash is not None and any(joint.name in tendon.joints for tendon in sheathed):
             raise ValueError(
-                f"joints.{i}.backlash: is not supported where a tendon of the joint has path.nodes; set nodes to 0, or "
-                "describe the backlash at the drive"
+                f"joints.{joint.name}.backlash: is not supported where a tendon of the joint has path.nodes; set nodes to "
+                "0, or describe the backlash at the drive"
             )
-    for i, drive in enumerate(rig.drives):
+    for drive in rig.drives:
         loose = drive.backlash is not None and not drive.backlash.held
         if loose and any(tendon.drive == drive.name for tendon in sheathed):
             raise ValueError(
-                f"drives.{i}.backlash.held: false is not supported where a tendon of the drive has path.nodes; leave it out"
+                f"drives.{drive.name}.backlash.held: false is not supported where a tendon of the drive has path.nodes; "
+                "leave it out"
             )
 
 

@@ -115,7 +115,11 @@ class AngleSensor(SensorBase):
     curve: tuple[float, ...] = Field(
         (), max_length=6, description="known systematic deviation: weights of cos(π j ξ), j = 0.., over the travel [SI]"
     )
-    resolution: Annotated[float, In("rad", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
+    resolution: Annotated[float, In("rad", "nonnegative")] = Field(
+        0.0,
+        description="quantisation step of the sensor's own shaft, before the gear, in counts as in degrees; 0 = none. "
+        "Noise, linearity and bias in degrees are those behind the gear",
+    )
     bias: Annotated[Parameter, In("rad")] = Field(Parameter(value=0.0), description="constant offset")
 
     @classmethod
@@ -206,6 +210,15 @@ def gain_of(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) -> 
     return sensor.gain if isinstance(sensor, (ForceSensor, TorqueSensor)) else Parameter(value=1.0)
 
 
+def step_of(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) -> float:
+    """Return the quantisation step of what a sensor measures, behind its gear: its `resolution` is that before it.
+
+    Args:
+        sensor: which.
+    """
+    return sensor.resolution / (sensor.gear if isinstance(sensor, AngleSensor) else 1.0)
+
+
 def log_factor(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) -> float:
     """Return by what a log's numbers are multiplied to be SI, its sign left out.
 
@@ -223,23 +236,37 @@ def log_factor(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) 
     return unit_factor(sensor.unit or sensor.si, sensor.si) / gear
 
 
+def log_unit(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) -> str:
+    """Return the unit of a log's numbers.
+
+    Args:
+        sensor: whose they are.
+    """
+    counted_in = "A" if isinstance(sensor, TorqueSensor) and sensor.newton_metres_per_ampere is not None else sensor.si
+    return sensor.unit or counted_in
+
+
 def _in_si(raw: Mapping[str, object], counting: Callable[[Mapping[str, object]], tuple[str, float] | None]) -> object:
     """Return a raw sensor with its errors in SI, as far as they are written in what its log counts."""
     try:
         known = counting(raw)
+        gear = to_si(raw.get("gear", 1.0), "") if known is not None and known[0] == "count" else 1.0
     except (UnitError, ZeroDivisionError):
-        return raw  # what is wrong is said of its own field
+        # what is wrong is said of its own field; in what the errors count is not known then
+        return {key: value for key, value in raw.items() if key not in ERRORS}
     if known is None:
         return raw
     if known[0] == "count" and raw.get("unit") in COUNTS and "resolution" not in raw:
-        raw = {**raw, "resolution": known[1]}  # it cannot tell less than one count
+        raw = {**raw, "resolution": known[1] * gear}  # it cannot tell less than one count
 
-    def converted(value: object) -> object:
+    def converted(value: object, size: float) -> object:
         if isinstance(value, Mapping):
-            return {key: converted(part) if key in ("value", "std", "drift") else part for key, part in value.items()}
-        return _of_text(value, *known) if isinstance(value, str) else value
+            spreads = ("value", "std", "drift")
+            return {key: converted(part, size) if key in spreads else part for key, part in value.items()}
+        return _of_text(value, known[0], size) if isinstance(value, str) else value
 
-    return {**raw, **{key: converted(raw[key]) for key in ERRORS if key in raw}}
+    sizes = {key: known[1] * (gear if key == "resolution" else 1.0) for key in ERRORS}
+    return {**raw, **{key: converted(raw[key], size) for key, size in sizes.items() if key in raw}}
 
 
 def _of_text(text: str, unit: str, size: float) -> object:

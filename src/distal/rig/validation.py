@@ -12,6 +12,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from distal.errors import DistalError, did_you_mean
+from distal.rig.naming import named
 
 Checked = TypeVar("Checked", bound=BaseModel)
 
@@ -31,7 +32,7 @@ def validated(kind: type[Checked], raw: Mapping[str, object], source: str, error
     try:
         return kind.model_validate(raw)
     except ValidationError as problem:
-        raise error(explain(problem, source, kind)) from None
+        raise error(explain(problem, source, kind, raw)) from None
     except RecursionError:
         raise error(f"{source}: nested too deeply") from None
 
@@ -41,13 +42,14 @@ _BRIEFLY = reprlib.Repr()
 _BRIEFLY.maxlevel, _BRIEFLY.maxstring, _BRIEFLY.maxother = 3, 60, 60
 
 
-def explain(problem: ValidationError, source: str, root: type[BaseModel]) -> str:
+def explain(problem: ValidationError, source: str, root: type[BaseModel], raw: Mapping[str, object]) -> str:
     """Return one line for pydantic's findings: the first few in full, the number of others.
 
     Args:
         problem: what pydantic found.
         source: what to call the description.
         root: the description's model.
+        raw: as parsed.
     """
     findings = problem.errors(include_url=False)
     # a list whose items are all wrong is not short of items
@@ -57,9 +59,15 @@ def explain(problem: ValidationError, source: str, root: type[BaseModel]) -> str
         for finding in findings
         if finding["type"] != "too_short" or not any(loc[: len(finding["loc"])] == finding["loc"] for loc in inner)
     ]
-    line = f"{source}: " + "; also ".join(_finding(finding, root) for finding in findings[:SHOWN])
+    line = f"{source}: " + "; also ".join(_by_name(_finding(finding, root), raw) for finding in findings[:SHOWN])
     others = len(findings) - SHOWN
     return line + (f" (and {others} more problem{'s' if others > 1 else ''})" if others > 0 else "")
+
+
+def _by_name(said: str, raw: Mapping[str, object]) -> str:
+    """Return what is said with the path that it begins with by names of parts."""
+    path, colon, rest = said.partition(": ")
+    return said if " " in path else f"{named(raw, path)}{colon}{rest}"
 
 
 def _finding(finding: ErrorDetails, root: type[BaseModel]) -> str:

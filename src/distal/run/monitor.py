@@ -14,7 +14,7 @@ from distal.estimators import LARGEST_ANGLE, SHORTEST
 from distal.logs import LARGEST_READING
 from distal.model import Mechanism
 from distal.results import LARGE_PRIOR, SMALL
-from distal.rig import Rig
+from distal.rig import Rig, step_of
 from distal.run.live import LATEST, LiveEstimator
 from distal.run.places import FAR, REACH, place_range
 
@@ -127,7 +127,7 @@ class Monitor:
         self._overdue = np.array([OVERDUE / sensor.rate for sensor in chosen])
         self._dead = np.maximum(DEAD, 2 * self._overdue)
         # a sensor with noise does not say the same twice for long
-        self._noisy = np.array([sensor.noise > sensor.resolution for sensor in chosen])
+        self._noisy = np.array([sensor.noise > step_of(sensor) for sensor in chosen])
         mechanism = Mechanism(live.rig)
         self._ranges = np.array([place_range(mechanism, sensor) for sensor in chosen]).reshape(-1, 2)
         self._reach = np.array([joint.stops or (-REACH, REACH) for joint in live.rig.joints]).T

@@ -24,6 +24,7 @@ from distal.estimators import (
     first_values,
     kinds_of,
     make_estimator,
+    state_units,
 )
 from distal.homing.home import home
 from distal.homing.reference import check_homing, homed, with_references
@@ -326,6 +327,7 @@ def finished(
         unseen=runner.unseen if isinstance(runner, AdaptiveFilter) else None,
         state_kinds=state_kinds,
         state_parts=state_parts,
+        state_units=state_units(runner),
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators import AdaptiveFilter, first_values
+from distal.estimators import AdaptiveFilter, first_values, state_units
 from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen, true_angles
 from distal.results import Estimate
@@ -86,6 +86,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         stamps=log.stamps,
         state_kinds=runner.state_kinds,
         state_parts=runner.state_parts,
+        state_units=state_units(runner),
     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.rig import Rig, Sensor, gain_of
+from distal.rig import Rig, Sensor, gain_of, step_of
 
 Floats = NDArray[np.float64]
 
@@ -57,14 +57,15 @@ def measure(sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.r
     if sensor.linearity > 0.0 and high > low:
         read = read + linearity_curve(true, low, high, sensor.linearity, curve_rng)
     read = read + sensor.noise * noise_rng.normal(size=true.shape)
-    if sensor.resolution > 0.0:
-        read = np.round(read / sensor.resolution) * sensor.resolution
+    step = step_of(sensor)
+    if step > 0.0:
+        read = np.round(read / step) * step
     return read
 
 
 def variance(sensor: Sensor) -> float:
     """Return the variance of the random error: σ² + Δ²/12 with noise σ and resolution Δ."""
-    return float(sensor.noise**2 + sensor.resolution**2 / 12.0)
+    return float(sensor.noise**2 + step_of(sensor) ** 2 / 12.0)
 
 
 LINEARITY_STD = 0.6

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal import Rig
-from distal.estimators import AdaptiveFilter, Robustness
+from distal.estimators import AdaptiveFilter, Robustness, StateKind
+from distal.rig import named
 from tests.estimators.adaptive.twin import Twin
 
 Floats = NDArray[np.float64]
@@ -83,7 +84,9 @@ def agree(rig: Rig, log: tuple[Floats, Floats], guards: Robustness, *needed: str
     """Assert that twin and filter agree, and that the log went through the named branches; return the twin."""
     found, course = filtered(rig, log, guards)
     twin = Twin(rig, guards, rig.sensors_of("angle"))
-    assert tuple(state.name for state in twin.states) == found.state_names
+    numbered = zip(found.state_names, found.state_kinds, found.state_parts)
+    paths = [part if kind is StateKind.PARAMETER else name for name, kind, part in numbered]
+    assert [named(rig, state.name) for state in twin.states] == paths
     assert difference(course_of(twin, log), course) < TOLERANCE
     for branch in needed:
         assert twin.taken[branch] > 0, f"'{branch}' was not taken: {dict(twin.taken)}"

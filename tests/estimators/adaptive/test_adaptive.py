@@ -126,9 +126,9 @@ def test_near_the_lower_bound_when_the_model_is_right() -> None:
 
 def test_it_finds_the_friction_coefficient_and_the_stiffness() -> None:
     for plant, name, true in (
-        ("friction +20 %", "joints.0.friction.coefficient", 0.6),
-        ("friction −20 %", "joints.0.friction.coefficient", 0.4),
-        ("stiffness −10 %", "tendons.stiffness.factor", 0.9),
+        ("friction +20 %", "friction coefficient of joint link", 0.6),
+        ("friction −20 %", "friction coefficient of joint link", 0.4),
+        ("stiffness −10 %", "common factor of tendons.stiffness", 0.9),
     ):
         result = result_of("servo", plant, 1)
         i = result.state_names.index(name)
@@ -155,17 +155,17 @@ def test_only_what_has_a_std_is_a_state() -> None:
 
 def test_what_errs_together_is_one_state_and_what_errs_alone_another() -> None:
     rig = paper_rig("as the rig")
-    assert "tendons.stiffness.factor" in make_estimator("adaptive", rig).state_names
+    assert "common factor of tendons.stiffness" in make_estimator("adaptive", rig).state_names
 
     def names(**changes: object) -> list[str]:
         other = rig.with_values({f"tendons.{key[1:]}.stiffness": value for key, value in changes.items()})
         return [name for name in make_estimator("adaptive", other).state_names if "stiffness" in name]
 
-    both = ["tendons.stiffness.factor", "tendons.1.stiffness.deviation"]
+    both = ["common factor of tendons.stiffness", "stiffness deviation of tendon right"]
     assert names(_1={"std": 20.0, "shared": {"name": "tendons.stiffness", "std": 0.1}}) == both
-    assert names(_1={"std": 20.0}) == ["tendons.1.stiffness.factor", "tendons.stiffness.factor"]
+    assert names(_1={"std": 20.0}) == ["stiffness factor of tendon right", "common factor of tendons.stiffness"]
     alike = {"value": 806.0, "std": "10 %"}  # alike, but nothing says that they err together
-    assert names(_0=alike, _1=alike) == ["tendons.0.stiffness.factor", "tendons.1.stiffness.factor"]
+    assert names(_0=alike, _1=alike) == ["stiffness factor of tendon left", "stiffness factor of tendon right"]
 
 
 def test_the_prior_of_what_is_shared_is_that_of_the_equation() -> None:
@@ -375,7 +375,7 @@ def test_a_drift_of_the_rig_file_is_how_a_parameter_walks() -> None:
     def rig(drift: float) -> Rig:
         return paper_rig("as the rig").with_values({"joints.0.friction.coefficient.drift": drift})
 
-    name = "joints.0.friction.coefficient"
+    name = "friction coefficient of joint link"
     before, after = log_of("servo", "friction −20 %", 1), log_of("servo", "friction +20 %", 1)
     log = Log(
         np.concatenate([before.time, before.time[-1] + 0.01 + after.time]),

@@ -112,7 +112,7 @@ def test_a_held_value_is_taken_as_it_is(rig: Rig) -> None:
     sure = load_rig("capstan-joint")
     held = sure.with_values({"tendons.0.stiffness.hold": True, "tendons.1.stiffness.hold": True})
     log = slow(sure)
-    assert "tendons.stiffness.factor" in estimate(log, sure).state_names
+    assert "common factor of tendons.stiffness" in estimate(log, sure).state_names
     assert not any("stiffness" in name for name in estimate(log, held).state_names)
     with pytest.raises(RigError, match="hold must be true or false"):
         sure.with_values({"tendons.0.stiffness": {"value": 1e4, "hold": "yes"}})

@@ -12,6 +12,7 @@ from benchmarks.parts import NOISE, PARTS, Part, rig_of
 from distal import LiveEstimator, Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
+from distal.rig import named
 from distal.run import smooth
 from distal.simulation import build_scenario
 
@@ -84,7 +85,8 @@ def test_without_it_the_angle_is_worse(name: str) -> None:
 @pytest.mark.parametrize("name", ["creep", "backlash of a drive", pytest.param("sheath", marks=pytest.mark.slow)])
 def test_the_number_moves_to_the_plants(name: str) -> None:
     own, result = part(name), known(name)
-    found, std = result.state(own.path)[-1], result.stds[-1, result.state_names.index(own.path)]
+    path = named(rig_of(own), own.path)
+    found, std = result.state(path)[-1], result.stds[-1, result.state_parts.index(path)]
     true = own.value + AWAY * own.std
     assert abs(found - true) < 0.6 * AWAY * own.std
     assert std < 0.7 * own.std

@@ -10,12 +10,12 @@
  * states, in this order (means first in `carry`, then the covariance, 8 x 8, then what is remembered):
  *    0  theta [rad]
  *    1  theta_dot [rad/s]
- *    2  joints.0.friction.coefficient
- *    3  drives.0.friction.constant
- *    4  drives.0.friction.load
- *    5  tendons.0.pretension
- *    6  tendons.1.pretension
- *    7  tendons.stiffness.factor
+ *    2  friction coefficient of joint jaw [1]
+ *    3  friction constant of drive motor [N m]
+ *    4  friction load of drive motor [1]
+ *    5  pretension of tendon flexor [N]
+ *    6  pretension of tendon extensor [N]
+ *    7  common factor of tendons.stiffness [1]
  *
  * innovations, in this order:
  *   0  motor_torque

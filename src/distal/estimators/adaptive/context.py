@@ -13,7 +13,7 @@ from distal.estimators.adaptive.travel import travel
 from distal.estimators.channels import Channels, sensor_for
 from distal.expressions import Scalar, Vector
 from distal.model import Mechanism, joint_frequency
-from distal.rig import Sensor, gain_of
+from distal.rig import Sensor, gain_of, step_of
 
 MOST_TRAVELS = 20.0
 """A drive is never this many times its travel away from the middle of it."""
@@ -144,7 +144,7 @@ class FilterContext:
             sensor: one of the rig's.
         """
         sigma = self.number(f"{self.path(sensor)}.noise", sensor.noise)
-        return sigma * sigma + sensor.resolution**2 / 12.0
+        return sigma * sigma + step_of(sensor) ** 2 / 12.0
 
     def offset(self, sensor: Sensor) -> Scalar:
         """Return a sensor's constant offset as far as it is known.

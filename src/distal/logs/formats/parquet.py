@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from distal.errors import LogError, OutputError
 from distal.logs.cells import Cells, Column, held
 from distal.logs.formats.format import Format
+from distal.logs.headers import needed
 from distal.logs.memory import check_memory
 
 WIDEST = 16
@@ -51,7 +52,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
         try:
             file = pyarrow.parquet.ParquetFile(source)
             schema, rows = file.schema_arrow, file.metadata.num_rows
-            chosen = [name for name in schema.names if columns is None or name in columns]
+            chosen = [name for name in schema.names if needed(name, columns)]
             kinds = {name: schema.field(name).type for name in chosen}
             size = rows * sum(_bytes_of(kind) for kind in kinds.values())
             check_memory(path, COPIES * size, f"its header says {rows:,} rows of {len(chosen)} columns")

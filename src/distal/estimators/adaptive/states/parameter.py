@@ -15,7 +15,7 @@ from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Vector
-from distal.rig import known_to_a_factor, number
+from distal.rig import in_words, known_to_a_factor, named, number
 from distal.sensors import variance
 
 Floats = NDArray[np.float64]
@@ -38,11 +38,12 @@ Acts = Literal["value", "factor", "deviation"]
 class UncertainParameter(State):
     """One parameter, or what several err by together: p_i = value_i (1 + σ z) + σ_i ε_i.
 
-    A stiffness or damping of a tendon is a factor even where it is alone; 1 + σ z is a state "….factor", and σ_i ε_i,
-    where there is both, one "….deviation".
+    A stiffness or damping of a tendon is a factor even where it is alone; 1 + σ z is a state "… factor", and σ_i ε_i,
+    where there is both, one "… deviation".
 
     Args:
-        name: of the state.
+        name: of the state, in words.
+        path: of the parameter by names of parts, with ".factor" or ".deviation" behind it where the state is that.
         indices: of the parameters in the model's vector.
         acts: how it enters them.
         mean: prior mean.
@@ -53,6 +54,7 @@ class UncertainParameter(State):
     """
 
     name: str
+    path: str
     indices: tuple[int, ...]
     acts: Acts
     mean: float
@@ -69,11 +71,11 @@ class UncertainParameter(State):
     @property
     def part(self) -> str:
         """The path of the parameter, or of the factor."""
-        return self.name
+        return self.path
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The path of the parameter, or of the factor."""
+        """What the parameter, or the factor, is called in words."""
         return (self.name,)
 
     @property
@@ -120,7 +122,7 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
     Args:
         context: the rig.
     """
-    p = context.mechanism.parameters
+    p, rig = context.mechanism.parameters, context.mechanism.rig
     found, factors, deviations = list[UncertainParameter](), list[UncertainParameter](), list[UncertainParameter]()
     seen = [i for i, name in enumerate(p.names) if p.stds[i] > 0.0 and not _without_effect(context, name, p.stds[i])]
     sharing = {i for _, indices in p.shared.values() for i in indices}
@@ -130,11 +132,14 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
 
     def factor(name: str, indices: Sequence[int], relative: float, walked: float) -> UncertainParameter:
         first, own = p.names[indices[0]], f"{name}.factor"
+        said = f"common factor of {name}" if name in p.shared else in_words(rig, own)
         rough = known_to_a_factor(first, 1.0, relative)
-        logarithmic = rough and number(context.mechanism.rig, first).quantity.bound == "positive"
+        logarithmic = rough and number(rig, first).quantity.bound == "positive"
         mean, spread = (1.0, float(np.log1p(relative))) if logarithmic else cut_normal(1.0, relative)
         # physics that the rig lacks would teach it wrongly (docs/results/other-rigs.md, "Rigs that are hardly known")
-        return UncertainParameter(own, tuple(indices), "factor", mean, spread, walked, SMALLEST_FACTOR, rough)
+        return UncertainParameter(
+            said, named(rig, own), tuple(indices), "factor", mean, spread, walked, SMALLEST_FACTOR, rough
+        )
 
     for i in seen:
         name, value, std = p.names[i], float(p.values[i]), float(p.independent_stds[i])
@@ -143,10 +148,13 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
             if std > 0.0:
                 lowest = -(1.0 - SMALLEST_FACTOR) * value if _bounded(context, name) else -np.inf
                 walked = walk(i, std)
-                deviations.append(UncertainParameter(f"{name}.deviation", (i,), "deviation", 0.0, std, walked, lowest))
+                own = f"{name}.deviation"
+                deviations.append(
+                    UncertainParameter(in_words(rig, own), named(rig, own), (i,), "deviation", 0.0, std, walked, lowest)
+                )
             continue
         of_tendon = name.startswith("tendons.") and kind in ("stiffness", "damping") and value > 0.0
-        if of_tendon or number(context.mechanism.rig, name).is_rough:
+        if of_tendon or number(rig, name).is_rough:
             factors.append(factor(name, (i,), std / value, walk(i, std / value, value)))
             continue
         mean, spread, lowest = value, std, -np.inf
@@ -156,7 +164,12 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         # where no drive pulls against another, forces are those of friction and say little of all else
         alone = context.n_drives <= context.n_joints
         untold = alone and lowest > 0.0 and known_to_a_factor(name, value, std)
-        found.append(UncertainParameter(name, (i,), "value", mean, spread, walk(i, spread), lowest, untold))
+        walked = walk(i, spread)
+        found.append(
+            UncertainParameter(
+                in_words(rig, name), named(rig, name), (i,), "value", mean, spread, walked, lowest, untold
+            )
+        )
     for name, (std, indices) in p.shared.items():
         together = [i for i in indices if i in seen]
         if together:

@@ -1,0 +1,130 @@
+"""Headers that say the unit of their column: ``theta [rad]``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+
+from distal.errors import LogError, UnitError
+from distal.rig import COUNTS, Rig, Sensor, log_factor
+from distal.units import unit_factor
+
+_UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]+)\]")
+
+
+def header(name: str, unit: str) -> str:
+    """Return the header of a column: ``theta [rad]``, the name alone where the unit is empty.
+
+    Args:
+        name: of the column.
+        unit: of its numbers.
+    """
+    return f"{name} [{unit}]" if unit else name
+
+
+def name_and_unit(text: str) -> tuple[str, str | None]:
+    """Return name and unit of a header, None where it says none; ``position[0]`` says none.
+
+    Args:
+        text: the header.
+    """
+    found = _UNIT.fullmatch(text)
+    return (text, None) if found is None else (found[1], found[2])
+
+
+def needed(text: str, columns: Collection[str] | None) -> bool:
+    """Return whether a column is needed, by its header or by the name in it.
+
+    Args:
+        text: the header.
+        columns: names of what is needed; None needs all.
+    """
+    return columns is None or text in columns or name_and_unit(text)[0] in columns
+
+
+def units_of(headers: Sequence[str], wanted: Collection[str], source: str) -> dict[str, tuple[str, str]]:
+    """Return wanted name → its header and the unit there, of those that are not there by the name alone.
+
+    Args:
+        headers: of a table.
+        wanted: names of columns.
+        source: what to call the table.
+
+    Raises:
+        LogError: a column is there with two units.
+    """
+    found: dict[str, tuple[str, str]] = {}
+    for text in headers:
+        name, unit = name_and_unit(text)
+        if unit is None or name not in wanted or name in headers:
+            continue
+        if name in found:
+            raise LogError(f"{source}: column '{name}' is there twice, as '{found[name][0]}' and '{text}'; remove one")
+        found[name] = text, unit
+    return found
+
+
+def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
+    """Return by what a column's numbers are multiplied to be SI, the sensor's sign left out.
+
+    Args:
+        sensor: whose column it is; where the rig gives it no unit, that of the header counts.
+        unit: in the header, or None.
+        source: what to call the log.
+
+    Raises:
+        LogError: the header's unit is not one of what the sensor measures, or not that of the rig.
+    """
+    if unit is None:
+        return log_factor(sensor)
+    place = f"{source}: column '{header(sensor.log_column, unit)}'"
+    try:
+        if (unit in COUNTS) != (sensor.unit in COUNTS):
+            raise UnitError('counts need unit = "count" and counts_per_turn in the rig file')
+        said = log_factor(sensor.model_copy(update={"unit": unit}))
+    except UnitError as problem:
+        raise LogError(f"{place}: {problem}") from None
+    if sensor.unit is not None and abs(said - log_factor(sensor)) > 1e-9 * said:
+        raise LogError(f"{place}: the rig file says unit = \"{sensor.unit}\" for '{sensor.name}'; correct one of them")
+    return said
+
+
+def time_factor(rig: Rig, unit: str | None, source: str) -> float:
+    """Return by what a log's stamps are multiplied to be seconds.
+
+    Args:
+        rig: the description; where its unit is the default one, that of the header counts.
+        unit: in the header, or None.
+        source: what to call the log.
+
+    Raises:
+        LogError: the header's unit is none of time, or not that of the rig.
+    """
+    known = unit_factor(rig.log.time.unit, "s")
+    if unit is None:
+        return known
+    said = scale(unit, "s", f"{source}: column '{header(rig.log.time.column, unit)}'")
+    if known not in (1.0, said):
+        raise LogError(
+            f"{source}: time is in '{unit}' by its header, in '{rig.log.time.unit}' by the rig file (log.time)"
+        )
+    return said
+
+
+def scale(unit: str | None, si: str, place: str) -> float:
+    """Return the factor from a header's unit to SI, 1 where it says none.
+
+    Args:
+        unit: in the header, or None.
+        si: unit of the dimension that is wanted.
+        place: what to call the column.
+
+    Raises:
+        LogError: it is another dimension's, or none.
+    """
+    if unit is None:
+        return 1.0
+    try:
+        return unit_factor(unit, si)
+    except UnitError as problem:
+        raise LogError(f"{place}: {problem}") from None
