@@ -127,3 +127,28 @@ def test_a_character_that_is_cut_at_a_block_is_in_its_own_row(tmp_path: Path, mo
     path.write_bytes(data)
     with pytest.raises(LogError, match="row 2: is not UTF-8"):
         read_table(path)
+
+
+@pytest.mark.parametrize("cell", ["1_000", "１", "²", "1e400", "-inf", "0x10", "1 2", "nan1"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_what_python_takes_and_a_log_has_not_is_refused(tmp_path: Path, cell: str, end: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(end.join(["t,a", "0,1", f"1,{cell}", ""]), encoding="utf-8", newline="")
+    with pytest.raises(LogError, match=f"row 3, column 'a': '{cell}' is not a finite number"):
+        read_table(path)
+
+
+@pytest.mark.parametrize("block", [1, 30, 1000])
+def test_a_file_is_read_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int) -> None:
+    """Wherever a part ends: values to the last bit, missing ones, and the row of a cell that is none."""
+    from distal.logs.formats import csv
+
+    monkeypatch.setattr(csv, "BLOCK", block)
+    values = np.random.default_rng(3).normal(size=(200, 3)) * 10.0 ** np.arange(-100, 100)[:, None]
+    values[::7, 1] = np.nan
+    lines = [",".join("" if value != value else repr(value) for value in row) for row in values.tolist()]
+    read = read_table(written(tmp_path / "log.csv", ["t,a,b", *lines])).columns
+    np.testing.assert_array_equal(np.column_stack(list(read.values())), values)
+    lines[150] = "1,2,x"
+    with pytest.raises(LogError, match="row 152, column 'b': 'x'"):
+        read_table(written(tmp_path / "log.csv", ["t,a,b", *lines]))

@@ -68,6 +68,8 @@ TEXTS = {
     "no zone": [f"2026-11-20 21:02:47.{10 * k:03d}" for k in range(40)],
     "another zone, whole seconds without a fraction": [date.isoformat() for date in DATES],
     "a decimal comma": [f"2026-11-20T21:02:47,{10 * k:03d}" for k in range(40)],
+    "slashes": [f"2026/11/20 21:02:47.{10 * k:03d}" for k in range(40)],
+    "nanoseconds without marks": [f"20261120T210247.{10_000_000 * k:09d}Z" for k in range(40)],
     "nanoseconds": [f"2026-11-20T21:02:47.{10_000_000 * k:09d}Z" for k in range(40)],
 }
 
@@ -77,6 +79,13 @@ def test_iso_text(frame: pl.DataFrame, rig: Rig, tmp_path: Path, kind: str) -> N
     log = read(frame, TEXTS[kind], rig, tmp_path / "log.csv")
     assert log.stamps is not None
     np.testing.assert_array_equal(log.stamps, 1_795_208_567_000_000_000 + 10_000_000 * np.arange(40))
+
+
+def test_what_is_below_a_microsecond_counts(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> None:
+    for form in ("2026-11-20T21:02:47.{:09d}Z", "20261120T210247.{:09d}", "2026-11-20 23:02:47,{:09d}+02:00"):
+        log = read(frame, [form.format(123_456_789 + 10_000_001 * k) for k in range(40)], rig, tmp_path / "log.csv")
+        assert log.stamps is not None
+        np.testing.assert_array_equal(log.stamps, 1_795_208_567_123_456_789 + 10_000_001 * np.arange(40))
 
 
 def test_datetimes_of_frames(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from distal.cli.options import (
     RigOption,
     SetOption,
     TruthOption,
+    estimators,
     joint_angle,
     seconds,
     settings,
@@ -53,6 +54,7 @@ def estimate_command(
                 "adaptive, affine, ekf, ekf-2008, elastic or inextensible; repeatable, the first is "
                 "written. Default: adaptive, and where the angle is known all, to compare."
             ),
+            autocompletion=estimators,
         ),
     ] = None,
     truth: TruthOption = None,

@@ -8,12 +8,12 @@ from typing import Annotated
 import typer
 
 from distal.cli.console import say, table, warn
-from distal.cli.options import SetOption
+from distal.cli.options import RigArgument, SetOption
 from distal.cli.outputs import check_outputs, to_folder
 
 
 def export_command(
-    rig: Annotated[str, typer.Argument(help="A shipped rig's name (see `distal rigs`) or a TOML file.")],
+    rig: RigArgument,
     out: Annotated[Path, typer.Option("--out", help="Folder for the .c, the .h and what belongs to them.")],
     single: Annotated[bool, typer.Option("--float", help="float and float functions only; else double.")] = False,
     estimator: Annotated[str, typer.Option("--estimator", "-e", help="adaptive, ekf or ekf-2008.")] = "adaptive",

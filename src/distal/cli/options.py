@@ -4,12 +4,42 @@ from __future__ import annotations
 
 import os
 import re
+from glob import escape, glob
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-RigOption = Annotated[str, typer.Option("--rig", help="A shipped rig's name (see `distal rigs`) or a TOML file.")]
+ESTIMATOR_NAMES = ("adaptive", "affine", "ekf", "ekf-2008", "elastic", "inextensible")
+"""Keys of `distal.ESTIMATORS`, here so that a shell completes them without waiting for the packages of estimators."""
+
+
+def estimators(incomplete: str) -> list[str]:
+    """Return the estimators that a shell may complete a word to."""
+    return [name for name in ESTIMATOR_NAMES if name.startswith(incomplete)]
+
+
+def rigs(incomplete: str) -> list[str]:
+    """Return the shipped rigs and the TOML files that a shell may complete a word to."""
+    return _shipped("rig", incomplete)
+
+
+def scenarios(incomplete: str) -> list[str]:
+    """Return the shipped scenarios and the TOML files that a shell may complete a word to."""
+    return _shipped("simulation", incomplete)
+
+
+def _shipped(package: str, incomplete: str) -> list[str]:
+    """Return names by the files of a package, which is not imported: a shell does not wait for that."""
+    library = (path.stem for path in (Path(__file__).parents[1] / package / "library").glob("*.toml"))
+    return sorted(name for name in library if name.startswith(incomplete)) + sorted(glob(f"{escape(incomplete)}*.toml"))
+
+
+RIG = "A shipped rig's name (see `distal rigs`) or a TOML file."
+RigOption = Annotated[str, typer.Option("--rig", help=RIG, autocompletion=rigs)]
+RigArgument = Annotated[str, typer.Argument(help=RIG, autocompletion=rigs)]
+SCENARIO = "A shipped scenario's name (see `distal scenarios`) or a TOML file."
+ScenarioArgument = Annotated[str, typer.Argument(help=SCENARIO, autocompletion=scenarios)]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -62,7 +92,8 @@ MemoryOption = Annotated[
     ),
 ]
 EstimatorOption = Annotated[
-    str, typer.Option("--estimator", "-e", help="adaptive, affine, ekf, ekf-2008, elastic or inextensible.")
+    str,
+    typer.Option("--estimator", "-e", help=f"{', '.join(ESTIMATOR_NAMES)}.", autocompletion=estimators),
 ]
 TruthOption = Annotated[
     str | None,

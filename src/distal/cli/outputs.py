@@ -71,6 +71,8 @@ def check_outputs(
     printed = (("standard output", sys.stdout, 1), ("standard error", sys.stderr, 2))
     streams = [(label, number) for label, stream, number in printed if stream is not None]
     files.check_outputs(outputs, inputs, streams)
+    for output in outputs:
+        files.check_format(output.path)
 
 
 def _description(name: str, shipped: Sequence[str], package: str) -> Path:

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from distal.cli.console import say, table, warn
-from distal.cli.options import SetOption
+from distal.cli.options import RigArgument, SetOption
 from distal.cli.outputs import check_outputs, to_file
 from distal.errors import OutputError
 
@@ -33,9 +33,7 @@ def list_command() -> None:
 
 
 @app.command("check")
-def check_command(
-    rig: Annotated[str, typer.Argument(help="A TOML file, or a shipped rig's name.")], set_: SetOption = None
-) -> None:
+def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     """Check a rig file and say what it holds."""
     from distal.model import Mechanism, stiffest_frequency, substeps
     from distal.rig import doubts, in_words, load_rig
@@ -92,7 +90,7 @@ def _degrees(angle: float) -> str:
 
 @app.command("draw")
 def draw_command(
-    rig: Annotated[str, typer.Argument(help="A TOML file, or a shipped rig's name.")],
+    rig: RigArgument,
     out: Annotated[Path, typer.Option("--out", help="Where to save it (.png, .svg or .pdf).")] = Path("rig.png"),
     set_: SetOption = None,
 ) -> None:
@@ -108,9 +106,7 @@ def draw_command(
 
 
 @app.command("show")
-def show_command(
-    name: Annotated[str, typer.Argument(help="A shipped rig's name, or a TOML file.")], set_: SetOption = None
-) -> None:
+def show_command(name: RigArgument, set_: SetOption = None) -> None:
     """Print a rig's file, with the values of --set put in, to copy and change."""
     from distal.rig import edited_text
 

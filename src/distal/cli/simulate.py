@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from distal.cli.console import say, table, warn
-from distal.cli.options import SeedOption, SetOption
+from distal.cli.options import ScenarioArgument, SeedOption, SetOption, rigs
 from distal.cli.outputs import check_outputs, to_file
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
 
 
 def simulate_command(
-    scenario: Annotated[str, typer.Argument(help="A shipped scenario's name (see `distal scenarios`) or a TOML file.")],
+    scenario: ScenarioArgument,
     out: Annotated[Path, typer.Option("--out", help="Where to write the log (CSV or Parquet); with --runs, a folder.")],
     seed: SeedOption = 0,
     *,
@@ -32,7 +32,9 @@ def simulate_command(
     ] = None,
     rig_: Annotated[
         str | None,
-        typer.Option("--rig", help="A rig instead of the scenario's; its drives have the same names."),
+        typer.Option(
+            "--rig", help="A rig instead of the scenario's; its drives have the same names.", autocompletion=rigs
+        ),
     ] = None,
     truth: Annotated[
         bool, typer.Option("--truth/--no-truth", help="Write what no sensor reads beside it, as true_… in SI.")
@@ -91,7 +93,7 @@ def list_command() -> None:
 
 
 @app.command("show")
-def show_command(name: Annotated[str, typer.Argument(help="A shipped scenario's name or a TOML file.")]) -> None:
+def show_command(name: ScenarioArgument) -> None:
     """Print a scenario's file, to copy and change."""
     from distal.simulation import scenario_text
 

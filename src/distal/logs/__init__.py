@@ -1,7 +1,7 @@
 """Logs: time series of sensors, read, checked and written."""
 
 from distal.logs.datasets import da_vinci_grasper
-from distal.logs.files import file_of, read_log, read_truth, write_columns, write_log
+from distal.logs.files import check_format, file_of, read_log, read_truth, write_columns, write_log
 from distal.logs.frames import pandas_frame, polars_frame
 from distal.logs.headers import header
 from distal.logs.log import LARGEST_READING, Log, check_stamps, frozen
@@ -32,6 +32,7 @@ __all__ = [
     "Table",
     "TruthKind",
     "TruthSource",
+    "check_format",
     "check_outputs",
     "check_stamps",
     "check_writable",

@@ -5,12 +5,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import DistalWarning, LogError
+from distal.errors import DistalWarning, LogError, OutputError
 from distal.logs.formats import format_of, write_csv
 from distal.logs.headers import factor_of, scale, time_factor
 from distal.logs.log import LARGEST_READING, Log, check_stamps
@@ -284,5 +285,23 @@ def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> byt
     Args:
         columns: name → values.
         path: where it will be written; its ending gives the format.
+
+    Raises:
+        OutputError: a package for that is missing.
     """
+    check_format(path)
     return (format_of(path).write or write_csv)(columns)
+
+
+def check_format(path: str | Path) -> None:
+    """Refuse a path for columns whose format cannot be written here.
+
+    Args:
+        path: where they will be written.
+
+    Raises:
+        OutputError: a package for that is missing.
+    """
+    package = format_of(path).package
+    if package is not None and find_spec(package[0]) is None:
+        raise OutputError(f"{path}: needs the package {package[0]} (pip install 'distal[{package[1]}]'); or write CSV")

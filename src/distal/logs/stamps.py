@@ -21,9 +21,9 @@ Stamps = NDArray[np.int64]
 EPOCH, LATEST = 1e8, 9e9
 """Seconds since 1970 between which a stamp is a date (1973 to 2255): what is smaller counts from a start of its own."""
 
-START, SECOND = datetime(1970, 1, 1, tzinfo=UTC), timedelta(seconds=1)
+START, MICROSECOND = datetime(1970, 1, 1, tzinfo=UTC), timedelta(microseconds=1)
 
-FRACTION = re.compile(r"[.,](\d{1,9})\d*(?=$|[Zz+-])")
+FINER, LONGEST = re.compile(r"[.,]\d{6}(\d{1,3})"), len("20261120T210247.123456")
 
 UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 """Units in which dates are counted [s]."""
@@ -161,12 +161,14 @@ def _in_ns(dates: NDArray[Any]) -> list[int | None]:
 
 def _one_date(cell: str) -> int | None:
     """Return an ISO date as nanoseconds since 1970, None where it is none; without a zone it is taken as UTC."""
+    if cell[4:5] in "/.":
+        cell = cell[:10].replace(cell[4:5], "-") + cell[10:]
     try:
-        date = datetime.fromisoformat(re.sub(r"[/.]", "-", cell[:10]) + cell[10:].replace(",", "."))
+        date = datetime.fromisoformat(cell)
     except ValueError:
         return None
-    date = date if date.tzinfo is not None else date.replace(tzinfo=UTC)
-    fraction = FRACTION.search(cell, 10)
-    rest = int(fraction[1].ljust(9, "0")) if fraction is not None else 0
-    stamp = (date.replace(microsecond=0) - START) // SECOND * 1_000_000_000 + rest
+    stamp = ((date if date.tzinfo is not None else date.replace(tzinfo=UTC)) - START) // MICROSECOND * 1000
+    finer = FINER.search(cell) if len(cell) > LONGEST else None  # Python leaves out what is below a microsecond
+    if finer is not None:
+        stamp += int(finer[1].ljust(3, "0"))
     return stamp if abs(stamp) < LATEST * 1e9 else None

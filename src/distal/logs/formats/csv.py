@@ -21,12 +21,9 @@ SEPARATORS = (",", ";", "\t")
 SEPARATOR = "\0"
 """Between the cells of a file whose quotes were taken off: a text has no such byte."""
 
-COPIES, PLAIN, QUOTED = 3, 16, 120
-"""Memory that reading takes: copies of the file, and bytes for each cell of a file without and with quotes, measured on
-95 MB of 10 million cells by `python -m benchmarks.csv_readers`."""
-
-WIDE = 4
-"""Bytes that a character of a quoted cell may take in memory, where the file is not plain ASCII."""
+COPIES, CELL = 3, 16
+"""Memory that reading takes: copies of the file, one more where it has quotes, and bytes for each cell; more than
+`python -m benchmarks.csv_readers` measures."""
 
 BLOCK = 1 << 16
 """So much is taken apart at once: more is slower, since it leaves the processor's cache [bytes]."""
@@ -66,8 +63,7 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
     data = data.rstrip(b"\r\n " if separator == "\t" else None)
     quoted = b'"' in data
     cells = data.count(separator.encode()) + data.count(b"\n") + 1
-    copies = COPIES + (0 if not quoted else 1 if data.isascii() else WIDE)
-    check_memory(path, copies * len(data) + cells * (QUOTED if quoted else PLAIN), f"has {cells:,} cells")
+    check_memory(path, (COPIES + quoted) * len(data) + cells * CELL, f"has {cells:,} cells")
     if quoted:
         data, separator = _without_quotes(path, data, separator, above), SEPARATOR
     names = tuple(name.strip() for name in data.split(b"\n", 1)[0].decode().split(separator))

@@ -40,6 +40,7 @@ class Format:
         read: path and the columns that are needed (None: all) → the table; columns that are not needed may be left out.
         messages: path and a set → the messages; the topics that are there are put into the set.
         write: columns → the content of a file; None where results cannot be written so.
+        package: without which nothing can be written, and the extra of distal that installs it, or None.
         apart: whether files are read in a process of its own: where compiled code reads them, a damaged one may end it.
         folder: the file by which a folder is a log of this format, None where none is.
     """
@@ -48,5 +49,6 @@ class Format:
     read: Callable[[Path, Sequence[str] | None], Cells] | None = None
     messages: Callable[[Path, set[str]], Iterator[Message]] | None = None
     write: Callable[[Mapping[str, NDArray[np.generic]]], bytes] | None = None
+    package: tuple[str, str] | None = None
     apart: bool = True
     folder: str | None = None

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import LogError, OutputError
+from distal.errors import LogError
 from distal.logs.cells import Cells, Column, held
 from distal.logs.formats.format import Format
 from distal.logs.headers import needed
@@ -24,8 +24,6 @@ COPIES = 3
 
 TEXTS = ("string", "large_string", "string_view")
 """Arrow's kinds of text."""
-
-NEEDS = "Parquet needs the package pyarrow; `pip install 'distal[parquet]'`, or use CSV"
 
 
 def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
@@ -43,7 +41,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise LogError(f"{path}: {NEEDS}") from None
+        raise LogError(f"{path}: Parquet needs the package pyarrow (pip install 'distal[parquet]')") from None
     try:
         source = path.open("rb")
     except OSError as problem:
@@ -101,18 +99,13 @@ def write_parquet(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
 
     Args:
         columns: name → values.
-
-    Raises:
-        OutputError: pyarrow is missing.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise OutputError(NEEDS) from None
+    import pyarrow
+    import pyarrow.parquet
+
     buffer = io.BytesIO()
     pyarrow.parquet.write_table(pyarrow.table({name: np.asarray(each) for name, each in columns.items()}), buffer)
     return buffer.getvalue()
 
 
-PARQUET = Format(endings=(".parquet", ".pq"), read=read_parquet, write=write_parquet)
+PARQUET = Format(endings=(".parquet", ".pq"), read=read_parquet, write=write_parquet, package=("pyarrow", "parquet"))

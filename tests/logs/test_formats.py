@@ -1,0 +1,114 @@
+"""A format of logs is one file; what its package lacks is said before the work begins; frames of any library are read."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal import Log, Rig, read_log, write_log
+from distal.errors import LogError, OutputError
+from distal.logs import formats
+from distal.logs.formats import FORMATS, format_of
+
+SHARED = {"__init__", "format", "registry", "ros_messages"}
+
+
+def test_each_file_is_a_format() -> None:
+    files = {path.stem for path in Path(formats.__file__).parent.glob("*.py")} - SHARED
+    read_by = [(one.read or one.messages).__module__ for one in FORMATS]  # type: ignore[union-attr]
+    assert {name.rpartition(".")[2] for name in read_by} == files
+    assert len(read_by) == len(files)
+    assert max(Counter(ending for one in FORMATS for ending in one.endings).values()) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "module"),
+    [("a.CSV", "csv"), ("a", "csv"), ("a.pq", "parquet"), ("a.mcap", "mcap"), ("a.db3", "rosbag"), ("bag", "rosbag")],
+)
+def test_the_name_tells_the_format(tmp_path: Path, name: str, module: str) -> None:
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "metadata.yaml").touch()
+    found = format_of(tmp_path / name)
+    assert (found.read or found.messages).__module__.endswith(f".{module}")  # type: ignore[union-attr]
+
+
+@pytest.fixture
+def log() -> Log:
+    time = 0.01 * np.arange(5)
+    return Log(time, dict.fromkeys(("x1", "x2", "u1", "u2"), 0.001 * time))
+
+
+@pytest.fixture
+def no_pyarrow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor in the process that reads, since there is none."""
+    from distal.logs.reader_process import _Reader
+
+    _Reader.current().end()
+    monkeypatch.setattr(sys, "executable", "")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+
+
+def test_parquet_without_pyarrow(tmp_path: Path, pulley_rig: Rig, log: Log, no_pyarrow: None) -> None:
+    (tmp_path / "log.parquet").write_bytes(b"PAR1")
+    with pytest.raises(LogError, match=r"log\.parquet: Parquet needs .* \(pip install 'distal\[parquet\]'\)"):
+        read_log(tmp_path / "log.parquet", pulley_rig)
+    with pytest.raises(OutputError, match=r"out\.parquet: needs .* \(pip install 'distal\[parquet\]'\); or write CSV"):
+        write_log(log, pulley_rig, tmp_path / "out.parquet")
+    assert not (tmp_path / "out.parquet").exists()
+
+
+def test_it_is_said_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], no_pyarrow: None
+) -> None:
+    from distal import simulation
+    from distal.cli import main
+
+    def begun(*_: object, **__: object) -> None:
+        raise AssertionError("the work began")
+
+    monkeypatch.setattr(simulation, "simulate", begun)
+    monkeypatch.setattr(sys, "argv", ["distal", "simulate", "template", "--out", str(tmp_path / "log.parquet")])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert "needs the package pyarrow" in capsys.readouterr().err
+
+
+def test_csv_needs_no_library_of_frames(tmp_path: Path, pulley_rig: Rig, log: Log) -> None:
+    write_log(log, pulley_rig, tmp_path / "log.csv")
+    code = (
+        "import sys; from distal.logs import read_table; table = read_table(sys.argv[1]); "
+        "print(len(table.columns), [name for name in ('polars', 'pandas', 'pyarrow') if name in sys.modules])"
+    )
+    words = [sys.executable, "-c", code, str(tmp_path / "log.csv")]
+    assert subprocess.run(words, capture_output=True, text=True, check=True).stdout == "5 []\n"
+
+
+class Series:
+    """A column of a library that distal does not know."""
+
+    def __init__(self, values: object) -> None:
+        self._values = values
+
+    def to_numpy(self) -> object:
+        return self._values
+
+
+class Frame(dict):  # type: ignore[type-arg]
+    columns = property(dict.keys)
+
+
+def test_frames_of_any_library(pulley_rig: Rig, log: Log) -> None:
+    columns = {name: Series(values) for name, values in {"t": log.time, **log.channels}.items()}
+    columns["u1"] = Series(np.array(["1.5", None, "2", "na", 3], dtype=object))
+    read = read_log(Frame(columns), pulley_rig)
+    np.testing.assert_array_equal(read.channels["x1"], log.channels["x1"])
+    np.testing.assert_array_equal(read.channels["u1"], [1.5, np.nan, 2.0, np.nan, 3.0])
+    columns["u1"] = Series(np.array([True] * 5))
+    with pytest.raises(LogError, match="column 'u1' holds bool; numbers are expected"):
+        read_log(Frame(columns), pulley_rig)
