@@ -231,7 +231,7 @@ def test_show_with_set_keeps_comments_and_loads(tmp_path: Path) -> None:
 
 def test_reference_load() -> None:
     assert load_rig("paper-2008-printed").reference_load(0) == pytest.approx(8.9)
-    assert load_rig("paper-2008-observed").reference_load(0) == pytest.approx(12.9)
+    assert load_rig("paper-2008-observed").reference_load(0) == pytest.approx(15.2)
     with pytest.raises(RigError, match="needs a 'reference' load"):
         load_rig(
             "paper-2008-printed",

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict, Unpack
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from distal.estimators import UNITS_OF_JOINTS, StateKind, kinds_by_joint, states
 from distal.logs import header, pandas_frame, polars_frame
 from distal.results.curves import BAND
 from distal.results.plots import PlotOptions, plot_estimates
+from distal.results.summary import SummaryRow, html_rows
 from distal.rig import std_name
 
 if TYPE_CHECKING:
@@ -27,21 +27,6 @@ Floats = NDArray[np.float64]
 
 ANGLE_UNITS = {"rad": 1.0, "deg": float(np.deg2rad(1.0))}
 """Units in which angles are written, and how many radians one of it is."""
-
-
-SummaryRow = TypedDict(
-    "SummaryRow",
-    {
-        "joint": str,
-        "least [deg]": float,
-        "greatest [deg]": float,
-        "median band [deg]": float,
-        "RMS error [deg]": float | None,
-        "largest error [deg]": float | None,
-        "inside band": float | None,
-    },
-)
-"""What `Estimate.summary` says of a joint."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -117,7 +102,7 @@ class Estimate:
 
     def _repr_html_(self) -> str:
         """Return the same as a table, as notebooks show it."""
-        return f"<p>{escape(repr(self))}</p>{_html(self.summary())}"
+        return f"<p>{escape(repr(self))}</p>{html_rows(self.summary())}"
 
     def in_words(self, joint: int = 0) -> str:
         """Return in a line where a joint was, how sure that is, and how true where the truth is known.
@@ -410,10 +395,3 @@ class Estimate:
             options: see `distal.plot_estimates`.
         """
         return plot_estimates([self], path=path, **options)
-
-
-def _html(rows: Sequence[Mapping[str, object]]) -> str:
-    """Return rows as a table of HTML, numbers to four digits."""
-    written = ([f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row.values()] for row in rows)
-    lines = ("".join(f"<td>{escape(cell)}</td>" for cell in line) for line in (rows[0], *written))
-    return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"

@@ -1,0 +1,32 @@
+"""What an estimate says of each joint in a row: where it was, how sure that is, how true."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import TypedDict
+
+SummaryRow = TypedDict(
+    "SummaryRow",
+    {
+        "joint": str,
+        "least [deg]": float,
+        "greatest [deg]": float,
+        "median band [deg]": float,
+        "RMS error [deg]": float | None,
+        "largest error [deg]": float | None,
+        "inside band": float | None,
+    },
+)
+"""What `Estimate.summary` says of a joint."""
+
+
+def html_rows(rows: Sequence[Mapping[str, object]]) -> str:
+    """Return rows as a table of HTML, numbers to four digits.
+
+    Args:
+        rows: of the same keys.
+    """
+    written = ([f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row.values()] for row in rows)
+    lines = ("".join(f"<td>{escape(cell)}</td>" for cell in line) for line in (rows[0], *written))
+    return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
