@@ -77,7 +77,7 @@ def test_a_slack_tendon_pulls_from_its_slack_on() -> None:
     k = rig.tendons[0].stiffness.value
     np.testing.assert_allclose(tensions(rig, 0.0, [0.39e-3, 1e-3]), [0.0, rig.tendons[1].stiffness.value * 1e-3])
     np.testing.assert_allclose(tensions(rig, 0.0, [1.4e-3, 0.0]), [k * 1e-3, 0.0], atol=1e-12)
-    with pytest.raises(RigError, match=r"tendons\.0: slack: a tendon is slack at home, or pulled"):
+    with pytest.raises(RigError, match=r"tendons\.left: slack: a tendon is slack at home, or pulled"):
         rig.with_values({"tendons.0.pretension": 2.0})
 
 
