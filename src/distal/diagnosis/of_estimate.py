@@ -38,6 +38,10 @@ class Diagnosis:
     findings: tuple[Finding, ...] = ()
     tested: tuple[str, ...] = ()
 
+    def __str__(self) -> str:
+        """Return the text."""
+        return self.text
+
     @property
     def headline(self) -> str:
         """The line up to its first colon: what there is to say without the reasons."""
