@@ -10,17 +10,15 @@ from hypothesis import strategies as st
 
 from distal import Rig, load_rig
 from distal.model import (
-    Insertion,
     Mechanism,
-    angle_at,
     capstan_limit,
-    elongation,
     free_response,
     restitution,
     soft,
     stretched,
     stribeck,
 )
+from distal.rig import Linkage, Pinned, Pulley
 from tests.helpers import NaiveRig, finite_difference
 
 ANGLE = st.floats(-1.2, 1.2)
@@ -118,15 +116,24 @@ def test_capstan_winds_one_tendon_and_pays_out_the_other() -> None:
     np.testing.assert_allclose(tensions, [20 + k * (radius * s - r * theta), 20 - k * (radius * s - r * theta)])
 
 
+SHAPES = {
+    "pinned": Pinned(kind="pinned", radius=9.53e-3, free_length=0.375),
+    "pulley": Pulley(kind="pulley", radius=9.53e-3),
+    "linkage": Linkage(kind="linkage", radius=9.53e-3),
+}
+
+
 @given(ANGLE, PLACE, st.sampled_from([1, -1]), st.sampled_from(["pinned", "pulley", "linkage"]))
 def test_angle_at_is_the_inverse_of_elongation(theta: float, x: float, side: int, kind: str) -> None:
-    insertion = Insertion(kind, side, 9.53e-3, 0.375, (0.3, 0.2, -0.1))  # type: ignore[arg-type]
-    longer = float(ca.evalf(elongation(insertion, ca.DM(theta), ca.DM(x))))
-    assert float(ca.evalf(ca.SX(angle_at(insertion, longer, ca.DM(x))))) == pytest.approx(theta, abs=1e-9)
+    size = {"radius": 9.53e-3, "free_length": 0.375, "centre": 0.3, "slope": 0.2, "curvature": -0.1}.__getitem__
+    shape = SHAPES[kind]
+    longer = float(ca.evalf(shape.elongation(size, side, [ca.DM(theta)], ca.DM(x))))
+    assert float(ca.evalf(ca.SX(shape.angle_at(size, side, longer, ca.DM(x))))) == pytest.approx(theta, abs=1e-9)
 
 
 def test_an_impossible_length_gives_the_nearest_angle() -> None:
-    far = float(ca.evalf(ca.SX(angle_at(Insertion("pinned", 1, 9.53e-3, 0.375), 0.0, ca.DM(0.05)))))
+    size = {"radius": 9.53e-3, "free_length": 0.375}.__getitem__
+    far = float(ca.evalf(ca.SX(SHAPES["pinned"].angle_at(size, 1, 0.0, ca.DM(0.05)))))
     assert np.isfinite(far)
     assert np.rad2deg(far) == pytest.approx(90.0, abs=3.0)
 
@@ -224,9 +231,9 @@ def test_stiffness_grows_with_tension(delta: float, a: float) -> None:
 def test_the_arm_of_a_linkage_is_the_slope_of_its_excursion(theta: float) -> None:
     """r (1 + s u + c u²), and no excursion at θ = 0."""
     r, centre, slope, curvature = 5e-3, 0.4, 0.3, -0.2
-    insertion = Insertion("linkage", 1, r, 0.0, (centre, slope, curvature))
+    size = {"radius": r, "centre": centre, "slope": slope, "curvature": curvature}.__getitem__
     angle = ca.SX.sym("angle")
-    drawn = -elongation(insertion, angle, 0)
+    drawn = -SHAPES["linkage"].elongation(size, 1, [angle], 0)
     function = ca.Function("e", [angle], [drawn, ca.jacobian(drawn, angle)])
     u = theta - centre
     assert float(function(theta)[1]) == pytest.approx(r * (1 + slope * u + curvature * u * u), rel=1e-9)

@@ -14,7 +14,6 @@ from distal.model.friction import (
     soft_moments,
     stribeck,
 )
-from distal.model.geometry import Insertion, angle_at, elongation, excursion
 from distal.model.intervals import interval_step
 from distal.model.mechanism import GRAVITY, Mechanism
 from distal.model.parameters import Parameters, number_at
@@ -41,18 +40,14 @@ __all__ = [
     "RESOLUTION",
     "Body",
     "ClipMoments",
-    "Insertion",
     "Kick",
     "Limit",
     "Mechanism",
     "Parameters",
     "Slip",
     "SoftMoments",
-    "angle_at",
     "capstan_limit",
     "clip_moments",
-    "elongation",
-    "excursion",
     "free_response",
     "impulses",
     "interval_step",

@@ -9,10 +9,9 @@ import casadi as ca
 
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model.elasticity import stretched
-from distal.model.geometry import Insertion, angle_at, elongation, polynomial_excursion
 from distal.model.parameters import Parameters
 from distal.model.plays import Bounds, Pull, Sheath, balanced, gap, plays_of, strains_of
-from distal.rig import Meeting, Polynomial, Rig
+from distal.rig import Meeting, Polynomial, Rig, Size
 
 
 @dataclass(frozen=True)
@@ -100,17 +99,10 @@ class Tendons:
 
     def _elongation(self, tendon: int, q: Vector) -> Scalar:
         """Return ℓ − l of a tendon: each joint on its way changes what the one before it left of the displacement."""
-        left, p = self.displacement(tendon, q), self.parameters
+        left = self.displacement(tendon, q)
         for meeting in self.rig.tendons[tendon].meetings:
             angles = [q[self._joint(name)] for name in meeting.joints]
-            if isinstance(meeting.shape, Polynomial):
-                path = f"tendons.{tendon}.{meeting.path}"
-                coefficients = [p[f"{path}.terms.{k}.coefficient"] for k in range(len(meeting.shape.terms))]
-                zero = polynomial_excursion(meeting.shape, coefficients, [ca.SX(0)] * len(angles))
-                drawn = polynomial_excursion(meeting.shape, coefficients, angles) - zero
-                left = left - p[f"{path}.scale"] * drawn
-            else:
-                left = elongation(self._insertion(tendon, meeting), angles[0], left)
+            left = meeting.shape.elongation(self._size(tendon, meeting), meeting.side, angles, left)
         return left
 
     def _joint(self, name: str) -> int:
@@ -125,13 +117,13 @@ class Tendons:
             q: coordinates, (n_bodies,); the joint's own is not used.
         """
         (meeting,) = self.rig.tendons[tendon].meetings
-        return angle_at(self._insertion(tendon, meeting), elongated, self.displacement(tendon, q))
+        shape, size = meeting.shape, self._size(tendon, meeting)
+        assert not isinstance(shape, Polynomial)  # it has several joints
+        return shape.angle_at(size, meeting.side, elongated, self.displacement(tendon, q))
 
-    def _insertion(self, tendon: int, meeting: Meeting) -> Insertion:
-        p, path, kind = self.parameters, f"tendons.{tendon}.{meeting.path}", meeting.shape.kind
-        length = p[f"{path}.free_length"] if kind == "pinned" else 0.0
-        shape = tuple(p[f"{path}.{name}"] for name in ("centre", "slope", "curvature")) if kind == "linkage" else ()
-        return Insertion(kind, meeting.side, p[f"{path}.radius"], length, shape)
+    def _size(self, tendon: int, meeting: Meeting) -> Size:
+        """Return name → number of how a tendon meets a joint."""
+        return lambda name: self.parameters[f"tendons.{tendon}.{meeting.path}.{name}"]
 
     def length_jacobian(self, q: Vector) -> Matrix:
         """Return ∂ℓ/∂q, (n_tendons, n_bodies): the moment arms, with minus the sign of the torque."""

@@ -23,6 +23,17 @@ from distal.rig.files import (
     shipped_rigs,
     template_text,
 )
+from distal.rig.insertions import (
+    CrossedLinkage,
+    CrossedPinned,
+    CrossedPulley,
+    Guide,
+    Linkage,
+    Pinned,
+    Polynomial,
+    Pulley,
+    Size,
+)
 from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spring, Stribeck
 from distal.rig.learned_map import CONSTANT, Affine, Contact, Discrepancy, JointMap, LearnedMap, factors
 from distal.rig.naming import in_words, named, part_at
@@ -32,20 +43,7 @@ from distal.rig.plausibility import doubts
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import LogFormat, Rig, Stepping
 from distal.rig.sensors import COUNTS, REFERENCES, Sensor, SensorBase, gain_of, log_factor, log_unit, step_of
-from distal.rig.tendons import (
-    Creep,
-    CrossedLinkage,
-    CrossedPinned,
-    CrossedPulley,
-    Guide,
-    Linkage,
-    Meeting,
-    Path,
-    Pinned,
-    Polynomial,
-    Pulley,
-    Tendon,
-)
+from distal.rig.tendons import Creep, Meeting, Path, Tendon
 from distal.rig.validation import validated
 
 __all__ = [
@@ -87,6 +85,7 @@ __all__ = [
     "Rig",
     "Sensor",
     "SensorBase",
+    "Size",
     "Slider",
     "SliderFriction",
     "SliderHysteresis",

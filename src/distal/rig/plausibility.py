@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain
 
+from distal.rig.insertions import Pinned
 from distal.rig.naming import in_words
 from distal.rig.rig import Rig, parameters_below
-from distal.rig.tendons import Pinned
 
 USUAL: dict[str, tuple[float, float, str]] = {
     "radius": (2e-4, 0.3, "m"),

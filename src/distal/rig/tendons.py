@@ -8,139 +8,19 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from distal.rig.insertions import (
+    CrossedLinkage,
+    CrossedPinned,
+    CrossedPulley,
+    Guide,
+    Linkage,
+    Pinned,
+    Polynomial,
+    Pulley,
+)
 from distal.rig.quantities import Description, In, Name, Parameter
 
-
-class Pinned(Description):
-    """The tendon ends at a pin on the link: ℓ = sqrt(r²(1 − cos θ)² + (l + x ∓ r sin θ)²), equations (4) and (5)."""
-
-    kind: Literal["pinned"]
-    radius: Annotated[Parameter, In("m", "positive")] = Field(description="axis to insertion, r")
-    free_length: Annotated[Parameter, In("m", "positive")] = Field(description="free length of the tendon, l")
-
-
-class Pulley(Description):
-    """The tendon wraps round a pulley at the joint: ℓ = l + x ∓ r θ."""
-
-    kind: Literal["pulley"]
-    radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the pulley, r")
-
-
-class Linkage(Description):
-    """A linkage, or a pulley that is not round: its moment arm is r (1 + s u + c u²) with u = θ − θ_c.
-
-    ℓ = l + x ∓ r [u + s u²/2 + c u³/3], less the same at θ = 0: the transmission ratio varies with the angle.
-    """
-
-    kind: Literal["linkage"]
-    radius: Annotated[Parameter, In("m", "positive")] = Field(description="moment arm at the centre, r")
-    centre: Annotated[Parameter, In("rad", drifts=False)] = Field(
-        Parameter(value=0.0), description="angle about which the arm is described, θ_c"
-    )
-    slope: Annotated[Parameter, In("1/rad")] = Field(
-        Parameter(value=0.0), description="s, change of the arm per radian"
-    )
-    curvature: Annotated[Parameter, In("1/rad^2")] = Field(Parameter(value=0.0), description="c, its second order")
-
-
 Insertion = Annotated[Pinned | Pulley | Linkage, Field(discriminator="kind")]
-
-
-class Guide(Description):
-    """Friction of a tendon where it crosses a joint, by the capstan equation; see `Path`."""
-
-    friction: Annotated[Parameter, In("", "nonnegative")] = Field(
-        description="friction coefficient against its guide, μ"
-    )
-    wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="angle that it wraps at θ = 0, β")
-    wrap_slope: Annotated[Parameter, In("")] = Field(
-        Parameter(value=0.0), description="change of β per radian of the joint"
-    )
-
-
-class Crossed(Description):
-    """Which joint a tendon crosses, and on which side."""
-
-    joint: str = Field(description="name of the joint")
-    side: Literal[1, -1] = Field(description="+1 pulls the joint to +θ, −1 to −θ")
-    guide: Guide | None = Field(None, description="friction along the tendon's way over this joint")
-
-
-class CrossedPinned(Crossed, Pinned):
-    """A tendon that ends at a pin of a joint's link, one of several that it crosses."""
-
-
-class CrossedPulley(Crossed, Pulley):
-    """A tendon over a pulley at a joint, one of several that it crosses."""
-
-
-class CrossedLinkage(Crossed, Linkage):
-    """A tendon at a linkage or a pulley that is not round, one of several that it crosses."""
-
-
-class Term(Description):
-    """One term of a polynomial: coefficient · Π θ_j^{power_j}."""
-
-    powers: tuple[int, ...] = Field(min_length=1, description="power of each joint's angle [rad]")
-    coefficient: Annotated[Parameter, In("m")] = Field(description="metres, per radian to the sum of the powers")
-
-
-HIGHEST_POWER = 9
-
-
-class Polynomial(Description):
-    """A crossing whose excursion is a polynomial in several angles: ℓ = l + x − scale · (e(θ) − e(0)).
-
-    Outside `range` the tendon goes on in a straight line, with the arm that it has at the end of it.
-    """
-
-    kind: Literal["polynomial"]
-    joints: tuple[str, ...] = Field(min_length=1, description="names of the joints")
-    terms: tuple[Term, ...] = Field(min_length=1, description="its terms")
-    range: tuple[Annotated[tuple[float, float], In("rad")], ...] = Field(
-        min_length=1, description="[low, high] of each joint for which it was made"
-    )
-    scale: Annotated[Parameter, In("", "positive")] = Field(
-        Parameter(value=1.0), description="all moment arms are multiplied by this; its std is how well they are known"
-    )
-
-    @model_validator(mode="after")
-    def _whole(self) -> Self:
-        for name in self.joints:
-            if self.joints.count(name) > 1:
-                raise ValueError(f"joints: '{name}' stands more than once")
-        if len(self.range) != len(self.joints):
-            raise ValueError(
-                f"range: one [low, high] for each of {len(self.joints)} joints is needed, {len(self.range)} came"
-            )
-        for i, term in enumerate(self.terms):
-            if len(term.powers) != len(self.joints):
-                raise ValueError(
-                    f"terms.{i}.powers: one for each of {len(self.joints)} joints is needed, {len(term.powers)} came"
-                )
-            if min(term.powers) < 0 or max(term.powers) > HIGHEST_POWER:
-                raise ValueError(f"terms.{i}.powers: must be from 0 to {HIGHEST_POWER}, {list(term.powers)} came")
-        for j, name in enumerate(self.joints):
-            if not any(term.powers[j] > 0 and term.coefficient.value != 0.0 for term in self.terms):
-                raise ValueError(f"joints: '{name}' has no term with a power of it; leave it out, or add one")
-        return self
-
-    def arms(self, angles: dict[str, float]) -> dict[str, float]:
-        """Return the moment arms, positive where it pulls to +θ, by joint [m].
-
-        Args:
-            angles: by joint [rad]; 0 where a joint is missing, and the end of the range beyond it.
-        """
-        at = [min(max(angles.get(name, 0.0), low), high) for name, (low, high) in zip(self.joints, self.range)]
-        found = dict.fromkeys(self.joints, 0.0)
-        for term in self.terms:
-            for j, name in enumerate(self.joints):
-                slope = term.coefficient.value * term.powers[j]
-                for i, power in enumerate(term.powers):
-                    slope *= at[i] ** max(power - (i == j), 0)
-                found[name] += self.scale.value * slope
-        return found
-
 
 Crossing = Annotated[CrossedPinned | CrossedPulley | CrossedLinkage | Polynomial, Field(discriminator="kind")]
 """How a tendon meets one joint (a polynomial: several), where it crosses more than one."""

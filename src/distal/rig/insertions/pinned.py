@@ -1,0 +1,64 @@
+"""A tendon that ends at a pin on the link."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import casadi as ca
+from pydantic import Field
+
+from distal.rig.insertions.crossed import Crossed, Size
+from distal.rig.quantities import Description, In, Parameter
+
+if TYPE_CHECKING:
+    from distal.expressions import Scalar
+
+
+class Pinned(Description):
+    """The tendon ends at a pin on the link: ℓ = sqrt(r²(1 − cos θ)² + (l + x ∓ r sin θ)²), equations (4) and (5)."""
+
+    kind: Literal["pinned"]
+    radius: Annotated[Parameter, In("m", "positive")] = Field(description="axis to insertion, r")
+    free_length: Annotated[Parameter, In("m", "positive")] = Field(description="free length of the tendon, l")
+
+    def elongation(self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar) -> Scalar:
+        """Return ℓ − l, what the joint's angle and the drive's displacement add to the tendon's free length.
+
+        Mend: the paper prints "− r sin θ" for both tendons; the second insertion is opposite, so it moves the other way.
+
+        Args:
+            size: its numbers by name.
+            side: +1 pulls the joint to +θ, −1 to −θ.
+            angles: joint angle θ [rad], the only one.
+            displacement: of the tendon's proximal end, away from the joint, x [m].
+        """
+        (angle,), radius, free_length = angles, size("radius"), size("free_length")
+        # (4) and (5) multiplied out: ℓ² = A² − 2 side r A sin θ + 2 r² (1 − cos θ), A = l + x, has the shorter derivatives
+        along = free_length + displacement
+        square = along * (along - 2 * side * radius * ca.sin(angle)) + 2 * radius * radius * (1 - ca.cos(angle))
+        return ca.sqrt(square) - free_length
+
+    def angle_at(self, size: Size, side: int, elongated: Scalar, displacement: Scalar) -> Scalar:
+        """Return the joint angle θ [rad] at which the tendon has the given ℓ − l: the inverse of `elongation`.
+
+        Squaring (4) gives r cos θ + side · A sin θ = (2r² + A² − ℓ²)/(2r) with A = l + x, a shifted sine. Where no
+        angle fits (the drive moved further than the insertion can follow), the nearest one is returned.
+
+        Args:
+            size: its numbers by name.
+            side: +1 pulls the joint to +θ, −1 to −θ.
+            elongated: ℓ − l [m].
+            displacement: x [m].
+        """
+        radius, free_length = size("radius"), size("free_length")
+        along = free_length + displacement
+        length = free_length + elongated
+        level = (2 * radius * radius + along * along - length * length) / (2 * radius)
+        amplitude = ca.sqrt(radius * radius + along * along)
+        ratio = ca.fmin(ca.fmax(level / amplitude, -1), 1)
+        return side * (ca.asin(ratio) - ca.atan2(radius, along))
+
+
+class CrossedPinned(Crossed, Pinned):
+    """A tendon that ends at a pin of a joint's link, one of several that it crosses."""
