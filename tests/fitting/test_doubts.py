@@ -5,9 +5,10 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from distal.fitting.doubts import far_from_priors
+from distal.fitting.doubts import far_from_priors, noise_growth
 from distal.fitting.fitted import FittedNumber
 from distal.fitting.free import Free
 
@@ -42,3 +43,20 @@ def test_a_number_as_it_came_keeps_the_ratios_of_what_shares_it() -> None:
     assert back.value == 20e3
     assert back.values == pytest.approx((20e3, 10e3))
     assert not back.identified
+
+
+@pytest.mark.parametrize(
+    ("path", "kept", "grown", "factor"),
+    [
+        ("sensors.0.noise", False, 11.0, 11.0),
+        ("sensors.0.noise", False, 3.9, 1.0),  # a noise may be four times what its sheet says
+        ("sensors.0.noise", True, 11.0, 1.0),  # the reference's own, which the file keeps
+        ("joints.0.unmodelled", False, 11.0, 1.0),
+    ],
+)
+def test_noise_that_grows_too_much_multiplies_standard_errors(
+    path: str, kept: bool, grown: float, factor: float
+) -> None:
+    free = Free("noise", (path,), (0.2,), 0.2, 0.2, 1e-3, 1e3, "N", logarithmic=True, noise=True, kept_by_file=kept)
+    problem: Any = SimpleNamespace(parts=((free, None),))
+    assert noise_growth(problem, np.array([free.coordinate(0.2 * grown)])) == pytest.approx(factor)

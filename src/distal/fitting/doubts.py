@@ -62,6 +62,24 @@ def nis_of(problem: Problem, z: Floats) -> tuple[float, ...]:
     return tuple(float(np.nanmean(column)) if np.isfinite(column).any() else float("nan") for column in ratios.T)
 
 
+def noise_growth(problem: Problem, z: Floats) -> float:
+    """Return by what the noise of a sensor had to grow where it grew too much to be its own, the largest; else 1.
+
+    What makes it grow is physics that the rig lacks. It repeats itself with the motion and does not average out, so
+    that standard errors, which shrink with the number of samples, are too small by about this factor.
+
+    Args:
+        problem: of the fit.
+        z: coordinates at its end, (n,).
+    """
+    grown = [
+        part.value(float(at)) / part.start
+        for (part, _), at in zip(problem.parts, z)
+        if part.noise and part.has_prior and part.paths[0].startswith("sensors.") and not part.kept_by_file
+    ]
+    return max((one for one in grown if one > LARGEST_NOISE_GROWTH), default=1.0)
+
+
 def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
     """Return what says that the logs still do not look like the rig.
 
@@ -88,8 +106,8 @@ def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
             )
         if part.paths[0].startswith("sensors.") and not part.kept_by_file and grown > LARGEST_NOISE_GROWTH:
             doubts.append(
-                f"the logs do not look like this rig: {part.name} had to become {grown:.1f} times what the rig says; "
-                f"{ADVICE}"
+                f"the logs do not look like this rig: {part.name} had to become {grown:.1f} times what the rig says, and "
+                f"standard errors are multiplied by as much; {ADVICE}"
             )
     return doubts
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from distal.errors import FitError, RigError
 from distal.fitting.angle_errors import surprise_of
-from distal.fitting.doubts import NOT_CONVERGED, SURPRISED, contradictions, doubts_of, nis_of
+from distal.fitting.doubts import NOT_CONVERGED, SURPRISED, contradictions, doubts_of, nis_of, noise_growth
 from distal.fitting.fitted import FittedNumber
 from distal.fitting.free import Free
 from distal.fitting.options import Options
@@ -224,7 +224,12 @@ def fitted_numbers(
     """
     coordinates = [problem.columns(j) for j in range(len(problem.data))]
     given_held, known = uncertainty.errors_holding(held), found.converged and not found.interrupted
+    grown = noise_growth(problem, found.z)
     numbers = []
+
+    def limit_of(part: Free) -> float:
+        return part.std if part.has_prior and not part.noise else float("inf")
+
     for k, part in enumerate(problem.free):
         places = sorted({columns[k] for columns in coordinates})
         each = np.array([part.value(found.z[place]) for place in places])
@@ -247,7 +252,7 @@ def fitted_numbers(
                 part.start,
                 part.std,
                 mean if told else part.start,
-                spread(uncertainty.errors) if known else float("nan"),
+                min(grown * spread(uncertainty.errors), limit_of(part)) if known else float("nan"),
                 told,
                 part.noise,
                 values if told else starts,
