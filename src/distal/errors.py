@@ -76,7 +76,7 @@ def one_line(text: str, longest: int = LONGEST_LINE) -> str:
 
 
 def printable(text: str) -> str:
-    """Return a text without characters that a terminal would obey: white space is a space, others are written out.
+    """Return a text without control characters: white space becomes a space, others are written out.
 
     Args:
         text: of anything, e.g. a name from a file.

@@ -52,7 +52,7 @@ def _few_warnings() -> Iterator[None]:
     for text in said[:FEW]:
         warn(text)
     if len(said) > FEW:
-        warn(f"and {len(said) - FEW} more of the other logs (estimate one alone to see its own)")
+        warn(f"and {len(said) - FEW} more of the other logs (estimate one log alone to see its warnings)")
 
 
 def estimate_many(
@@ -68,7 +68,7 @@ def estimate_many(
 ) -> None:
     """Estimate over many logs, write each estimate to a folder, and print a line for each.
 
-    A log that cannot be estimated is said and left out; the others go on, and the command ends with code 2.
+    A log that cannot be estimated is reported and skipped; the others go on, and the command ends with code 2.
 
     Args:
         logs: their paths.

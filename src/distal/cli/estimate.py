@@ -52,7 +52,7 @@ def estimate_command(
             "-e",
             help=(
                 "adaptive, affine, ekf, ekf-2008, elastic or inextensible; repeatable, the first is "
-                "written. Default: adaptive, and where the angle is known all, to compare."
+                "written. Default: adaptive; where the angle is known, all of them, to compare."
             ),
             autocompletion=estimators,
         ),
@@ -69,8 +69,7 @@ def estimate_command(
             "--passes",
             min=1,
             help=(
-                "ekf and ekf-2008: filter so many times, each begins with the covariance that the one"
-                " before ended with."
+                "ekf and ekf-2008: filter this many times; each pass begins with the covariance at the end of the last."
             ),
         ),
     ] = 1,
@@ -79,7 +78,7 @@ def estimate_command(
     ] = False,
     homing: Annotated[
         str | None,
-        typer.Option("--homing", help="Use the reference for so long (e.g. 3s), then only check against it."),
+        typer.Option("--homing", help="Use the reference for this long (e.g. 3s), then only compare with it."),
     ] = None,
     homing_angle: Annotated[
         list[str] | None,
@@ -91,7 +90,7 @@ def estimate_command(
     what_if: Annotated[
         bool,
         typer.Option(
-            "--what-if/--no-what-if", help="Run again with one thing changed: what explains it, what is untested."
+            "--what-if/--no-what-if", help="Rerun with one change at a time: what explains it, what is untested."
         ),
     ] = True,
     unit: Annotated[str, typer.Option("--unit", help="Of the angles in --out: rad or deg.")] = "rad",

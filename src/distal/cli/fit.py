@@ -39,7 +39,7 @@ def fit_command(
         typer.Option(
             "--free",
             metavar="PATH",
-            help="What is varied, e.g. tendons.left.stiffness; default: all with a std. Repeatable.",
+            help="Number to fit, e.g. tendons.left.stiffness; default: all with a std. Repeatable.",
         ),
     ] = None,
     per_log: Annotated[
@@ -47,13 +47,13 @@ def fit_command(
         typer.Option(
             "--per-log",
             metavar="PATH",
-            help="What each log has its own of, e.g. tendons.*.pretension.",
+            help="Number with one value for each log, e.g. tendons.*.pretension.",
         ),
     ] = None,
     homing: Annotated[
         str | None,
         typer.Option(
-            "--homing", help=("Fit to this use: the reference is known for so long (e.g. 3s), then predicted.")
+            "--homing", help=("Fit for this use: the reference is known for so long (e.g. 3s), then not read.")
         ),
     ] = None,
     truth: Annotated[str | None, typer.Option("--truth", help="True joint angle: a column of the logs.")] = None,
@@ -76,20 +76,20 @@ def fit_command(
     start: Annotated[
         Path | None,
         typer.Option(
-            "--start", help=("Begin the search at the values of an earlier fit; what is known before comes from --rig.")
+            "--start", help=("Begin the search at the values of an earlier fit; the priors still come from --rig.")
         ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="How many logs are run at once.")] = 2,
     proposals: Annotated[
         bool,
-        typer.Option("--propose", help="Try what the rig may lack (other physics, numbers of each log's own): slow."),
+        typer.Option("--propose", help="Try changes of the rig (more physics, one value per log of a number): slow."),
     ] = False,
     repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
-    """Fit a rig's parameters and noise to logs, say what they can tell, and write a rig that estimates well on the next."""
+    """Fit a rig's parameters and noise to logs, say which ones the logs determine, and write a rig file for later logs."""
     from distal.fitting import fit as fitted_to
     from distal.fitting import groups_of
     from distal.logs import read_log
@@ -124,7 +124,7 @@ def fit_command(
         )
     _say(result)
     if proposals and not result.proposals:
-        say("nothing that was tried beside it takes the error on logs left out down by a tenth")
+        say("none of the changes that were tried lowers the error on logs left out by a tenth")
     if out is not None:
         result.save(out, edited_text(rig, settings(set_, repeated)))
         say(f"wrote {out}")
@@ -166,7 +166,7 @@ def _check_logs(logs: list[Path]) -> None:
     names = [os.path.realpath(path) for path in logs]
     for path in names:
         if names.count(path) > 1:
-            raise FitError(f"{path}: came more than once; a log that counts twice makes the fit too sure of itself")
+            raise FitError(f"{path}: came more than once; a log that counts twice makes the standard errors too small")
 
 
 def _say(result: Fit) -> None:
@@ -182,7 +182,7 @@ def _say(result: Fit) -> None:
     if rest:
         names = [part.name for part in rest]
         more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-        say(f"not told by these logs: {', '.join(names[:MOST_NAMES])}{more}")
+        say(f"not determined by these logs: {', '.join(names[:MOST_NAMES])}{more}")
     scores = result.scores()
     if scores:
         said = ", ".join(f"{name} {degrees(rms):.3f}° ({100 * inside:.0f} %)" for name, rms, inside in scores)

@@ -88,7 +88,7 @@ MemoryOption = Annotated[
         "--max-memory",
         metavar="SIZE",
         callback=_allow_memory,
-        help=("What reading one log may take, e.g. 16GB; default 2 GB, since a small file can ask for all there is."),
+        help=("Memory for reading one log, e.g. 16GB; default 2 GB, since a small file can ask for all memory."),
     ),
 ]
 EstimatorOption = Annotated[

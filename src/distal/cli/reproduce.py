@@ -20,7 +20,7 @@ def reproduce_command(
     ),
     search: Annotated[
         bool,
-        typer.Option("--search", help="Search the rig that the authors may have had instead (a quarter of an hour)."),
+        typer.Option("--search", help="Search for the rig that the authors may have had instead (15 minutes)."),
     ] = False,
 ) -> None:
     """Simulate and filter the 2008 paper's two test series; write its figures, results and a page."""
@@ -61,7 +61,7 @@ def _reproduce(out: Path, progress: Progress) -> None:
 
 
 def _search(out: Path, progress: Progress) -> None:
-    """Search the rig that the authors may have had, and say what holds on it."""
+    """Search for the rig that the authors may have had, and say what holds on it."""
     from distal.paper.map import SEARCH_FILES, described, write_search
     from distal.paper.search import plant_count, search
 

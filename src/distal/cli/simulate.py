@@ -37,7 +37,7 @@ def simulate_command(
         ),
     ] = None,
     truth: Annotated[
-        bool, typer.Option("--truth/--no-truth", help="Write what no sensor reads beside it, as true_… in SI.")
+        bool, typer.Option("--truth/--no-truth", help="Also write true values that no sensor reads, as true_… in SI.")
     ] = True,
     set_: SetOption = None,
 ) -> None:

@@ -1,4 +1,4 @@
-"""Every finding and its words: one function each, called by what finds it."""
+"""The text of every finding: one function for each, called where it is found."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from distal.diagnosis.finding import Finding
 
 
 def all_drift(channels: Sequence[str]) -> Finding:
-    """Return that the innovations of all channels are correlated.
+    """Return the finding that all channels' innovations are correlated.
 
     Args:
         channels: names of the channels.
@@ -21,7 +21,7 @@ def all_drift(channels: Sequence[str]) -> Finding:
 
 
 def some_drift(channels: Sequence[str], correlation: float) -> Finding:
-    """Return that the innovations of some channels are correlated.
+    """Return the finding that some channels' innovations are correlated.
 
     Args:
         channels: names of the channels.
@@ -33,7 +33,7 @@ def some_drift(channels: Sequence[str], correlation: float) -> Finding:
 
 
 def disagrees_since(channel: str, since: float) -> Finding:
-    """Return that a sensor disagrees from some time [s] to the end.
+    """Return the finding that a sensor disagrees from some time [s] to the end.
 
     Args:
         channel: name of the channel.
@@ -66,7 +66,7 @@ def several_too_large(channels: Sequence[str], ratio: float) -> Finding:
 
 
 def hardly_compared(channel: str, share: float) -> Finding:
-    """Return that few samples of a channel are compared.
+    """Return the finding that few samples of a channel are compared.
 
     Args:
         channel: name of the channel.
@@ -77,18 +77,18 @@ def hardly_compared(channel: str, share: float) -> Finding:
 
 
 def not_tested(channel: str, ratio: float) -> Finding:
-    """Return that a channel tests nothing: its innovations are much smaller than expected, by the mean of ν²/S.
+    """Return the finding that a channel tests nothing: its innovations are far too small, by the mean of ν²/S.
 
     Args:
         channel: name of the channel.
         ratio: mean of ν²/S.
     """
-    text = f"not tested by {channel}: its innovations are {np.sqrt(ratio):.2f} of what is allowed"
+    text = f"not tested by {channel}: its innovations are only {np.sqrt(ratio):.2f} of the expected size"
     return Finding("not tested", channel, text)
 
 
 def left_its_prior(state: str, value: float, std: float, prior: float, prior_std: float) -> Finding:
-    """Return that a state ends where its prior says that it is not.
+    """Return the finding that a state ends far outside its prior.
 
     Args:
         state: name of the state.
@@ -113,7 +113,7 @@ def does_not_settle(state: str, change: float) -> Finding:
 
 
 def turns_too_far(joint: str, covered: float) -> Finding:
-    """Return that an angle covers more than a joint can [rad].
+    """Return the finding that an angle covers more than a joint can [rad].
 
     Args:
         joint: name of the joint.
@@ -136,16 +136,16 @@ def friction_undeclared(drive: str, value: float) -> Finding:
 
 
 def drive_elsewhere(sensor: str) -> Finding:
-    """Return that a displacement is where its drive cannot be.
+    """Return the finding that a displacement is where its drive cannot be.
 
     Args:
         sensor: name of the sensor.
     """
-    return Finding("cannot be there", sensor, f"{sensor} is where its drive cannot be: unit, zero or side?")
+    return Finding("cannot be there", sensor, f"{sensor} is where its drive cannot be: wrong unit, zero or side?")
 
 
 def outside_the_fit(channel: str, share: float, low: float, high: float) -> Finding:
-    """Return that a channel left what a fit has seen, SI.
+    """Return the finding that a channel left the range of a fit, SI.
 
     Args:
         channel: name of the channel.
@@ -179,7 +179,7 @@ def map_disagrees(share: float) -> Finding:
 
 
 def looks(subject: str, like: str) -> Finding:
-    """Return what would explain that a log disagrees with its rig.
+    """Return a possible explanation why a log disagrees with its rig.
 
     Args:
         subject: of what: a sensor, a drive, a number of the rig.
@@ -214,22 +214,22 @@ def looks_geared_at_least(subject: str, ratio: float) -> Finding:
 
 
 def cannot_test(subject: str) -> Finding:
-    """Return what no sensor there can test.
+    """Return the finding that no sensor tests this.
 
     Args:
         subject: of what: a sensor, a drive, a number of the rig.
     """
-    return Finding("cannot test", subject, f"a wrong {subject} moves the angle and no innovation")
+    return Finding("cannot test", subject, f"a wrong {subject} changes the angle but no innovation")
 
 
 def hangs_on_the_start(state: str, spread: float, *, is_angle: bool) -> Finding:
-    """Return that the angle depends on where the filter began by more than its band.
+    """Return the finding that the angle depends on the filter's start by more than its band.
 
     Args:
         state: name of the state.
         spread: of the angle over starts, in its standard deviations.
         is_angle: whether the state is a joint's angle.
     """
-    what = f"where {state}" if is_angle else f"what {state}"
-    text = f"the band is too narrow: the angle hangs {spread:.1f}× as much as it allows on {what} begins with"
+    what = f"where {state} is" if is_angle else f"what {state} is"
+    text = f"the band is too narrow: the angle depends {spread:.1f}× as much as it allows on {what} at first"
     return Finding("overconfident", state, text)

@@ -1,4 +1,4 @@
-"""`affine`, the obvious estimator: the angle as least squares of what the sensors read, from logs or a homing move."""
+"""`affine`, the baseline estimator: the angle by least squares from the readings, learned from logs or a homing move."""
 
 from __future__ import annotations
 
@@ -37,23 +37,23 @@ Floats = NDArray[np.float64]
 NAME = "affine"
 
 OUTSIDE = "outside_range"
-"""The state that says how far readings are outside the learned range, in halves of it; 0 within."""
+"""The state that gives how far readings are outside the learned range, in half ranges; 0 inside."""
 
 NOTICED = 0.1
-"""Readings this far outside the learned range, in halves of it, are said; the band grows from the range's end on."""
+"""Readings this far outside the learned range (in half ranges) are reported; the band grows from the range's end on."""
 
 NEEDS = "needs [affine] in the rig file (distal fit with logs whose angle is known), or a homing move (--homing 3s)"
 """What to do where there is no map."""
 
 NOWHERE = 1e6
-"""Variance of an angle of which the map says nothing at the start [rad²]."""
+"""Variance of an angle at the start where the map does not give it [rad²]."""
 
 START_GROWTH, START_REACH = 10.0, 1.0
-"""At the start: growth of the std, and the end of the map, in half ranges outside of what it was learned from."""
+"""At the start: growth of the std outside the learned range, and where the map ends, in half ranges."""
 
 
 def affine_of(rig: Rig) -> Kind:
-    """Return how the joints' angles are learned from what the sensors of a rig read.
+    """Return the kind of map that gives the joints' angles from a rig's readings.
 
     Args:
         rig: the description.
@@ -264,9 +264,9 @@ def learned_alone(window: Samples, kind: Kind) -> LearnedMap:
 
 
 def start_of(affine: Affine, joint: int, readings: Mapping[str, tuple[Scalar, Scalar]]) -> tuple[Scalar, Scalar]:
-    """Return angle and variance of a joint at the first readings; what a play remembers is not known yet.
+    """Return angle and variance of a joint at the first readings, where the state of plays is unknown.
 
-    Outside what the map was learned from its std grows, and far outside, or where a reading is missing, it says nothing.
+    Outside the learned range its std grows; far outside, or with a missing reading, the map gives no information.
 
     Args:
         affine: as learned.

@@ -21,13 +21,13 @@ from distal.rig import Rig
 Floats = NDArray[np.float64]
 
 LARGEST_ANGLE = 50.0
-"""A joint angle beyond this [rad] is a filter that diverged."""
+"""A joint angle beyond this [rad] means that the filter diverged."""
 
 WILD = f"beyond {LARGEST_READING:g} in SI; NaN stands for a missing value"
-"""What is said of such a value."""
+"""The message on such a value."""
 
 SHORTEST = 1e-9
-"""Stamps that are nearer to each other than this repeat [s]."""
+"""Two stamps closer to each other than this count as the same [s]."""
 
 _BUILDING = threading.Lock()
 
@@ -77,7 +77,7 @@ class Estimator(Protocol):
 
 
 class KernelEstimator:
-    """What estimators share that are a kernel (carry, x, p) → (carry⁺, y).
+    """The common base of estimators that are a kernel (carry, x, p) → (carry⁺, y).
 
     x = (dt, values of the channels, mask of the channels); y = (innovations, variances) of the measured channels.
     A missing value (NaN) becomes a zero in the mask; long intervals are bridged, see `distal.estimators.gaps`.
@@ -236,7 +236,7 @@ class KernelEstimator:
 
     @property
     def angles(self) -> slice:
-        """Where the joints' angles stand among the states."""
+        """The indices of the joints' angles in the state vector."""
         return slice(0, len(self.rig.joints))
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
@@ -250,7 +250,7 @@ class KernelEstimator:
 
     @property
     def bridged(self) -> int:
-        """Number of channels, the first ones, that cross a gap in a straight line to the reading that ends it."""
+        """Number of leading channels that are interpolated along a straight line over a gap."""
         return 0
 
     @property
@@ -275,7 +275,7 @@ class KernelEstimator:
         return np.where(np.isnan(samples[:, columns]), np.nan, ys[:, :m]), ys[:, m : 2 * m].copy()
 
     def _accepted(self, belief: Belief, time: float, sample: Floats) -> tuple[Floats, float]:
-        """Return sample and stamp as they should be, or raise."""
+        """Return the checked sample and stamp, or raise an error."""
         sample = self._checked(sample)
         expected = self.initial_size
         if not isinstance(belief, Belief) or (expected is not None and belief.carry.shape != (expected,)):

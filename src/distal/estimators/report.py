@@ -1,4 +1,4 @@
-"""What an estimator reports of its states where a learned map speaks of some: values and errors behind the kernel's y."""
+"""Reported states where a learned map corrects or replaces some: values and errors at the end of the kernel's y."""
 
 from __future__ import annotations
 
@@ -101,4 +101,4 @@ class Report:
 
 
 NOTHING_REPORTED = Report()
-"""States are reported as the filter has them."""
+"""The report that leaves all states unchanged."""

@@ -1,4 +1,4 @@
-"""What speaks against a fit, a sentence each."""
+"""The reasons not to trust a fit, one sentence each."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ LARGEST_NIS = 5.0
 """Mean ν²/S from which on a log does not look like its rig."""
 
 LARGEST_NOISE_GROWTH = 4.0
-"""A sensor's noise that has to grow by this factor is none of its own."""
+"""If a sensor's noise has to grow by this factor, the sensor is not the cause."""
 
 LARGEST_UNMODELLED_GROWTH = 10.0
-"""Unmodelled motion that has to grow by this factor is most of the motion."""
+"""If unmodelled motion has to grow by this factor, it explains most of the motion."""
 
 FAR_FROM_PRIOR = 4.0
-"""A value so many standard deviations of its prior away is worth a word."""
+"""A value this many prior standard deviations away from its prior is reported."""
 
 FAR_FROM_FACTOR = 2.0
-"""The same of a number that is known to a factor: the square of that factor is hardly possible."""
+"""The same for a number known within a factor: a change by the square of that factor is improbable."""
 
 FEW_ITERATIONS = 4
 
@@ -41,7 +41,7 @@ ADVICE = (
 )
 
 SURPRISED = (
-    "without the reference as a sensor the angle errs by more than the filter says: the rig lacks physics that these logs "
+    "without the reference as a sensor the angle errs by more than the filter's std: the rig lacks physics that these logs "
     "have; it was fitted to the angle without the reference"
 )
 
@@ -81,7 +81,7 @@ def noise_growth(problem: Problem, z: Floats) -> float:
 
 
 def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
-    """Return what says that the logs still do not look like the rig.
+    """Return sentences on where the logs still do not agree with the rig.
 
     Args:
         problem: of the fit.
@@ -113,7 +113,7 @@ def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
 
 
 def far_from_priors(numbers: Sequence[FittedNumber], problem: Problem) -> list[str]:
-    """Return what is to be said of values far from their priors, or at a bound.
+    """Return warnings on values far from their priors, or at a bound.
 
     Args:
         numbers: the outcome.
@@ -137,7 +137,7 @@ def far_from_priors(numbers: Sequence[FittedNumber], problem: Problem) -> list[s
 
 
 def contradictions(problem: Problem, found: Found) -> list[str]:
-    """Return what is to be said of logs that only numbers of their own explain: a sentence, or none.
+    """Return a doubt about logs that can be explained only with their own numbers: one sentence, or none.
 
     A log is fitted alone, in a few iterations from the optimum of all and its noise as it is, where its own slopes there
     predict a larger gain of −ln p than chance: n/2 in the mean for n numbers (score test; Rao 1948).

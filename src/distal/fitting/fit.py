@@ -1,4 +1,4 @@
-"""`fit`: what logs teach of a rig, and how that does on logs that it has not seen."""
+"""`fit`: learn a rig's numbers from logs, and test them on logs that were left out."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from distal.logs import Log, Source, read_log, true_angles
 from distal.rig import Rig, load_rig
 
 FOR_LEAVING_OUT = 3
-"""With so many logs whose angle is known, each is left out once."""
+"""With this many logs of known angle, or more, each is left out once."""
 
 
 def fit(
@@ -44,32 +44,32 @@ def fit(
     start: Rig | str | Path | None = None,
     proposals: bool = False,
 ) -> Fit:
-    """Fit a rig's parameters and noise to logs, learn what the model leaves of the angle, and judge both on logs left out.
+    """Fit a rig's parameters and noise to logs, learn the remaining error of the angle, and test both on logs left out.
 
     −ln p = ½ Σ (ν²/S + ln 2πS) − ln prior, over all logs and channels (prediction-error method; Ljung, 1999, ch. 7). The
     truth of a log that has one is no sensor: it is compared with what the filter makes of the others. With `homing` it is
-    a sensor for that long, and what is predicted afterwards is what counts: the fit is to the use. With three logs with
-    truth or more each is left out once: all of `learn` is done with the others, from the rig as it came. Logs that do not
-    look like the rig, or contradict each other, are fitted as well as may be, and the outcome says so.
+    a sensor for that long, and only the predictions afterwards count, as in use. With three logs with
+    truth or more, each is left out once: `learn` runs on the others, starting from the original rig. Logs that do not
+    agree with the rig, or contradict each other, are fitted as well as possible, and the result says so.
 
     Args:
         logs: each a `Log`, a path or a frame (see `read_log`).
         rig: the description where the fit starts; its values and stds are the priors.
-        free: paths of what is varied, ``*`` for all parts of a kind; default every parameter with a std.
-        per_log: paths of which each log has its own (pre-tension, zero offsets).
-        homing: for how long the reference is used [s]; None for wherever it is.
-        noise: whether noise is varied too.
+        free: paths of the parameters to fit, ``*`` for all parts of a kind; default every parameter with a std.
+        per_log: paths of parameters with one value for each log (pre-tension, zero offsets).
+        homing: for how long the reference is used [s]; None: wherever it has values.
+        noise: whether noise is fitted too.
         curves: whether the position sensors' systematic curves are learned from logs with truth; only where the same
             sensors, mounted the same way, will be read again.
         truth: where logs are read: the true angle's column.
-        seed: of the starts.
+        seed: of random starts.
         workers: threads; the numbers do not depend on them.
         compiled: compile kernels where possible.
-        progress: called with what is done.
+        progress: called with the progress.
         units: fit a *kind* of rig: a regular expression whose first parenthesis names the unit (an instrument, a pose, a
             day) in a log's name; units are left out as a whole, so that the band is that of a unit not seen.
         start: a fitted rig, whose values the search begins with; the priors are those of `rig`.
-        proposals: whether kinds of physics that the rig may lack are tried too, each with two fits more.
+        proposals: whether physics that the rig may lack is tried too; each kind costs two more fits.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
@@ -112,7 +112,7 @@ def _read(
 ) -> list[Log]:
     """Return the logs, read and checked."""
     if not rig.sensors:
-        raise FitError("the rig has no sensors, so that no log can tell of it; describe them in [[sensors]]")
+        raise FitError("the rig has no sensors, so no log can be used for a fit; describe them in [[sensors]]")
     if homing is not None and not isinstance(homing, (int, float)):
         raise FitError(f"homing is a number of seconds, {homing!r} came")
     given = [logs] if isinstance(logs, (Log, str, Path)) else list(logs)
@@ -121,7 +121,7 @@ def _read(
     joints = [joint.name for joint in rig.joints]
     for log in read if homing is not None else ():
         if true_angles(log, joints) is None:
-            raise FitError(f"{log.source}: has no truth, which a fit with homing needs on every log")
+            raise FitError(f"{log.source}: has no truth; a fit with homing needs one on every log")
         assert homing is not None
         check_homing(homing, log, joints)
     return read

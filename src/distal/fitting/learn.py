@@ -1,4 +1,4 @@
-"""`learn`: everything that logs teach of a rig. A fold of `leave_out` is this call with fewer logs, and nothing else."""
+"""`learn`: everything that is learned from logs. A fold of `leave_out` is the same call with fewer logs."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from distal.rig import Rig, part_at
 Floats = NDArray[np.float64]
 
 SURER = 0.85
-"""Narrower stds are taken where the angle's error is below this share."""
+"""Narrower stds are used if they bring the angle's error below this share."""
 
 TOLD_OR_HELD: tuple[float | None, ...] = (None, 0.0)
-"""Stds that are tried after a fit: as the logs tell them, or none, so that no log teaches the numbers anew."""
+"""Stds that are tried after a fit: those from the logs, or none, so that filters keep the numbers constant."""
 
 SIMPLER = 0.8
-"""The rig's numbers stay as they came where on logs left out the angle errs by less than this share of the fitted rig's."""
+"""The original numbers are kept if their angle error on logs left out is below this share of the fitted rig's error."""
 
 IN_DOUBT: tuple[float | None, ...] = (1.0, 0.3, 0.1, 0.0)
 """Shares of the priors' stds that are tried, widest first, where a fit is in doubt; 0 holds the numbers."""
@@ -40,15 +40,15 @@ IN_DOUBT: tuple[float | None, ...] = (1.0, 0.3, 0.1, 0.0)
 
 @dataclass(frozen=True)
 class Learned:
-    """All that logs teach of a rig.
+    """All that is learned from logs.
 
     Args:
-        rig: the description with all of it.
+        rig: the description with all results.
         numbers: the rig's numbers.
-        prior_share: share of the priors' stds that the file keeps; None where the stds are as the logs tell.
+        prior_share: share of the priors' stds that the file keeps; None where the stds come from the logs.
         curves: path → value of the position sensors' systematic errors.
         maps: what was learned beside the numbers, by the name of its table: ``affine``, ``discrepancy``, ``contact``.
-        doubts: plain sentences on what speaks against the fit.
+        doubts: sentences with the reasons not to trust the fit.
     """
 
     rig: Rig
@@ -60,14 +60,14 @@ class Learned:
 
 
 def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | None = None) -> Learned:
-    """Return all that logs teach of a rig: its numbers, their stds, and what the model leaves.
+    """Return all that is learned from logs: the numbers, their stds, and the error that the model leaves.
 
-    Everything that is chosen with logs is chosen here, from the rig as it came on.
+    All choices that depend on logs are made here, starting from the original rig.
 
     Args:
         logs: as read and checked.
         rig: the description, whose values and stds are the priors.
-        options: what is asked of the fit.
+        options: options of the fit.
         progress: called with what is done.
 
     Raises:
@@ -130,7 +130,7 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
 
 
 def _contact_map(logs: Sequence[Log], learned: Rig, options: Options) -> list[MapFit]:
-    """Return the map of the torque from outside, where logs have it and the rig says that it can occur."""
+    """Return the map of the external torque, if the logs have it and the rig says that it can occur."""
     felt = [log for log in logs if true_torques(log, _names(learned)) is not None]
     if not felt or any(joint.external_torque.std == 0.0 for joint in learned.joints):
         return []
@@ -144,7 +144,7 @@ def _groups(sources: Sequence[str], options: Options) -> list[str]:
 
 
 def as_it_came(numbers: Numbers) -> Numbers:
-    """Return numbers of which none is told, so that a description keeps its own.
+    """Return the numbers, all marked as not determined, so that a description keeps its own.
 
     Args:
         numbers: that logs tell.
@@ -153,7 +153,7 @@ def as_it_came(numbers: Numbers) -> Numbers:
 
 
 def described(rig: Rig, values: Mapping[str, object]) -> Rig:
-    """Return a rig with what was fitted of its own numbers; a reference that only the fit had is left out.
+    """Return a rig with its fitted numbers; a reference sensor that only the fit used is left out.
 
     Args:
         rig: the description as it came.

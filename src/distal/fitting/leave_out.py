@@ -1,4 +1,4 @@
-"""Each log left out once: what the others teach, and how it does on that log."""
+"""Leave out each log once: learn from the others, and test the result on that log."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from distal.rig import Rig
 from distal.run import estimate
 
 MOST_LEFT_OUT = 6
-"""So many logs, or units of them, are left out at most, spread over all: each costs a fit of the others."""
+"""At most this many logs (or units) are left out, spread over all: each costs a fit of the others."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """How an estimator did on a log.
+    """Scores of an estimator on a log.
 
     Args:
         rms: error [rad].
@@ -40,9 +40,9 @@ class Compared:
 
     Args:
         log: its name.
-        fitted: `adaptive` with what the other logs teach.
-        before: `adaptive` with the rig as it came; None where it cannot run.
-        affine: `affine` with what the other logs teach; None where it has no map.
+        fitted: `adaptive`, learned from the other logs.
+        before: `adaptive` with the original rig; None where it cannot run.
+        affine: `affine`, learned from the other logs; None where it has no map.
     """
 
     log: str
@@ -53,7 +53,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Fold:
-    """What some logs teach, and how it does on those that were left out.
+    """One fold: what was learned from some logs, and its scores on those left out.
 
     Args:
         left_out: names of the logs.
@@ -74,14 +74,14 @@ def leave_out(
     progress: Progress | None = None,
     most: int = MOST_LEFT_OUT,
 ) -> list[Fold]:
-    """Return what `learn` makes of all logs but those of one group, for each group in turn.
+    """Return the result of `learn` on all logs except those of one group, for each group in turn.
 
     Args:
         logs: of the fit.
-        rig: the description as it came.
+        rig: the original description.
         options: of the fit.
         groups: of each log; those of one (a unit, a pose, a day) are left out together.
-        progress: called with what is done.
+        progress: called with the progress.
         most: so many groups are left out at most, spread over all.
     """
     units = list(dict.fromkeys(groups))

@@ -1,4 +1,4 @@
-"""What is asked of a fit, as one frozen object: all that `learn` goes by beside logs and rig."""
+"""The options of a fit, as one frozen object: all inputs of `learn` beside logs and rig."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from distal.rig import Rig
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What is asked of a fit.
+    """The options of a fit.
 
     Args:
-        free: paths of what is varied, ``*`` for all parts of a kind; none for every parameter with a std.
-        per_log: paths of which each log has its own (pre-tension, zero offsets).
-        homing: for how long the reference is used [s]; None for wherever it is.
-        noise: whether noise is varied too.
+        free: paths of the parameters to fit, ``*`` for all parts of a kind; empty: every parameter with a std.
+        per_log: paths of parameters with one value for each log (pre-tension, zero offsets).
+        homing: for how long the reference is used [s]; None: wherever it has values.
+        noise: whether noise is fitted too.
         curves: whether the position sensors' systematic curves are learned from logs with truth.
         units: regular expression whose first parenthesis names a log's unit; units are left out as a whole.
-        seed: of the starts.
+        seed: of random starts.
         start: a rig whose values the search begins with; the priors are those of the rig that is fitted.
         workers: threads; the numbers do not depend on them.
         compiled: compile kernels where possible.

@@ -1,4 +1,4 @@
-"""What a rig may lack: kinds of physics, and numbers that each log has of its own, each tried on logs left out."""
+"""What a rig may lack: kinds of physics, and numbers with one value per log; each is tested on logs left out."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from distal.logs import Log
 from distal.rig import Pulley, Rig, in_words
 
 MOST_PROPOSALS = 3
-"""So many are told, the best first."""
+"""At most this many are reported, best first."""
 
 WORTH_A_WORD = 0.9
-"""A change is proposed where it brings the error on logs left out below this share of that without it."""
+"""A change is proposed if its error on logs left out is below this share of the error without it."""
 
 TRIED_LOGS = 2
-"""So many logs, or units of them, are left out for each change: each costs a fit of the others."""
+"""This many logs (or units) are left out for each change: each costs a fit of the others."""
 
 
 PLAY = {"slider": 2e-4, "capstan": 0.02}
@@ -30,10 +30,10 @@ PLAY = {"slider": 2e-4, "capstan": 0.02}
 
 @dataclass(frozen=True)
 class Change:
-    """Something that a description may lack.
+    """A change that may improve a description.
 
     Args:
-        text: what, and how it is declared.
+        text: the change, and how to declare it.
         values: path → what is put into the description.
         per_log: paths of which each log is to have its own.
     """
@@ -65,7 +65,7 @@ class Proposal:
 
 
 def changes_of(rig: Rig) -> Iterator[Change]:
-    """Yield what a description may lack, each of it once for all parts of a kind.
+    """Yield the changes to try, each applied to all parts of a kind at once.
 
     Args:
         rig: the description.
@@ -108,15 +108,15 @@ def propose(
     folds: Sequence[Fold],
     progress: Progress | None = None,
 ) -> tuple[Proposal, ...]:
-    """Return what would lower the error on logs left out, by trying each change; the best first.
+    """Try each change, and return those that lower the error on logs left out, best first.
 
     Args:
         logs: of the fit.
-        rig: the description as it came.
+        rig: the original description.
         options: of the fit.
         groups: of each log, which are left out together.
         folds: of the fit without any change.
-        progress: called with what is done.
+        progress: called with the progress.
     """
     known, changes, found = {fold.left_out: fold for fold in folds}, list(changes_of(rig)), list[Proposal]()
     for tried, change in enumerate(changes):
@@ -140,7 +140,7 @@ def propose(
 
 
 def best(tried: Sequence[Proposal]) -> tuple[Proposal, ...]:
-    """Return which of the changes that were tried are worth a word, the best first.
+    """Return the tried changes that help enough to be proposed, best first.
 
     Args:
         tried: all of them.

@@ -1,4 +1,4 @@
-"""What a fit found: values with standard errors, where each comes from, and the rig with them."""
+"""The result of a fit: values with standard errors, the origin of each, and the fitted rig."""
 
 from __future__ import annotations
 
@@ -37,26 +37,26 @@ class Fit:
         logs: names of the logs.
         duration: of all of them [s].
         samples: of all of them.
-        homing: for how long a reference was used, None for wherever it is [s].
+        homing: for how long a reference was used [s]; None: wherever it has values.
         correlations: of the coordinates' errors, (n, n), in the order of `correlated`.
         correlated: name of each coordinate, (n,).
-        combinations: plain lines on what the logs cannot tell apart.
+        combinations: sentences on parameters that the logs cannot separate.
         channels: names of the channels that were compared.
         nis_before: mean ν²/S per channel at the start; 1 is expected.
         nis_after: the same at the end.
         cost_before: −ln p at the start, less constants.
         cost_after: at the end.
         iterations: of the search.
-        converged: whether the search ended by itself; without it there are no standard errors.
+        converged: whether the search converged; if not, there are no standard errors.
         interrupted: whether the user stopped it.
-        curves: path → value of what was learned of the position sensors' systematic errors.
-        maps: what was learned beside the numbers, by the name of its table in the rig: ``affine``, the obvious estimator's
-            map, ``discrepancy``, what the model leaves of the angle, ``contact``, the torque from outside.
+        curves: path → learned value, for the position sensors' systematic errors.
+        maps: the learned maps, by the names of their tables in the rig: ``affine``, the map of the baseline estimator,
+            ``discrepancy``, the angle error that the model leaves, ``contact``, the external torque.
         folds: each log (or unit) left out once.
-        doubts: plain sentences on what speaks against the fit.
-        prior_share: share of the priors' stds that the rig's numbers keep where there are doubts: the widest with which the
-            angle is not clearly worse on these logs; 0 is `hold`; None where stds are as the logs tell.
-        proposals: what the rig may lack, the best first; only where it was asked for.
+        doubts: sentences with the reasons not to trust the fit.
+        prior_share: where there are doubts, the share of the prior stds that the numbers keep: the largest with which the
+            angle is not clearly worse on these logs; 0 is `hold`; None where stds come from the logs.
+        proposals: changes that would improve the rig, best first; only on request.
     """
 
     rig: Rig
@@ -94,7 +94,7 @@ class Fit:
         folds: tuple[Fold, ...],
         proposals: tuple[Proposal, ...] = (),
     ) -> Fit:
-        """Return what was learned of logs, and how it did on those left out, as one result.
+        """Return one result: what was learned from logs, and its scores on those left out.
 
         Args:
             learned: from all logs.
@@ -102,7 +102,7 @@ class Fit:
             logs: of the fit.
             options: what was asked.
             folds: each log left out once.
-            proposals: what the rig may lack, as it was tried.
+            proposals: changes of the rig that were tried.
         """
         numbers, own = learned.numbers, len(start.sensors)
         found = numbers.found
@@ -145,7 +145,7 @@ class Fit:
         left_out = f"; on logs left out: {', '.join(scores)}" if scores else ""
         ended = "converged" if self.converged else "not converged"
         count = f"{len(self.logs)} log{'s' if len(self.logs) > 1 else ''}"
-        return f"Fit of '{self.start.name}' to {count}, {ended}: {told} numbers told{left_out}"
+        return f"Fit of '{self.start.name}' to {count}, {ended}: {told} numbers determined{left_out}"
 
     def _repr_html_(self) -> str:
         """Return the same with a table of the numbers that the logs tell, as notebooks show it."""
@@ -157,11 +157,11 @@ class Fit:
 
     @property
     def compared(self) -> tuple[Compared, ...]:
-        """Each log left out once, with how the fitted rig, the rig as it came and `affine` do on it."""
+        """Each log that was left out, with the scores of the fitted rig, the original rig and `affine`."""
         return tuple(one for fold in self.folds for one in fold.compared)
 
     def scores(self) -> list[tuple[str, float, float]]:
-        """Return name, mean RMS error [rad] and mean share inside the band on logs left out, of each that was tried."""
+        """Return name, mean RMS error [rad] and mean share inside the band on logs left out, of each estimator."""
         columns = {
             "adaptive": [one.fitted for one in self.compared],
             "the rig as it came": [one.before for one in self.compared],
@@ -175,22 +175,22 @@ class Fit:
         ]
 
     def advice(self) -> list[str]:
-        """Return what is to be known before the rig is used, a sentence each: doubts, what hides what, and what to do."""
+        """Return what to know before the rig is used, one sentence each: proposals, doubts, hidden errors, advice."""
         lines = [f"proposal: {one.text}" for one in self.proposals]
         lines += [f"doubt: {line}" for line in self.doubts]
         for joint in self.rig.joints:
             if joint.external_torque.std > 0.0:
                 torque = f"{1e3 * joint.external_torque.std:.3g} mN m"
                 lines.append(
-                    f"the torque from outside on {joint.name} ({torque}) takes up what the rig does not explain: the band "
-                    "does not count what it may hide; declare it only where something can touch the joint"
+                    f"the torque from outside on {joint.name} ({torque}) also absorbs errors of the rig, and the band "
+                    "does not include what it may hide; declare it only where something can touch the joint"
                 )
         lines += [f"these logs tell {line}" for line in self.combinations]
         errors = {name: rms for name, rms, _ in self.scores()}
         if errors.get("adaptive", 0.0) > CLEARLY * errors.get("affine", np.inf):
             lines.append(
                 f"on logs left out affine errs less ({np.rad2deg(errors['affine']):.2g}° against "
-                f"{np.rad2deg(errors['adaptive']):.2g}°): where the logs have been, use --estimator affine"
+                f"{np.rad2deg(errors['adaptive']):.2g}°): within the range of these logs, use --estimator affine"
             )
         return lines
 
@@ -213,11 +213,11 @@ class Fit:
         raise KeyError(name)
 
     def save(self, path: str | Path, text: str | None = None) -> None:
-        """Write the fitted rig file; what stood there survives a failure.
+        """Write the fitted rig file; if that fails, the old file is kept.
 
         Args:
             path: where.
-            text: TOML that the values are put into, so that its comments stay; default the description written anew.
+            text: TOML into which the values are written, so that its comments stay; default: a new file.
 
         Raises:
             OutputError: it cannot be written.

@@ -1,4 +1,4 @@
-"""Homing: what the first moments of a run, in which the joint's angle is known, tell of this run."""
+"""Homing: adapt a filter to a run by its first moments, in which the joint's angle is known."""
 
 from distal.homing.apply import (
     calibrate_contact,

@@ -1,4 +1,4 @@
-"""Homing with a discrepancy: what the homing move tells of the rig's numbers first, then of what the model leaves."""
+"""Homing with a discrepancy: the homing move adapts first the rig's numbers, then the error that the model leaves."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from distal.sensors import place_offsets
 Floats = NDArray[np.float64]
 
 PASSES = 2
-"""So often is the window filtered: each pass begins where the last one left the rig's numbers, with their stds anew."""
+"""How often the window is filtered: each pass begins with the numbers of the last one, and with their prior stds."""
 
 ASTRAY = 1.5
-"""Mean e²/P of an unaided angle over the window beyond which the numbers that the filter found are not believed."""
+"""Limit of the mean e²/P of the angle without reference over the window; beyond it the filter's numbers are not used."""
 
 
 def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats) -> Samples:
-    """Return what a filter reads over a log, its own angles, and what these lack of the true ones.
+    """Return the readings of a filter over a log, its own angles, and true minus own angles.
 
     Args:
         runner: the filter.
@@ -62,10 +62,10 @@ def held(values: Floats) -> Floats:
 
 
 def numbers_homed(window: Window) -> Belief:
-    """Return a belief before the first sample with the rig's numbers as a homing move tells them.
+    """Return a belief before the first sample with the rig's numbers as found by a homing move.
 
-    They are the filter's own where it keeps to its band with them, else the `most_likely`. A learned map corrects what the
-    angle then errs by.
+    They are the filter's own if its angle stays in its band with them, else the `most_likely`. A learned map corrects the
+    remaining error.
 
     Args:
         window: see `Window`.
@@ -77,7 +77,7 @@ def numbers_homed(window: Window) -> Belief:
 
 
 def errors_last(length: float) -> float:
-    """Return how long errors are taken to last [s] where a learned map corrects the angle after a homing move.
+    """Return the assumed duration of errors [s] where a learned map corrects the angle after a homing move.
 
     Args:
         length: of the window [s].
@@ -86,9 +86,9 @@ def errors_last(length: float) -> float:
 
 
 def homing_prior(window: Window) -> Belief:
-    """Return what a filter that reads the reference over the window begins with.
+    """Return the first belief of a filter that reads the reference over the window.
 
-    Where it keeps to its band with what it finds there, that is its prior: it finds it as it runs. Else it begins with the
+    It is its usual prior if its angle then stays in its band over the window: it learns as it runs. Else it begins with the
     `most_likely` numbers and their covariance.
 
     Args:
@@ -98,15 +98,15 @@ def homing_prior(window: Window) -> Belief:
 
 
 def numbers_filtered(window: Window, passes: int = PASSES) -> Belief | None:
-    """Return a belief before the first sample with the rig's numbers as the filter finds them; None where it is led astray.
+    """Return a belief before the first sample with the numbers that the filter finds; None if its angle leaves its band.
 
-    The filter reads the reference over the window. Where its numbers then are is where it begins again, so that
-    what it linearises is linearised there. Their covariance is that after the last pass. Without the reference, its
-    angle must keep to its band from there.
+    The filter reads the reference over the window. The next pass begins with the numbers found, so that
+    it linearises at them. Their covariance is that after the last pass. Without the reference, its
+    angle must then stay in its band.
 
     Args:
         window: see `Window`.
-        passes: so often is the window filtered.
+        passes: how often the window is filtered.
     """
     runner, start = window.runner, window.start
     lasting, n = np.flatnonzero(runner.states.lasting), start.size
@@ -128,7 +128,7 @@ def calibrated(
 ) -> tuple[AdaptiveFilter, Belief, Floats, float]:
     """Return filter, first belief and samples of a run after its homing move, and how surprising the move was.
 
-    The run itself reads no reference: over the window, what its angle errs by is what the discrepancy learns.
+    The run itself reads no reference: the discrepancy learns the errors of its angle over the window.
 
     Args:
         runner: a filter with a discrepancy, the reference among its channels.
@@ -149,7 +149,7 @@ def calibrated(
 
 
 def calibrate_contact(runner: AdaptiveFilter, log: Log, samples: Floats, homing: float) -> AdaptiveFilter:
-    """Return a filter whose contact is this run's: the torque is read over the window, where the log has it.
+    """Return a filter with its contact map adapted to this run by the torque in the window, if the log has it.
 
     Args:
         runner: a filter with a contact.
@@ -169,7 +169,7 @@ def calibrate_contact(runner: AdaptiveFilter, log: Log, samples: Floats, homing:
 
 
 def torque_samples(log: Log, rig: Rig, channels: Mapping[str, Floats], torques: Floats) -> Samples:
-    """Return what a contact's map sees of a log: readings less known offsets, missing ones held, and the true torques.
+    """Return the inputs of a contact map over a log: readings less known offsets, missing ones held; and true torques.
 
     Args:
         log: the log.

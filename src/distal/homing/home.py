@@ -1,4 +1,4 @@
-"""What a filter begins a run with after its homing move."""
+"""The state in which a filter begins a run after its homing move."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from distal.logs import Log
 Floats = NDArray[np.float64]
 
 ASTRAY_NOTE = (
-    "on the second half of the homing move the filter erred {} and least squares on the first half clearly less: the "
-    "rig is described wrong, and the angle is that of least squares on the whole move (affine)"
+    "on the second half of the homing move the filter erred {} and least squares from the first half clearly less: the "
+    "rig is described wrong, so the angle is taken from least squares on the whole move (affine)"
 )
 
 
@@ -39,7 +39,7 @@ class Homed:
 
 
 def home(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, known: Floats, homing: float) -> Homed:
-    """Return filter, first belief and samples of a run, as its homing move tells them.
+    """Return filter, first belief and samples of a run, adapted by its homing move.
 
     With a discrepancy the move corrects it. Else the filter reads the reference; where least squares does clearly better
     within the move, that is reported.

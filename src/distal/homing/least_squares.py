@@ -1,7 +1,7 @@
-"""Is the filter led astray by a homing move? Least squares on the same window says so, and what to report instead.
+"""Find whether a homing move gives the filter wrong numbers, by least squares on the same window, and then report that.
 
-The first half of the window teaches both, the second half judges both: a filter whose numbers fit the half that they were
-found in, and err on the other outside of its own band and by more than a straight line does, is of a rig that is
+Both learn from the first half of the window and are tested on the second half. If there the filter's error is outside
+its own band and larger than that of a straight line, although its numbers fit the first half, the rig is
 described wrong. Its angle is then reported by the straight line of the whole window.
 """
 
@@ -24,16 +24,16 @@ from distal.sensors import place_offsets
 Floats = NDArray[np.float64]
 
 SHIFTED = ("centre", "low", "high")
-"""What of a map is in the unit of the readings, their offsets included."""
+"""The fields of a map in the unit of the readings, with their offsets."""
 
 FIRST = 0.5
-"""Share of the window that teaches both; the rest judges them."""
+"""Share of the window for learning; the rest is for testing."""
 
 CLEARLY = 1.5
-"""Least squares is taken where the filter errs this many times more on the rest of the window."""
+"""Least squares is used if the filter's error on the rest of the window is this many times larger."""
 
 STILL = np.deg2rad(0.5)
-"""A reference that moves less than this tells where zero is, and no slope of a straight line [rad]."""
+"""A reference that moves less than this gives the zero, but not the slope of a straight line [rad]."""
 
 
 def led_astray(
@@ -41,8 +41,8 @@ def led_astray(
 ) -> Floats | None:
     """Return the RMS error of the filter on the second half of a homing move [rad], (n_joints,), if it was led astray.
 
-    It was where, of some joint, it errs outside of its own band and clearly more than least squares does, and of no joint
-    least squares errs clearly more. NaN stands for a joint that is not known there, infinity for a filter without bounds.
+    It was if for some joint its error is outside its band and clearly larger than that of least squares, and for no joint
+    least squares is clearly worse. NaN stands for a joint that is not known there, infinity for a filter that diverged.
 
     Args:
         runner: the filter, with the reference among its channels.
@@ -79,7 +79,7 @@ def led_astray(
 
 
 def line_is_better(sizes: Floats, of_line: Floats, surprise: Floats) -> bool:
-    """Return whether least squares is clearly better of a joint where the filter is outside of its band, and of none worse.
+    """Return whether least squares is clearly better for a joint whose filter is outside its band, and worse for none.
 
     Args:
         sizes: RMS errors of the filter [rad], NaN for a joint that is not known, (n_joints,).

@@ -1,8 +1,8 @@
-"""The numbers of a rig as a homing move tells them: a maximum a posteriori over the whole window, iterated.
+"""The numbers of a rig from a homing move: their maximum a posteriori over the whole window, by iteration.
 
-A filter that reads the angle as a sensor linearises at one moment what only the whole window tells: with wide priors it
-walks to numbers with which the joint would not stay where it is once the reference is gone. Here the numbers are constant
-over the window, the filter runs *unaided*, and its angle is compared with the reference, as it will be used afterwards:
+A filter that reads the angle as a sensor linearises at each moment, without the rest of the window: with wide priors it
+finds numbers with which the joint would move away once the reference is gone. Here the numbers are constant
+over the window, the filter runs without the reference, as in later use, and its angle is compared with the reference:
 
     minimise ½ Σ (θ_ref − θ̂(z))²/(w_θ s_θ²) + ½ Σ ν(z)²/(w_f S₀) + ½ |z|²,    numbers = mean + std · z
 
@@ -26,10 +26,10 @@ from distal.regression import correlated_samples
 Floats = NDArray[np.float64]
 
 ROUNDS = 3
-"""So often are the weights found again."""
+"""How often the weights are computed again."""
 
 EVALUATIONS = 30
-"""At most so many points are tried in a round."""
+"""At most this many points are tried in a round."""
 
 STEP = 0.02
 """Change of a number by which its slope is found, in stds of its prior."""
@@ -39,13 +39,13 @@ INDEPENDENT, INDEPENDENT_CORRECTED, SHARE_CORRECTED = 0.1, 1.0, 1 / 3
 is wrong with the model is left to the map, instead of bending the numbers (docs/explanation/discrepancy.md)."""
 
 UNEXPLAINED = 10.0
-"""Errors of the angle begin with a variance of so many times what the filter thinks."""
+"""Factor on the filter's variance of the angle with which the weights of its errors begin."""
 
 LARGEST_RESIDUAL = 1e3
-"""A residual counts as at most so many standard deviations."""
+"""A residual is limited to this many standard deviations."""
 
 KEPT = 0.3
-"""Share of the covariance that the filter goes on with: with all of it forces of a wrong model would teach it anew."""
+"""Share of the covariance that the filter keeps: with all of it, forces of a wrong model would change the numbers again."""
 
 
 def most_likely(window: Window, independent: float = INDEPENDENT) -> Belief:

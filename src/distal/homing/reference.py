@@ -88,7 +88,7 @@ def at_known_angle(
         rig: the description.
         homing: for how long the joint is there [s].
         angle: where [rad].
-        std: how far it may be from there, all of the time by the same [rad].
+        std: standard deviation of the constant offset from there [rad].
         joint: its name; default the only one.
 
     Raises:
@@ -122,7 +122,7 @@ def at_known_angle(
 
 
 def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:
-    """Refuse a time of homing that leaves nothing to home by, or nothing to estimate; return the true angles.
+    """Return the true angles; raise an error if homing has no reference, or if no time to estimate is left.
 
     Args:
         homing: [s].

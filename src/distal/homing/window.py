@@ -72,7 +72,7 @@ class Window:
         return samples
 
     def scan(self, carry: Floats, samples: Floats) -> tuple[Floats, Floats] | None:
-        """Return carries and outputs after each sample, None where the filter leaves all bounds.
+        """Return carries and outputs after each sample, None where the filter diverges.
 
         Args:
             carry: before the first sample.
@@ -86,10 +86,10 @@ class Window:
         return (kept, ys[last]) if known else None
 
     def errors(self, carries: Floats) -> tuple[Floats, Floats]:
-        """Return what the angles err by, with their references' offsets taken off, and their variances, (k, n_joints).
+        """Return the errors of the angles, less their references' offsets, and the variances of these, (k, n_joints).
 
         Args:
-            carries: of an unaided run.
+            carries: without the reference.
         """
         n, nj, biases = self.start.size, self.known.shape[1], self._biases
         errors, variances = self.known - carries[:, :nj], variances_of(carries, n)[:, :nj].copy()
@@ -121,7 +121,7 @@ class Window:
         return carry
 
     def within(self, carry: Floats, times: float) -> bool:
-        """Return whether an unaided run keeps its angles within their bands: mean e²/P of each joint at most `times`.
+        """Return whether a run without reference keeps its angles in their bands: mean e²/P of each joint at most `times`.
 
         Args:
             carry: before the first sample.

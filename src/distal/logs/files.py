@@ -99,7 +99,7 @@ def _one_of_each(time: Floats, last: bool) -> NDArray[np.bool_]:
 
 
 def _known_torques(rig: Rig, table: Table, sensors: Mapping[str, Sensor]) -> dict[str, Floats]:
-    """Return name → torque from outside [N m] as far as a log has it: a simulated log's own, else a torque sensor's."""
+    """Return name → external torque [N m] as far as a log has it: a simulated log's own, else a torque sensor's."""
     joints = [joint.name for joint in rig.joints]
     names = dict(zip(joints, torque_names(joints)))
     read = {names[s.of]: _in_si(s, table) for s in sensors.values() if s.log_column in table.columns}
@@ -160,7 +160,7 @@ def read_truth(
             for each (`distal.rig.angle_names`).
         time: stamps of the log [s], (n,).
         joints: names of the joints.
-        start: when the log begins, since 1970 [ns], where it is dated; a file that is dated too is then laid over it.
+        start: when the log begins, since 1970 [ns], if it has dates; a file with dates is then aligned with it by date.
 
     Raises:
         LogError: it cannot be read, or does not overlap the log.

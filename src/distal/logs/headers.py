@@ -1,4 +1,4 @@
-"""Headers that say the unit of their column: ``theta [rad]``."""
+"""Headers that give the unit of their column: ``theta [rad]``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def header(name: str, unit: str) -> str:
 
 
 def name_and_unit(text: str) -> tuple[str, str | None]:
-    """Return name and unit of a header, None where it says none; ``position[0]`` says none.
+    """Return name and unit of a header, None where it has no unit; ``position[0]`` has none.
 
     Args:
         text: the header.
@@ -43,7 +43,7 @@ def needed(text: str, columns: Collection[str] | None) -> bool:
 
 
 def units_of(headers: Sequence[str], wanted: Collection[str], source: str) -> dict[str, tuple[str, str]]:
-    """Return wanted name → its header and the unit there, of those that are not there by the name alone.
+    """Return wanted name → its header and unit, for columns whose header is not the name alone.
 
     Args:
         headers: of a table.
@@ -65,7 +65,7 @@ def units_of(headers: Sequence[str], wanted: Collection[str], source: str) -> di
 
 
 def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
-    """Return by what a column's numbers are multiplied to be SI, the sensor's sign left out.
+    """Return the factor that turns a column's numbers into SI, without the sensor's sign.
 
     Args:
         sensor: whose column it is; where the rig gives it no unit, that of the header counts.
@@ -90,7 +90,7 @@ def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
 
 
 def time_factor(rig: Rig, unit: str | None, source: str) -> float:
-    """Return by what a log's stamps are multiplied to be seconds.
+    """Return the factor that turns a log's stamps into seconds.
 
     Args:
         rig: the description; where its unit is the default one, that of the header counts.
@@ -98,7 +98,7 @@ def time_factor(rig: Rig, unit: str | None, source: str) -> float:
         source: what to call the log.
 
     Raises:
-        LogError: the header's unit is none of time, or not that of the rig.
+        LogError: the header's unit is not a unit of time, or not that of the rig.
     """
     known = unit_factor(rig.log.time.unit, "s")
     if unit is None:
@@ -120,7 +120,7 @@ def scale(unit: str | None, si: str, place: str) -> float:
         place: what to call the column.
 
     Raises:
-        LogError: it is another dimension's, or none.
+        LogError: it has another dimension, or is unknown.
     """
     if unit is None:
         return 1.0

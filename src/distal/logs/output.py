@@ -1,4 +1,4 @@
-"""Files written whole or not at all, several of them all or none."""
+"""Write files completely or not at all; of several files, all or none."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def check_writable(path: Path) -> None:
 
 
 def write_whole(path: str | Path, data: bytes | str) -> None:
-    """Write a file by way of a temporary one beside it, so that what stood there survives a failure.
+    """Write a file through a temporary one beside it, so that a failure leaves the old file unchanged.
 
     Args:
         path: where; its folder must exist.
@@ -38,9 +38,9 @@ def write_whole(path: str | Path, data: bytes | str) -> None:
 
 
 def write_together(files: Mapping[Path, bytes | str]) -> None:
-    """Write several files that belong together: all of them, or none, and what stood there stays.
+    """Write several files that belong together: all of them, or none, so that the old files stay.
 
-    Every file is first written beside its place. Only when the last one stands there whole are they moved in; if a move
+    Every file is first written beside its place. They are moved in only after the last one is complete; if a move
     fails, those before it are moved back.
 
     Args:

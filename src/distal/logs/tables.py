@@ -1,4 +1,4 @@
-"""Tables of files and frames: every refusal names file, row, column, what came and what is allowed."""
+"""Tables of files and frames: every error names file, row, column, the value found and what is allowed."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ class Table:
     units: Mapping[str, str] = field(default_factory=dict)
 
     def in_si(self, name: str, si: str) -> Floats:
-        """Return a column in SI by the unit in its header; as it is where the header says none.
+        """Return a column in SI by the unit in its header; unchanged where the header has no unit.
 
         Args:
             name: of the column.
             si: unit of the dimension that is wanted.
 
         Raises:
-            LogError: the header's unit is another dimension's, or none.
+            LogError: the header's unit has another dimension, or is unknown.
         """
         unit = self.units.get(name)
         return self.columns[name] * scale(unit, si, f"{self.source}: column '{header(name, unit or '')}'")
@@ -72,7 +72,7 @@ def open_table(path: Source, columns: Sequence[str] | None = None, index_name: s
         path: a path, or a frame of any library whose columns have ``to_numpy``.
         columns: that are needed, with or without their units; None needs all. Others may be left out where a format
             allows that.
-        index_name: a pandas frame that lacks this column has it from an index of dates.
+        index_name: where a pandas frame lacks this column, its index of dates is taken.
 
     Raises:
         LogError: it cannot be read, or is neither.

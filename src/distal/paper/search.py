@@ -159,7 +159,7 @@ class Search:
 
 
 def search(advance: Callable[[int], None] = lambda _: None, workers: int | None = None) -> Search:
-    """Return what holds on plants drawn over the unknowns' ranges, and nearer and nearer to the best of them.
+    """Return which statements hold on plants drawn over the unknowns' ranges, then closer and closer to the best.
 
     Sobol's sequence covers the ranges; each later round draws in boxes around the best plants so far.
 

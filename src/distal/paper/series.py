@@ -31,7 +31,7 @@ READINGS = {
 """Readings of "Q = R = 0.001": (q, r) in SI."""
 
 X_OVER_R = {f"tendons.{i}.insertion": {"kind": "pulley", "radius": "9.53 mm"} for i in (0, 1)}
-"""The tendons' ends as an estimate sees them that takes the angle as x/r instead of from the geometry."""
+"""The tendons' insertions for an estimate that takes the angle as x/r instead of from the geometry."""
 
 IDEAL = {"sensors.x1.linearity": 0.0, "sensors.x2.linearity": 0.0}
 BETTER_CELLS = {"sensors.u1.noise": "0.03 N", "sensors.u2.noise": "0.03 N"}
@@ -84,13 +84,13 @@ def observed_values() -> dict[str, object]:
 
 
 PLANTS = (Plant("as printed", over_radius=True), Plant("as observed", observed_values(), over_radius=True))
-"""Table 1 at its word, and the plant on which most statements hold (`distal reproduce --search`): the rig, the angle of
+"""Table 1 taken literally, and the plant on which most statements hold (`distal reproduce --search`): the rig, the angle of
 Series 1 in the scenario files, and the reading of the inextensible estimate are its result, rounded."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One simulated test, and what each estimator made of it.
+    """One simulated test, and the estimates of all estimators.
 
     Args:
         series: name of the scenario.

@@ -1,4 +1,4 @@
-"""The obvious map: the joints' angles as a straight line of what the sensors read, with directions of motion."""
+"""The baseline map: the joints' angles as a linear function of the readings, with directions of motion."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ PLAYS = (0.1, 0.3, 0.8)
 """Half-widths of plays that are tried, in standard deviations of the reading."""
 
 DIRECTIONS_HELP = 0.95
-"""Directions are used where they bring the RMS error on left-out logs below this share of that without them."""
+"""Directions are used if the RMS error on left-out logs with them is below this share of that without them."""
 
 
 def affine_kind(channels: Sequence[str], positions: Sequence[str], joints: Sequence[str], noise: Floats) -> Kind:
-    """Return how joints' angles are learned from readings alone.
+    """Return the kind of map that gives joints' angles from readings alone.
 
     Args:
         channels: names of the sensors.
@@ -61,10 +61,10 @@ def affine_kind(channels: Sequence[str], positions: Sequence[str], joints: Seque
 
 
 def as_discrepancy(affine: LearnedMap, frame: LearnedMap, offsets: Floats) -> Discrepancy:
-    """Return the discrepancy with which a filter says what `affine` says, δ = φᵀ b − θ, where the logs have been.
+    """Return the discrepancy δ = φᵀ b − θ with which a filter reports the angle of `affine`, within the learned range.
 
-    Within the learned range the filter's own angle and its error are taken off. Beyond it the terms stay as they are,
-    and what is reported goes on with the filter's motion.
+    Within the learned range the map replaces the filter's own angle and its error. Beyond it the terms stay constant,
+    and the reported angle follows the filter's motion.
 
     Args:
         affine: the map of readings.

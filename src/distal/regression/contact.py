@@ -1,4 +1,4 @@
-"""The torque on the joints from outside, from what is read at the proximal end: the terms that are tried."""
+"""The external torque on the joints, as a function of the proximal readings: the terms that are tried."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ SLIPS = (0.025, 0.05, 0.1)
 """Half-widths of the plays that are tried, in standard deviations of a drive's place."""
 
 TERMS_HELP = 0.97
-"""More terms are taken where their error on left-out logs is below this share of that of fewer terms."""
+"""More terms are used if their error on left-out logs is below this share of the error of fewer terms."""
 
 
 def contact_kind(channels: Sequence[str], positions: Sequence[str], joints: Sequence[str], noise: Floats) -> Kind:
-    """Return how the torque from outside is learned; friction of the whole chain goes by the way a drive last moved.
+    """Return the kind of map of the external torque; friction of the whole chain follows a drive's last direction.
 
     Args:
         channels: names of the sensors.

@@ -1,4 +1,4 @@
-"""What the model leaves of the angle (Kennedy and O'Hagan, J. R. Statist. Soc. B 63, 2001): the terms that are tried."""
+"""The angle error that the model leaves (Kennedy and O'Hagan, J. R. Statist. Soc. B 63, 2001): the terms that are tried."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def discrepancy_kind(
     joints: Sequence[str],
     noise: Floats,
 ) -> Kind:
-    """Return how what a filter's angles lack is learned from readings and from the filter's own angles.
+    """Return the kind of map of a filter's angle errors, from readings and from the filter's own angles.
 
     Args:
         channels: names of the sensors.
-        moving: those that tell something of their own.
+        moving: those with independent information.
         efforts: those of them that are forces, torques or tensions.
         joints: names of the joints.
         noise: standard deviation of each sensor's random error [SI], (m,).

@@ -1,4 +1,4 @@
-"""What a motion beyond a homing move costs: what a corrected angle errs by for each radian beyond what it covered."""
+"""Motion beyond a homing move: the error of a corrected angle for each radian beyond the range that the move covered."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def extrapolation(
 
     Args:
         partly: the logs, by their index.
-        told: returns what the others teach, None where that is nothing.
+        told: returns the map learned from the others, None where there is none.
         joints: number of joints.
         homing: length of the homing window [s].
         by_motion: see `calibrate_window`.
@@ -41,7 +41,7 @@ def extrapolation(
 def cost_beyond(learned: LearnedMap, samples: Samples, joint: int, homing: float) -> float | None:
     """Return κ of a log, κ² = (mean e² − mean v)/mean h² over what lies beyond its homing move; None where nothing does.
 
-    e are the errors, v the variances that are said without κ, h is from `beyond_homing`.
+    e are the errors, v the variances without κ, h is from `beyond_homing`.
 
     Args:
         learned: after the move.

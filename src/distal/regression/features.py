@@ -28,17 +28,17 @@ SMALLEST_HALF = 1e-12
 
 @dataclass(frozen=True)
 class Samples:
-    """A log as a map sees it.
+    """A log as input of a map.
 
     Args:
         source: name of the log.
         time: since its first sample [s], (k,).
         readings: of the channels, missing ones held, (k, m).
         angles: of the joints by the filter, which a map may use, (k, n_joints), or none of them, (k, 0) [rad].
-        targets: what is mapped: angles, what the filter's lack, or torques, NaN where not known, (k, n_joints).
+        targets: what is mapped: angles, errors of the filter's angles, or torques, NaN where not known, (k, n_joints).
         variances: of the filter's own angles, zero where there is no filter, (k, n_joints).
         interval: between samples [s].
-        reference_std: what the reference of the targets itself errs by; 0 where that is not known.
+        reference_std: std of the error of the targets' reference; 0 where that is not known.
         usable: which samples a homing move may use, (k,); None for all before its end.
     """
 
@@ -88,7 +88,7 @@ def half_ranges(learned: LearnedMap) -> Floats:
 
 
 def limits(learned: LearnedMap) -> tuple[Floats, Floats]:
-    """Return between which values the terms follow each reading and angle [SI].
+    """Return the limits within which the terms follow each reading and angle [SI].
 
     Args:
         learned: with its range.
@@ -144,7 +144,7 @@ def columns(terms: Sequence[str], values: Mapping[str, Value], one: Value) -> li
 def played(values: Floats, half: float) -> Floats:
     """Return readings after a play of a half-width: z⁺ = min(max(z, x − w), x + w) (Visintin, 1994, ch. III).
 
-    Noise below w does not turn it over, a rest keeps it, and it does not depend on the rate.
+    Noise below w does not change it, a rest keeps it, and it does not depend on the rate.
 
     Args:
         values: x, (k,).
@@ -176,7 +176,7 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
 
 
 def fade(learned: LearnedMap, far: Value) -> Value:
-    """Return how much terms count that far outside the learned range, 1 / (1 + (d / d½)²): numbers or symbols.
+    """Return the weight of the terms outside the learned range, 1 / (1 + (d / d½)²): numbers or symbols.
 
     Nothing constrains a curve where there are no logs, and there the filter alone errs less. Lines do not fade.
 
@@ -190,7 +190,7 @@ def fade(learned: LearnedMap, far: Value) -> Value:
 def outside(learned: LearnedMap, samples: Samples) -> Floats:
     """Return how far a log is outside the learned range, 0 within; 1 is half a range beyond its end, (k,).
 
-    The larger of a single reading's excess and that of the Mahalanobis distance, which sees combinations that never came.
+    It is the larger of a single reading's excess and that of the Mahalanobis distance, which detects new combinations.
 
     Args:
         learned: with the range.
@@ -222,7 +222,7 @@ def beyond_homing(learned: LearnedMap, samples: Samples, joint: int, values: Flo
 
 
 def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
-    """Return how much a map takes of the filter's own angle of a joint, ∂(map)/∂θ, over a log, (k,).
+    """Return the slope of a map over the filter's own angle of a joint, ∂(map)/∂θ, over a log, (k,).
 
     Args:
         learned: the map.
@@ -241,12 +241,12 @@ def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
 
 @dataclass(frozen=True)
 class Predicted:
-    """What a map says over a log.
+    """The values of a map over a log.
 
     Args:
         values: of what is mapped, (k,).
         variances: of the map, (k,).
-        own: what counts of the filter's own variance, (k,).
+        own: the part of the filter's own variance that counts, (k,).
     """
 
     values: Floats
@@ -255,7 +255,7 @@ class Predicted:
 
 
 def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:
-    """Return what a map says of a joint over a log, φᵀ b, and its variance c² (φᵀ C φ + s²) + d² (s² + spread²) + (κ h)².
+    """Return a map's value for a joint over a log, φᵀ b, and its variance c² (φᵀ C φ + s²) + d² (s² + spread²) + (κ h)².
 
     d is from `outside`, h from `beyond_homing`, κ is `LearnedMap.extrapolation`; of the filter's own variance
     own² (1 + ∂(map)/∂θ)² counts.

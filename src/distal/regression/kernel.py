@@ -1,4 +1,4 @@
-"""A learned map as a function of one sample, with what it remembers between samples; and a filter that reports by it."""
+"""A learned map as a function of one sample, with a memory between samples; and a filter whose report it corrects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from distal.rig import CONSTANT, LearnedMap
 Floats = NDArray[np.float64]
 
 UNREAD_AGE = 1e6
-"""Age of a reading that there has not been yet [s]."""
+"""Age of a reading before its first value has come [s]."""
 
 
 def memory_size(learned: LearnedMap) -> int:
@@ -61,7 +61,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     Args:
         learned: the map; its coefficients and ranges are parameters (`numbers_of`).
         width: number of the estimator's channels, those of the map first.
-        placed: for each channel of the map whether its drive's place is tracked, and not read.
+        placed: for each channel of the map, whether its drive's place is estimated instead of read.
     """
     nj, m, k, n = len(learned.joints), len(learned.channels), len(learned.played), len(learned.centre)
     memory, x = ca.SX.sym("memory", memory_size(learned)), ca.SX.sym("x", 1 + 2 * width)
@@ -115,7 +115,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
 
 
 def first_memory(learned: LearnedMap, values: Vector, mask: Vector) -> Vector:
-    """Return what is remembered before the first sample: readings as in that sample, or the usual ones.
+    """Return the memory before the first sample: the readings of that sample, or usual ones.
 
     Args:
         learned: the map.
@@ -137,7 +137,7 @@ def reporting_function(
     places: Sequence[int | None],
     joints: int,
 ) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of a filter that also puts out what maps say of some of its states.
+    """Return (carry, x, p) → (carry⁺, y) of a filter that also outputs the maps' values of some of its states.
 
     The filter's own state goes on as without maps. Behind the filter's y stand, for each map, the reported values of its
     states, the gains of these states' own errors, and the variances of what is added; see `distal.estimators.report`.

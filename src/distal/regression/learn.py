@@ -19,22 +19,22 @@ from distal.rig import JointMap, LearnedMap
 Floats = NDArray[np.float64]
 
 ENOUGH_LOGS = 5
-"""With fewer logs than this, what changes from log to log is hardly known, and the band is widened for that."""
+"""With fewer logs than this, the variation from log to log is hardly known, and the band is widened for that."""
 
 MOST_SAMPLES = 2500
-"""So many samples of a log are used to learn, evenly taken from it."""
+"""At most this many samples of a log are used for learning, evenly spaced."""
 
 SAMPLES_PER_TERM = 20
-"""Terms are tried where the shortest log has so many samples for each."""
+"""Terms are tried if the shortest log has this many samples for each."""
 
 SMALLEST_FACTOR, LARGEST_FACTOR = 0.5, 30.0
-"""Errors on left-out logs make the band between this much narrower and this much wider."""
+"""Least and largest factor by which errors on left-out logs change the width of the band."""
 
 OWNS = (1.0, 0.5, 0.25)
-"""Shares of the filter's own std that are tried: beside a band that is learned it may count twice."""
+"""Shares of the filter's own std that are tried: beside a learned band its error might be counted twice."""
 
 WORTH = 0.9
-"""A smaller share is taken where the band comes out below this share of the wider one's."""
+"""A smaller share is used if its band is narrower than this share of the wider band."""
 
 SPEED_OVER = 0.1
 """Speeds of readings are differences over so long [s], so that noise counts little."""
@@ -73,7 +73,7 @@ class Kind:
         noise: standard deviation of each sensor's random error [SI], (m,).
         sets: terms that may be tried, fewer first.
         better: a set of more terms is taken where its error on left-out logs is below this share of that of fewer.
-        by_motion: what is left lasts as long as the motion, see `calibrate_window`.
+        by_motion: residuals are correlated as long as the motion lasts, see `calibrate_window`.
         unknown_outside: outside the range all of what is mapped is unknown; else the residual grows.
         by_group: each group of logs, not each log, counts as one draw of the coefficients where Student's factor widens
             their covariance. A prior that is much too wide lets a short homing window overrule what the logs told.
@@ -105,7 +105,7 @@ def learn_map(
         kind: what is learned.
         folds: of the logs; those of one are left out together.
         homing: learn for the use after a homing window of so long [s], or None.
-        partly: some of the logs, by their index, after a homing move that covers half of their range: what they err by
+        partly: some of the logs, by their index, after a homing move that covers half of their range: their errors
             beyond it sizes `LearnedMap.extrapolation`.
     """
     chosen = choose_terms(data, kind, folds, homing)
@@ -163,11 +163,11 @@ def choose_terms(data: Sequence[Samples], kind: Kind, folds: Sequence[int], homi
 
 
 HELD = 0.8
-"""A filter whose band holds this share of a single log needs no correction that only this log has taught."""
+"""If a filter's band holds this share of a single log, no correction is learned from this log alone."""
 
 
 def _honest(data: Sequence[Samples]) -> bool:
-    """Return whether the filter's own band holds what it is to hold on some logs, nearly."""
+    """Return whether the filter's own band holds nearly its nominal share on some logs."""
     errors = np.concatenate([one.targets.ravel() for one in data])
     stds = np.sqrt(np.concatenate([one.variances.ravel() for one in data]))
     there = np.isfinite(errors)
@@ -205,7 +205,7 @@ def fit_coefficients(data: Sequence[Samples], kind: Kind, chosen: Terms) -> Lear
                 parts.append((phi[there][:, kept], target[there], one.interval * _step(len(one.time))))
                 squares.append(float(np.mean(target[there] ** 2)))
         if not parts:
-            raise FitError(f"{kind.name}: what it is to say of '{joint.joint}' is known in no log")
+            raise FitError(f"{kind.name}: the truth that it needs of '{joint.joint}' is known in no log")
         found, time = random_effects(joint, kept, parts, chosen.pooled)
         if not chosen.corrects:  # what is off on average is not known to come again
             square = found.covariance[0][0] + found.coefficients[0] ** 2
@@ -328,7 +328,7 @@ def left_out_errors(
 
 
 def _all_known(data: Sequence[Samples], kind: Kind, chosen: Terms) -> bool:
-    """Return whether of every joint some log knows what is mapped in more samples than there are terms."""
+    """Return whether for every joint some log has more samples with a known target than there are terms."""
     known = [np.isfinite(_thinned(one.targets)).sum(axis=0) > len(chosen.terms) for one in data]
     return bool(known) and bool(np.all(np.any(known, axis=0))) and len(kind.joints) > 0
 
@@ -338,7 +338,7 @@ def calibrate_band(
 ) -> LearnedMap:
     """Return what logs teach with a set of terms, its band sized by the errors on logs left out.
 
-    Of `OWNS`, the shares of the filter's own doubt, that is taken with which the sized band is narrowest.
+    Of `OWNS`, the shares of the filter's own std, the one that gives the narrowest sized band is used.
 
     Args:
         data: of the logs.

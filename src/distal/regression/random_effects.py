@@ -117,7 +117,7 @@ def surprise(mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spr
 
 
 def independent(values: Floats, noise: Floats) -> NDArray[np.bool_]:
-    """Return which columns tell something of their own: what the others before it leave is more than its noise.
+    """Return which columns have information of their own: the part that earlier ones leave is more than the noise.
 
     Args:
         values: centred readings, (k, m).
@@ -194,7 +194,7 @@ def random_effects(
 def _basis(designs: Sequence[Floats]) -> Floats:
     """Return W for which the columns of X W are uncorrelated and of size one over all logs, (n, up to n).
 
-    What is assumed of the spread between logs is assumed of such columns, so that it does not depend on how the same
+    The spread between logs is assumed for such columns, so that the assumption does not depend on how the same
     columns are written; combinations that hardly ever differ from zero are left at zero.
     """
     whole = np.vstack(designs)
@@ -205,7 +205,7 @@ def _basis(designs: Sequence[Floats]) -> Floats:
 
 
 def _start(designs: Sequence[Floats], angles: Sequence[Floats], mean: Floats, std: float) -> Floats:
-    """Return a wide spread to start from: as if every coefficient alone explained what the common map leaves."""
+    """Return a wide spread to start from: as if every coefficient alone explained the residual of the common map."""
     left = np.concatenate([y - x @ mean for x, y in zip(designs, angles)])
     return np.eye(len(mean)) * max(float(np.mean(left**2)), std**2)
 

@@ -16,7 +16,7 @@ ANYWHERE = (-1e9, 1e9)
 """Range of an angle without bounds [rad]."""
 
 EXPECTED = 3.0
-"""A homing move whose coefficients are this many standard deviations off widens what the stored map said."""
+"""A homing move whose coefficients are this many standard deviations off widens the stored map's covariance."""
 
 
 def calibrate_window(
@@ -24,14 +24,14 @@ def calibrate_window(
 ) -> tuple[LearnedMap, float]:
     """Return a map after a window in which its target was known, and how surprising that was in standard deviations.
 
-    Mean and covariance are the prior of this run's coefficients, the window their likelihood, with as many samples
-    counting as one as what is left is correlated. A window that is far off widens the prior.
+    Mean and covariance are the prior of this run's coefficients, the window gives their likelihood. Residuals are
+    correlated, so several samples count as one. A window that is far off widens the prior.
 
     Args:
         learned: as learned from logs.
         samples: of the run, whole.
         window: where its targets may be used, (k,).
-        by_motion: let what is left last as long as the motion: errors that depend on the place repeat with it.
+        by_motion: take residuals as correlated for as long as the motion: errors that depend on the place repeat with it.
     """
     phi, joints, worst = design(learned, samples), [], 0.0
     for j, joint in enumerate(learned.joints):

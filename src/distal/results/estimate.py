@@ -1,4 +1,4 @@
-"""What an estimator made of a log."""
+"""The result of an estimator on a log."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ class Estimate:
         truths: true angles [rad], (k, n_joints), NaN where a joint's is not known; None where none is.
         covariances: (k, n, n); None from a batch, where they would fill the memory.
         joint_names: names of the joints.
-        notes: what the estimator says of its own estimate, a sentence each, such as how much was outside a learned range.
-        prior_means: of the states that are numbers of the rig or its sensors, NaN for those that are meant to move,
+        notes: remarks of the estimator on its estimate, one sentence each, such as how much was outside a learned range.
+        prior_means: prior means of states that are constants of the rig or its sensors; NaN for states that vary,
             (n,); None where the estimator has no such states.
         prior_stds: their standard deviations, (n,).
-        torque_truths: true torques on the joints from outside [N m], (k, n_joints); None where none is known.
-        unseen: what the sensors cannot tell of the joints, a sentence that is among `notes`; None where they see every
-            direction, or nothing is known of that.
+        torque_truths: true external torques on the joints [N m], (k, n_joints); None where none is known.
+        unseen: which joint motions the sensors cannot observe, a sentence also in `notes`; None where they observe every
+            direction, or where this is not known.
         state_kinds: what each state is, (n,); default those of the joints by their names.
         state_parts: the part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its
             path with names of parts.
         state_units: SI unit of each state, (n,); default those of the joints' states.
-        stamps: of the log, since 1970 [ns], (k,), where it has dates: by them results join with other recordings.
+        stamps: dates of the log since 1970 [ns], (k,), if it has dates; they link results to other recordings.
     """
 
     estimator: str
@@ -84,7 +84,7 @@ class Estimate:
     state_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Say of the joints' states what they are where the estimator did not."""
+        """Fill in kinds, parts and units of the states where the estimator gave none."""
         if not self.state_kinds:
             kinds, parts = kinds_by_joint(self.state_names, self.joint_names)
             object.__setattr__(self, "state_kinds", kinds)
@@ -96,7 +96,7 @@ class Estimate:
         return len(self.time)
 
     def __repr__(self) -> str:
-        """Return what it is in a few words; the numbers are in its properties."""
+        """Return a short description; the numbers are in the properties."""
         lines = [self.in_words(joint) for joint in range(len(self.joint_names))]
         return f"{len(self)} samples of '{self.rig}', {self.time[0]:g} to {self.time[-1]:g} s; {'; '.join(lines)}"
 
@@ -105,7 +105,7 @@ class Estimate:
         return f"<p>{escape(repr(self))}</p>{html_rows(self.summary())}"
 
     def in_words(self, joint: int = 0) -> str:
-        """Return in a line where a joint was, how sure that is, and how true where the truth is known.
+        """Return one line: the range of a joint's angle, its band, and its error where the truth is known.
 
         Args:
             joint: its index.
@@ -227,10 +227,10 @@ class Estimate:
 
     @property
     def external_torques(self) -> Floats:
-        """Torques on the joints from outside [N m], (k, n_joints).
+        """External torques on the joints [N m], (k, n_joints).
 
         Raises:
-            EstimationError: the rig says of a joint that none can occur (``external_torque.std = 0``).
+            EstimationError: the rig excludes it for a joint (``external_torque.std = 0``).
         """
         return self.means[:, self._torque_states()]
 
@@ -245,7 +245,7 @@ class Estimate:
 
     @property
     def external_torque(self) -> Floats:
-        """Torque on the one joint from outside [N m], (k,): a hand's, a contact's.
+        """External torque on the only joint [N m], (k,): from a hand or a contact.
 
         Raises:
             EstimationError: there are several joints, or none can occur.
@@ -272,12 +272,12 @@ class Estimate:
         return list(found.values())
 
     def contacts(self, sigmas: float = 5.0, joint: int = 0) -> list[float]:
-        """Return when something begins to touch a joint [s]: its torque from outside is beyond so many of its stds.
+        """Return when contacts with a joint begin [s]: its external torque exceeds this many standard deviations.
 
-        Between two such onsets the torque has come back to half of that.
+        Between two contacts the torque has fallen below half of that limit.
 
         Args:
-            sigmas: how many standard deviations are no chance; at 5 there was no false one in ten minutes
+            sigmas: limit in standard deviations; with 5 there was no false contact in ten minutes
                 (`python -m benchmarks.strangers contact`).
             joint: its index.
 
@@ -293,7 +293,7 @@ class Estimate:
         return onsets
 
     def torque_errors(self) -> Floats:
-        """Return estimate minus true torque from outside [N m], (k,), or (k, n_joints); NaN where it is not known.
+        """Return estimate minus true external torque [N m], (k,), or (k, n_joints); NaN where it is not known.
 
         Raises:
             EstimationError: no true torque is known, or there is no estimate of it.
@@ -337,7 +337,7 @@ class Estimate:
         return float(np.mean(np.abs(errors[there]) <= BAND * stds[there]))
 
     def columns(self, unit: str = "rad", *, every: bool = False) -> dict[str, NDArray[np.generic]]:
-        """Return header → values: ``t [s]``, the angles with their ``_std``, and the torques on the joints from outside.
+        """Return header → values: ``t [s]``, the angles with their ``_std``, and the external torques on the joints.
 
         Where the log has dates ``stamp [ns]`` comes after the time.
 

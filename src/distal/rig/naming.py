@@ -1,4 +1,4 @@
-"""What the numbers of a description are called: by path, with the names of its parts, and in words."""
+"""Names for the numbers of a description: as a path with the names of its parts, and in words."""
 
 from __future__ import annotations
 
@@ -78,9 +78,9 @@ def part_at(root: object, path: str) -> object:
 
 
 def in_words(root: object, *paths: str) -> str:
-    """Return what numbers are called as one says it: "spring stiffness of joint pip" for ``joints.0.spring.stiffness``.
+    """Return the names of numbers in plain words: "spring stiffness of joint pip" for ``joints.0.spring.stiffness``.
 
-    Numbers of several parts that are the same otherwise are said together, "stiffness of all tendons".
+    Numbers that differ only in their part are named together, "stiffness of all tendons".
 
     Args:
         root: the description.

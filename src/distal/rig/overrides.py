@@ -12,7 +12,7 @@ from distal.rig.naming import index_of, names_in
 from distal.rig.quantities import KEYS
 
 DEEPEST = 12
-"""So many parts has a path at most."""
+"""A path has at most this many parts."""
 
 ALL = "*"
 """Stands for all items of a list in a path."""
@@ -21,7 +21,7 @@ _LOOSE_QUANTITY = re.compile(r"^[-+]?[0-9.][0-9.eE+-]*\s*[A-Za-z%°µμ][^\"'\[\
 
 
 def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
-    """Split ``path=value`` and read the value as TOML; a quantity that lost its quotes to a shell is text.
+    """Split ``path=value`` and read the value as TOML; a quantity whose quotes a shell removed is text.
 
     Args:
         text: e.g. ``drives.left.stops=["-5 mm","15 mm"]``.

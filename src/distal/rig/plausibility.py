@@ -1,4 +1,4 @@
-"""What a rig may be and hardly is: a number whose unit was forgotten, a joint that nothing turns back."""
+"""Allowed but improbable values of a rig: a number whose unit was forgotten, a joint that nothing turns back."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ USUAL: dict[str, tuple[float, float, str]] = {
     "mass": (1e-5, 50.0, "kg"),
     "inertia": (1e-9, 10.0, "kg m^2"),
 }
-"""Between which values such numbers are in hands, instruments and benches, SI."""
+"""Usual ranges of such numbers in hands, instruments and benches, SI."""
 
 
 SMALLEST_STD = 1e-4
@@ -27,7 +27,7 @@ LARGEST_OFFSET = 2.0
 
 
 def doubts(rig: Rig) -> list[str]:
-    """Return what is allowed in a rig and yet probably a mistake, a sentence each.
+    """Return what is allowed in a rig but is probably a mistake, one sentence each.
 
     Args:
         rig: the description.
@@ -60,7 +60,7 @@ def doubts(rig: Rig) -> list[str]:
             said.append(f"joint {joint.name} has neither friction nor damping: nothing stops it from swinging")
     for drive in rig.drives:
         if not any(sensor.measures == "position" and sensor.of == drive.name for sensor in rig.sensors):
-            said.append(f"drive {drive.name} has no position sensor: where it is has to be guessed from forces")
+            said.append(f"drive {drive.name} has no position sensor: its place has to be guessed from forces")
     for joint in rig.joints:
         arms = [tendon.arms().get(joint.name, 0.0) for tendon in rig.tendons]
         sides = {1 if arm > 0.0 else -1 for arm in arms if arm != 0.0}

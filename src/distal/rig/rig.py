@@ -198,7 +198,7 @@ class Rig(Description):
         return None if given == BASE else [other.name for other in self.joints].index(given)
 
     def sharing(self) -> dict[str, dict[str, float]]:
-        """Return what errs together: name → path of each parameter that names it → its std, as a share of the value."""
+        """Return the shared errors: name → path of each parameter that has it → its std, as a share of the value."""
         found: dict[str, dict[str, float]] = {}
         for kind in ("joints", "drives", "tendons"):
             for i, part in enumerate(getattr(self, kind)):
@@ -219,7 +219,7 @@ class Rig(Description):
     __str__ = __repr__
 
     def bare(self) -> Rig:
-        """Return a copy without what logs taught beside its numbers: no `affine`, `discrepancy`, `contact`."""
+        """Return a copy without the maps learned from logs: no `affine`, `discrepancy`, `contact`."""
         return self.model_copy(update={"affine": None, "discrepancy": None, "contact": None})
 
     def sensors_of(self, measures: str) -> tuple[Sensor, ...]:
@@ -245,7 +245,7 @@ class Rig(Description):
 
 
 def _check_place(index: int, joint: Joint, before: Sequence[str]) -> None:
-    """Refuse a joint that sits on nothing, and what does not go with where it sits."""
+    """Raise an error for a joint without its parent, or with keys that its place does not allow."""
     if joint.name == BASE:
         raise ValueError(f"{index}.name: '{BASE}' is what the first joint sits on; choose another")
     if joint.parent is not None and joint.parent != BASE and joint.parent not in before:
@@ -317,7 +317,7 @@ def _with_unit(raw: object, index: int, parts: _Parts) -> object:
 
 
 def _elsewhere(of: object, measures: object, parts: _Parts, names: list[str]) -> str:
-    """Return what to write where a sensor's part is of another kind, else names that are meant perhaps."""
+    """Return a hint where a sensor's part is of another kind, else names that may be meant."""
     for kind, measurands in _MEASURED.items():
         if of in [part.name for part in parts[kind]]:
             allowed = " or ".join(f"'{each}'" for each in measurands)
@@ -345,7 +345,7 @@ def _share_alike(rig: Rig) -> None:
         for path, other in others:
             if abs(other - std) > 1e-9 * std:
                 raise ValueError(
-                    f"{named(rig, path)}.shared: what '{name}' stands for errs by the same share everywhere; "
+                    f"{named(rig, path)}.shared: the error '{name}' is the same share of each value; "
                     f"std {other:g} came here and {std:g} at {named(rig, before)}; make them equal, or use two names"
                 )
 

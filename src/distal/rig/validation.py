@@ -1,4 +1,4 @@
-"""A description from raw values: checked by pydantic, and what is wrong with it said in one line."""
+"""A description from raw values: checked by pydantic, with all its problems in one line."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from distal.rig.naming import named
 Checked = TypeVar("Checked", bound=BaseModel)
 
 SHOWN = 3
-"""How many problems of a description are said at once."""
+"""How many problems of a description are listed at once."""
 
 
 def validated(kind: type[Checked], raw: Mapping[str, object], source: str, error: type[DistalError]) -> Checked:
-    """Check a raw description of some kind; what is wrong is one line in an error of the kind's own.
+    """Check a raw description of some kind; its problems become one line of an error of that kind.
 
     Args:
         kind: of description.
@@ -65,7 +65,7 @@ def explain(problem: ValidationError, source: str, root: type[BaseModel], raw: M
 
 
 def _by_name(said: str, raw: Mapping[str, object]) -> str:
-    """Return what is said with the path that it begins with by names of parts."""
+    """Return a message with names of parts in the path at its beginning."""
     path, colon, rest = said.partition(": ")
     return said if " " in path else f"{named(raw, path)}{colon}{rest}"
 

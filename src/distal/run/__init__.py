@@ -1,4 +1,4 @@
-"""An estimator over a log, over many, over a stream; smoothing, and a stream's health."""
+"""Run an estimator over a log, over many logs or over a stream; smoothing, and the health of a stream."""
 
 from distal.run.batch import estimate_batch
 from distal.run.health import log_health

@@ -1,4 +1,4 @@
-"""Many logs at once: all cores, several runs side by side in vector lanes, and no more in memory than is in work."""
+"""Many logs at once: on all cores, several runs side by side in vector lanes, with only current logs in memory."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def estimate_batch(
     progress: Callable[[int], None] | None = None,
     skip: Skip | None = None,
 ) -> Iterator[Estimate]:
-    """Estimate the joint angle over many logs and yield the estimates in their order, the numbers `estimate` gives.
+    """Estimate the joint angle over many logs; yield the estimates in order, with the same numbers as `estimate`.
 
     Several runs go through the compiled kernel side by side, one in each vector lane, on all cores. Logs are read when
-    their turn comes, and only what is in work is in memory: covariances are not kept (`Estimate.covariances` is None).
+    their turn comes, and only current logs are in memory: covariances are not kept (`Estimate.covariances` is None).
 
     Args:
         logs: each as `estimate` takes it; may be a generator.
@@ -48,7 +48,7 @@ def estimate_batch(
         workers: threads; default one per core.
         compiled: compile kernels where possible.
         progress: called with the number of logs that are done.
-        skip: called with source and problem of a log that cannot be estimated; None raises it.
+        skip: called with source and error of a log that cannot be estimated; with None the error is raised.
 
     Raises:
         EstimationError: a log lacks a sensor, or the estimator cannot run on this rig.

@@ -1,4 +1,4 @@
-"""The words that a stream of a log would have for its health."""
+"""The health words of a log, as `distal stream` would report them."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from distal.run.monitor import Monitor
 
 
 def log_health(log: Log, rig: Rig | str | Path, estimator: str = DEFAULT, compiled: bool = True) -> tuple[str, ...]:
-    """Return for each sample of a log the word that `distal stream` has for it: see `HEALTH`.
+    """Return the health word that `distal stream` would give to each sample of a log: see `HEALTH`.
 
     Args:
-        log: sensors over time; one that lacks a sensor has it missing.
+        log: sensors over time; a sensor that is not in the log counts as missing.
         rig: the description, or a shipped rig's name, or a path.
         estimator: a name.
         compiled: compile its kernel where possible.

@@ -1,4 +1,4 @@
-"""An estimator in a control loop: one belief that is carried along, one call per sample, no arrays made."""
+"""An estimator in a control loop: it keeps one belief, takes one call per sample and allocates no arrays."""
 
 from __future__ import annotations
 
@@ -88,8 +88,8 @@ class LiveEstimator:
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
 
         Raises:
-            EstimationError: the stamp is late or repeats or follows too long a gap, the sample has the wrong shape or a
-                wild value: nothing has changed then. Or the filter left all bounds: call `reset`.
+            EstimationError: the stamp is late, repeats or follows a gap that is too long; the sample has a wrong shape or a
+                wild value; the state is then unchanged. Or the filter diverged: call `reset`.
         """
         name = self._runner.name
         if not isinstance(sample, np.ndarray) or sample.shape != self._sample.shape or sample.dtype.kind not in "fiu":
@@ -101,7 +101,7 @@ class LiveEstimator:
             not isinstance(time, (float, int, np.floating, np.integer))
             or not -LATEST <= (time := _number(time)) <= LATEST
         ):
-            raise EstimationError(f"{name}: the stamp is no time: a finite number of seconds is one")
+            raise EstimationError(f"{name}: the stamp is no time: give a finite number of seconds")
         if self._samples == 0:
             self._start(time, sample)
             dt = 0.0
@@ -154,8 +154,8 @@ class LiveEstimator:
         """Forget everything: the next sample is the first.
 
         Args:
-            angle: where the joint then probably is [rad], one number for each joint; default the rig's `initial`.
-            angle_std: how sure that is at best [rad]; the rig's own std where that is larger.
+            angle: probable joint angle at that sample [rad], one number for each joint; default the rig's `initial`.
+            angle_std: smallest standard deviation of that angle [rad]; the rig's std where that is larger.
 
         Raises:
             EstimationError: there are more or fewer angles than joints.
@@ -233,12 +233,12 @@ class LiveEstimator:
 
     @property
     def torque_names(self) -> tuple[str, ...]:
-        """Names of the torques from outside that are estimated: of each joint on which one can act."""
+        """Names of the estimated external torques: one for each joint that the rig allows to be touched."""
         return self._torque_names
 
     @property
     def external_torques(self) -> Floats:
-        """Torques on these joints from outside [N m]."""
+        """External torques on these joints [N m]."""
         torques: Floats = self._state[self._torques]
         return torques
 
@@ -275,10 +275,10 @@ class LiveEstimator:
         return _view(self._y[self._m : 2 * self._m])
 
     def left_priors(self, far: float) -> tuple[str, ...]:
-        """Return the states that are numbers of the rig and now further from its values than their stds allow.
+        """Return the rig's parameters whose estimates are further from the rig's values than their stds allow.
 
         Args:
-            far: by so many prior standard deviations, their own doubt taken off.
+            far: limit in prior standard deviations; the estimate's own std is subtracted first.
         """
         if self._priors is None or self._samples == 0:
             return ()
@@ -289,7 +289,7 @@ class LiveEstimator:
         return tuple(name for name, there in zip(self.state_names, gone & (stds > 0.0)) if there)
 
     def belief(self) -> Belief:
-        """Return what is believed now, to keep: a copy.
+        """Return a copy of the current belief, to keep.
 
         Raises:
             EstimationError: there was no sample yet.

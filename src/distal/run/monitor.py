@@ -1,4 +1,4 @@
-"""A stream's health: what is late, missing, dead or contradictory is skipped or bridged, and said in a word."""
+"""A stream's health: late, missing, dead or contradictory samples are skipped or bridged, and named by one word."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ HEALTH: dict[Health, str] = {
     "duplicate": "the stamp is the last one's; skipped, no estimate",
     "bad": "this is no sample; skipped, no estimate",
 }
-"""Each word, and what it means. Where several hold, the last of this order is said."""
+"""Each word and its meaning. Where several apply, the last one in this order is reported."""
 
 DEAD = 0.5
 """A sensor without a value for so long is dead [s]."""
@@ -43,7 +43,7 @@ LONGEST_GAP = 0.5
 """After a longer gap the filter begins anew [s]."""
 
 REWOUND = 3
-"""So many late samples in a row, each newer than the one before, are a clock that was set back."""
+"""After this many late samples in a row, each newer than the one before, the clock counts as set back."""
 
 ANYWHERE = 0.5
 """Standard deviation of the joint's angle where the filter begins anew [rad]."""
@@ -58,18 +58,18 @@ UNKNOWN = 1.0
 """Standard deviation of the angle beyond which it is not known [rad]."""
 
 HURRIED = 0.2
-"""Samples that follow each other this many times as fast as the rig says have another unit of time."""
+"""If intervals are below this share of the rig's nominal interval, the unit of time is probably wrong."""
 
 OVERDUE = 2.5
 """A sensor without a value for longer than this times its own interval is missing."""
 
 CAPPED = 25.0
-"""One ν²/S counts as at most this much: a single wild value is none of a sensor's habits."""
+"""Upper limit of one ν²/S: a single wild value alone does not make a sensor disagree."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """An estimate of a stream, and how it came about.
+    """One estimate of a stream, and its health.
 
     Args:
         time: stamp of the sample [s].
@@ -77,7 +77,7 @@ class Reading:
         angle_stds: standard deviations of their errors [rad], (n_joints,).
         health: one word.
         detail: which sensor, how long; may be empty.
-        torques: on the joints from outside [N m], of each joint on which one can act; NaN where the sample was skipped.
+        torques: external ones [N m], of each joint that the rig allows to be touched; NaN where the sample was skipped.
         torque_stds: standard deviations of their errors [N m].
     """
 
@@ -114,7 +114,7 @@ class Reading:
 
 
 class Monitor:
-    """Feeds a stream to a `LiveEstimator`; nothing in a sample can make it raise.
+    """Feeds a stream to a `LiveEstimator`; no sample can make it raise an error.
 
     Args:
         live: the estimator.
@@ -146,7 +146,7 @@ class Monitor:
 
     @property
     def torque_names(self) -> tuple[str, ...]:
-        """Names of the torques from outside that are estimated."""
+        """Names of the estimated external torques."""
         return self._live.torque_names
 
     @property
@@ -276,7 +276,7 @@ class Monitor:
         self._outside += share * (outside - self._outside)
         wrong = (self._outside > 0.5) | far
         if wrong.any():
-            said.append(("disagrees", f"{self._names(wrong)} is where its drive cannot be: unit, zero or side?"))
+            said.append(("disagrees", f"{self._names(wrong)} is where its drive cannot be: wrong unit, zero or side?"))
         return said
 
     def _innovations(self, share: float) -> list[tuple[Health, str]]:

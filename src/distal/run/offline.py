@@ -1,4 +1,4 @@
-"""The one driver: an estimator, run over a whole log."""
+"""The only driver: it runs any estimator over a whole log."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Fl
 
 
 def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
-    """Return the samples with wild values missing, and warn of each sensor that has them.
+    """Return the samples with wild values taken as missing, and warn of each sensor that has them.
 
     Args:
         log: the log.
@@ -109,14 +109,14 @@ def estimate(
         rig: the description, or a shipped rig's name, or a path.
         estimator: a name (see `ESTIMATORS`), or anything that is an `Estimator`.
         passes: how often to filter; each pass starts with the last covariance of the one before, as in the 2008 paper.
-        truth: where `log` is no `Log`: the true angle's column or file.
+        truth: column or file of the true angle, if `log` is not a `Log`.
         compiled: compile kernels where possible.
-        homing: for how long the truth is a reference that is used [s]; afterwards it is only compared with. Filters of
+        homing: for how long the truth is used as a reference [s]; afterwards it is only compared with. Filters of
             the displacement-driven kind read it as a sensor, `affine` learns from it, the others are shifted by their mean
             error.
 
     Raises:
-        EstimationError: the log lacks a sensor, the estimator cannot run on this rig, or there is nothing to home by.
+        EstimationError: the log lacks a sensor, the estimator cannot run on this rig, or homing has no reference.
         LogError: the file cannot be read.
         RigError: the rig is unknown or wrong.
     """
@@ -165,7 +165,7 @@ class Run:
 
     @property
     def reads_reference(self) -> bool:
-        """Whether homing is a sensor of the estimator."""
+        """Whether the estimator reads the reference as a sensor."""
         return self.homing is not None and reads_reference(self.runner)
 
 
@@ -202,7 +202,7 @@ def runner_for(
         homing: for how long the truth is used [s], or None.
 
     Raises:
-        EstimationError: it is no estimator, or cannot run on this rig, or there is nothing to home by.
+        EstimationError: it is no estimator, or cannot run on this rig, or homing has no reference.
     """
     if not isinstance(estimator, (str, Estimator)):
         raise EstimationError(f"an estimator is a name or one from make_estimator, {estimator!r} came")
@@ -217,7 +217,7 @@ def runner_for(
 
 
 def known_early(log: Log, homing: float) -> Log:
-    """Return the log with the truth of those joints alone that have a value while homing.
+    """Return the log with the truth of only those joints that have a reference value during homing.
 
     Args:
         log: the log.
@@ -256,7 +256,7 @@ def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
 
 
 def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
-    """Refuse an estimate that left all bounds.
+    """Raise an error if an estimate diverged.
 
     Args:
         run: of which.
@@ -264,7 +264,7 @@ def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
         spreads: variances, (k, n).
 
     Raises:
-        EstimationError: see above; says from when on.
+        EstimationError: it diverged; the message says when.
     """
     bad = out_of_bounds(means, spreads, len(run.runner.rig.joints))
     if len(bad):
@@ -332,7 +332,7 @@ def finished(
 
 
 def priors_of(runner: Estimator) -> tuple[Floats | None, Floats | None]:
-    """Return means and stds of the states that are numbers of the rig, before the first sample; NaN for the others.
+    """Return prior means and stds of the states that are constants of the rig; NaN for the other states.
 
     Args:
         runner: the estimator; None and None where it has no such states.

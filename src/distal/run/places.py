@@ -1,4 +1,4 @@
-"""Where a drive can be, by its stops or by what its joint could turn it."""
+"""The possible positions of a drive, from its stops or from the range of its joint."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from distal.rig import Sensor
 __all__ = ["FAR", "REACH", "place_range"]
 
 BEYOND = 0.05
-"""A drive this share of its travel beyond its stops is not where it can be."""
+"""A drive further beyond its stops than this share of its travel is not where it can be."""
 
 FAR = 10.0
 """A drive without stops this many times as far as the joint could turn it is not where it can be."""
 
 
 def place_range(mechanism: Mechanism, sensor: Sensor) -> tuple[float, float]:
-    """Return within which values a position sensor can be, infinite for the others.
+    """Return the limits of a position sensor's values, infinite for other sensors.
 
     Args:
         mechanism: the rig's equations.

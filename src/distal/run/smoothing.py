@@ -91,7 +91,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
 
 
 def correct(means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bool, last: NDArray[np.intp]) -> None:
-    """Add what the filter adds for the rig's discrepancy, which depends on the readings alone, to a smoothed estimate.
+    """Add the correction by the rig's discrepancy, which depends on the readings alone, to a smoothed estimate.
 
     Args:
         means: to change, of all rows, (k, n).
