@@ -10,7 +10,7 @@ from distal.fitting.fitted import FittedNumber, assignments
 from distal.fitting.map_samples import reference_std
 from distal.fitting.reference_error import with_reference_error
 from distal.logs import FROM_SENSOR, TruthKind, TruthSource
-from distal.regression.learn import share_of_few
+from distal.regression.band import share_of_few
 
 
 def log(source: TruthSource | str) -> Log:

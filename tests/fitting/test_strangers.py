@@ -9,7 +9,7 @@ from benchmarks.strangers.foreign_plants import finger_log, finger_rig, hand_log
 from distal import Log, estimate, fit, learn_discrepancy
 from distal.errors import FitError
 from distal.regression import conformal_factor
-from distal.regression.learn import LARGEST_FACTOR, SMALLEST_FACTOR
+from distal.regression.band import LARGEST_FACTOR, SMALLEST_FACTOR
 
 
 @pytest.mark.slow

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from distal.simulation import Scenario
 
 
-FILES = (".csv", ".parquet", ".pq")
-
-
 @contextmanager
 def _progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
     """Show a progress bar on a terminal; a file or a pipe shows none."""
@@ -182,7 +179,9 @@ def logs_of(seed: int, runs: int, out: Path) -> list[Output]:
 
 
 def _check_folder(out: Path, when: str) -> None:
-    if os.path.isfile(out) or out.suffix.lower() in FILES:
+    from distal.logs import TABLES
+
+    if os.path.isfile(out) or out.suffix.lower() in TABLES:
         raise OutputError(f"{out}: is a file, or named like one; {when}, --out is a folder")
 
 

@@ -12,9 +12,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from distal.logs import Output
 
-TABLES = (".csv", ".parquet", ".pq", ".txt")
-"""Endings by which a truth is a file; else it is a file only if there is one of that name."""
-
 BAG = (".db3", ".mcap", ".bag", ".zstd", ".yaml")
 """Endings of the files that a ROS bag is made of."""
 
@@ -64,7 +61,7 @@ def check_outputs(
         inputs.append(("rig", _description(rig, shipped_rigs(), "distal.rig")))
     if scenario is not None:
         inputs.append(("scenario", _description(scenario, shipped_scenarios(), "distal.simulation")))
-    if truth is not None and (os.path.exists(truth) or Path(truth).suffix.lower() in TABLES):
+    if truth is not None and (os.path.exists(truth) or Path(truth).suffix.lower() in files.TABLES):
         inputs.append(("truth", truth))
     if stdin and sys.stdin is not None:
         inputs.append(("standard input", 0))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import AdaptiveFilter, Belief
-from distal.homing.map import INDEPENDENT, INDEPENDENT_CORRECTED, SHARE_CORRECTED, most_likely
+from distal.homing.most_likely import INDEPENDENT, INDEPENDENT_CORRECTED, SHARE_CORRECTED, most_likely
 from distal.homing.window import Window
 from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen, true_torques

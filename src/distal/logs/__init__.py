@@ -2,6 +2,7 @@
 
 from distal.logs.datasets import da_vinci_grasper
 from distal.logs.files import check_format, file_of, read_log, read_truth, write_columns, write_log
+from distal.logs.formats import TABLES
 from distal.logs.frames import pandas_frame, polars_frame
 from distal.logs.headers import header
 from distal.logs.log import LARGEST_READING, Log, check_stamps, frozen
@@ -23,6 +24,7 @@ __all__ = [
     "MEMORY_VARIABLE",
     "SAMPLE_SCHEMA",
     "SAMPLE_TOPIC",
+    "TABLES",
     "Frame",
     "Log",
     "MessageReader",

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError, OutputError
-from distal.logs.formats import format_of, write_csv
+from distal.logs.formats import TABLES, format_of, write_csv
 from distal.logs.headers import factor_of, scale, time_factor
 from distal.logs.log import LARGEST_READING, Log, check_stamps
 from distal.logs.output import write_whole
@@ -145,7 +145,7 @@ def _is_column(names: tuple[str, ...], name: str) -> bool:
     """Return whether the truth `name` is one of the log's columns, and no file."""
     if name in names:
         return True
-    if Path(name).exists() or Path(name).suffix.lower() in (".csv", ".parquet", ".pq", ".txt"):
+    if Path(name).exists() or Path(name).suffix.lower() in TABLES:
         return False
     raise LogError(f"truth '{name}' is neither a file nor a column (the log has {', '.join(names)})")
 

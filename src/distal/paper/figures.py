@@ -9,7 +9,7 @@ import numpy as np
 
 from distal.paper.claims import potentiometer_errors, rms
 from distal.paper.series import PLANTS, SERIES_2, Run
-from distal.results import BAND, BLACK, COLOURS, DASHES, SOFT, draw_estimate, figure
+from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, DASHES, SOFT, draw_estimate, figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -96,12 +96,12 @@ def draw_summary(runs: Sequence[Run]) -> Figure:
                          transform=top.transAxes, ha="right")  # fmt: skip
             top.text(0.98, 0.37, "RMS error", fontsize=8, transform=top.transAxes, ha="right")
             band = np.rad2deg(BAND * run.estimates["adaptive"].theta_std)
-            bottom.fill_between(run.log.time, -band, band, color=COLOURS[0], alpha=0.2, linewidth=0)
+            bottom.fill_between(run.log.time, -band, band, color=COLOURS[0], alpha=BAND_ALPHA, linewidth=0)
             bottom.axhline(0.0, color=BLACK, linewidth=0.6)
             bottom.set_xlim(0.7, end)
             bottom.set_xlabel("time [s]")
             top.set_title(run.log.source.removeprefix("Series 2: "), fontsize=9, loc="left")
-        top.fill_between([], [], [], color=COLOURS[0], alpha=0.2, linewidth=0, label="95 % band of adaptive")
+        top.fill_between([], [], [], color=COLOURS[0], alpha=BAND_ALPHA, linewidth=0, label="95 % band of adaptive")
         axes[0].set_ylabel("link angle θ [°]")
         axes[3].set_ylabel("error [°]")
         handles, labels = axes[2].get_legend_handles_labels()
@@ -159,5 +159,5 @@ def _filters(top: Axes, bottom: Axes, run: Run) -> None:
             error = np.rad2deg(result.errors())
             bottom.plot(run.log.time, error, color=COLOURS[i], linestyle=DASHES[i], linewidth=1.1)
     band = np.rad2deg(BAND * run.estimates["adaptive"].theta_std)
-    bottom.fill_between(run.log.time, -band, band, color=COLOURS[0], alpha=0.25, linewidth=0)
-    top.fill_between([], [], [], color=COLOURS[0], alpha=0.25, linewidth=0, label="95 % band of adaptive")
+    bottom.fill_between(run.log.time, -band, band, color=COLOURS[0], alpha=BAND_ALPHA, linewidth=0)
+    top.fill_between([], [], [], color=COLOURS[0], alpha=BAND_ALPHA, linewidth=0, label="95 % band of adaptive")

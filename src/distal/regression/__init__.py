@@ -1,7 +1,7 @@
 """Least squares over several logs: features, random effects, the size of a band, a homing window, the kernel."""
 
 from distal.regression.affine import affine_kind, as_discrepancy
-from distal.regression.conformal import NORMAL, Errors, conformal_factor, rms_beyond_noise, student
+from distal.regression.band import NORMAL, Errors, conformal_factor, inflate_band, rms_beyond_noise, student
 from distal.regression.contact import contact_kind
 from distal.regression.discrepancy import discrepancy_kind
 from distal.regression.features import Predicted, Samples, design, half_ranges, limits, outside, predict
@@ -12,7 +12,6 @@ from distal.regression.learn import (
     calibrate_band,
     errors_of,
     fit_coefficients,
-    inflate_band,
     learn_map,
     left_out_errors,
 )

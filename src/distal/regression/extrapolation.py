@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from distal.regression.conformal import COVERED
+from distal.regression.band import COVERED
 from distal.regression.features import Samples, beyond_homing, predict
 from distal.regression.window import calibrate_window
 from distal.rig import LearnedMap

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError
-from distal.regression.conformal import NORMAL, Errors, conformal_factor, rms_beyond_noise, student
+from distal.regression.band import NORMAL, Errors, rms_beyond_noise, sized, student, widened_between
 from distal.regression.extrapolation import extrapolation
 from distal.regression.features import Samples, design, predict
 from distal.regression.random_effects import independent, random_effects, row_of, rows_of
@@ -26,15 +26,6 @@ MOST_SAMPLES = 2500
 
 SAMPLES_PER_TERM = 20
 """Terms are tried if the shortest log has this many samples for each."""
-
-SMALLEST_FACTOR, LARGEST_FACTOR = 0.5, 30.0
-"""Least and largest factor by which errors on left-out logs change the width of the band."""
-
-OWNS = (1.0, 0.5, 0.25)
-"""Shares of the filter's own std that are tried: beside a learned band its error might be counted twice."""
-
-WORTH = 0.9
-"""A smaller share is used if its band is narrower than this share of the wider band."""
 
 SPEED_OVER = 0.1
 """Speeds of readings are differences over so long [s], so that noise counts little."""
@@ -352,49 +343,8 @@ def calibrate_band(
     draws = count if kind.by_group else len(data)
     wider = 1.0 if draws >= ENOUGH_LOGS else student(draws - 1)
     if count < 2:
-        return _wider_between(learned, wider)
+        return widened_between(learned, wider)
     errors = left_out_errors(data, kind, chosen, folds, homing)
     if not errors:
-        return _wider_between(learned, wider)
-    filtered = any(np.any(v > 0.0) for log in errors for _, _, v in log)
-    shares = (1.0,) if not filtered else OWNS if count >= ENOUGH_LOGS else (share_of_few(errors),)
-    best, narrowest = learned, float("inf")
-    for share in shares:
-        parts = [[(e, u, share**2 * v) for e, u, v in (log[j] for log in errors)] for j in range(len(learned.joints))]
-        factors = [conformal_factor(logs, SMALLEST_FACTOR, LARGEST_FACTOR) for logs in parts]
-        sizes = [np.sqrt(c**2 * u + v).mean() for c, logs in zip(factors, parts) for _, u, v in logs if len(u)]
-        width = float(np.mean(sizes))
-        if width < WORTH * narrowest:
-            best, narrowest = inflate_band(learned.model_copy(update={"own": share}), factors), width
-    return _wider_between(best, wider)
-
-
-def share_of_few(errors: Sequence[Sequence[Errors]]) -> float:
-    """Return the share of the filter's own std that the worst of few logs left out needs, at most 1.
-
-    Args:
-        errors: of each log and joint.
-    """
-    needed = [
-        np.quantile(np.abs(e) / np.sqrt(np.maximum(v, 1e-30)), 0.95) for log in errors for e, _, v in log if len(e)
-    ]
-    return float(min(1.0, max(needed, default=NORMAL) / NORMAL))
-
-
-def inflate_band(learned: LearnedMap, factors: Sequence[float]) -> LearnedMap:
-    """Return a map with a wider or narrower band.
-
-    Args:
-        learned: the map.
-        factors: on the standard deviation, one for each joint.
-    """
-    return learned.model_copy(update={"band": tuple(float(c * f) for c, f in zip(learned.band, factors))})
-
-
-def _wider_between(learned: LearnedMap, wider: float) -> LearnedMap:
-    """Return a map whose coefficients differ more from log to log."""
-    joints = tuple(
-        joint.model_copy(update={"covariance": tuple(tuple(wider**2 * v for v in row) for row in joint.covariance)})
-        for joint in learned.joints
-    )
-    return learned.model_copy(update={"joints": joints})
+        return widened_between(learned, wider)
+    return widened_between(sized(learned, errors, count >= ENOUGH_LOGS), wider)

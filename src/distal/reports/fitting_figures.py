@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.logs import Log, shown, true_angles
-from distal.results import BLACK, COLOURS, DASHES, PANELS, Estimate, figure, legend_above, plot_estimates
+from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, PANELS, Estimate, figure, legend_above, plot_estimates
 from distal.rig import Rig
 from distal.run import log_health
 
@@ -140,5 +140,5 @@ def _binned(axes: Axes, x: Floats, y: Floats, index: int, name: str) -> None:
     if not centres:
         return
     table = np.array(middle)
-    axes.fill_between(centres, table[:, 0], table[:, 2], color=COLOURS[index], alpha=0.18, lw=0)
+    axes.fill_between(centres, table[:, 0], table[:, 2], color=COLOURS[index], alpha=BAND_ALPHA, lw=0)
     axes.plot(centres, table[:, 1], color=COLOURS[index], ls=DASHES[index], lw=1.4, marker="o", ms=2.5, label=name)

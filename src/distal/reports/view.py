@@ -13,7 +13,7 @@ from distal.errors import OutputError
 from distal.logs import Log, shown, write_whole
 from distal.reports.page import page, paragraph, picture
 from distal.reports.rig_drawing import rig_svg
-from distal.results import BAND, BLACK, COLOURS, HEALTH_COLOURS, SOFT, Estimate, from_start, time_label
+from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, HEALTH_COLOURS, SOFT, Estimate, from_start, time_label
 from distal.rig import Rig
 from distal.run import log_health
 
@@ -31,7 +31,7 @@ HEIGHTS = (320, 170, 135, 135, 85)
 GAP = 28
 """Between them [pixels]."""
 
-FILL = "rgba({}, {}, {}, 0.18)".format(*(int(COLOURS[0][k : k + 2], 16) for k in (1, 3, 5)))
+FILL = "rgba({}, {}, {}, {})".format(*(int(COLOURS[0][k : k + 2], 16) for k in (1, 3, 5)), BAND_ALPHA)
 """Of the band."""
 
 NEEDS = "an interactive page needs plotly; pip install '.[view]'"

@@ -15,6 +15,7 @@ from distal.results.plots import (
 )
 from distal.results.style import (
     BAD,
+    BAND_ALPHA,
     BLACK,
     COLOURS,
     DASHES,
@@ -38,6 +39,7 @@ __all__ = [
     "ANGLE_UNITS",
     "BAD",
     "BAND",
+    "BAND_ALPHA",
     "BLACK",
     "COLOURS",
     "DASHES",

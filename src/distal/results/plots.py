@@ -13,7 +13,17 @@ from distal.errors import OutputError, did_you_mean
 from distal.logs import Log
 from distal.results.curves import BAND, Curves
 from distal.results.panels import draw_forces, draw_health, draw_innovations
-from distal.results.style import BLACK, COLOURS, DASHES, figure, legend_above, plain, save_figure, title_above
+from distal.results.style import (
+    BAND_ALPHA,
+    BLACK,
+    COLOURS,
+    DASHES,
+    figure,
+    legend_above,
+    plain,
+    save_figure,
+    title_above,
+)
 from distal.rig import Rig
 
 if TYPE_CHECKING:
@@ -303,7 +313,7 @@ def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> A
     """Shade a band, with edges that are seen where it is hardly wider than a line; return its handle."""
     for edge in (low, high):
         axes.plot(time, edge, color=_colour(index), linewidth=0.4, alpha=0.6)
-    return axes.fill_between(time, low, high, color=_colour(index), alpha=0.2, linewidth=0)
+    return axes.fill_between(time, low, high, color=_colour(index), alpha=BAND_ALPHA, linewidth=0)
 
 
 def _colour(index: int) -> str:

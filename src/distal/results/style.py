@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart; each curve has its own dash as well
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+BAND_ALPHA = 0.2
+"""Opacity of a shaded band."""
+
 DASHES: tuple[object, ...] = (
     "-",
     (0, (5, 1.5)),

@@ -2,6 +2,6 @@
 
 from distal.logs.formats.csv import write_csv
 from distal.logs.formats.format import Format, Message
-from distal.logs.formats.registry import FORMATS, format_of
+from distal.logs.formats.registry import FORMATS, TABLES, format_of
 
-__all__ = ["FORMATS", "Format", "Message", "format_of", "write_csv"]
+__all__ = ["FORMATS", "TABLES", "Format", "Message", "format_of", "write_csv"]

@@ -12,6 +12,9 @@ from distal.logs.formats.rosbag import ROSBAG
 
 FORMATS = (CSV, PARQUET, MCAP, ROSBAG)
 
+TABLES = tuple(ending for one in FORMATS if one.read is not None for ending in one.endings)
+"""Endings of the names of tables."""
+
 
 def format_of(path: str | Path) -> Format:
     """Return the format of a log by its name, of a folder by what is in it; a name without a known ending is CSV.

@@ -1,9 +1,10 @@
 """The kinds of states of the adaptive filter, one file each, and the vector that they make up."""
 
 from distal.estimators.adaptive.states.parameter import UncertainParameter, uncertain_parameters
+from distal.estimators.adaptive.states.registry import KINDS, Kind
 from distal.estimators.adaptive.states.state import Begin, Fading, State
 from distal.estimators.adaptive.states.transmission import Transmitted
-from distal.estimators.adaptive.states.vector import KINDS, Kind, StateVector
+from distal.estimators.adaptive.states.vector import StateVector
 
 __all__ = [
     "KINDS",

@@ -2,40 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.bias import SensorBias, SensorGain, sensor_biases
-from distal.estimators.adaptive.states.external_torque import external_torques
-from distal.estimators.adaptive.states.friction import unknown_frictions
-from distal.estimators.adaptive.states.inside import Strained, inside
+from distal.estimators.adaptive.states.bias import SensorBias, SensorGain
+from distal.estimators.adaptive.states.inside import Strained
 from distal.estimators.adaptive.states.joint import JointMotion
-from distal.estimators.adaptive.states.linearity import Linearity, linearities
-from distal.estimators.adaptive.states.parameter import UncertainParameter, uncertain_parameters
-from distal.estimators.adaptive.states.place import unmeasured_places
+from distal.estimators.adaptive.states.linearity import Linearity
+from distal.estimators.adaptive.states.parameter import UncertainParameter
+from distal.estimators.adaptive.states.registry import KINDS, Kind
 from distal.estimators.adaptive.states.state import Fading, State
-from distal.estimators.adaptive.states.transmission import Transmitted, transmissions
+from distal.estimators.adaptive.states.transmission import Transmitted
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
-
-Kind = Callable[[FilterContext], Sequence[State]]
-"""Returns the blocks of one kind that a rig has."""
-
-KINDS: tuple[Kind, ...] = (
-    external_torques,
-    uncertain_parameters,
-    linearities,
-    unmeasured_places,
-    unknown_frictions,
-    transmissions,
-    inside,
-    sensor_biases,
-)
-"""Their order is that of the state vector, after the joints."""
-
 
 LASTING = (UncertainParameter, Linearity, SensorBias, SensorGain)
 """Blocks that are numbers of the rig or its sensors; the others are meant to move."""

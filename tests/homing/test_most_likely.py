@@ -12,7 +12,7 @@ from distal import Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter, Belief, first_values
 from distal.homing import with_references
 from distal.homing.apply import homing_prior, numbers_filtered
-from distal.homing.map import EVALUATIONS, INDEPENDENT, KEPT, most_likely
+from distal.homing.most_likely import EVALUATIONS, INDEPENDENT, KEPT, most_likely
 from distal.homing.window import Window
 from distal.logs import frozen
 from distal.regression import correlated_samples

@@ -1,0 +1,31 @@
+"""The kinds of states beside the joints': a new kind is a file beside this one, and an entry here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.states.bias import sensor_biases
+from distal.estimators.adaptive.states.external_torque import external_torques
+from distal.estimators.adaptive.states.friction import unknown_frictions
+from distal.estimators.adaptive.states.inside import inside
+from distal.estimators.adaptive.states.linearity import linearities
+from distal.estimators.adaptive.states.parameter import uncertain_parameters
+from distal.estimators.adaptive.states.place import unmeasured_places
+from distal.estimators.adaptive.states.state import State
+from distal.estimators.adaptive.states.transmission import transmissions
+
+Kind = Callable[[FilterContext], Sequence[State]]
+"""Returns the blocks of one kind that a rig has."""
+
+KINDS: tuple[Kind, ...] = (
+    external_torques,
+    uncertain_parameters,
+    linearities,
+    unmeasured_places,
+    unknown_frictions,
+    transmissions,
+    inside,
+    sensor_biases,
+)
+"""Their order is that of the state vector, after the joints."""

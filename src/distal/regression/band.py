@@ -1,0 +1,137 @@
+"""The size of a band, by the errors on logs left out (split conformal prediction by log; Lei et al., JASA 113, 2018)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.rig import LearnedMap
+
+Floats = NDArray[np.float64]
+
+NORMAL = 1.959963984540054
+"""The 97.5 % quantile of the normal distribution."""
+
+COVERED = 0.95
+"""Share of the errors that a band is to hold."""
+
+SMALLEST_FACTOR, LARGEST_FACTOR = 0.5, 30.0
+"""Least and largest factor by which errors on left-out logs change the width of the band."""
+
+OWNS = (1.0, 0.5, 0.25)
+"""Shares of the filter's own std that are tried: beside a learned band its error might be counted twice."""
+
+WORTH = 0.9
+"""A smaller share is used if its band is narrower than this share of the wider band."""
+
+Errors = tuple[Floats, Floats, Floats]
+"""On a log: errors e, variances u that are scaled, and variances v that are not."""
+
+
+def student(freedom: float) -> float:
+    """Return by what a 95 % band is wider that knows its std from so many degrees of freedom: t_{0.975}/1.96.
+
+    Args:
+        freedom: degrees of freedom.
+    """
+    from scipy.special import stdtrit  # loaded late: it takes as long as all of distal
+
+    return float(stdtrit(max(freedom, 1.0), 0.975)) / NORMAL
+
+
+def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> float:
+    """Return the least factor c for which, over all logs alike, 95 % of errors have e² ≤ 1.96² (c² u + v).
+
+    Args:
+        logs: the errors on each left-out log.
+        least: smallest factor.
+        largest: largest factor.
+    """
+    needed, weights = [], []
+    for error, scaled, fixed in logs:
+        if len(error):
+            wanted = np.maximum(error**2 / NORMAL**2 - fixed, 0.0)
+            needed.append(np.sqrt(wanted / np.maximum(scaled, 1e-30)))
+            weights.append(np.full(len(error), 1.0 / len(error)))
+    if not needed:
+        return float(np.clip(1.0, least, largest))
+    factors, share = np.concatenate(needed), np.concatenate(weights)
+    order = np.argsort(factors)
+    reached = np.cumsum(share[order]) / share.sum()
+    at = min(int(np.searchsorted(reached, COVERED)), len(order) - 1)
+    return float(np.clip(factors[order][at], least, largest))
+
+
+def rms_beyond_noise(errors: Sequence[Sequence[Errors]], noise: float = 0.0) -> float:
+    """Return the mean of RMS errors, of each log and joint alone, less the reference's own noise; NaN where there are none.
+
+    Args:
+        errors: of each log and joint.
+        noise: std of the reference's random error, which no map can explain: its variance is taken off.
+    """
+    each = [
+        np.sqrt(max(float(np.mean(error**2)) - noise**2, 0.0)) for log in errors for error, _, _ in log if len(error)
+    ]
+    return float(np.mean(each)) if each else float("nan")
+
+
+def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool) -> LearnedMap:
+    """Return a map with its band sized by the errors on logs left out.
+
+    Of `OWNS`, the shares of the filter's own std, the one that gives the narrowest sized band is used; of few logs the
+    worst one decides.
+
+    Args:
+        learned: the map.
+        errors: on each log left out, of each joint.
+        enough: whether there are logs enough to choose.
+    """
+    filtered = any(np.any(v > 0.0) for log in errors for _, _, v in log)
+    shares = (1.0,) if not filtered else OWNS if enough else (share_of_few(errors),)
+    best, narrowest = learned, float("inf")
+    for share in shares:
+        parts = [[(e, u, share**2 * v) for e, u, v in (log[j] for log in errors)] for j in range(len(learned.joints))]
+        factors = [conformal_factor(logs, SMALLEST_FACTOR, LARGEST_FACTOR) for logs in parts]
+        sizes = [np.sqrt(c**2 * u + v).mean() for c, logs in zip(factors, parts) for _, u, v in logs if len(u)]
+        width = float(np.mean(sizes))
+        if width < WORTH * narrowest:
+            best, narrowest = inflate_band(learned.model_copy(update={"own": share}), factors), width
+    return best
+
+
+def share_of_few(errors: Sequence[Sequence[Errors]]) -> float:
+    """Return the share of the filter's own std that the worst of few logs left out needs, at most 1.
+
+    Args:
+        errors: of each log and joint.
+    """
+    needed = [
+        np.quantile(np.abs(e) / np.sqrt(np.maximum(v, 1e-30)), 0.95) for log in errors for e, _, v in log if len(e)
+    ]
+    return float(min(1.0, max(needed, default=NORMAL) / NORMAL))
+
+
+def inflate_band(learned: LearnedMap, factors: Sequence[float]) -> LearnedMap:
+    """Return a map with a wider or narrower band.
+
+    Args:
+        learned: the map.
+        factors: on the standard deviation, one for each joint.
+    """
+    return learned.model_copy(update={"band": tuple(float(c * f) for c, f in zip(learned.band, factors))})
+
+
+def widened_between(learned: LearnedMap, wider: float) -> LearnedMap:
+    """Return a map whose coefficients differ more from log to log.
+
+    Args:
+        learned: the map.
+        wider: factor on the standard deviation of the coefficients.
+    """
+    joints = tuple(
+        joint.model_copy(update={"covariance": tuple(tuple(wider**2 * v for v in row) for row in joint.covariance)})
+        for joint in learned.joints
+    )
+    return learned.model_copy(update={"joints": joints})
