@@ -123,6 +123,20 @@ def test_each_log_may_have_its_own(pulley_rig: Rig) -> None:
     assert own[1] - own[0] == pytest.approx(0.6, abs=0.15)
 
 
+def test_interrupted_at_a_fold_it_says_how_many_were_left_out(rig: Rig) -> None:
+    """The fold that was not learned to its end has no score; the fit to all logs stands."""
+
+    def stop(doing: Doing) -> None:
+        if doing.part == 2:
+            raise KeyboardInterrupt
+
+    logs = [one.select(slice(0, 300)) for one in logs_of(rig, {}, 5, ("ramps", "servo", "weights"), 4.0)]
+    found = fit(logs, rig, free=["joints.link.friction.coefficient"], noise=False, progress=stop)
+    assert found.interrupted
+    assert found.converged
+    assert (len(found.folds), found.folds_asked) == (1, 3)
+
+
 def test_interrupted_it_keeps_the_best_so_far(rig: Rig) -> None:
     plant, _ = drawn_plant(7)
     logs = logs_of(rig, plant, 7, ("ramps",), 4.0)

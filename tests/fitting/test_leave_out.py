@@ -109,7 +109,7 @@ def test_affine_replaces_the_correction_only_where_it_errs_clearly_less(
         for i, one in data.items()
     }
     affine, found = angle_maps(others, worse, {}, groups, prior, rig, OPTIONS)
-    assert any("what affine says" in note for note in found.notes) == replaced
+    assert any("is that of affine" in note for note in found.notes) == replaced
     if replaced:
         made = rig.model_copy(update={one.table: one.learned for one in (affine, found)})
         ours, line = (estimate(others[0], made, name, compiled=False) for name in ("adaptive", "affine"))

@@ -105,3 +105,16 @@ def test_slopes_are_taken_over_what_a_number_is_known_to() -> None:
     assert widths[0] == widths[1]
     assert 0.5 * 0.3 / 100.0 <= widths[0] <= 2.0 * 0.3 / 100.0
     assert np.log2(widths[0]) == round(np.log2(widths[0]))
+
+
+def test_an_interruption_before_anything_is_known_leaves_the_prior() -> None:
+    """What comes after a search needs derivatives of the right size, however early the user stops it."""
+
+    class Stopped(Curve):
+        def derivatives(self, z: Floats, widths: Floats, central: bool = True) -> Derivatives:
+            raise KeyboardInterrupt
+
+    problem = Stopped(lambda z: z - 1.0, 3, std=2.0)
+    found = search(problem, np.zeros(3))  # type: ignore[arg-type]
+    assert found.interrupted
+    np.testing.assert_allclose(np.linalg.inv(hessian(problem, found.derivatives)), 4.0 * np.eye(3), rtol=1e-6)  # type: ignore[arg-type]

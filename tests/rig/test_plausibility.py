@@ -48,3 +48,15 @@ def test_a_list_whose_items_are_wrong_is_not_short_of_items() -> None:
     assert "at least one" not in str(caught.value)
     with pytest.raises(RigError, match="joints: at least one is needed"):
         load_rig("template", ["joints=[]"])
+
+
+def test_a_tension_behind_the_friction_of_a_path_is_asked_about() -> None:
+    """A load cell at the motor's end measures the drive's force; friction of a path lies between the two."""
+    rig = load_rig("template")
+    rubbing = rig.with_values({"tendons.left.path": {"friction": 0.1, "wrap": "90 deg"}})
+    cell = {"name": "cell", "measures": "tension", "of": "left", "noise": "0.1 N"}
+    sensors = [*(sensor.model_dump() for sensor in rig.sensors), cell]
+    assert doubts(rig.with_values({"sensors": sensors})) == []
+    said = doubts(rubbing.with_values({"sensors": sensors}))
+    assert len(said) == 1
+    assert "sensor cell measures the tension of tendon left behind the friction of its path" in said[0]

@@ -112,6 +112,8 @@ def estimate_command(
     from distal.run import estimate, log_health
     from distal.run import smooth as smoothed
 
+    if out is None and (unit != "rad" or every):
+        raise EstimationError(f"{'--all' if every else '--unit'} is about the file of --out, which is not given")
     if unit not in ANGLE_UNITS:
         raise EstimationError(f"--unit {unit}: angles are written in {' or '.join(ANGLE_UNITS)}")
     if len(logs) > 1:

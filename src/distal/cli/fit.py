@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
 from math import degrees
 from pathlib import Path
@@ -106,6 +107,7 @@ def fit_command(
     home = seconds(homing) if homing is not None else None
     description = load_rig(rig, settings(set_, repeated))
     read = [read_log(path, description, truth) for path in logs]
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a job that is ended keeps the best so far, as by Ctrl-C
     with _Bar() as bar:
         result = fitted_to(
             read,
@@ -140,7 +142,7 @@ class _Bar:
     def __init__(self) -> None:
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-        self._told = time.monotonic()
+        self._told = self._began = time.monotonic()
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("time left"), TimeRemainingColumn())
         self._bar = Progress(*columns, console=err(), transient=True, disable=not err().is_terminal)
         self._task = self._bar.add_task("fitting", total=1.0)
@@ -158,7 +160,13 @@ class _Bar:
         self._bar.update(self._task, completed=doing.share, description=f"{part}: {doing.stage}")
         if not err().is_terminal and time.monotonic() - self._told > EVERY:
             self._told = time.monotonic()
-            err().print(f"{part}: {doing.stage}, about {100 * doing.share:.0f} % done")
+            left = (self._told - self._began) * (1.0 - doing.share) / max(doing.share, 0.01)
+            err().print(f"{part}: {doing.stage}, about {100 * doing.share:.0f} % done, {_in_words(left)} left")
+
+
+def _in_words(seconds: float) -> str:
+    """Return a time as one says it."""
+    return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
 
 
 def _check_logs(logs: list[Path]) -> None:
@@ -186,7 +194,9 @@ def _say(result: Fit) -> None:
     scores = result.scores()
     if scores:
         said = ", ".join(f"{name} {degrees(rms):.3f}° ({100 * inside:.0f} %)" for name, rms, inside in scores)
-        say(f"each log left out once, RMS error (inside the 95 % band): {said}")
+        done, asked = len(result.folds), result.folds_asked
+        which = "each log left out once" if done == asked else f"{done} of {asked} logs left out"
+        say(f"{which}, RMS error (inside the 95 % band): {said}")
     for line in result.advice()[:MOST_DOUBTS]:
         say(line)
     if result.interrupted:

@@ -219,7 +219,7 @@ def cannot_test(subject: str) -> Finding:
     Args:
         subject: of what: a sensor, a drive, a number of the rig.
     """
-    return Finding("cannot test", subject, f"a wrong {subject} changes the angle but no innovation")
+    return Finding("cannot test", subject, f"{subject}: an error there changes the angle but no innovation")
 
 
 def hangs_on_the_start(state: str, spread: float, *, is_angle: bool) -> Finding:

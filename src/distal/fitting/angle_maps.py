@@ -89,9 +89,10 @@ def as_good_as_a_line(
     )
     if not ours > CLEARLY * line:
         return found
+    errors = f"{np.rad2deg(line):.3f}°" if line > 0.0 else "no more than the reference's own noise"
     note = (
-        f"discrepancy: where the logs have been it is what affine says: {np.rad2deg(line):.3f}° on logs left out, the "
-        f"filter {np.rad2deg(ours):.3f}°"
+        f"discrepancy: within the range of the logs the angle is that of affine: its error on logs left out is {errors}, "
+        f"that of the filter {np.rad2deg(ours):.3f}°"
     )
     other = as_discrepancy(affine.learned, found.learned, place_offsets(rig, affine.learned.channels))
     return replace(found.with_map(other), notes=(note, *found.notes[1:]), terms=affine.terms)

@@ -100,11 +100,11 @@ def fit(
     learned = learn(read, rig, options, of_part(progress, 0, parts))
     for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
-    folds = []
+    folds, asked = [], 0
     if enough and "discrepancy" in learned.maps and not learned.numbers.found.interrupted:
-        folds = leave_out(read, rig, options, groups, progress)
+        folds, asked = leave_out(read, rig, options, groups, progress), parts - 1
     tried = propose(read, rig, options, groups, folds, progress) if proposals and folds else ()
-    return Fit.of(learned, rig, read, options, tuple(folds), tried)
+    return Fit.of(learned, rig, read, options, tuple(folds), tried, asked)
 
 
 def _read(

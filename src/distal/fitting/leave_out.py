@@ -83,6 +83,9 @@ def leave_out(
         groups: of each log; those of one (a unit, a pose, a day) are left out together.
         progress: called with the progress.
         most: so many groups are left out at most, spread over all.
+
+    Returns:
+        folds: one for each group that was left out; fewer where the user stopped it.
     """
     units = list(dict.fromkeys(groups))
     chosen = np.unique(np.linspace(0, len(units) - 1, min(len(units), most)).round().astype(int))
@@ -90,9 +93,12 @@ def leave_out(
     for part, i in enumerate(chosen, 1):
         out = [log for log, group in zip(logs, groups) if group == units[i]]
         rest = [log for log, group in zip(logs, groups) if group != units[i]]
-        learned = learn(rest, rig, options, of_part(progress, part, len(chosen) + 1))
-        folds.append(_scored(out, rig, learned, options.homing))
-        if learned.numbers.found.interrupted:
+        try:
+            learned = learn(rest, rig, options, of_part(progress, part, len(chosen) + 1))
+            if learned.numbers.found.interrupted:
+                break  # it says nothing of a fit that ends by itself
+            folds.append(_scored(out, rig, learned, options.homing))
+        except KeyboardInterrupt:
             break
     return folds
 

@@ -70,6 +70,11 @@ class MapFit:
     terms: Terms
 
     @property
+    def is_affine(self) -> bool:
+        """Whether a discrepancy reports the angle of `affine` in place of the filter's own."""
+        return any(term.startswith("angle(") for term in self.learned.terms)
+
+    @property
     def learned(self) -> LearnedMap:
         """The map."""
         learned = getattr(self.rig, self.table)

@@ -49,6 +49,7 @@ class Fit:
         iterations: of the search.
         converged: whether the search converged; if not, there are no standard errors.
         interrupted: whether the user stopped it.
+        folds_asked: how many folds there were to be; `folds` has fewer where the user stopped it.
         curves: path → learned value, for the position sensors' systematic errors.
         maps: the learned maps, by the names of their tables in the rig: ``affine``, the map of the baseline estimator,
             ``discrepancy``, the angle error that the model leaves, ``contact``, the external torque.
@@ -77,6 +78,7 @@ class Fit:
     iterations: int
     converged: bool
     interrupted: bool
+    folds_asked: int
     curves: Mapping[str, object] = field(default_factory=dict)
     maps: Mapping[str, MapFit] = field(default_factory=dict)
     folds: tuple[Fold, ...] = ()
@@ -93,6 +95,7 @@ class Fit:
         options: Options,
         folds: tuple[Fold, ...],
         proposals: tuple[Proposal, ...] = (),
+        asked: int = 0,
     ) -> Fit:
         """Return one result: what was learned from logs, and its scores on those left out.
 
@@ -103,6 +106,7 @@ class Fit:
             options: what was asked.
             folds: each log left out once.
             proposals: changes of the rig that were tried.
+            asked: how many folds there were to be.
         """
         numbers, own = learned.numbers, len(start.sensors)
         found = numbers.found
@@ -129,7 +133,8 @@ class Fit:
             cost_after=found.cost,
             iterations=found.iterations,
             converged=found.converged,
-            interrupted=found.interrupted or any(fold.learned.numbers.found.interrupted for fold in folds),
+            interrupted=found.interrupted or len(folds) < asked,
+            folds_asked=asked,
             curves=learned.curves,
             maps=learned.maps,
             folds=folds,
@@ -187,7 +192,8 @@ class Fit:
                 )
         lines += [f"these logs tell {line}" for line in self.combinations]
         errors = {name: rms for name, rms, _ in self.scores()}
-        if errors.get("adaptive", 0.0) > CLEARLY * errors.get("affine", np.inf):
+        taken = "discrepancy" in self.maps and self.maps["discrepancy"].is_affine
+        if errors.get("adaptive", 0.0) > CLEARLY * errors.get("affine", np.inf) and not taken:
             lines.append(
                 f"on logs left out affine errs less ({np.rad2deg(errors['affine']):.2g}° against "
                 f"{np.rad2deg(errors['adaptive']):.2g}°): within the range of these logs, use --estimator affine"

@@ -184,7 +184,8 @@ def search(
     z = _inside(problem, start)
     near_by = first if known is None else known
     widths = first_widths(problem) if near_by is None else widths_at(problem, z, near_by)
-    found = Found(z, np.inf, Derivatives(np.inf, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)), 0))
+    nothing = np.zeros((problem.size, problem.size))  # an interruption may come before anything is known
+    found = Found(z, np.inf, Derivatives(np.inf, np.zeros(problem.size), nothing, nothing, 0))
     coarser, near, last = 1.0, False, np.zeros(problem.size)
     try:
         derivatives = problem.derivatives(z, np.where(free, widths, 0.0), False) if known is None else known

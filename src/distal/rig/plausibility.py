@@ -61,6 +61,13 @@ def doubts(rig: Rig) -> list[str]:
     for drive in rig.drives:
         if not any(sensor.measures == "position" and sensor.of == drive.name for sensor in rig.sensors):
             said.append(f"drive {drive.name} has no position sensor: its place has to be guessed from forces")
+    rubbing = {tendon.name for tendon in rig.tendons if tendon.path is not None and tendon.path.nodes == 0}
+    for sensor in rig.sensors:
+        if sensor.measures == "tension" and sensor.of in rubbing:
+            said.append(
+                f"sensor {sensor.name} measures the tension of tendon {sensor.of} behind the friction of its path, at the "
+                "joint; a cell at the motor's end measures the 'force' of its drive: which is it?"
+            )
     for joint in rig.joints:
         arms = [tendon.arms().get(joint.name, 0.0) for tendon in rig.tendons]
         sides = {1 if arm > 0.0 else -1 for arm in arms if arm != 0.0}
