@@ -106,8 +106,13 @@ def after_fit(kind: str, seed: int) -> list[str]:
 
 
 def far_from_truth(found: Fit, truth: Mapping[str, float]) -> int:
-    """Return how many fitted numbers are more than 3 stated errors from the plant's, and are named in no doubt."""
+    """Return how many fitted numbers are more than 3 stated errors from the plant's, and are named in no doubt.
+
+    A rolling joint has no axle, and other arms than its user takes for the pulleys': its stiffnesses alone are compared.
+    """
     said = " ".join(found.doubts)
+    if "rolling" in found.rig.name:
+        truth = {path: value for path, value in truth.items() if path.endswith(".stiffness")}
     return sum(
         abs(part.value - truth[part.paths[0]]) > 3.0 * part.error
         for part in found.fitted
