@@ -40,17 +40,6 @@ def claims() -> str:
     return written(["", "statement", "measure", "threshold", "as printed", "as observed"], rows)
 
 
-def readings() -> str:
-    """Return the table of readings of Q and R."""
-    held = json.loads((ROOT / "out/reproduce/results.json").read_text(encoding="utf-8"))
-    by_plant = held["readings_of_q_and_r_rms_deg"]
-    rows = [
-        [name, f"{by_plant['as printed'][name]:.2f}", f"{by_plant['as observed'][name]:.2f}"]
-        for name in by_plant["as printed"]
-    ]
-    return written(["reading", "RMS, as printed [°]", "RMS, as observed [°]"], rows)
-
-
 def bench(name: str) -> str:
     """Return a table of `make bench`."""
     text = (ROOT / "out/bench" / f"{name}.md").read_text(encoding="utf-8").split("\n\n", 1)[1].strip()
@@ -113,7 +102,6 @@ PARTS = ("part", "within 2 standard errors", "RMS, fitted [°]", "ratio", "insid
 
 TABLES: dict[str, Callable[[], str]] = {
     "claims": claims,
-    "readings": readings,
     "stepping": lambda: part("stepping", "scheme", "6", "10", "15", "30"),
     "speed": lambda: part(
         "speed",
