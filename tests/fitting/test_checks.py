@@ -57,3 +57,13 @@ def test_a_truth_that_moves_too_far_or_too_little(factor: float, said: str) -> N
     expected = estimate(Log(time, channels), rig, "elastic").theta
     with pytest.raises(FitError, match=said):
         check_logs([Log(time, channels, {"theta": factor * expected})], rig)
+
+
+def test_a_truth_may_have_another_zero() -> None:
+    """Only how it moves is compared: an encoder that reads 170° at the drives' zero is no wrong truth."""
+    rig = load_rig("capstan-joint")
+    time = np.arange(0.0, 4.0, 0.01)
+    motor = 0.5 * np.sin(2 * np.pi * 0.5 * time)
+    channels = {"motor_angle": motor, "motor_torque": np.full(len(time), 0.01) + 1e-4 * np.sin(time)}
+    expected = estimate(Log(time, channels), rig, "elastic").theta
+    check_logs([Log(time, channels, {"theta": expected + 3.0})], rig)

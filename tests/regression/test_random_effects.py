@@ -89,3 +89,13 @@ def test_columns_of_the_basis_are_uncorrelated_and_of_size_one() -> None:
     whole = np.vstack(designs) @ w
     assert w.shape == (4, 3)
     np.testing.assert_allclose(whole.T @ whole / len(whole), np.eye(3), atol=1e-9)
+
+
+def test_how_many_samples_count_as_one() -> None:
+    """1 + 2 Σ ρ_k up to where the correlation first ends: (1 + ρ)/(1 − ρ) of an AR(1), and 1 of white noise."""
+    rng = np.random.default_rng(3)
+    white = rng.normal(size=40_000)
+    assert correlated_samples(white) == pytest.approx(1.0, abs=0.05)
+    for rho in (0.5, 0.9):
+        errors = lfilter([1.0], [1.0, -rho], white)
+        assert correlated_samples(errors) == pytest.approx((1 + rho) / (1 - rho), rel=0.1)
