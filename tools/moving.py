@@ -56,10 +56,15 @@ def errors(axes: Axes, shown: dict[str, Estimate], at: int) -> None:
     band = np.rad2deg(BAND * shown["adaptive"].theta_std)
     axes.fill_between(time[: at + 1], -band[: at + 1], band[: at + 1], color=COLOURS[0], alpha=0.2, lw=0)
     axes.axhline(0.0, color="black", lw=0.8)
+    ends = {name: float(np.rad2deg(shown[name].errors())[at]) for name in NAMES}
+    upper = max(ends, key=lambda name: ends[name])
+    apart = max(0.0, 0.6 - (max(ends.values()) - min(ends.values()))) / 2.0  # so that names do not lie on each other
     for name, index in NAMES.items():
-        error = np.rad2deg(shown[name].errors())
+        error, aside = np.rad2deg(shown[name].errors()), apart if name == upper else -apart
         axes.plot(time[: at + 1], error[: at + 1], color=COLOURS[index], ls=DASHES[index], lw=1.3)
-        axes.text(time[at] + 0.1, error[at], name, color=COLOURS[index], fontsize=8, va="center", clip_on=False)
+        axes.text(
+            time[at] + 0.1, ends[name] + aside, name, color=COLOURS[index], fontsize=8, va="center", clip_on=False
+        )
     axes.set(xlim=(0, time[-1] * 1.16), ylim=(-5, 5), xlabel="time [s]", ylabel="error of the angle [°]")
 
 
@@ -82,10 +87,10 @@ def main() -> None:
             buffer = io.BytesIO()
             made.savefig(buffer, format="png", dpi=DPI)
         pictures.append(Image.open(buffer).convert("RGB").quantize(COLOURS_USED, dither=Image.Dither.NONE))
-    # it stands still at its end, so that one can read it
-    durations = [round(1000 / PER_SECOND)] * (FRAMES - 1) + [3000]
+    # it begins with its end, which stands still: what shows one frame only shows all
+    pictures = [pictures[-1], *pictures[:-1]]
+    durations = [3000] + [round(1000 / PER_SECOND)] * (FRAMES - 1)
     pictures[0].save(OUT, save_all=True, append_images=pictures[1:], duration=durations, loop=0, optimize=True)
-    pictures[-1].convert("RGB").save(OUT.with_suffix(".png"))
 
 
 if __name__ == "__main__":
