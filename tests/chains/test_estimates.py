@@ -312,7 +312,8 @@ def test_a_stream_of_a_finger(rig: Rig, log: Log, tmp_path: Path) -> None:
     done = subprocess.run(command, input=text, capture_output=True, text=True, timeout=60, check=True)
     header, *lines = done.stdout.splitlines()
     assert len(lines) == 20
-    assert {"theta_mcp", "theta_mcp_std", "theta_pip", "theta_pip_std"} <= set(header.split(","))
+    expected = {f"theta_{joint}{what} [rad]" for joint in ("mcp", "pip") for what in ("", "_std")}
+    assert expected <= set(header.split(","))
 
 
 def test_homing_at_one_joint_of_a_log_that_knows_all(rig: Rig, log: Log) -> None:
