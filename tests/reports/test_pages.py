@@ -73,7 +73,7 @@ def test_the_page_of_a_fit(fitted: Fit, logs: list[Log], tmp_path: Path) -> None
     assert text.count("<figure>") == len(logs) + 3
     for said in (
         "What was found",
-        "joints.0.friction.coefficient",
+        "joints.link.friction.coefficient",
         "Along the logs",
         "Where the joint is seen",
     ):
