@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from distal import Rig, load_rig, shipped_rigs
-from distal.errors import RigError
+from distal.errors import DistalWarning, RigError
 from distal.rig import edited_text, number, template_text
 
 
@@ -279,3 +279,12 @@ def test_any_rubbish_is_refused_in_one_line(key: str, rubbish: object) -> None:
 
     with contextlib.suppress(RigError):
         assert isinstance(build_rig(raw, "rubbish"), Rig)
+
+
+def test_a_number_changed_by_hand_leaves_a_learned_correction_behind() -> None:
+    """A discrepancy is what one set of numbers leaves; a sensor's column is none of them."""
+    with pytest.warns(
+        DistalWarning, match=r"\[discrepancy\] was learned with other numbers than tendons\.\*\.stiffness"
+    ):
+        load_rig("da-vinci-grasper", ['tendons.*.stiffness="12 N/mm"'])
+    load_rig("da-vinci-grasper", ['log.time.unit="ms"'])

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import tomllib
+import warnings
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 
-from distal.errors import DistalError, RigError, did_you_mean
+from distal.errors import DistalError, DistalWarning, RigError, did_you_mean
 from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.rig import Rig
 from distal.rig.validation import validated
@@ -73,10 +74,19 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
     """
     text, source = rig_text(name)
     raw = parse_toml(text, source, RigError)
-    for assignment in assignments:
-        path, value = parse_assignment(assignment, RigError)
+    changed = [parse_assignment(assignment, RigError) for assignment in assignments]
+    for path, value in changed:
         set_value(raw, path, value, RigError)
-    return build_rig(raw, source)
+    rig = build_rig(raw, source)
+    moved = [path for path, _ in changed if path.split(".")[0] in ("joints", "drives", "tendons")]
+    if moved and rig.discrepancy is not None:
+        warnings.warn(
+            f"{source}: [discrepancy] was learned with other numbers than {', '.join(moved)} now has: "
+            "fit again, or remove it",
+            DistalWarning,
+            stacklevel=2,
+        )
+    return rig
 
 
 def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
