@@ -100,7 +100,9 @@ class Cells:
             raise LogError(f"{self.path}: has a header but no rows")
 
 
-def held(columns: Mapping[str, Column], path: Path, first_row: int = 0, names: Iterable[str] | None = None) -> Cells:
+def in_memory(
+    columns: Mapping[str, Column], path: Path, first_row: int = 0, names: Iterable[str] | None = None
+) -> Cells:
     """Return a table of columns that are in memory.
 
     Args:

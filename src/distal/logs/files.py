@@ -304,4 +304,4 @@ def check_format(path: str | Path) -> None:
     """
     package = format_of(path).package
     if package is not None and find_spec(package[0]) is None:
-        raise OutputError(f"{path}: needs the package {package[0]} (pip install 'distal[{package[1]}]'); or write CSV")
+        raise OutputError(f"{path}: needs the package {package[0]} (pip install '.[{package[1]}]'); or write CSV")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,11 +23,8 @@ def pandas_frame(columns: Mapping[str, NDArray[np.generic]]) -> pandas.DataFrame
     Raises:
         DistalError: pandas is not installed.
     """
-    try:
-        import pandas
-    except ImportError:
-        raise DistalError("pandas is not installed; `pip install 'distal[pandas]'`") from None
-    return pandas.DataFrame({name: np.array(values) for name, values in columns.items()})
+    frame: pandas.DataFrame = _library("pandas").DataFrame({name: np.array(each) for name, each in columns.items()})
+    return frame
 
 
 def polars_frame(columns: Mapping[str, NDArray[np.generic]]) -> polars.DataFrame:
@@ -34,8 +33,12 @@ def polars_frame(columns: Mapping[str, NDArray[np.generic]]) -> polars.DataFrame
     Raises:
         DistalError: polars is not installed.
     """
+    frame: polars.DataFrame = _library("polars").DataFrame(dict(columns))
+    return frame
+
+
+def _library(name: str) -> ModuleType:
     try:
-        import polars
+        return import_module(name)
     except ImportError:
-        raise DistalError("polars is not installed; `pip install 'distal[polars]'`") from None
-    return polars.DataFrame(dict(columns))
+        raise DistalError(f"{name} is not installed; pip install '.[{name}]'") from None

@@ -18,7 +18,7 @@ from pathlib import Path
 from threading import Lock
 
 from distal.errors import DistalWarning, LogError
-from distal.logs.cells import Cells, Column, held
+from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.memory import how_to_allow, memory_limit
 from distal.logs.reader import STAMPS, Answer, Request, answer_to, unpacked
 from distal.logs.targets import shown
@@ -39,7 +39,7 @@ def table_by_process(path: Path, columns: Sequence[str] | None) -> Cells:
         LogError: it cannot be read, is damaged, or takes too much memory.
     """
     names, held_columns = _asked({"path": str(path), "columns": None if columns is None else [*columns]})
-    return held(held_columns, path, 1, names)
+    return in_memory(held_columns, path, 1, names)
 
 
 def recording_by_process(path: Path, columns: Sequence[str], time: str, unit: float) -> tuple[Cells, Column]:
@@ -55,7 +55,7 @@ def recording_by_process(path: Path, columns: Sequence[str], time: str, unit: fl
         LogError: it cannot be read, is damaged, or takes too much memory.
     """
     names, found = _asked({"path": str(path), "columns": [*columns], "time": time, "unit": unit})
-    return held(found, path, 0, names), found[STAMPS]
+    return in_memory(found, path, 0, names), found[STAMPS]
 
 
 def _asked(request: Request) -> tuple[list[str], dict[str, Column]]:

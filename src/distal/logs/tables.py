@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.cells import Cells, Column, held
+from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.formats import format_of
 from distal.logs.headers import header, needed, scale, units_of
 from distal.logs.reader_process import table_by_process
@@ -102,7 +102,7 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
     index = getattr(path, "index", None)
     if index_name is not None and index_name not in names and _is_dated(index):
         columns_of[index_name], names = _column(index), [*names, index_name]
-    return held(columns_of, Path("the frame"), 0, names)
+    return in_memory(columns_of, Path("the frame"), 0, names)
 
 
 def _is_dated(column: Any) -> bool:

@@ -17,7 +17,7 @@ from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.results import figure_bytes
 from distal.rig import load_rig
 
-ESTIMATORS = ("inextensible", "simulation", "ekf-2008", "ekf", "adaptive")
+ESTIMATORS = ("inextensible", "simulation", "ekf-2008", "observed friction", "ekf", "adaptive")
 DRAWN = (SUMMARY, *FIGURES)
 
 REPRODUCTION_FILES = (*(f"{name}.{kind}" for name in DRAWN for kind in ("png", "svg")), "results.json", "index.html")
@@ -175,8 +175,8 @@ def _errors_table(runs: Sequence[Run]) -> str:
             best = min(values)
             cells = [f"<b>{value:.2f}</b>" if value == best else f"{value:.2f}" for value in values]
             rows.append([escape(plant.name), escape(name), *cells])
-    names = [f"{name} [°]" for name in ("inextensible", "simulation alone", "ekf-2008", "ekf", "adaptive")]
-    return html_table(["plant", "weights", *names], rows, numbers=range(2, 7))
+    names = ("inextensible", "simulation alone", "ekf-2008", "ekf-2008, observed friction", "ekf", "adaptive")
+    return html_table(["plant", "weights", *(f"{name} [°]" for name in names)], rows, numbers=range(2, 8))
 
 
 def _readings_table(runs: Sequence[Run]) -> str:

@@ -22,21 +22,18 @@ REASONS = {
     "weights. On the plant as printed, where little rubs, the weights swing, and only the load cells see that.",
     "C11": "The filter takes the readings of the load cells as what pulls, so their noise moves the modelled link.",
     "C12": "At 2 N / 6 N, where it is measured, Table 1 is nearly right already, and the filter of 2008, whose Q "
-    "and R are not those of its sensors, errs more with the exact friction. At 4 N / 12 N a better friction model "
-    "takes its error from 9.9° to 1.3°.",
+    "and R are not those of its sensors, errs more with the exact friction. At higher tension a better friction "
+    "model takes most of its error away: see the table of errors.",
 }
 """Statement → why it holds, or does not."""
 
 SEARCH_NOTE = (
-    "How the observed plant was found: 448 plants were drawn over the friction of the sliders (constant and by "
-    "load), exponent, reference load and preload of the axle's friction, and the angle of Series 1, and each was "
-    "read both ways, as x/r and from the geometry. The plant on which most of the twelve statements hold is the "
-    "observed one, so all twelve have chosen it. As a test, each statement was left out of the choice in turn: C1, "
-    "C3, C5, C7, C9, C10 and C11 hold on the plant that the other eleven choose; C4, C6 and C8 hold only where they "
-    "take part in the choice. C2 holds on no plant. Two pairs exclude each other. C8 and C12: where the simulation "
-    "is close at low tension, a better friction model has nothing to improve there. C11 and C12: where better load "
-    "cells help, the error is noise and not friction. distal reproduce --search does all of this again and draws "
-    "the map."
+    "How the observed plant was found: plants were drawn over the friction of the sliders (constant and by load), "
+    "exponent, reference load and preload of the axle's friction, and the angle of Series 1, and each was read both "
+    "ways, as x/r and from the geometry. The plant on which most of the twelve statements hold is the observed one, "
+    "so all twelve have chosen it. distal reproduce --search does this again: it draws the map, tests each "
+    "statement on the plant that the other eleven choose, and names the pairs that exclude each other. What it "
+    "found stands in docs/results/reproduction.md."
 )
 
 EKF_NOTE = (

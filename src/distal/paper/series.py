@@ -164,7 +164,7 @@ def run_series(series: str, plant: Plant, seeds: Sequence[int] = SEEDS, *, state
             if not statements_only:
                 made |= {f"reading {name}": estimate(log, rig, _estimator(series, name)) for name in READINGS}
         runs.append(Run(series, plant.name, seed, rig, log, made))
-    if series == "series-2":
+    if series == "series-2" or (series in SERIES_2 and not statements_only):
         knowing = make_estimator("ekf-2008", rig.with_values(plant.values or observed_values()))
         for run in runs:
             run.estimates["observed friction"] = estimate(run.log, rig, knowing, passes=2)

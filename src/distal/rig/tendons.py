@@ -8,22 +8,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from distal.rig.insertions import (
-    CrossedLinkage,
-    CrossedPinned,
-    CrossedPulley,
-    Guide,
-    Linkage,
-    Pinned,
-    Polynomial,
-    Pulley,
-)
+from distal.rig.insertions import Crossing, Guide, Insertion, Linkage, Pinned, Polynomial, Pulley, Shape
 from distal.rig.quantities import Description, In, Name, Parameter
-
-Insertion = Annotated[Pinned | Pulley | Linkage, Field(discriminator="kind")]
-
-Crossing = Annotated[CrossedPinned | CrossedPulley | CrossedLinkage | Polynomial, Field(discriminator="kind")]
-"""How a tendon meets one joint (a polynomial: several), where it crosses more than one."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +27,7 @@ class Meeting:
     path: str
     joints: tuple[str, ...]
     side: int
-    shape: Pinned | Pulley | Linkage | Polynomial
+    shape: Shape
     guide: Guide | None = None
 
     def arms(self, angles: dict[str, float]) -> dict[str, float]:

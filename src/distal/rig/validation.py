@@ -12,6 +12,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from distal.errors import DistalError, did_you_mean
+from distal.rig.insertions import KINDS as INSERTIONS
 from distal.rig.naming import named
 
 Checked = TypeVar("Checked", bound=BaseModel)
@@ -74,10 +75,7 @@ def _finding(finding: ErrorDetails, root: type[BaseModel]) -> str:
     tags = {
         "slider",
         "capstan",
-        "pinned",
-        "pulley",
-        "linkage",
-        "polynomial",
+        *INSERTIONS,
         "m",
         "rad",
         "N",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.cells import Cells, Column, held
+from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.formats.format import Format
 from distal.logs.headers import needed
 from distal.logs.memory import check_memory
@@ -41,7 +41,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise LogError(f"{path}: Parquet needs the package pyarrow (pip install 'distal[parquet]')") from None
+        raise LogError(f"{path}: Parquet needs the package pyarrow (pip install '.[parquet]')") from None
     try:
         source = path.open("rb")
     except OSError as problem:
@@ -58,7 +58,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
             texts = [name for name, kind in kinds.items() if str(kind) in TEXTS]
             file = pyarrow.parquet.ParquetFile(source, read_dictionary=texts)
             table = file.read(columns=chosen, use_threads=False)
-            return held({name: _column(path, name, table[name]) for name in chosen}, path, 1, schema.names)
+            return in_memory({name: _column(path, name, table[name]) for name in chosen}, path, 1, schema.names)
         except MemoryError:  # Arrow's own is one of its other errors, too
             raise
         except (pyarrow.ArrowException, OSError, KeyError, UnicodeDecodeError) as problem:

@@ -5,17 +5,22 @@ from distal.rig.insertions.linkage import CrossedLinkage, Linkage
 from distal.rig.insertions.pinned import CrossedPinned, Pinned
 from distal.rig.insertions.polynomial import Polynomial, Term
 from distal.rig.insertions.pulley import CrossedPulley, Pulley
+from distal.rig.insertions.registry import KINDS, Crossing, Insertion, Shape
 
 __all__ = [
+    "KINDS",
     "Crossed",
     "CrossedLinkage",
     "CrossedPinned",
     "CrossedPulley",
+    "Crossing",
     "Guide",
+    "Insertion",
     "Linkage",
     "Pinned",
     "Polynomial",
     "Pulley",
+    "Shape",
     "Size",
     "Term",
 ]
