@@ -55,9 +55,9 @@ def no_pyarrow(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_parquet_without_pyarrow(tmp_path: Path, pulley_rig: Rig, log: Log, no_pyarrow: None) -> None:
     (tmp_path / "log.parquet").write_bytes(b"PAR1")
-    with pytest.raises(LogError, match=r"log\.parquet: Parquet needs .* \(pip install 'distal\[parquet\]'\)"):
+    with pytest.raises(LogError, match=r"log\.parquet: Parquet needs .* \(pip install '\.\[parquet\]'\)"):
         read_log(tmp_path / "log.parquet", pulley_rig)
-    with pytest.raises(OutputError, match=r"out\.parquet: needs .* \(pip install 'distal\[parquet\]'\); or write CSV"):
+    with pytest.raises(OutputError, match=r"out\.parquet: needs .* \(pip install '\.\[parquet\]'\); or write CSV"):
         write_log(log, pulley_rig, tmp_path / "out.parquet")
     assert not (tmp_path / "out.parquet").exists()
 
