@@ -1,6 +1,6 @@
 """The moving picture of the README: `python -m tools.moving` writes docs/figures/catalogue.gif and prints its numbers.
 
-It also prints the same of 20 other rigs of one joint, with which nothing was chosen: the picture shows one of the better ones.
+It also prints the same of 20 other rigs of one joint, with which nothing was chosen: the picture is of one of the better.
 
 A joint between two motors whose rig file holds numbers as catalogues have them, each with what is not known of it. Nothing
 is fitted. The plant is another: its numbers are drawn from those stds, and its code shares nothing with `distal.model`.
