@@ -38,7 +38,6 @@ from distal.estimators.kinematic_chain import unseen_covariance
 from distal.logs import TruthKind, write_log
 from distal.model import responses
 from distal.reports import draw_rig
-from distal.reports.drawing.arms import moment_arms
 from distal.rig import build_rig
 from distal.run import samples_of
 from distal.simulation import build_scenario
@@ -130,7 +129,8 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
     rng, slips = np.random.default_rng(5), set()
     for case in range(8):
         angles, speeds = np.deg2rad(rng.uniform(0, 50, 3)), rng.normal(size=3) * (0.05, 1.0, 2.0, 3.0)[case % 4]
-        places = moment_arms(rig, angles) @ angles + 8e-4 + rng.normal(size=4) * 3e-4
+        arms = np.array([[tendon.arms().get(joint.name, 0.0) for joint in rig.joints] for tendon in rig.tendons])
+        places = arms @ angles + 8e-4 + rng.normal(size=4) * 3e-4
 
         def after(x: np.ndarray) -> np.ndarray:
             moved = mean.copy()

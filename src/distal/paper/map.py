@@ -115,16 +115,3 @@ def to_json(found: Search) -> str:
         for values, reading, margins in zip(found.values, found.readings, found.margins)
     ]
     return json.dumps({"statements held at most": int(found.held.sum(axis=1).max()), "plants": rows}, indent=1) + "\n"
-
-
-def from_json(path: str | Path) -> Search:
-    """Return a search from its file.
-
-    Args:
-        path: of a file with the text of `to_json`.
-    """
-    plants = json.loads(Path(path).read_text(encoding="utf-8"))["plants"]
-    values = [[value for name, value in row.items() if name not in ("reading", "margins")] for row in plants]
-    margins = [[-np.inf if m is None else m for m in row["margins"].values()] for row in plants]
-    readings = [READINGS.index(row["reading"]) for row in plants]
-    return Search(np.array(values), np.array(readings), np.array(margins))

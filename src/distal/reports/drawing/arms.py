@@ -28,16 +28,6 @@ MOST_CURVES = 12
 """More curves than this in one picture cannot be told apart."""
 
 
-def moment_arms(rig: Rig, angles: Floats | None = None) -> Floats:
-    """Return the moment arms −∂ℓ/∂θ, positive where a tendon pulls to +θ, (n_tendons, n_joints) [m].
-
-    Args:
-        rig: the description.
-        angles: of the joints [rad], (n_joints,); default zero.
-    """
-    return _arms_of(rig)(np.zeros(len(rig.joints)) if angles is None else angles)
-
-
 def _arms_of(rig: Rig) -> Callable[[Floats], Floats]:
     """Return the function angles [rad] → moment arms."""
     mechanism = Mechanism(rig)
