@@ -160,12 +160,18 @@ class _Bar:
         self._bar.update(self._task, completed=doing.share, description=f"{part}: {doing.stage}")
         if not err().is_terminal and time.monotonic() - self._told > EVERY:
             self._told = time.monotonic()
-            left = (self._told - self._began) * (1.0 - doing.share) / max(doing.share, 0.01)
-            err().print(f"{part}: {doing.stage}, about {100 * doing.share:.0f} % done, {_in_words(left)} left")
+            left = time_left(self._told - self._began, doing.share)
+            err().print(f"{part}: {doing.stage}, about {100 * doing.share:.0f} % done, {left} left")
 
 
-def _in_words(seconds: float) -> str:
-    """Return a time as one says it."""
+def time_left(passed: float, share: float) -> str:
+    """Return how long the rest takes if it goes on as before, in words.
+
+    Args:
+        passed: time so far [s].
+        share: of the whole that is done.
+    """
+    seconds = passed * (1.0 - share) / max(share, 0.01)
     return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
 
 
