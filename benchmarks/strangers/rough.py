@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import table
-from benchmarks.strangers.rough_plants import FITTED, JUDGED, KINDS, described, log_of
+from benchmarks.strangers.rough_plants import FITTED, JUDGED, KINDS, described, log_at, log_of
 from distal import DistalError, Log, Rig, estimate, fit, learn_affine
 from distal.fitting import Fit
 from distal.rig import build_rig
@@ -105,6 +105,26 @@ def after_fit(kind: str, seed: int) -> list[str]:
     ]
 
 
+RATES = (1.0, 2.4, 10.0, 40.0, 100.0, 1000.0)
+"""At which the same motion is read [Hz]."""
+
+
+def rates(kind: str, seed: int) -> list[str]:
+    """Return a row: RMS error of `adaptive` and time for a sample at each rate, with the plant's own numbers."""
+    raw, truth = described(kind, seed)
+    row = [kind, str(seed)]
+    for rate in RATES:
+        known = {**raw, "sensors": [{**sensor, "rate": rate} for sensor in raw["sensors"]]}
+        rig, log = build_rig(known, kind).with_values(truth), log_at(kind, seed, rate)
+        estimate(log, rig)  # the kernel is compiled
+        began = time.process_time()
+        found = estimate(log, rig)
+        took = 1e3 * (time.process_time() - began) / len(log)
+        rms = float(np.rad2deg(np.sqrt(np.mean((found.angles - angles_of(log)) ** 2))))
+        row.append(f"{rms:.2f}° ({took:.2f} ms)")
+    return row
+
+
 def far_from_truth(found: Fit, truth: Mapping[str, float]) -> int:
     """Return how many fitted numbers are more than 3 stated errors from the plant's, and are named in no doubt.
 
@@ -167,8 +187,19 @@ def main() -> None:
     parser.add_argument("--fit", action="store_true", help="after a fit; else first use")
     parser.add_argument("--affine", action="store_true", help="affine alone beside linear + play")
     parser.add_argument("--learners", action="store_true", help="trees and a network of scikit-learn on the same logs")
+    parser.add_argument("--rates", action="store_true", help="the same motion read at 1 to 1000 Hz, numbers known")
     given = parser.parse_args()
-    made = after_fit if given.fit else lines_alone if given.affine else learners if given.learners else first_use
+    made = (
+        after_fit
+        if given.fit
+        else lines_alone
+        if given.affine
+        else learners
+        if given.learners
+        else rates
+        if given.rates
+        else first_use
+    )
     warnings.simplefilter("ignore")  # what a fit warns of is what is judged here
     rows = list[list[str]]()
     for kind in given.kinds:
@@ -185,6 +216,8 @@ def main() -> None:
         title, name, columns = "affine alone", "rough-affine", ["affine °", "inside", "linear + play °", "s"]
     elif given.learners:
         title, name, columns = "models without mechanics", "rough-learners", ["trees °", "network °"]
+    elif given.rates:
+        title, name, columns = "rates", "rough-rates", [f"{rate:g} Hz" for rate in RATES]
     table(name, f"rigs that are hardly known: {title}", ["kind", "rig", *columns], rows)
 
 

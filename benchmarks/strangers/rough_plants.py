@@ -46,6 +46,12 @@ def log_of(kind: str, seed: int, index: int) -> Log:
     return _log(kind, *described(kind, seed), np.random.default_rng([seed, 92, index]), index)
 
 
+def log_at(kind: str, seed: int, rate: float) -> Log:
+    """Return the first judged log as it would be with another rate [Hz] of its sensors; the motion is the same."""
+    raw, truth = described(kind, seed)
+    return _log(kind, raw, truth, np.random.default_rng([seed, 92, FITTED]), FITTED, rate)
+
+
 def _guessed(rng: np.random.Generator, true: float, factor: float) -> Raw:
     """Return what a user takes a number for: a round one, known to a factor."""
     guess = float(f"{true * factor ** (0.5 * np.clip(rng.normal(), -2.0, 2.0)):.1g}")
@@ -149,9 +155,9 @@ def _rolling_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, fl
     return raw, n.truth
 
 
-def _wishes(rng: np.random.Generator, kind: str, joints: int, held: int | None) -> Floats:
+def _wishes(rng: np.random.Generator, kind: str, joints: int, held: int | None, rate: float) -> Floats:
     """Return what angles the operator wishes, (PARTS k, joints) [rad]: ramps with rests; one joint alone in some logs."""
-    rate, reach = PARTS * RATE[kind], 0.6 if joints > 1 else 0.7
+    rate, reach = PARTS * rate, 0.6 if joints > 1 else 0.7
     count = round(DURATION[kind] * rate)
     columns = []
     for j in range(joints):
@@ -165,17 +171,20 @@ def _wishes(rng: np.random.Generator, kind: str, joints: int, held: int | None) 
     return np.column_stack(columns)
 
 
-def _log(kind: str, raw: Raw, truth: dict[str, float], rng: np.random.Generator, index: int) -> Log:
+def _log(
+    kind: str, raw: Raw, truth: dict[str, float], rng: np.random.Generator, index: int, rate: float | None = None
+) -> Log:
+    rate = RATE[kind] if rate is None else rate
     joints = len(raw["joints"])
     held = index if kind == "held" and index < joints else None  # the first logs move one drive each
-    wish = _wishes(rng, kind, joints, held)
+    wish = _wishes(rng, kind, joints, held, rate)
     if kind == "rolling":
-        angles, places, read = _rolling(truth, wish[:, 0], rng)
+        angles, places, read = _rolling(truth, wish[:, 0], rng, RATE[kind] / rate)
     else:
         own = dict(truth)
         if kind == "sheath":
             own |= dict.fromkeys([f"tendons.{t}.path.wrap" for t in (0, 1)], float(np.deg2rad(rng.uniform(0, 270))))
-        angles, places, read = _balanced(raw, own, wish, rng)
+        angles, places, read = _balanced(raw, own, wish, rng, RATE[kind] / rate)
     calibrates = index < FITTED
     names = ["theta"] if joints == 1 else [f"theta_{joint['name']}" for joint in raw["joints"]]
     if calibrates:
@@ -185,12 +194,12 @@ def _log(kind: str, raw: Raw, truth: dict[str, float], rng: np.random.Generator,
     for kind_of, columns in values.items():
         for sensor, column in zip([s for s in raw["sensors"] if s["measures"] == kind_of], columns.T):
             channels[sensor["name"]] = column + sensor["noise"] * rng.normal(size=len(column))
-    time, source = np.arange(len(angles)) / RATE[kind], f"{kind} {'calibration' if calibrates else 'judged'} {index}"
+    time, source = np.arange(len(angles)) / rate, f"{kind} {'calibration' if calibrates else 'judged'} {index}"
     return Log(time, channels, dict(zip(names, angles.T)), source, FROM_SENSOR if calibrates else "the plant")
 
 
 def _balanced(
-    raw: Raw, truth: dict[str, float], wish: Floats, rng: np.random.Generator
+    raw: Raw, truth: dict[str, float], wish: Floats, rng: np.random.Generator, pace: float
 ) -> tuple[Floats, Floats, Floats]:
     """Return angles (k, j), places and efforts (k, d); drives go where stiff tendons would bring the joints to the wish."""
     made = numbers_of(raw, truth)
@@ -198,7 +207,7 @@ def _balanced(
     levers, arms = made["levers"], made["arms"]
     lengths = wish @ arms.T
     if levers.shape[1] == levers.shape[0]:  # each its own drive: some tension beside
-        beats = 1.0 + 0.4 * np.sin(2 * np.pi * rng.uniform(0.05, 0.2) * np.arange(len(wish)) / (PARTS * 40.0))
+        beats = 1.0 + 0.4 * np.sin(2 * np.pi * rng.uniform(0.05, 0.2) * pace * np.arange(len(wish)) / (PARTS * 40.0))
         lengths = lengths + (8.0 / made["stiffness"]) * beats[:, None]
     places = lengths @ np.linalg.pinv(levers).T
     angles, tensions = at_rest(p, (places @ levers.T)[:, None, :], np.zeros(1, dtype=np.intp))
@@ -208,7 +217,9 @@ def _balanced(
     return angles[:, 0], places[::PARTS], read
 
 
-def _rolling(truth: dict[str, float], wish: Floats, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
+def _rolling(
+    truth: dict[str, float], wish: Floats, rng: np.random.Generator, pace: float
+) -> tuple[Floats, Floats, Floats]:
     """Return the same for eight segments that roll on one another: wires of both sides lose and gain length unlike.
 
     A wire a beside the middle loses 2 a sin(θ/2N) + 2 h (1 − cos(θ/2N)) a contact, h the segments' half height.
@@ -227,7 +238,7 @@ def _rolling(truth: dict[str, float], wish: Floats, rng: np.random.Generator) ->
         length, slope = lost(side, q)
         return n * length, n * slope
 
-    squeeze = 6.0 + 2.0 * np.sin(2 * np.pi * 0.05 * np.arange(len(wish)) / (PARTS * 20.0))
+    squeeze = 6.0 + 2.0 * np.sin(2 * np.pi * 0.05 * pace * np.arange(len(wish)) / (PARTS * 20.0))
     places = np.array([[shape(s, w)[0] + t / k for s, k in zip((1, -1), stiffness)] for w, t in zip(wish, squeeze)])
     q, angles, pulls = float(wish[0]), np.empty(len(wish)), np.empty((len(wish), 2))
     for i, ends in enumerate(places):

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Literal, Self, TypeAlias
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from distal.errors import RigError, did_you_mean
 from distal.rig.chain import BASE, Base
-from distal.rig.drives import Capstan, Drive, Slider, effort_unit, position_unit
+from distal.rig.drives import Drive
 from distal.rig.joints import Joint
 from distal.rig.learned_map import Affine, Contact, Discrepancy
+from distal.rig.measurands import MEASURED, with_unit
 from distal.rig.naming import named
 from distal.rig.overrides import set_value
 from distal.rig.quantities import Description, In, Parameter
@@ -102,11 +103,11 @@ class Rig(Description):
     @classmethod
     def _sensor_units(cls, raw: object, info: ValidationInfo) -> object:
         """Find what each sensor measures, so that its errors are read in the right unit."""
-        if any(kind not in info.data for kind in _MEASURED):
+        if any(kind not in info.data for kind in MEASURED):
             return ()  # what the sensors measure is refused already; their own check would only repeat it
         if not isinstance(raw, Sequence) or isinstance(raw, str):
             return raw
-        return [_with_unit(sensor, i, info.data) for i, sensor in enumerate(raw)]
+        return [with_unit(sensor, i, info.data) for i, sensor in enumerate(raw)]
 
     @field_validator("sensors", mode="after")
     @classmethod
@@ -121,7 +122,7 @@ class Rig(Description):
     @field_validator("affine", "discrepancy", "contact", mode="after")
     @classmethod
     def _learned_fits(cls, learned: Learned, info: ValidationInfo) -> Learned:
-        if learned is None or any(kind not in info.data for kind in ("sensors", *_MEASURED)):
+        if learned is None or any(kind not in info.data for kind in ("sensors", *MEASURED)):
             return learned
         sensors, joints = ([part.name for part in info.data[kind]] for kind in ("sensors", "joints"))
         for channel in learned.channels:
@@ -282,54 +283,6 @@ def _check_coupling(index: int, joint: Joint, before: Sequence[Joint]) -> None:
     ):
         if given:
             raise ValueError(f"{index}.{name}: is not supported on a coupled joint; give it to '{joint.coupled.joint}'")
-
-
-_MEASURED: dict[str, tuple[str, ...]] = {
-    "drives": ("position", "force"),
-    "tendons": ("tension",),
-    "joints": ("angle", "torque"),
-}
-
-_Parts: TypeAlias = Mapping[str, Sequence[Slider | Capstan | Tendon | Joint]]
-
-
-def _with_unit(raw: object, index: int, parts: _Parts) -> object:
-    """Return the raw sensor with the SI unit of what it measures, or as it came if pydantic will refuse it anyway."""
-    if not isinstance(raw, Mapping):
-        raise ValueError(f"{index}: a sensor is a table, {raw!r} came")
-    if raw.get("measures") == "command":
-        if "lag" not in raw:
-            raise ValueError(
-                f"{index}: measures = 'command' needs lag, the time constant of the drive's servo (\"50 ms\")"
-            )
-        raw = {**raw, "measures": "position"}
-    measures, of = raw.get("measures"), raw.get("of")
-    kind = next((kind for kind, measurands in _MEASURED.items() if measures in measurands), None)
-    if kind is None:
-        return {**raw, "si": "m"}
-    names = [part.name for part in parts[kind]]
-    if of not in names:
-        if of is None:
-            return {**raw, "si": "m"}
-        raise ValueError(f"{index}.of: no {kind[:-1]} is called '{of}'{_elsewhere(of, measures, parts, names)}")
-    part = parts[kind][names.index(of)]
-    return {**raw, "si": _measured_unit(measures, part)}
-
-
-def _elsewhere(of: object, measures: object, parts: _Parts, names: list[str]) -> str:
-    """Return a hint where a sensor's part is of another kind, else names that may be meant."""
-    for kind, measurands in _MEASURED.items():
-        if of in [part.name for part in parts[kind]]:
-            allowed = " or ".join(f"'{each}'" for each in measurands)
-            hint = "; the torque of a capstan's motor is its force" if (kind, measures) == ("drives", "torque") else ""
-            return f", it is one of the {kind}: measures must be {allowed}{hint}"
-    return did_you_mean(str(of), names)
-
-
-def _measured_unit(measures: object, part: Slider | Capstan | Tendon | Joint) -> str:
-    if isinstance(part, (Slider, Capstan)):
-        return position_unit(part) if measures == "position" else effort_unit(part)
-    return {"tension": "N", "angle": "rad", "torque": "N m"}[str(measures)]
 
 
 def _distinct(names: Sequence[str], what: str) -> None:

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from distal.errors import ScenarioError
 from distal.logs import Log, TruthKind, TruthSource
 from distal.model import Mechanism, substeps
-from distal.rig import Rig, Sensor, angle_names, load_rig, torque_names
+from distal.rig import Rig, angle_names, load_rig, torque_names
 from distal.sensors import measure
 from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
+from distal.simulation.measurands import true_values
 from distal.simulation.plant import equilibrium, longest_interval, run_plant
 from distal.simulation.scenario import Scenario, load_scenario
 
@@ -124,9 +125,7 @@ def sampled(prepared: Prepared, motion: dict[str, Floats], seed: int) -> Log:
     rngs = np.random.default_rng(seed).spawn(len(plant.rig.sensors))
     channels = {}
     for sensor, rng in zip(plant.rig.sensors, rngs):
-        true, travel = _true_values(plant, sensor, motion)
-        if sensor.measures == "position" and sensor.lag > 0.0:  # what was asked for is ahead of where the drive is
-            true = true + sensor.lag * np.gradient(true, grid)
+        true, travel = true_values(plant, sensor, motion, grid)
         own = np.arange(0.0, scenario.duration - 1e-9, 1.0 / sensor.rate)
         read = measure(sensor, np.interp(own - sensor.delay, grid, true), travel, rng)
         values = np.full(len(stamps), np.nan)
@@ -148,22 +147,3 @@ def _stamps(rig: Rig, duration: float) -> Floats:
     rates = {sensor.rate for sensor in rig.sensors} or {100.0}
     each = [np.round(np.arange(0.0, duration - 1e-9, 1.0 / rate), 9) for rate in rates]
     return np.unique(np.concatenate(each))
-
-
-def _true_values(plant: Mechanism, sensor: Sensor, motion: dict[str, Floats]) -> tuple[Floats, tuple[float, float]]:
-    """Return what there is to measure over the grid, and the travel of the sensor's linearity."""
-    rig = plant.rig
-    if sensor.measures == "angle":
-        index = [joint.name for joint in rig.joints].index(sensor.of)
-        values, stops = motion["q"][:, index], rig.joints[index].stops
-    elif sensor.measures == "torque":
-        values, stops = motion["torques"][:, [joint.name for joint in rig.joints].index(sensor.of)], None
-    elif sensor.measures == "tension":
-        values, stops = motion["tensions"][:, [tendon.name for tendon in rig.tendons].index(sensor.of)], None
-    else:
-        index = [drive.name for drive in rig.drives].index(sensor.of)
-        stops = rig.drives[index].stops if sensor.measures == "position" else None
-        values = motion["q"][:, plant.n_joints + index] if sensor.measures == "position" else motion["pulls"][:, index]
-    # without stops the travel is what the motion uses
-    travel = stops if stops is not None else (float(values.min()), float(values.max()))
-    return values, travel

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
 
+from distal.reports.drawing.measurands import sensor_lines
 from distal.reports.drawing.routes import Wheel
 from distal.reports.drawing.sheet import BADGE, PITCH, Line, Point, Sheet, arc
 from distal.reports.drawing.units import interval, rounded, written
@@ -33,30 +34,6 @@ class Lane:
 
     start: Wheel
     height: float
-
-
-def letters(sensor_measures: str, kind: str) -> str:
-    """Return the letter of a sensor's badge.
-
-    Args:
-        sensor_measures: what it measures.
-        kind: "slider", "capstan", "joint" or "tendon": of what.
-    """
-    of_drive = {"slider": {"position": "x", "force": "U"}, "capstan": {"position": "φ", "force": "τ"}}
-    return of_drive.get(kind, {"tension": "T", "angle": "θ", "torque": "τ"})[sensor_measures]
-
-
-def sensor_lines(rig: Rig, of: str, measures: Sequence[str], kind: str) -> list[Line]:
-    """Return a line with its badge for each sensor of a part.
-
-    Args:
-        rig: the description.
-        of: name of the part.
-        measures: what sensors of such a part measure.
-        kind: as in `letters`.
-    """
-    own = [sensor for sensor in rig.sensors if sensor.of == of and sensor.measures in measures]
-    return [Line(sensor.name, badge=letters(sensor.measures, kind)) for sensor in own]
 
 
 def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[Line]:

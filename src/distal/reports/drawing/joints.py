@@ -8,7 +8,7 @@ from math import cos, hypot, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.reports.drawing.drives import sensor_lines
+from distal.reports.drawing.measurands import sensor_lines
 from distal.reports.drawing.pose import Stand
 from distal.reports.drawing.routes import Wheel, heading
 from distal.reports.drawing.sheet import BADGE, Line, Point, Sheet, arc, on_circle

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import cos, sin
 
-from distal.reports.drawing.drives import Lane, sensor_lines
+from distal.reports.drawing.drives import Lane
 from distal.reports.drawing.joints import coil, scaled
+from distal.reports.drawing.measurands import sensor_lines
 from distal.reports.drawing.pose import Stand
 from distal.reports.drawing.routes import WRAP, Wheel, route
 from distal.reports.drawing.sheet import PITCH, SIZE, Line, Point, Sheet, width_of
