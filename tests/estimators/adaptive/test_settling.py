@@ -36,7 +36,7 @@ def step_of(rig: Rig, q: list[float], v: list[float], h: float) -> tuple[np.ndar
     torque, response = ca.SX.sym("tau", nj), ca.SX.zeros(mechanism.n_bodies, 4)
     effort = ca.vertcat(torque, ca.SX(mechanism.n_drives, 1))
     kick = Kick(at, speed, effort, response, ca.SX(h), ca.SX(h))
-    made = moving(context, kick, torque, ca.SX.zeros(nj), [])
+    made = moving(context, kick, torque, ca.SX.zeros(nj), [], [])
     p = mechanism.parameters
     found = ca.Function(
         "one", [at, speed, torque, p.symbols], [made.q[:nj], made.v[:nj], made.by_place, made.by_torque]

@@ -35,7 +35,7 @@ class TwinModel:
         self.x, self.s, self.rates = ca.SX.sym("x", self.n), ca.SX.sym("s", self.n_d), ca.SX.sym("rates", self.n_d)
         self.parameters = self._parameters()
         self.step_function = self._substep(rig)
-        self.compare_function = self._compared()
+        self.compare_function, self.friction_function = self._compared(), self._friction()
         self.limit_functions = {i: self._play_limit(i) for i, d in enumerate(rig.drives) if d.hysteresis is not None}
         self.clip_function = self._clip()
         (dampings,) = self._with_parameters(mechanism.dampings()[self.n_j :])
@@ -79,7 +79,7 @@ class TwinModel:
         smooth, remaining, b = [], [], []
         for i, joint in enumerate(rig.joints):
             b.append(response[i, 1])
-            if joint.external_torque.std > 0:
+            if joint.external_torque.std > 0 or self.doubted(i):
                 expected = soft_moments(z[i], limits[i], std[i])
                 share = 1 / (1 + response[i, 1] * damping[i])
                 smooth.append(expected.mean * share)
@@ -95,6 +95,30 @@ class TwinModel:
         spread = self._with_parameters(ca.vertcat(*b))[0] * sigma + 1e-9
         outputs = [ca.substitute(entry, std, spread) for entry in outputs]
         return ca.Function("substep", [self.x, self.s, self.rates, h, sigma], outputs)
+
+    def doubted(self, joint: int) -> list[int]:
+        """States of a joint's friction that are known to a factor only."""
+        p = self.mechanism.parameters
+        own = [i for i, state in enumerate(self.states) if state.kind == "parameter"]
+        own = [i for i in own if p.names[self.states[i].of].startswith(f"joints.{joint}.friction.")]
+        return [i for i in own if p.independent_stds[self.states[i].of] > 0.5 * p.values[self.states[i].of] > 0]
+
+    def limit_variances(self, x: Floats, s: Floats, rates: Floats, covariance: Floats) -> Floats:
+        """l_x P l_xᵀ of each joint's friction limit at the start of an interval, by these states alone."""
+        slopes = self.friction_function(x, s, rates).full()
+        found = np.zeros(self.n_j)
+        for j in range(self.n_j):
+            own = self.doubted(j)
+            found[j] = slopes[j, own] @ covariance[np.ix_(own, own)] @ slopes[j, own]
+        return found
+
+    def _friction(self) -> ca.Function:
+        """(x, s, ṡ) → slopes of the joints' friction limits in x."""
+        q, v = self._bodies()
+        m = self.mechanism
+        limits = m.friction_limits(q, v, m.tensions(q, v))[: self.n_j]
+        (value,) = self._with_parameters(ca.vertcat(*(limit.mean for limit in limits)))
+        return ca.Function("friction", [self.x, self.s, self.rates], [ca.densify(ca.jacobian(value, self.x))])
 
     def substep(self, x: Floats, s: Floats, rates: Floats, h: float, sigma: Floats) -> list[Floats]:
         theta, omega, rest, by_x, by_s = self.step_function(x, s, rates, h, sigma)

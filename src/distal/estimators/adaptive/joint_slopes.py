@@ -30,9 +30,9 @@ TINY_STD = 1e-9
 class Moving:
     """The bodies after a sub-step, and the slopes of the joints' speeds.
 
-    Where an external torque can occur, mean and motion are exact, but slopes and the variance left over are those of the
-    expectation over the torque (`soft_moments`): a stuck joint may be moved by a hand, though its linearisation says that
-    it cannot.
+    Where an external torque can occur, or the friction is known to a factor only, mean and motion are exact, but slopes
+    and the variance left over are those of the expectation over it (`soft_moments`): a stuck joint may be moved by a
+    hand, or may not be stuck, though its linearisation says that it cannot move.
 
     Args:
         q: coordinates, (n_bodies,).
@@ -55,31 +55,36 @@ class Moving:
     rest: Vector
 
 
-def moving(context: FilterContext, kick: Kick, torques: Vector, torque_stds: Vector, pushed: Sequence[int]) -> Moving:
+def moving(
+    context: FilterContext, kick: Kick, torques: Vector, stds: Vector, pushed: Sequence[int], doubted: Sequence[int]
+) -> Moving:
     """Return the bodies after a sub-step, the drives moving as they were measured to.
 
     Args:
         context: the rig.
         kick: its symbols; the joints' efforts are `torques`.
         torques: on the joints from outside, symbols, (n_joints,).
-        torque_stds: their standard deviations, symbols, (n_joints,).
+        stds: standard deviations of these and of friction limits, together, symbols, (n_joints,).
         pushed: indices of the joints on which such a torque can act.
+        doubted: indices of the joints whose friction is known to a factor only.
     """
     alone = context.mechanism.chain is None and not context.joints_settle
-    return (_joint_by_joint if alone else _all_at_once)(context, kick, torques, torque_stds, pushed)
+    if alone:
+        return _joint_by_joint(context, kick, torques, stds, sorted({*pushed, *doubted}))
+    return _all_at_once(context, kick, torques, stds, pushed, doubted)
 
 
 def _joint_by_joint(
-    context: FilterContext, kick: Kick, torques: Vector, torque_stds: Vector, pushed: Sequence[int]
+    context: FilterContext, kick: Kick, torques: Vector, stds: Vector, uncertain: Sequence[int]
 ) -> Moving:
     mechanism, nj = context.mechanism, context.n_joints
     q, v = kick_and_drift(mechanism, kick, rebounds=False, bodies=range(nj))
     speeds, rest = [v[j] for j in range(nj)], [ca.SX(0)] * nj
-    if pushed:
+    if uncertain:
         z, limits, damping = impulses(mechanism, kick)
-        for j in pushed:
+        for j in uncertain:
             held = 1 + kick.response[j, 1] * damping[j]
-            moments = soft_moments(z[j], limits[j], kick.response[j, 1] * torque_stds[j] + TINY_STD)
+            moments = soft_moments(z[j], limits[j], kick.response[j, 1] * stds[j] + TINY_STD)
             speeds[j], rest[j] = moments.mean / held, moments.rest / held**2
     speed = ca.vertcat(*speeds)
     by_response = ca.horzcat(*(ca.jacobian(speed, kick.response[:nj, k]) for k in range(2)))
@@ -89,7 +94,7 @@ def _joint_by_joint(
 
 
 def _all_at_once(
-    context: FilterContext, kick: Kick, torques: Vector, torque_stds: Vector, pushed: Sequence[int]
+    context: FilterContext, kick: Kick, torques: Vector, stds: Vector, pushed: Sequence[int], doubted: Sequence[int]
 ) -> Moving:
     """Return the same of a chain: slopes of an implicit equation, A dω⁺ = −∂(A ω⁺ + h f − r) for the joints that slip."""
     mechanism, nj = context.mechanism, context.n_joints
@@ -102,16 +107,18 @@ def _all_at_once(
     after, rest = kicked.v[free], [ca.SX(0)] * nj
     matrix, load = ca.SX(kicked.matrix), kicked.load
     stiffness, damping = ca.SX(kicked.contacts.stiffness), ca.SX(kicked.contacts.damping)
-    for k in (k for k, j in enumerate(free) if j in pushed):
-        # a hand may take the joint off its stop: the expectation does without it
-        pressing = stiffness[k] * (kick.q[free[k]] - kicked.contacts.place[k])
-        matrix[k, k] -= damping[k]
-        stiffness[k], damping[k] = 0, 0
+    for k in (k for k, j in enumerate(free) if j in pushed or j in doubted):
+        pressing = ca.SX(0)
+        if free[k] in pushed:
+            # a hand may take the joint off its stop: the expectation does without it
+            pressing = stiffness[k] * (kick.q[free[k]] - kicked.contacts.place[k])
+            matrix[k, k] -= damping[k]
+            stiffness[k], damping[k] = 0, 0
         # what a joint feels beside its own inertia: the others move as they do
         mass = matrix[k, k]
         felt = load[k] + pressing - sum((matrix[k, i] * after[i] for i in range(count) if i != k), ca.SX(0))
         limit = Limit(kicked.up[k] / mass, kicked.down[k] / mass)
-        moments = soft_moments(felt / mass, limit, length * torque_stds[free[k]] / mass + TINY_STD)
+        moments = soft_moments(felt / mass, limit, length * stds[free[k]] / mass + TINY_STD)
         share = ca.fmax(moments.slope, 1e-12)
         weight[k], forward[k], back[k] = ca.sqrt(share), moments.forward / share, moments.back / share
         rest[free[k]] = moments.rest

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_place
+from distal.estimators.adaptive.friction_doubt import doubted_frictions, friction_stds
 from distal.estimators.adaptive.interval import Interval
 from distal.estimators.adaptive.joint_slopes import moving
 from distal.estimators.adaptive.states import StateVector
@@ -114,8 +115,8 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     """Return what an interval needs before its sub-steps.
 
     (mean, P, memory, tracks, x, p) → places of the drives at its start, their speeds, external torques, slopes of the
-    places with respect to states (`_place_slopes`); then, the same for all sub-steps, the torques' stds, the model's
-    parameters, the responses of the bodies, and, where a state changes them, the slopes of the joints' responses.
+    places with respect to states (`_place_slopes`); then, the same for all sub-steps, stds of torques and friction limits,
+    the model's parameters, the responses of the bodies, and, where a state changes them, slopes of the joints' responses.
     """
     context, n, nd = states.context, len(states), states.context.n_drives
     mechanism, p = context.mechanism, context.mechanism.parameters.symbols
@@ -139,6 +140,10 @@ def _interval(states: StateVector, count: int) -> ca.Function:
         # torques are sums of states of their own: their variances add up
         _, at = slope.sparsity().get_triplet()
         spreads.append(ca.sqrt(ca.fmax(sum((covariance[i, i] for i in at), ca.SX(0)), 0)) if at else ca.SX(0))
+    nj = context.n_joints
+    here = ca.vertcat(mean[:nj], *starts), ca.vertcat(mean[nj : 2 * nj], *rates)
+    for j, std in friction_stds(states, *here, mean, covariance).items():
+        spreads[j] = ca.sqrt(spreads[j] ** 2 + std**2)
     response, responding = respond(dt / count, parameters), _responding(states)
     outputs = [ca.vertcat(*starts), ca.vertcat(*rates), torques, values, ca.vertcat(*spreads), parameters, response]
     if responding:
@@ -175,7 +180,7 @@ def _substep(states: StateVector) -> ca.Function:
     kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), response, h, h)
     torque_slopes = ca.jacobian(states.torques(state), state)
     pushed = sorted({int(j) for j in torque_slopes.sparsity().row()})
-    step = moving(context, kick, torques, spreads, pushed)
+    step = moving(context, kick, torques, spreads, pushed, list(doubted_frictions(states)))
     along = ca.mtimes(step.by_place[:, :nj], angle_slopes) + ca.mtimes(step.by_speed, speed_slopes)
     along[:, count:] += step.by_place[:, nj:]
     if acting:

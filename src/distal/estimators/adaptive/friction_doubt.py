@@ -1,0 +1,59 @@
+"""How uncertain the friction limits of joints are whose friction is known to a factor only.
+
+A joint that sticks in the mean has no slopes: its readings would then be explained by wrong stiffnesses, although the
+friction is what is wrong. So the slopes are those of the expectation over the limit, as with an uncertain torque, (10).
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from distal.estimators.adaptive.states import StateVector
+from distal.estimators.adaptive.states.parameter import UncertainParameter
+from distal.expressions import Matrix, Scalar, Vector
+from distal.rig import known_to_a_factor
+
+
+def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
+    """Return joint → indices of its friction's states, for joints whose friction is known to a factor only.
+
+    Args:
+        states: the state vector.
+    """
+    p, found = states.context.mechanism.parameters, dict[int, list[int]]()
+    for block in states.blocks:
+        if not isinstance(block, UncertainParameter) or block.acts != "value":
+            continue
+        at = block.indices[0]
+        head, index, part = p.names[at].split(".")[:3]
+        if (head, part) == ("joints", "friction") and known_to_a_factor(
+            p.names[at], p.values[at], p.independent_stds[at]
+        ):
+            found.setdefault(int(index), []).extend(states.indices(block))
+    return found
+
+
+def friction_stds(states: StateVector, q: Vector, v: Vector, mean: Vector, covariance: Matrix) -> dict[int, Scalar]:
+    """Return joint → standard deviation of its friction limit by what is not known of its friction [N m].
+
+    Args:
+        states: the state vector.
+        q: coordinates, (n_bodies,).
+        v: velocities, (n_bodies,).
+        mean: of the state, symbols, (n,).
+        covariance: of its error, (n, n).
+    """
+    mechanism, doubted = states.context.mechanism, doubted_frictions(states)
+    if not doubted:
+        return {}
+    pulls = mechanism.pulls(q, v)
+    limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)
+    found = dict[int, Scalar]()
+    for joint, own in doubted.items():
+        symbols = ca.SX.sym("own", len(own))
+        state = ca.SX(mean)
+        state[own] = symbols
+        at = ca.substitute(limits[joint].mean, mechanism.parameters.symbols, states.parameters(state))
+        slope = ca.substitute(ca.jacobian(at, symbols), symbols, mean[own])
+        found[joint] = ca.sqrt(ca.fmax(ca.mtimes([slope, covariance[own, own], slope.T]), 0))
+    return found
