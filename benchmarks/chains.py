@@ -232,14 +232,14 @@ def stepping() -> None:
         drives[f"t{i + 1}"] = {"force": "8 N", "servo": servo}
     ready = prepare(rig, build_scenario({"rig": "finger-n-plus-1", "duration": "2 s", "drives": drives}))
     fastest = stiffest_frequency(ready.plant)
-    known = run_plant(ready.plant, ready.inputs, ready.start, ready.dt, 128)["q"][:, :3]
+    known = run_plant(ready.plant, ready.inputs, ready.start, ready.dt, 128).q[:, :3]
     cells: list[list[str]] = [[], [], []]
     counts = (1, 2, 4, 8, 16)
     for count in counts:
         kernel, run = Kernel(plant_function(ready.plant, count)), [(ready.inputs, ready.start)]
         run_plants(ready.plant, run, ready.dt, kernel)  # compiles it
         begun = time.perf_counter()
-        found = run_plants(ready.plant, run, ready.dt, kernel)[0]["q"][:, :3]
+        found = run_plants(ready.plant, run, ready.dt, kernel)[0].q[:, :3]
         taken = time.perf_counter() - begun
         away = np.rad2deg(found - known)
         cells[0].append(f"{np.sqrt(np.mean(away**2)):.4f}")

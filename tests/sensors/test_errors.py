@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from distal import Rig
+from distal import Rig, load_rig
 from distal.rig import Sensor
-from distal.sensors import linearity_curve, measure, systematic_variance, variance
+from distal.sensors import Curves, SensorErrors, measure, systematic_variance, variance
 from distal.sensors.errors import LINEARITY_STD
 
 TRAVEL = (-5e-3, 15e-3)
@@ -42,7 +42,7 @@ def test_quantisation(paper_rig: Rig) -> None:
 
 @given(st.integers(0, 2**32 - 1))
 def test_linearity_is_bounded_reached_and_smooth(seed: int) -> None:
-    curve = linearity_curve(TRUE, *TRAVEL, 1e-4, np.random.default_rng(seed))
+    curve = Curves.drawn([TRAVEL], [1e-4], [np.random.default_rng(seed)]).at(TRUE[:, None])[:, 0]
     assert np.abs(curve).max() == pytest.approx(1e-4, rel=1e-3)
     # three half waves at the most over the travel: the slope is at most π j/travel times the sum of the amplitudes
     assert np.abs(np.gradient(curve, TRUE)).max() < 3 * np.pi * 4e-4 / (TRAVEL[1] - TRAVEL[0])
@@ -57,7 +57,9 @@ def test_linearity_is_the_same_at_the_same_place(paper_rig: Rig) -> None:
 def test_linearity_std_is_that_of_many_curves(paper_rig: Rig) -> None:
     """What filters take for it, 0.6 of the bound, against 2,000 drawn curves."""
     grid = np.linspace(*TRAVEL, 201)
-    curves = [linearity_curve(grid, *TRAVEL, 1.0, np.random.default_rng(seed)) for seed in range(2000)]
+    curves = [
+        Curves.drawn([TRAVEL], [1.0], [np.random.default_rng(seed)]).at(grid[:, None])[:, 0] for seed in range(2000)
+    ]
     assert np.std(curves) == pytest.approx(LINEARITY_STD, abs=0.05)
     assert systematic_variance(sensor(paper_rig, linearity=1e-4)) == pytest.approx((0.6e-4) ** 2)
 
@@ -73,3 +75,15 @@ def test_switching_one_error_off_keeps_the_others(paper_rig: Rig) -> None:
     without = measure(sensor(paper_rig, noise=5e-6), TRUE, TRAVEL, np.random.default_rng(5))
     alone = measure(sensor(paper_rig, linearity=1e-4), TRUE, TRAVEL, np.random.default_rng(5))
     np.testing.assert_allclose(with_it - without, alone - TRUE, atol=1e-12)
+
+
+def test_samples_one_by_one_read_as_a_whole_run_does() -> None:
+    """A control loop gets what a log would hold: sample by sample, several sensors at once, beyond what is drawn ahead."""
+    sensors = load_rig("paper-2008").sensors
+    travels = [(-2.5e-3, 7.5e-3)] * len(sensors)
+    true = 4e-3 * np.sin(np.linspace(0, 9, 700))[:, None] * np.ones(len(sensors))
+    rngs = np.random.default_rng(5).spawn(len(sensors))
+    errors = SensorErrors(sensors, travels, np.random.default_rng(5).spawn(len(sensors)))
+    steps = np.vstack([errors.read(row[None]) for row in true])
+    whole = [measure(*given) for given in zip(sensors, true.T, travels, rngs)]
+    np.testing.assert_array_equal(steps, np.column_stack(whole))

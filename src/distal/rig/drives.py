@@ -138,6 +138,12 @@ class Slider(Description):
     nominal_force: Annotated[Parameter, In("N", drifts=False)] = Field(
         Parameter(value=0.0), description="the usual pull, taken where no force is measured"
     )
+    limit: Annotated[float, In("N", "positive")] | None = Field(
+        None, description="largest force that a controller gets from it; it cannot push its tendons"
+    )
+    lag: Annotated[float, In("s", "nonnegative")] = Field(
+        0.0, description="time constant with which its force follows a controller's command"
+    )
 
 
 class Capstan(Description):
@@ -168,6 +174,12 @@ class Capstan(Description):
     )
     nominal_force: Annotated[Parameter, In("N m", drifts=False)] = Field(
         Parameter(value=0.0), description="the usual torque, taken where no torque is measured"
+    )
+    limit: Annotated[float, In("N m", "positive")] | None = Field(
+        None, description="largest torque that a controller gets from it, either way"
+    )
+    lag: Annotated[float, In("s", "nonnegative")] = Field(
+        0.0, description="time constant with which its torque follows a controller's command"
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,53 +15,112 @@ Floats = NDArray[np.float64]
 _HARMONICS = 3
 
 
-def linearity_curve(x: Floats, low: float, high: float, largest: float, rng: np.random.Generator) -> Floats:
-    """Return a smooth systematic deviation over the travel, of at most `largest`, the same wherever x is the same.
+@dataclass(frozen=True)
+class Curves:
+    """Smooth systematic deviations of several sensors over their travels, the same wherever x is the same.
 
-    Σ_j a_j sin(π j ξ + φ_j)/j over ξ = (x − low)/(high − low), j = 1..3, with random amplitudes and phases, scaled so
-    that its largest magnitude over the travel is `largest`.
+    Σ_j a_j sin(π j ξ + φ_j)/j over ξ = (x − low)/(high − low), j = 1..3, scaled so that the largest magnitude over the
+    travel is `largest`; beyond the ends a curve keeps the value that it has there.
 
     Args:
-        x: true values, (n,).
-        low: lower end of the travel.
-        high: upper end of the travel.
-        largest: largest magnitude.
-        rng: draws the curve.
+        low: lower ends of the travels, (n,).
+        high: upper ends, (n,); a sensor has no curve where they are not above the lower ones.
+        weights: scale · a_j/j, (n, 3).
+        phases: φ_j, (n, 3).
     """
-    amplitudes = rng.normal(size=_HARMONICS)
-    phases = rng.uniform(0.0, 2.0 * np.pi, size=_HARMONICS)
-    orders = np.arange(1, _HARMONICS + 1)
 
-    def curve(at: Floats) -> Floats:
-        fraction = (at - low) / (high - low)
-        waves = np.sin(np.pi * orders * fraction[:, None] + phases)
-        deviation: Floats = waves @ (amplitudes / orders)
-        return deviation
+    low: Floats
+    high: Floats
+    weights: Floats
+    phases: Floats
 
-    peak = float(np.abs(curve(np.linspace(low, high, 501))).max())
-    # beyond the ends the curve keeps the value it has there
-    return largest * curve(np.clip(x, low, high)) / peak
+    @classmethod
+    def drawn(
+        cls, travels: Sequence[tuple[float, float]], largest: Sequence[float], rngs: Sequence[np.random.Generator]
+    ) -> Curves:
+        """Draw a curve for each sensor.
+
+        Args:
+            travels: ends of the travels, n of them.
+            largest: largest magnitudes, (n,).
+            rngs: draw the curves, one for each.
+        """
+        low, high = (np.array([ends[k] for ends in travels]) for k in (0, 1))
+        orders = np.arange(1, _HARMONICS + 1)
+        drawn = [(rng.normal(size=_HARMONICS) / orders, rng.uniform(0.0, 2.0 * np.pi, _HARMONICS)) for rng in rngs]
+        weights, phases = (np.array([each[k] for each in drawn]) for k in (0, 1))
+        unscaled = cls(np.zeros(len(low)), np.ones(len(low)), weights, phases)
+        peaks = np.abs(unscaled.at(np.linspace(0.0, 1.0, 501)[:, None] * np.ones(len(low)))).max(axis=0)
+        scales = np.where(high > low, np.asarray(largest) / peaks, 0.0)
+        return cls(low, np.where(high > low, high, low + 1.0), scales[:, None] * weights, phases)
+
+    def at(self, x: Floats) -> Floats:
+        """Return the deviations at x, (k, n).
+
+        Args:
+            x: true values, (k, n).
+        """
+        share = np.clip((x - self.low) / (self.high - self.low), 0.0, 1.0)
+        orders = np.arange(1, _HARMONICS + 1)
+        found: Floats = np.sum(self.weights * np.sin(np.pi * orders * share[..., None] + self.phases), axis=-1)
+        return found
+
+
+AHEAD = 256
+"""So many samples' noise is drawn at a time."""
+
+
+class SensorErrors:
+    """The errors of some sensors in one run, however few of their samples come at a time.
+
+    Args:
+        sensors: their descriptions, n of them.
+        travels: ends of the travels over which their linearities are defined.
+        rngs: draw curves and noise, one for each; the same draws are made whatever is switched off.
+    """
+
+    def __init__(
+        self,
+        sensors: Sequence[Sensor],
+        travels: Sequence[tuple[float, float]],
+        rngs: Sequence[np.random.Generator],
+    ) -> None:
+        of_curves, self._rngs = zip(*(rng.spawn(2) for rng in rngs))
+        self._gain = np.array([gain_of(sensor).value for sensor in sensors])
+        self._bias = np.array([sensor.bias.value for sensor in sensors])
+        self._noise = np.array([sensor.noise for sensor in sensors])
+        self._step = np.array([step_of(sensor) for sensor in sensors])
+        self._curves = Curves.drawn(travels, [sensor.linearity for sensor in sensors], of_curves)
+        self._rounds, self._drawn = bool(np.any(self._step > 0.0)), np.zeros((0, len(sensors)))
+
+    def read(self, true: Floats) -> Floats:
+        """Return what the sensors read: gain times true value, plus linearity, bias and noise, rounded to the resolution.
+
+        Args:
+            true: what there is to measure, SI, the next samples in time, (k, n).
+        """
+        if len(self._drawn) < len(true):
+            count = max(AHEAD, len(true))
+            more = np.column_stack([rng.normal(size=count) for rng in self._rngs])
+            self._drawn = np.vstack([self._drawn, more])
+        read: Floats = self._gain * true + self._bias + self._curves.at(true) + self._noise * self._drawn[: len(true)]
+        self._drawn = self._drawn[len(true) :]
+        if self._rounds:
+            step = np.where(self._step > 0.0, self._step, 1.0)
+            read = np.where(self._step > 0.0, np.round(read / step) * step, read)
+        return read
 
 
 def measure(sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.random.Generator) -> Floats:
-    """Return what a sensor reads: gain times true value, plus linearity, bias and noise, rounded to its resolution.
+    """Return what a sensor reads of a whole run, see `SensorErrors`.
 
     Args:
         sensor: its description.
         true: what there is to measure, SI, (n,).
         travel: ends of the travel over which the linearity is defined.
-        rng: draws the curve and the noise; the same draws are made whatever is switched off.
+        rng: draws the curve and the noise.
     """
-    curve_rng, noise_rng = rng.spawn(2)
-    read = gain_of(sensor).value * true + sensor.bias.value
-    low, high = travel
-    if sensor.linearity > 0.0 and high > low:
-        read = read + linearity_curve(true, low, high, sensor.linearity, curve_rng)
-    read = read + sensor.noise * noise_rng.normal(size=true.shape)
-    step = step_of(sensor)
-    if step > 0.0:
-        read = np.round(read / step) * step
-    return read
+    return SensorErrors([sensor], [travel], [rng]).read(true[:, None])[:, 0]
 
 
 def variance(sensor: Sensor) -> float:

@@ -14,7 +14,7 @@ from distal.errors import ScenarioError
 from distal.kernels import Kernel, in_order, lanes_here
 from distal.logs import Log
 from distal.rig import Rig, load_rig
-from distal.simulation.plant import plant_function, run_plants
+from distal.simulation.plant import Motion, plant_function, run_plants
 from distal.simulation.scenario import Scenario
 from distal.simulation.simulate import Prepared, prepare, sampled
 
@@ -104,7 +104,7 @@ def _group(rig: Rig, jobs: list[Job], kernels: _Kernels) -> list[Log | Exception
             at = len(distinct)
             distinct.append((scenario, ready))
         which.append(at)
-    motions: dict[int, dict[str, Floats]] = {}
+    motions: dict[int, Motion] = {}
     for i, (_, first) in enumerate(distinct):
         if i in motions:
             continue

@@ -5,37 +5,42 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.model import Mechanism
 from distal.rig import Sensor
+from distal.simulation.plant import Motion
 
 Floats = NDArray[np.float64]
 
 
-def true_values(
-    plant: Mechanism, sensor: Sensor, motion: dict[str, Floats], grid: Floats
-) -> tuple[Floats, tuple[float, float]]:
-    """Return what there is to measure over a grid, (k,), and the travel of the sensor's linearity.
+def true_values(motion: Motion, sensor: Sensor) -> Floats:
+    """Return what there is to measure over a motion, (k,).
 
     Args:
-        plant: the plant's equations.
+        motion: of the plant.
         sensor: one of its rig's.
-        motion: of the plant; see `run_plant`.
-        grid: its stamps [s], (k,).
     """
-    rig = plant.rig
-    if sensor.measures == "angle":
-        index = [joint.name for joint in rig.joints].index(sensor.of)
-        values, stops = motion["q"][:, index], rig.joints[index].stops
-    elif sensor.measures == "torque":
-        values, stops = motion["torques"][:, [joint.name for joint in rig.joints].index(sensor.of)], None
-    elif sensor.measures == "tension":
-        values, stops = motion["tensions"][:, [tendon.name for tendon in rig.tendons].index(sensor.of)], None
-    else:
-        index = [drive.name for drive in rig.drives].index(sensor.of)
-        stops = rig.drives[index].stops if sensor.measures == "position" else None
-        values = motion["q"][:, plant.n_joints + index] if sensor.measures == "position" else motion["pulls"][:, index]
-    # without stops the travel is what the motion uses
-    travel = stops if stops is not None else (float(values.min()), float(values.max()))
-    if sensor.lag > 0.0:  # a command is ahead of where the drive is
-        values = values + sensor.lag * np.gradient(values, grid)
-    return values, travel
+    rig, nj = motion.plant.rig, motion.plant.n_joints
+    if sensor.measures == "tension":
+        return motion.tensions[:, [tendon.name for tendon in rig.tendons].index(sensor.of)]
+    of_joint = sensor.measures in ("angle", "torque")
+    names = [part.name for part in (rig.joints if of_joint else rig.drives)]
+    body = names.index(sensor.of) + (0 if of_joint else nj)
+    if sensor.measures in ("torque", "force"):
+        return motion.pulls[:, body]
+    # a command is ahead of where the drive is
+    return motion.q[:, body] + sensor.lag * motion.v[:, body]
+
+
+def range_of(motion: Motion, sensor: Sensor) -> tuple[float, float]:
+    """Return the travel over which a sensor's linearity is defined: between stops, else what the motion uses.
+
+    Args:
+        motion: of the plant.
+        sensor: one of its rig's.
+    """
+    rig = motion.plant.rig
+    parts = {"angle": rig.joints, "position": rig.drives}.get(sensor.measures, ())
+    stops = next((part.stops for part in parts if part.name == sensor.of), None)
+    if stops is not None:
+        return stops
+    values = true_values(motion, sensor)
+    return float(values.min()), float(values.max())

@@ -162,7 +162,84 @@ def internal_friction(mechanism: Mechanism, drives: list[int]) -> InternalFricti
     return InternalFriction(force, ca.Function("internal_friction", [q, after, v, f, p.symbols], [ca.vertcat(*kept)]))
 
 
-def run_plant(mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float, count: int) -> dict[str, Floats]:
+@dataclass(frozen=True)
+class Motion:
+    """The plant's motion at the start and after every interval.
+
+    Args:
+        plant: its equations.
+        y: what the kernel puts out, (k, n_y); see `plant_function`.
+    """
+
+    plant: Mechanism
+    y: Floats
+
+    @property
+    def q(self) -> Floats:
+        """Coordinates, joints first, (k, n_bodies)."""
+        return self.y[:, : self.plant.n_bodies]
+
+    @property
+    def v(self) -> Floats:
+        """Velocities, (k, n_bodies)."""
+        return self.y[:, self.plant.n_bodies : 2 * self.plant.n_bodies]
+
+    @property
+    def tensions(self) -> Floats:
+        """Of the tendons [N], (k, n_tendons)."""
+        n = 2 * self.plant.n_bodies
+        return self.y[:, n : n + self.plant.n_tendons]
+
+    @property
+    def pulls(self) -> Floats:
+        """What pulls the bodies: torques on the joints, then forces or torques of the drives, (k, n_bodies)."""
+        return self.y[:, 2 * self.plant.n_bodies + self.plant.n_tendons :]
+
+    def check(self) -> None:
+        """Refuse a motion that left all bounds.
+
+        Raises:
+            ScenarioError: it did.
+        """
+        if not np.all(np.isfinite(self.y)) or np.abs(self.q).max() > 1e3:
+            raise ScenarioError(
+                "the simulated motion left all bounds: a force without a stop or tendon that holds it, "
+                "or a step that is too long (see stepping.largest_step)"
+            )
+
+
+def rows_of(inputs: BodyInputs, dt: float) -> Floats:
+    """Return the samples of the plant's kernel, one for each interval.
+
+    Args:
+        inputs: what acts in each interval, k of them.
+        dt: length of an interval [s].
+    """
+    k, n = inputs.effort.shape
+    servo = inputs.servo.transpose(0, 2, 1).reshape(k, 3 * n)
+    return np.hstack([inputs.effort, inputs.added_inertia, servo, np.full((k, 1), dt)])
+
+
+def at_rest(mechanism: Mechanism, inputs: BodyInputs, start: Floats, kernel: Kernel) -> tuple[Floats, Floats]:
+    """Return the carry of a plant at rest, and what its kernel would put out there, (1, n_y).
+
+    Args:
+        mechanism: the plant's equations.
+        inputs: what acts; the first interval counts.
+        start: coordinates, (n_bodies,).
+        kernel: of `plant_function`.
+    """
+    n = mechanism.n_bodies
+    carry = np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), first_inside(mechanism, start)])
+    # a tiny interval gives the tensions there
+    y = kernel.scan(carry, rows_of(inputs, 1e-12)[:1], mechanism.parameters.values)[1]
+    y[:, :n], y[:, n : 2 * n] = start, 0.0
+    servo = inputs.servo[:1]
+    y[:, 2 * n + mechanism.n_tendons :] = inputs.effort[:1] + servo[:, :, 0] * (servo[:, :, 1] - start)
+    return carry, y
+
+
+def run_plant(mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float, count: int) -> Motion:
     """Return the plant's motion at the start and after every interval.
 
     Args:
@@ -180,7 +257,7 @@ def run_plant(mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float
 
 def run_plants(
     mechanism: Mechanism, runs: Sequence[tuple[BodyInputs, Floats]], dt: float, kernel: Kernel
-) -> list[dict[str, Floats]]:
+) -> list[Motion]:
     """Return the motions of several runs of one plant, side by side where there are lanes for that.
 
     Args:
@@ -192,41 +269,18 @@ def run_plants(
     Raises:
         ScenarioError: a motion left all bounds.
     """
-    n, m, p = mechanism.n_bodies, mechanism.n_tendons, mechanism.parameters.values
-    rows, starts, firsts = [], [], []
-    for inputs, start in runs:
-        servo = inputs.servo.transpose(0, 2, 1).reshape(len(inputs.effort), 3 * n)
-        rows.append(np.hstack([inputs.effort, inputs.added_inertia, servo, np.full((len(inputs.effort), 1), dt)]))
-        inside = first_inside(mechanism, start)
-        starts.append(np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), inside]))
-        # the first row is the start itself: a tiny interval gives tensions and pulls there
-        first = rows[-1][:1].copy()
-        first[0, -1] = 1e-12
-        firsts.append(kernel.scan(starts[-1], first, p)[1])
+    p = mechanism.parameters.values
+    rows = [rows_of(inputs, dt) for inputs, _ in runs]
+    begun = [at_rest(mechanism, inputs, start, kernel) for inputs, start in runs]
+    starts = [carry for carry, _ in begun]
     lanes = kernel.lanes() if len(runs) > 1 else None
     if lanes is not None:
         moved = [ys for _, ys in lanes.scan(starts, rows, [p] * len(runs), [])]
     else:
         moved = [kernel.scan(start, xs, p)[1] for start, xs in zip(starts, rows)]
-    motions = []
-    for (inputs, start), y_start, ys in zip(runs, firsts, moved):
-        y_start[:, :n], y_start[:, n : 2 * n] = start, 0.0
-        y_start[:, 2 * n + m :] = (inputs.effort + inputs.servo[:, :, 0] * (inputs.servo[:, :, 1] - start))[:1]
-        y = np.vstack([y_start, ys])
-        if not np.all(np.isfinite(y)) or np.abs(y[:, :n]).max() > 1e3:
-            raise ScenarioError(
-                "the simulated motion left all bounds: a force without a stop or tendon that holds it, "
-                "or a step that is too long (see stepping.largest_step)"
-            )
-        motions.append(
-            {
-                "q": y[:, :n],
-                "v": y[:, n : 2 * n],
-                "tensions": y[:, 2 * n : 2 * n + m],
-                "torques": y[:, 2 * n + m : 2 * n + m + mechanism.n_joints],
-                "pulls": y[:, 2 * n + m + mechanism.n_joints :],
-            }
-        )
+    motions = [Motion(mechanism, np.vstack([first, ys])) for (_, first), ys in zip(begun, moved)]
+    for motion in motions:
+        motion.check()
     return motions
 
 

@@ -15,8 +15,8 @@ from distal.model import Mechanism, substeps
 from distal.rig import Rig, angle_names, load_rig, torque_names
 from distal.sensors import measure
 from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
-from distal.simulation.measurands import true_values
-from distal.simulation.plant import equilibrium, longest_interval, run_plant
+from distal.simulation.measurands import range_of, true_values
+from distal.simulation.plant import Motion, equilibrium, longest_interval, run_plant
 from distal.simulation.scenario import Scenario, load_scenario
 
 Floats = NDArray[np.float64]
@@ -78,13 +78,16 @@ class Prepared:
     count: int
 
 
-def prepare(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0) -> Prepared:
+def prepare(
+    rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0, period: float | None = None
+) -> Prepared:
     """Return a scenario on a rig, ready to run; see `simulate`.
 
     Args:
         rig: as filters know it; or a shipped rig's name, or a path.
         scenario: what is done to it; or a shipped scenario's name, or a path.
         seed: of the sensors' errors, checked before the plant runs.
+        period: time that whole intervals must fill [s]; default that between two samples of the fastest sensor.
 
     Raises:
         ScenarioError: the scenario does not fit the rig.
@@ -96,7 +99,8 @@ def prepare(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 
         raise ScenarioError(f"seed: must be a whole number from 0, {seed!r} came")
     plant = Mechanism(scenario.plant_rig(rig), remembers=True)
     fastest = max((sensor.rate for sensor in plant.rig.sensors), default=100.0)
-    dt = 1.0 / fastest / ceil(1.0 / fastest / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
+    filled = 1.0 / fastest if period is None else period
+    dt = filled / ceil(filled / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
     if scenario.duration * fastest < 1.0 - 1e-9:
         raise ScenarioError(f"duration: {scenario.duration:g} s is shorter than one sample")
     if scenario.duration / dt > MOST_STEPS:
@@ -111,39 +115,53 @@ def prepare(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 
     return Prepared(rig, scenario, plant, inputs, start, dt, max(2, 2 * substeps(plant, dt)))
 
 
-def sampled(prepared: Prepared, motion: dict[str, Floats], seed: int) -> Log:
+def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
     """Return what the sensors read of a motion.
 
     Args:
         prepared: the scenario on the rig.
-        motion: of the plant; see `run_plant`.
+        motion: of the plant.
         seed: of the sensors' errors.
     """
-    plant, scenario = prepared.plant, prepared.scenario
-    grid: Floats = prepared.dt * np.arange(len(motion["q"]), dtype=np.float64)
-    stamps = _stamps(plant.rig, scenario.duration)
-    rngs = np.random.default_rng(seed).spawn(len(plant.rig.sensors))
+    rig, duration = prepared.plant.rig, prepared.scenario.duration
+    grid: Floats = prepared.dt * np.arange(len(motion.y), dtype=np.float64)
+    stamps = stamps_of(rig, duration)
+    rngs = np.random.default_rng(seed).spawn(len(rig.sensors))
     channels = {}
-    for sensor, rng in zip(plant.rig.sensors, rngs):
-        true, travel = true_values(plant, sensor, motion, grid)
-        own = np.arange(0.0, scenario.duration - 1e-9, 1.0 / sensor.rate)
-        read = measure(sensor, np.interp(own - sensor.delay, grid, true), travel, rng)
+    for sensor, rng in zip(rig.sensors, rngs):
+        own = np.arange(0.0, duration - 1e-9, 1.0 / sensor.rate)
+        true = np.interp(own - sensor.delay, grid, true_values(motion, sensor))
         values = np.full(len(stamps), np.nan)
-        values[np.searchsorted(stamps, np.round(own, 9))] = read
+        values[np.searchsorted(stamps, np.round(own, 9))] = measure(sensor, true, range_of(motion, sensor), rng)
         channels[sensor.name] = values
-    angles = enumerate(angle_names([joint.name for joint in plant.rig.joints]))
-    truth = {name: np.interp(stamps, grid, motion["q"][:, j]) for j, name in angles}
-    for j, name in enumerate(torque_names([joint.name for joint in plant.rig.joints])):
-        truth[name] = np.interp(stamps, grid, motion["torques"][:, j])
-    for i, drive in enumerate(plant.rig.drives):
-        truth[f"position_{drive.name}"] = np.interp(stamps, grid, motion["q"][:, plant.n_joints + i])
-        truth[f"force_{drive.name}"] = np.interp(stamps, grid, motion["pulls"][:, i])
-    for i, tendon in enumerate(plant.rig.tendons):
-        truth[f"tension_{tendon.name}"] = np.interp(stamps, grid, motion["tensions"][:, i])
-    return Log(stamps, channels, truth, scenario.name or "simulation", SIMULATED)
+    truth = true_motion(motion, grid, stamps)
+    return Log(stamps, channels, truth, prepared.scenario.name or "simulation", SIMULATED)
 
 
-def _stamps(rig: Rig, duration: float) -> Floats:
+def true_motion(motion: Motion, grid: Floats, stamps: Floats) -> dict[str, Floats]:
+    """Return the truth of a log: angles, torques on the joints, places and forces of drives, tensions, (k,) each.
+
+    Args:
+        motion: of the plant.
+        grid: its stamps [s].
+        stamps: of the log [s], (k,).
+    """
+    rig, nj = motion.plant.rig, motion.plant.n_joints
+    joints = [joint.name for joint in rig.joints]
+    columns = dict(zip(angle_names(joints), motion.q.T)) | dict(zip(torque_names(joints), motion.pulls.T))
+    columns |= {f"position_{drive.name}": motion.q[:, nj + i] for i, drive in enumerate(rig.drives)}
+    columns |= {f"force_{drive.name}": motion.pulls[:, nj + i] for i, drive in enumerate(rig.drives)}
+    columns |= {f"tension_{tendon.name}": motion.tensions[:, i] for i, tendon in enumerate(rig.tendons)}
+    return {name: np.interp(stamps, grid, values) for name, values in columns.items()}
+
+
+def stamps_of(rig: Rig, duration: float) -> Floats:
+    """Return the stamps at which any of a rig's sensors is sampled [s], (k,).
+
+    Args:
+        rig: the description.
+        duration: of the scenario [s].
+    """
     rates = {sensor.rate for sensor in rig.sensors} or {100.0}
     each = [np.round(np.arange(0.0, duration - 1e-9, 1.0 / rate), 9) for rate in rates]
     return np.unique(np.concatenate(each))
