@@ -7,6 +7,7 @@ from distal.errors import DistalError, DistalWarning
 from distal.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from distal.control import ClosedLoop, closed_loop, simulate
     from distal.diagnosis import diagnose
     from distal.estimators import ESTIMATORS, Belief, Estimator, Innovation, make_estimator
     from distal.export import export_c
@@ -16,11 +17,12 @@ if TYPE_CHECKING:
     from distal.results import Estimate, plot_estimates
     from distal.rig import Rig, load_rig, shipped_rigs
     from distal.run import LiveEstimator, Monitor, estimate, estimate_batch, log_health, smooth
-    from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate, simulate_batch
+    from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate_batch
 
 __all__ = [
     "ESTIMATORS",
     "Belief",
+    "ClosedLoop",
     "DistalError",
     "DistalWarning",
     "Estimate",
@@ -33,6 +35,7 @@ __all__ = [
     "Rig",
     "Scenario",
     "at_known_angle",
+    "closed_loop",
     "diagnose",
     "estimate",
     "estimate_batch",
@@ -58,6 +61,7 @@ __all__ = [
 ]
 
 _NAMES = {
+    "control": ("ClosedLoop", "closed_loop", "simulate"),
     "diagnosis": ("diagnose",),
     "estimators": ("ESTIMATORS", "Belief", "Estimator", "Innovation", "make_estimator"),
     "export": ("export_c",),
@@ -67,7 +71,7 @@ _NAMES = {
     "results": ("Estimate", "plot_estimates"),
     "rig": ("Rig", "load_rig", "shipped_rigs"),
     "run": ("LiveEstimator", "Monitor", "estimate", "estimate_batch", "log_health", "smooth"),
-    "simulation": ("Scenario", "load_scenario", "scenario_rig", "shipped_scenarios", "simulate", "simulate_batch"),
+    "simulation": ("Scenario", "load_scenario", "scenario_rig", "shipped_scenarios", "simulate_batch"),
 }
 """Package → public names in it. A package is imported when one of its names is first used: `import distal` is light."""
 

@@ -29,6 +29,10 @@ class ScenarioError(DistalError):
     """A scenario is wrong or does not fit its rig."""
 
 
+class ControlError(DistalError):
+    """A controller, or what it asks of a plant, is wrong."""
+
+
 class LogError(DistalError):
     """A log cannot be read, or its content cannot be used."""
 

@@ -2,8 +2,10 @@
 
 from distal.simulation.batch import simulate_batch
 from distal.simulation.scenario import (
+    Control,
     DriveInput,
     Hand,
+    JointControl,
     JointInput,
     Scenario,
     build_scenario,
@@ -16,8 +18,10 @@ from distal.simulation.signals import Signal
 from distal.simulation.simulate import simulate
 
 __all__ = [
+    "Control",
     "DriveInput",
     "Hand",
+    "JointControl",
     "JointInput",
     "Scenario",
     "Signal",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from importlib import resources
+from math import pi
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -56,6 +57,47 @@ class JointInput(Description):
     torque: Annotated[Signal, SignalIn("N m")] | None = Field(None, description="an external torque")
 
 
+class JointControl(Description):
+    """Reference and gains of a joint's PID controller: τ = k_p e + k_i ∫ e dt − k_d ω."""
+
+    reference: Annotated[Signal, SignalIn("rad", "linear")] = Field(description="the angle that is wanted")
+    proportional: Annotated[float, In("N m/rad", "positive")] = Field(description="k_p")
+    integral: Annotated[float, In("N m/(rad s)", "nonnegative")] = Field(0.0, description="k_i")
+    derivative: Annotated[float, In("N m s/rad", "nonnegative")] = Field(0.0, description="k_d, of the angle's speed")
+    deadband: Annotated[float, In("rad", "nonnegative")] = Field(
+        0.0, description="a smaller error counts as none: against stick–slip at rest"
+    )
+    torque_limit: Annotated[float, In("N m", "positive")] | None = Field(None, description="largest torque asked for")
+
+
+class Control(Description):
+    """A controller in the loop; with one joint, its keys may stand here beside ``joint``."""
+
+    feedback: str = Field(
+        "adaptive", description="what tells the angle: an estimator's name, encoder, or ratio (displacements alone)"
+    )
+    period: Annotated[float, In("s", "positive")] = Field(0.01, description="time between two commands")
+    co_contraction: Annotated[float, In("N", "nonnegative")] = Field(
+        0.0, description="tension of all tendons without a torque, as far as it makes none"
+    )
+    encoder_resolution: Annotated[float, In("rad", "nonnegative")] = Field(
+        pi / 180.0, description="step of the encoder in the joint, with feedback = encoder"
+    )
+    joints: dict[str, JointControl] = Field(min_length=1, description="what is controlled")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_joint(cls, raw: object) -> object:
+        """Put the keys of a single joint where those of several stand."""
+        if not isinstance(raw, Mapping) or "joint" not in raw:
+            return raw
+        if "joints" in raw:
+            raise ValueError("joint: stands beside joints; give one of them")
+        own = {key: value for key, value in raw.items() if key in JointControl.model_fields}
+        rest = {key: value for key, value in raw.items() if key not in own and key != "joint"}
+        return {**rest, "joints": {raw["joint"]: own}}
+
+
 class Scenario(Description):
     """What is done to a rig, for how long, and how the plant differs from the rig that filters know."""
 
@@ -67,6 +109,7 @@ class Scenario(Description):
     initial: dict[str, object] = Field(default_factory=dict, description="angles of joints at the start")
     drives: dict[str, DriveInput] = Field(default_factory=dict, description="what pulls each drive")
     joints: dict[str, JointInput] = Field(default_factory=dict, description="what acts on each joint")
+    control: Control | None = Field(None, description="a controller that commands the drives beside that")
 
     @model_validator(mode="after")
     def _not_endless(self) -> Self:

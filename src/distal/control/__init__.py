@@ -1,0 +1,22 @@
+"""A controller in the loop with a simulated rig and an estimator, and how well it keeps to its reference."""
+
+from distal.control.figures import plot_control
+from distal.control.loop import ClosedLoop, Controller, closed_loop, simulate
+from distal.control.pid import PID, Allocation, Held
+from distal.control.plant import ControlledPlant
+from distal.control.tracking import Hunting, Tracking, track
+
+__all__ = [
+    "PID",
+    "Allocation",
+    "ClosedLoop",
+    "ControlledPlant",
+    "Controller",
+    "Held",
+    "Hunting",
+    "Tracking",
+    "closed_loop",
+    "plot_control",
+    "simulate",
+    "track",
+]

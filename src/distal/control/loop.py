@@ -1,0 +1,235 @@
+"""A controller in the loop: plant, sensors, estimator and controller, one period after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.control.pid import PID, Held
+from distal.control.plant import ControlledPlant
+from distal.errors import ControlError, did_you_mean
+from distal.estimators import DEFAULT, ESTIMATORS
+from distal.logs import Log
+from distal.rig import Rig, load_rig
+from distal.run import LiveEstimator, Monitor, Reading
+from distal.simulation import Scenario, load_scenario
+from distal.simulation import simulate as simulate_alone
+from distal.units import to_si
+
+Floats = NDArray[np.float64]
+
+Controller: TypeAlias = Callable[[float, Mapping[str, float], Reading], Mapping[str, float]]
+"""(time [s], readings by sensor [SI], estimate) → commands by drive [N or N m]."""
+
+ENCODER, RATIO = "encoder", "ratio"
+"""Feedback by an encoder in the joint, and by the displacements alone over the radii."""
+
+ENCODER_STEP = np.pi / 180.0
+
+
+@dataclass(frozen=True, repr=False)
+class ClosedLoop:
+    """What a controlled rig did; arrays have a row for each call of the controller.
+
+    Args:
+        rig: as filters know it.
+        log: what the sensors read, with the truth beside it.
+        feedback: what told the angles.
+        time: of the calls [s], (k,).
+        angles: true ones [rad], (k, n_joints).
+        estimates: what the controller was told [rad], (k, n_joints).
+        stds: standard deviations of their errors, as told [rad], (k, n_joints).
+        commands: by drive [N or N m], (k,) each.
+        references: wanted angles by joint [rad], (k,) each; empty where the controller has its own.
+        held: when the shipped controller held its last commands.
+    """
+
+    rig: Rig
+    log: Log
+    feedback: str
+    time: Floats
+    angles: Floats
+    estimates: Floats
+    stds: Floats
+    commands: Mapping[str, Floats]
+    references: Mapping[str, Floats]
+    held: tuple[Held, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"ClosedLoop({self.feedback}, {len(self.time)} commands in {self.time[-1]:g} s)"
+
+
+def simulate(
+    rig: Rig | str | Path,
+    scenario: Scenario | str | Path,
+    seed: int = 0,
+    *,
+    controller: Controller | None = None,
+    period: float | str | None = None,
+    estimator: str = DEFAULT,
+) -> Log:
+    """Simulate a scenario on a rig and return what its sensors read, with the truth beside it.
+
+    The plant is `rig` with the scenario's ``[plant]`` values. It starts at rest, its drives in equilibrium. All sensors
+    of the rig are sampled at their own rates; where one has no value at a stamp of another, it is NaN. A controller is
+    called every period with what has been read and estimated by then; its commands act one period later.
+
+    Args:
+        rig: as filters know it; or a shipped rig's name, or a path.
+        scenario: what is done to it; or a shipped scenario's name, or a path. Its ``[control]`` is used where there is no
+            `controller`.
+        seed: of the sensors' errors; the same seed gives the same log.
+        controller: (time, measured, estimate) → commands by drive.
+        period: between its calls, seconds or a text with a unit.
+        estimator: whose reading it gets: a name, "encoder" or "ratio".
+
+    Returns:
+        log: channels by sensor name; truth holds ``theta`` [rad], ``external_torque`` [N m] and, by drive or tendon name,
+            ``position_…``, ``force_…`` and ``tension_…``.
+
+    Raises:
+        ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
+        RigError: the plant's values are wrong.
+        ControlError: the controller failed, or asked for what is not possible.
+    """
+    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    if controller is None and scenario.control is None:
+        return simulate_alone(rig, scenario, seed)
+    return closed_loop(rig, scenario, seed, controller=controller, period=period, feedback=estimator).log
+
+
+def closed_loop(
+    rig: Rig | str | Path,
+    scenario: Scenario | str | Path,
+    seed: int = 0,
+    *,
+    controller: Controller | None = None,
+    period: float | str | None = None,
+    feedback: str | None = None,
+) -> ClosedLoop:
+    """Run a controller on a simulated rig; see `simulate`.
+
+    Args:
+        rig: as filters know it; or a shipped rig's name, or a path.
+        scenario: what is done to it; or a shipped scenario's name, or a path.
+        seed: of the sensors' errors.
+        controller: default the PID of the scenario's ``[control]``.
+        period: default that of ``[control]``.
+        feedback: "encoder", "ratio" or an estimator's name; default that of ``[control]``.
+
+    Raises:
+        ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
+        ControlError: the controller failed, or asked for what is not possible.
+    """
+    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    own = scenario.control
+    length = _period(period, scenario)
+    plant = ControlledPlant(rig, scenario, length)
+    pid = None
+    if controller is None:
+        if own is None:
+            raise ControlError("no controller: give one, or a [control] table in the scenario")
+        _check_joints(rig, own.joints)
+        controller = pid = PID(rig, own.joints, length, own.co_contraction)
+    told = feedback or (DEFAULT if own is None else own.feedback)
+    step = ENCODER_STEP if own is None else own.encoder_resolution
+    tell = _encoder(plant, step) if told == ENCODER else _estimator(rig, told)
+    rows = list[tuple[float, Floats, Reading, Mapping[str, float]]]()
+    measured, reading, waiting = dict[str, float](), None, dict[str, float]()
+    samples = plant.reset(seed)
+    names = [sensor.name for sensor in plant.plant.rig.sensors]
+    while True:
+        for stamp, values in samples:
+            reading = tell(stamp, values)
+            measured |= {name: value for name, value in zip(names, values.tolist()) if value == value}
+        assert reading is not None
+        time = plant.time
+        asked = _called(controller, time, dict(measured), reading)
+        rows.append((time, plant.angles, reading, asked))
+        if plant.finished:
+            break
+        samples = plant.step(waiting)
+        waiting = dict(asked)
+    return _result(plant, rows, told, scenario, pid)
+
+
+def _called(
+    controller: Controller, time: float, measured: Mapping[str, float], reading: Reading
+) -> Mapping[str, float]:
+    try:
+        asked = controller(time, measured, reading)
+    except Exception as problem:
+        said = f"{type(problem).__name__}: {problem}" if str(problem) else type(problem).__name__
+        raise ControlError(f"the controller failed at {time:g} s: {said}") from problem
+    if not isinstance(asked, Mapping):
+        raise ControlError(f"the controller returns commands by drive, {asked!r:.60} came at {time:g} s")
+    return asked
+
+
+def _period(given: float | str | None, scenario: Scenario) -> float:
+    if given is None:
+        return 0.01 if scenario.control is None else scenario.control.period
+    try:
+        return to_si(given, "s")
+    except ValueError as problem:
+        raise ControlError(f"period: {problem}") from None
+
+
+def _check_joints(rig: Rig, controlled: Mapping[str, object]) -> None:
+    names = [joint.name for joint in rig.joints]
+    for name in controlled:
+        if name not in names:
+            raise ControlError(f"control.joints: the rig has no joint '{name}'{did_you_mean(name, names)}")
+
+
+def _encoder(plant: ControlledPlant, step: float) -> Callable[[float, Floats], Reading]:
+    """Return (stamp, sample) → what encoders of the true angles say, with a step [rad]."""
+
+    def tell(stamp: float, values: Floats) -> Reading:
+        angles = plant.angles if step == 0.0 else np.round(plant.angles / step) * step
+        return Reading(stamp, tuple(angles.tolist()), (step / 12**0.5,) * len(angles), "ok")
+
+    return tell
+
+
+def _estimator(rig: Rig, name: str) -> Callable[[float, Floats], Reading]:
+    """Return (stamp, sample) → what an estimator makes of the sensors' values."""
+    name = "inextensible" if name == RATIO else name
+    if name not in ESTIMATORS:
+        allowed = [ENCODER, RATIO, *ESTIMATORS]
+        raise ControlError(f"feedback: '{name}' is none of {', '.join(allowed)}{did_you_mean(name, allowed)}")
+    monitor = Monitor(LiveEstimator(rig, name))
+    at = [[sensor.name for sensor in rig.sensors].index(channel) for channel in monitor.channels]
+    return lambda stamp, values: monitor.take(stamp, values[at])
+
+
+def _result(
+    plant: ControlledPlant,
+    rows: list[tuple[float, Floats, Reading, Mapping[str, float]]],
+    told: str,
+    scenario: Scenario,
+    pid: PID | None,
+) -> ClosedLoop:
+    time = np.array([row[0] for row in rows])
+    drives = [drive.name for drive in plant.plant.rig.drives]
+    references = dict[str, Floats]()
+    if pid is not None and scenario.control is not None:
+        references = {name: joint.reference.at(time) for name, joint in scenario.control.joints.items()}
+    return ClosedLoop(
+        plant.rig,
+        plant.log(),
+        told,
+        time,
+        np.array([row[1] for row in rows]),
+        np.array([row[2].angles for row in rows]),
+        np.array([row[2].angle_stds for row in rows]),
+        {name: np.array([float(row[3].get(name, 0.0)) for row in rows]) for name in drives},
+        references,
+        () if pid is None else pid.held,
+    )

@@ -1,0 +1,131 @@
+"""How well a controlled joint keeps to its reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from math import nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.control.loop import ClosedLoop
+
+Floats = NDArray[np.float64]
+
+SETTLED = float(np.deg2rad(2.0))
+"""A joint has settled where it stays within this of its reference: 5 % of a step of 40° [rad]."""
+
+HUNTS, FOR = float(np.deg2rad(0.3)), 2.0
+"""A joint that moves by more than this [rad] in the last so many seconds [s] of a constant reference hunts."""
+
+LONG_ENOUGH = 1.0
+"""A reference that is constant for less than this says nothing of settling [s]."""
+
+
+@dataclass(frozen=True)
+class Hunting:
+    """A limit cycle: a joint that goes on moving although its reference is constant.
+
+    Args:
+        joint: which.
+        begin: of the time looked at [s].
+        end: of it [s].
+        motion: from one end to the other [rad].
+    """
+
+    joint: str
+    begin: float
+    end: float
+    motion: float
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How one joint keeps to its reference.
+
+    Args:
+        joint: which.
+        rms: of the true angle's distance from the reference [rad].
+        overshoot: largest motion beyond a reference that has become constant, in the direction in which it came [rad].
+        settling: longest time until the angle stays within 2° of a constant reference [s]; NaN where one is never reached.
+        effort: RMS of all commands [N or N m].
+        estimate_rms: of the error of the angle that the controller was told [rad].
+        hunting: limit cycles.
+    """
+
+    joint: str
+    rms: float
+    overshoot: float
+    settling: float
+    effort: float
+    estimate_rms: float
+    hunting: tuple[Hunting, ...]
+
+
+def track(run: ClosedLoop) -> tuple[Tracking, ...]:
+    """Return how each controlled joint keeps to its reference.
+
+    Args:
+        run: of a controller that has references.
+    """
+    names = [joint.name for joint in run.rig.joints]
+    effort = float(np.sqrt(np.mean([np.mean(values**2) for values in run.commands.values()])))
+    found = []
+    for name, reference in run.references.items():
+        j = names.index(name)
+        angle, told = run.angles[:, j], run.estimates[:, j]
+        rests = constant_parts(run.time, reference)
+        each = [_rest(run.time, reference, angle, begin, end) for begin, end in rests]
+        wrong = told - angle
+        known = wrong[np.isfinite(wrong)]
+        found.append(
+            Tracking(
+                name,
+                rms=float(np.sqrt(np.mean((angle - reference) ** 2))),
+                overshoot=max((over for over, _ in each), default=0.0),
+                # a reference that is never reached has no settling time at all
+                settling=float(np.max([time for _, time in each], initial=0.0)),
+                effort=effort,
+                estimate_rms=float(np.sqrt(np.mean(known**2))) if len(known) else nan,
+                hunting=tuple(_hunts(name, run.time, angle, rests)),
+            )
+        )
+    return tuple(found)
+
+
+def constant_parts(time: Floats, reference: Floats) -> list[tuple[int, int]]:
+    """Return begins and ends (indices, the end excluded) of the times in which a reference is constant for a second.
+
+    Args:
+        time: of the calls [s], (k,).
+        reference: [rad], (k,).
+    """
+    changes = np.flatnonzero(np.abs(np.diff(reference)) > 1e-9) + 1
+    edges = [0, *changes.tolist(), len(time)]
+    return [(a, b) for a, b in pairwise(edges) if b > a and time[b - 1] - time[a] >= LONG_ENOUGH]
+
+
+def _rest(time: Floats, reference: Floats, angle: Floats, begin: int, end: int) -> tuple[float, float]:
+    """Return overshoot [rad] and settling time [s] at a constant reference; NaN where it is not reached."""
+    error = angle[begin:end] - reference[begin]
+    way = np.sign(reference[begin] - (reference[begin - 1] if begin else angle[0]))
+    away = np.flatnonzero(np.abs(error) > SETTLED)
+    over = max(float(np.max(way * error)), 0.0)
+    if not len(away):
+        return over, 0.0
+    last = begin + int(away[-1]) + 1
+    return over, nan if last == end else float(time[last] - time[begin])
+
+
+def _hunts(name: str, time: Floats, angle: Floats, rests: list[tuple[int, int]]) -> list[Hunting]:
+    found = []
+    for begin, end in rests:
+        late = np.flatnonzero(time[begin:end] >= time[end - 1] - FOR) + begin
+        # the first second belongs to the motion before
+        if time[late[0]] < time[begin] + LONG_ENOUGH:
+            continue
+        motion = float(np.ptp(angle[late]))
+        if motion > HUNTS:
+            found.append(Hunting(name, float(time[late[0]]), float(time[end - 1]), motion))
+    return found

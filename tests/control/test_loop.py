@@ -1,0 +1,155 @@
+"""A controller in the loop: the same plant, sensors and filter as in an open loop, and commands that act a period late."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from distal import Scenario, closed_loop, estimate, load_rig, simulate
+from distal.control import ControlledPlant, plot_control, track
+from distal.errors import ControlError, ScenarioError
+from distal.rig import Rig
+from distal.run import Reading
+from distal.simulation import build_scenario
+from distal.simulation import simulate as simulate_alone
+
+STILL = {"rig": "paper-2008", "duration": "1 s", "drives": {"left": {"force": "2 N"}, "right": {"force": "2 N"}}}
+PID = {
+    "joint": "link", "reference": [["0 s", "0 deg"], ["0.5 s", "0 deg"], ["1 s", "10 deg"]], "co_contraction": "4 N",
+    "proportional": "0.3 N m/rad", "integral": "0.6 N m/(rad s)", "derivative": "0.02 N m s/rad",
+    "torque_limit": "0.08 N m",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return load_rig("paper-2008")
+
+
+def scenario(**more: Any) -> Scenario:
+    return build_scenario({**STILL, **more})
+
+
+def nothing(time: float, measured: Mapping[str, float], estimate: Reading) -> dict[str, float]:
+    return {}
+
+
+def test_without_commands_the_loop_is_the_open_loop(rig: Rig) -> None:
+    """Same motion, same readings to the last bit: the plant steps by the same intervals, the noise by the same draws."""
+    moved = scenario(drives={"left": {"force": [["0 s", "2 N"], ["0.3 s", "6 N"]]}, "right": {"force": "2 N"}})
+    alone, looped = simulate_alone(rig, moved, 3), simulate(rig, moved, 3, controller=nothing, period="10 ms")
+    np.testing.assert_array_equal(alone.time, looped.time)
+    for name in alone.truth:
+        np.testing.assert_array_equal(alone.truth[name], looped.truth[name], err_msg=name)
+    for name in alone.channels:
+        np.testing.assert_array_equal(alone.channels[name], looped.channels[name], err_msg=name)
+
+
+def test_what_the_filter_says_in_the_loop_is_what_it_says_of_the_log(rig: Rig) -> None:
+    """Sample by sample or over the recorded log, where the controller is called less often than the sensors are read."""
+    described = scenario(control={**PID, "period": "20 ms"})
+    run = closed_loop(rig, described, 1)
+    again = estimate(run.log, rig)
+    at = np.searchsorted(again.time, np.minimum(run.time, again.time[-1]) - 1e-9)
+    np.testing.assert_allclose(run.estimates, again.angles[at], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(run.stds, again.angle_stds[at], rtol=1e-12)
+
+
+def test_a_command_acts_one_period_after_the_call(rig: Rig) -> None:
+    """The force of the drive changes in the interval that begins a period after the controller asked for it."""
+
+    def late(time: float, measured: Mapping[str, float], estimate: Reading) -> dict[str, float]:
+        return {"left": 3.0 if time > 0.2999 else 0.0}
+
+    log = simulate(rig, scenario(), controller=late, period="50 ms")
+    force = log.truth["force_left"]
+    changed = log.time[np.flatnonzero(np.abs(force - force[0]) > 1.0)[0]]
+    assert changed == pytest.approx(0.36)  # asked at 0.30, acts from 0.35 on, read at the end of an interval
+    assert force[-1] - force[0] == pytest.approx(3.0)
+
+
+def test_drives_saturate_lag_and_do_not_push(rig: Rig) -> None:
+    """At its limit a slider pulls with that; u(t) = u∞ (1 − e^{−t/T}); a negative command is none."""
+    limited = rig.with_values({"drives.left.limit": "5 N", "drives.left.lag": "0.1 s"})
+
+    def much(time: float, measured: Mapping[str, float], estimate: Reading) -> dict[str, float]:
+        return {"left": 50.0, "right": -20.0}
+
+    log = simulate(limited, scenario(), controller=much, period="10 ms")
+    passed = log.time - 0.01
+    expected = 2.0 + 5.0 * (1.0 - np.exp(-np.maximum(passed, 0.0) / 0.1))
+    np.testing.assert_allclose(log.truth["force_left"][2:], expected[2:], atol=1e-9)
+    np.testing.assert_allclose(log.truth["force_right"], 2.0, atol=1e-9)
+
+
+def test_a_plant_goes_back_to_its_start(rig: Rig) -> None:
+    plant = ControlledPlant(rig, scenario(), 0.1)
+    first = [plant.step({"left": 4.0}) for _ in range(5)]
+    assert plant.time == pytest.approx(0.5)
+    assert len(plant.log()) == 51
+    plant.reset()
+    second = [plant.step({"left": 4.0}) for _ in range(5)]
+    for one, other in zip(first, second):
+        assert [stamp for stamp, _ in one] == [stamp for stamp, _ in other]
+        np.testing.assert_array_equal([v for _, v in one], [v for _, v in other])
+    other_errors = plant.reset(1)
+    assert not np.array_equal(other_errors[0][1], second[0][0][1])
+
+
+def test_sensors_of_other_rates_are_read_at_their_own_stamps(rig: Rig) -> None:
+    """A force read 30 times a second is a line between the plant's intervals, in the loop as alone."""
+    mixed = rig.with_values({"sensors.u1.rate": 30.0, "sensors.u2.rate": 25.0})
+    moved = scenario(drives={"left": {"force": [["0 s", "2 N"], ["0.3 s", "6 N"]]}, "right": {"force": "2 N"}})
+    alone, looped = simulate_alone(mixed, moved, 3), simulate(mixed, moved, 3, controller=nothing, period="10 ms")
+    np.testing.assert_array_equal(np.isnan(alone.channels["u1"]), np.isnan(looped.channels["u1"]))
+    for name in ("u1", "u2", "x1"):
+        np.testing.assert_allclose(looped.channels[name], alone.channels[name], rtol=0, atol=1e-6)
+
+
+def test_a_controller_may_end_a_run_only_with_a_line_that_says_why(rig: Rig) -> None:
+    def asks(what: object) -> Any:
+        return lambda time, measured, estimate: what
+
+    def breaks(time: float, measured: Mapping[str, float], estimate: Reading) -> dict[str, float]:
+        raise KeyError("gain")
+
+    for controller, said in (
+        (asks({"left": float("nan")}), "command for 'left' at 0.01 s is no number: nan"),
+        (asks({"lefd": 1.0}), r"commands 'lefd', the rig has no such drive; did you mean 'left'\?"),
+        (asks({"left": "3 N"}), "command for 'left' at 0.01 s is no number: '3 N'"),
+        (asks(3.0), r"returns commands by drive, 3\.0 came at 0 s"),
+        (breaks, "the controller failed at 0 s: KeyError: 'gain'"),
+    ):
+        with pytest.raises(ControlError, match=said):
+            simulate(rig, scenario(), controller=controller, period="10 ms")
+    for given, said in (
+        ({"period": "5 s"}, "period: 5 s is longer than the scenario, 1 s"),
+        ({"period": "1 us"}, "period: at least 0.0001 s, 1e-06 s came"),
+        ({"period": "5 N"}, "period: "),
+        ({"estimator": "encodr"}, "feedback: 'encodr' is none of encoder, ratio, .*did you mean 'encoder'"),
+    ):
+        with pytest.raises(ControlError, match=said):
+            simulate(rig, scenario(), controller=nothing, **given)
+    with pytest.raises(ControlError, match="no controller: give one"):
+        closed_loop(rig, scenario())
+    with pytest.raises(ControlError, match="the rig has no joint 'linc'; did you mean 'link'"):
+        closed_loop(rig, scenario(control={**PID, "joint": "linc"}))
+    with pytest.raises(ScenarioError, match="joint: stands beside joints"):
+        scenario(control={**PID, "joints": {}})
+
+
+def test_a_figure_compares_feedbacks(rig: Rig, tmp_path: Any) -> None:
+    described = scenario(control=PID)
+    runs = [closed_loop(rig, described, feedback=name) for name in ("encoder", "adaptive", "ratio")]
+    made = plot_control(runs, tmp_path / "control.png")
+    assert (tmp_path / "control.png").stat().st_size > 10_000
+    assert [line.get_label() for line in made.axes[0].get_lines()][1:] == [
+        "fed back by encoder", "fed back by adaptive", "fed back by ratio"
+    ]  # fmt: skip
+    for run in runs[:2]:
+        (one,) = track(run)
+        assert np.rad2deg(one.rms) < 5.0
+        assert one.estimate_rms < np.deg2rad(3.0)  # it begins with a std of 3°

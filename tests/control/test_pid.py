@@ -1,0 +1,150 @@
+"""The shipped controller: its law, its anti-windup, its moment arms, and what it does without an angle."""
+
+from __future__ import annotations
+
+from math import nan
+
+import numpy as np
+import pytest
+
+from distal import load_rig
+from distal.control import PID, Allocation, ClosedLoop, Held, track
+from distal.control.tracking import constant_parts
+from distal.logs import Log
+from distal.run import Reading
+from distal.simulation import JointControl
+
+ARM = 9.53e-3
+DEGREE = np.pi / 180
+
+
+def joint(**gains: object) -> JointControl:
+    return JointControl.model_validate({"reference": "10 deg", "proportional": "1 N m/rad", **gains})
+
+
+def seen(*angles: float, health: str = "ok", std: float = 0.01) -> Reading:
+    return Reading(0.0, angles, (std,) * len(angles), health)  # type: ignore[arg-type]
+
+
+def torque_of(commands: dict[str, float]) -> float:
+    """At angle 0 both tendons of the paper's link pull at their radius."""
+    return (commands["left"] - commands["right"]) * ARM
+
+
+def test_the_law_of_a_pid() -> None:
+    """Two calls by hand: e = 10° then 6°, the speed smoothed by 0.3, the integral of the first error."""
+    rig = load_rig("paper-2008")
+    pid = PID(rig, {"link": joint(integral="2 N m/(rad s)", derivative="0.1 N m s/rad")}, 0.01, 5.0)
+    assert torque_of(pid(0.0, {}, seen(0.0))) == pytest.approx(10 * DEGREE, rel=1e-9)
+    small = 1e-9 * DEGREE  # the arm is that of the angle
+    second = torque_of(pid(0.01, {}, seen(small)))
+    assert second == pytest.approx(10 * DEGREE + 2 * 10 * DEGREE * 0.01 - 0.1 * 0.3 * small / 0.01, rel=1e-6)
+
+
+def test_tensions_share_a_torque_and_never_push() -> None:
+    """T = c ± τ/2r while c allows it; beyond, both rise so that the slack one is at zero."""
+    shared = Allocation(load_rig("paper-2008"), 5.0)
+    for torque in (0.0, 0.05, -0.05, 0.3, -0.3):
+        left, right = shared.commands(np.zeros(1), np.array([torque]))
+        assert (left - right) * ARM == pytest.approx(torque, abs=1e-12)
+        assert min(left, right) >= -1e-12
+        assert left + right == pytest.approx(max(10.0, abs(torque) / ARM))
+
+
+def test_a_finger_gets_its_torques_by_the_transposed_arms() -> None:
+    """Two joints, four tendons: A T = τ for the arms of the rig, and no tendon pushes."""
+    shared = Allocation(load_rig("finger-2n"), 10.0)
+    torques = np.array([0.05, -0.02])
+    tensions = dict(zip(("mcp_f", "mcp_e", "pip_f", "pip_e"), shared.commands(np.zeros(2), torques)))
+    assert min(tensions.values()) >= 0.0
+    pip = tensions["pip_f"] - tensions["pip_e"]
+    assert 6e-3 * pip == pytest.approx(torques[1])
+    assert 8e-3 * (tensions["mcp_f"] - tensions["mcp_e"]) + 7e-3 * pip == pytest.approx(torques[0])
+
+
+def test_a_capstan_turns_its_joint_both_ways() -> None:
+    """Both tendons wind on one motor: U = τ R/r, whatever the tension."""
+    rig = load_rig("capstan-joint")
+    drive, tendon = rig.drives[0], rig.tendons[0]
+    lever = drive.radius.value / tendon.total_arm  # type: ignore[union-attr]
+    for torque in (0.02, -0.02):
+        (command,) = Allocation(rig, 10.0).commands(np.array([rig.joints[0].initial.value]), np.array([torque]))
+        assert abs(command) == pytest.approx(0.02 * lever, rel=0.05)
+    up, down = (Allocation(rig, 3.0).commands(np.zeros(1), np.array([torque]))[0] for torque in (0.02, -0.02))
+    assert up == pytest.approx(-down)
+
+
+def test_the_integral_stands_while_the_torque_is_cut() -> None:
+    """A minute at the limit leaves no integral behind: the first call within it has that of one period."""
+    rig = load_rig("paper-2008")
+    pid = PID(rig, {"link": joint(integral="1 N m/(rad s)", torque_limit="0.05 N m")}, 0.01, 5.0)
+    for k in range(6000):
+        assert torque_of(pid(0.01 * k, {}, seen(0.0))) == pytest.approx(0.05)
+    pid._speed[:] = 0.0
+    assert torque_of(pid(60.0, {}, seen(10 * DEGREE))) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_small_error_counts_as_none() -> None:
+    pid = PID(load_rig("paper-2008"), {"link": joint(deadband="2 deg")}, 0.01, 5.0)
+    assert torque_of(pid(0.0, {}, seen(8.5 * DEGREE))) == pytest.approx(0.0, abs=1e-5)  # the arms differ a little there
+    pid = PID(load_rig("paper-2008"), {"link": joint(deadband="2 deg")}, 0.01, 5.0)
+    assert torque_of(pid(0.0, {}, seen(0.0))) == pytest.approx(8 * DEGREE)
+
+
+def test_without_an_angle_the_last_commands_are_held() -> None:
+    """NaN, a lost filter, a dead sensor: each is said once, with its time."""
+    pid = PID(load_rig("paper-2008"), {"link": joint()}, 0.01, 5.0)
+    before = pid(0.0, {}, seen(0.0))
+    for k, bad in enumerate(
+        (seen(nan, health="bad"), seen(nan, health="bad"), seen(0.1, std=1.0), seen(0.1, health="dead"))
+    ):
+        assert pid(0.01 * (k + 1), {}, bad) == before
+    assert pid.held == (
+        Held(0.01, 0.02, "no angle: bad"),
+        Held(0.03, 0.03, "ok: the angle is not known"),
+        Held(0.04, 0.04, "dead: the angle is not known"),
+    )
+    assert pid(0.05, {}, seen(5 * DEGREE)) != before
+
+
+def made(reference: np.ndarray, angle: np.ndarray, time: np.ndarray) -> ClosedLoop:
+    log = Log(time, {}, {"theta": angle}, "made up")
+    return ClosedLoop(
+        load_rig("paper-2008"), log, "encoder", time, angle[:, None], angle[:, None] + 0.01, 0.0 * angle[:, None],
+        {"left": 0 * time + 3.0, "right": 0 * time + 4.0}, {"link": reference},
+    )  # fmt: skip
+
+
+def test_figures_of_a_step_response() -> None:
+    """A step of 20° with an overshoot of 3° that settles within 2° after 0.7 s."""
+    time = np.arange(0, 6, 0.01)
+    reference = np.where(time < 2, 0.0, 20 * DEGREE)
+    angle = np.where(time < 2, 0.0, np.where(time < 2.7, 23 * DEGREE, 20 * DEGREE))
+    (one,) = track(made(reference, angle, time))
+    assert one.overshoot == pytest.approx(3 * DEGREE)
+    assert one.settling == pytest.approx(0.7)
+    assert one.effort == pytest.approx(np.sqrt(12.5))
+    assert one.estimate_rms == pytest.approx(0.01)
+    assert one.rms == pytest.approx(3 * DEGREE * np.sqrt(70 / 600))
+    assert one.hunting == ()
+
+
+def test_a_joint_that_never_arrives_and_one_that_hunts() -> None:
+    time = np.arange(0, 6, 0.01)
+    reference = np.where(time < 2, 0.0, 20 * DEGREE)
+    short = np.where(time < 2, 0.0, 15 * DEGREE)
+    (one,) = track(made(reference, short, time))
+    assert np.isnan(one.settling)
+    assert one.overshoot == 0.0
+    for size, count in ((0.14, 0), (0.16, 1)):
+        swings = reference + np.where(time > 2, size * DEGREE * np.sin(2 * np.pi * time), 0.0)
+        (one,) = track(made(reference, swings, time))
+        assert len(one.hunting) == count
+    assert one.hunting[0].motion == pytest.approx(0.32 * DEGREE, rel=1e-3)
+    assert (one.hunting[0].begin, one.hunting[0].end) == pytest.approx((3.99, 5.99))
+
+
+def test_where_a_reference_is_constant() -> None:
+    time = np.arange(0, 5, 0.5)
+    reference = np.array([0, 0, 0, 1, 2, 3, 3, 3, 4, 4.0])
+    assert constant_parts(time, reference) == [(0, 3), (5, 8)]
