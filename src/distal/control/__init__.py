@@ -1,9 +1,9 @@
 """A controller in the loop with a simulated rig and an estimator, and how well it keeps to its reference."""
 
 from distal.control.figures import plot_control
-from distal.control.loop import ClosedLoop, Controller, closed_loop, simulate
+from distal.control.loop import ClosedLoop, Controller, closed_loop, run_controller, simulate
 from distal.control.pid import PID, Allocation, Held
-from distal.control.plant import ControlledPlant
+from distal.control.plant import ControlledPlant, SteppedPlant
 from distal.control.tracking import Hunting, Tracking, track
 
 __all__ = [
@@ -14,9 +14,11 @@ __all__ = [
     "Controller",
     "Held",
     "Hunting",
+    "SteppedPlant",
     "Tracking",
     "closed_loop",
     "plot_control",
+    "run_controller",
     "simulate",
     "track",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.control.pid import PID, Held
-from distal.control.plant import ControlledPlant
+from distal.control.plant import ControlledPlant, SteppedPlant
 from distal.errors import ControlError, did_you_mean
 from distal.estimators import DEFAULT, ESTIMATORS
 from distal.logs import Log
@@ -139,24 +139,55 @@ def closed_loop(
         controller = pid = PID(rig, own.joints, length, own.co_contraction)
     told = feedback or (DEFAULT if own is None else own.feedback)
     step = ENCODER_STEP if own is None else own.encoder_resolution
-    tell = _encoder(plant, step) if told == ENCODER else _estimator(rig, told)
+    run = run_controller(plant, controller, told, seed, encoder_step=step)
+    if pid is None or own is None:
+        return run
+    references = {name: joint.reference.at(run.time) for name, joint in own.joints.items()}
+    return replace(run, references=references, held=pid.held)
+
+
+def run_controller(
+    plant: SteppedPlant, controller: Controller, feedback: str, seed: int = 0, *, encoder_step: float = ENCODER_STEP
+) -> ClosedLoop:
+    """Run a controller on a plant that steps, this package's or another simulator's, until that has finished.
+
+    Args:
+        plant: what is controlled.
+        controller: (time, measured, estimate) → commands by drive.
+        feedback: "encoder", "ratio" or an estimator's name.
+        seed: of the sensors' errors.
+        encoder_step: of the encoder in the joint, for that feedback [rad].
+
+    Raises:
+        ControlError: the controller failed, or asked for what is not possible.
+    """
+    tell = _encoder(plant, encoder_step) if feedback == ENCODER else _estimator(plant.rig, feedback)
     rows = list[tuple[float, Floats, Reading, Mapping[str, float]]]()
     measured, reading, waiting = dict[str, float](), None, dict[str, float]()
+    names = [sensor.name for sensor in plant.rig.sensors]
     samples = plant.reset(seed)
-    names = [sensor.name for sensor in plant.plant.rig.sensors]
     while True:
         for stamp, values in samples:
             reading = tell(stamp, values)
             measured |= {name: value for name, value in zip(names, values.tolist()) if value == value}
         assert reading is not None
-        time = plant.time
-        asked = _called(controller, time, dict(measured), reading)
-        rows.append((time, plant.angles, reading, asked))
+        asked = _called(controller, plant.time, dict(measured), reading)
+        rows.append((plant.time, plant.angles, reading, asked))
         if plant.finished:
             break
         samples = plant.step(waiting)
         waiting = dict(asked)
-    return _result(plant, rows, told, scenario, pid)
+    return ClosedLoop(
+        plant.rig,
+        plant.log(),
+        feedback,
+        np.array([row[0] for row in rows]),
+        np.array([row[1] for row in rows]),
+        np.array([row[2].angles for row in rows]),
+        np.array([row[2].angle_stds for row in rows]),
+        {drive.name: np.array([float(row[3].get(drive.name, 0.0)) for row in rows]) for drive in plant.rig.drives},
+        {},
+    )
 
 
 def _called(
@@ -188,7 +219,7 @@ def _check_joints(rig: Rig, controlled: Mapping[str, object]) -> None:
             raise ControlError(f"control.joints: the rig has no joint '{name}'{did_you_mean(name, names)}")
 
 
-def _encoder(plant: ControlledPlant, step: float) -> Callable[[float, Floats], Reading]:
+def _encoder(plant: SteppedPlant, step: float) -> Callable[[float, Floats], Reading]:
     """Return (stamp, sample) → what encoders of the true angles say, with a step [rad]."""
 
     def tell(stamp: float, values: Floats) -> Reading:
@@ -207,29 +238,3 @@ def _estimator(rig: Rig, name: str) -> Callable[[float, Floats], Reading]:
     monitor = Monitor(LiveEstimator(rig, name))
     at = [[sensor.name for sensor in rig.sensors].index(channel) for channel in monitor.channels]
     return lambda stamp, values: monitor.take(stamp, values[at])
-
-
-def _result(
-    plant: ControlledPlant,
-    rows: list[tuple[float, Floats, Reading, Mapping[str, float]]],
-    told: str,
-    scenario: Scenario,
-    pid: PID | None,
-) -> ClosedLoop:
-    time = np.array([row[0] for row in rows])
-    drives = [drive.name for drive in plant.plant.rig.drives]
-    references = dict[str, Floats]()
-    if pid is not None and scenario.control is not None:
-        references = {name: joint.reference.at(time) for name, joint in scenario.control.joints.items()}
-    return ClosedLoop(
-        plant.rig,
-        plant.log(),
-        told,
-        time,
-        np.array([row[1] for row in rows]),
-        np.array([row[2].angles for row in rows]),
-        np.array([row[2].angle_stds for row in rows]),
-        {name: np.array([float(row[3].get(name, 0.0)) for row in rows]) for name in drives},
-        references,
-        () if pid is None else pid.held,
-    )

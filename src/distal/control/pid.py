@@ -24,6 +24,9 @@ SMOOTHED = 0.3
 LOST = 0.35
 """An angle whose std is above this is not known [rad]."""
 
+RIDGE = 1e-12
+"""Added to A Aᵀ, as a share of its trace, so that it can be inverted."""
+
 UNUSABLE = frozenset({"bad", "dead"})
 """Health of an estimate with which nothing is controlled."""
 
@@ -76,7 +79,8 @@ class Allocation:
         self._place[:nj] = angles
         slopes = self._slopes(self._place)[0].reshape(mechanism.n_bodies, mechanism.n_tendons).T
         arms = -(slopes[:, :nj] @ self._spread).T  # torque on the free joints of a newton in each tendon
-        inverse = np.linalg.pinv(arms)
+        # a pseudo-inverse: with fewer tendons than joints too
+        inverse = arms.T @ np.linalg.inv(arms @ arms.T + RIDGE * float(np.sum(arms * arms)) * np.eye(len(arms)))
         constant = self._tension * (1.0 - inverse @ arms.sum(axis=1))
         needed = inverse @ (self._spread.T @ torques)
         lifts = self._pulled & (constant > 1e-6 * self._tension)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import ceil, exp, isfinite
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from distal.model import Mechanism
 from distal.rig import Rig, Sensor
 from distal.sensors import SensorErrors
 from distal.simulation import Scenario
-from distal.simulation.measurands import true_values
+from distal.simulation.measurands import columns_of
 from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
 from distal.simulation.simulate import SIMULATED, prepare, stamps_of, true_motion
 
@@ -25,6 +26,35 @@ Floats = NDArray[np.float64]
 
 SHORTEST_PERIOD = 1e-4
 """No controller of a tendon is called more often [s]."""
+
+
+class SteppedPlant(Protocol):
+    """What a controller may drive: period after period, with what the rig's sensors read."""
+
+    @property
+    def rig(self) -> Rig:
+        """The rig as filters know it."""
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is no further period."""
+
+    @property
+    def angles(self) -> Floats:
+        """True angles of the joints now [rad], (n_joints,)."""
+
+    def reset(self, seed: int = 0) -> list[tuple[float, Floats]]:
+        """Go back to the start and return the samples at time zero."""
+
+    def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
+        """Go on by one period and return the samples in it: stamps [s], values in the order of the rig's sensors [SI]."""
+
+    def log(self) -> Log:
+        """Return what the sensors have read so far, with the truth beside it."""
 
 
 class ControlledPlant:
@@ -99,14 +129,7 @@ class ControlledPlant:
         self._efforts: Floats = np.zeros(len(self._drives))
         self._samples = np.full((len(self._stamps), len(rig.sensors)), np.nan)
         rngs = np.random.default_rng(seed).spawn(len(rig.sensors))
-        self._groups = []
-        for rate in sorted({sensor.rate for sensor in rig.sensors}):
-            at = [k for k, sensor in enumerate(rig.sensors) if sensor.rate == rate]
-            sensors = [rig.sensors[k] for k in at]
-            travels = [_travel(self._plant, sensor) for sensor in sensors]
-            errors = SensorErrors(sensors, travels, [rngs[k] for k in at])
-            due = np.isin(self._stamps, np.round(np.arange(0.0, self._stamps[-1] + 0.5 / rate, 1.0 / rate), 9))
-            self._groups.append((at, sensors, errors, due))
+        self._groups = [_Rate(self._plant, rate, self._stamps, rngs) for rate in {one.rate for one in rig.sensors}]
         return self._read()
 
     def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
@@ -157,22 +180,41 @@ class ControlledPlant:
     def _read(self) -> list[tuple[float, Floats]]:
         """Return the samples whose stamps have come."""
         end = int(np.searchsorted(self._stamps, self.time + 1e-9, side="right"))
-        found, dt = [], self._prepared.dt
+        found = []
         for k in range(self._taken, end):
-            for at, sensors, errors, due in self._groups:
-                if not due[k]:
-                    continue
-                true = np.empty((1, len(at)))
-                for i, sensor in enumerate(sensors):
-                    # between two intervals the motion is a line
-                    place = max(self._stamps[k] - sensor.delay, 0.0) / dt
-                    before = min(int(place + 1e-6), self._done)
-                    after, share = min(before + 1, self._done), min(max(place - before, 0.0), 1.0)
-                    two = true_values(Motion(self._plant, self._y[[before, after]]), sensor)
-                    true[0, i] = two[0] + share * (two[1] - two[0]) if share > 1e-6 else two[0]
-                self._samples[k, at] = errors.read(true)[0]
+            for group in self._groups:
+                if group.due[k]:
+                    true = group.true(self._y[: self._done + 1], float(self._stamps[k]), self._prepared.dt)
+                    self._samples[k, group.at] = group.errors.read(true[None])[0]
             found.append((float(self._stamps[k]), self._samples[k]))
         self._taken = end
+        return found
+
+
+class _Rate:
+    """The sensors of one rate: which they are, when they are due, what they measure, and their errors."""
+
+    def __init__(self, plant: Mechanism, rate: float, stamps: Floats, rngs: Sequence[np.random.Generator]) -> None:
+        every = plant.rig.sensors
+        self.at = [k for k, sensor in enumerate(every) if sensor.rate == rate]
+        sensors = [every[k] for k in self.at]
+        self.due = np.isin(stamps, np.round(np.arange(0.0, stamps[-1] + 0.5 / rate, 1.0 / rate), 9))
+        self.errors = SensorErrors(sensors, [_travel(plant, sensor) for sensor in sensors], [rngs[k] for k in self.at])
+        columns = np.array([columns_of(plant, sensor) for sensor in sensors])
+        self._own, self._changes = columns.T
+        self._lags = np.array([sensor.lag for sensor in sensors])
+        self._delays = np.array([sensor.delay for sensor in sensors])
+        self._lagging = bool(np.any(self._lags > 0.0))
+
+    def true(self, y: Floats, stamp: float, dt: float) -> Floats:
+        """Return what there is to measure at a stamp; between two intervals the motion is a line."""
+        place = np.maximum(stamp - self._delays, 0.0) / dt
+        before = np.minimum((place + 1e-6).astype(np.intp), len(y) - 1)
+        after, share = np.minimum(before + 1, len(y) - 1), place - before
+        share[share < 1e-6] = 0.0
+        found: Floats = y[before, self._own] + share * (y[after, self._own] - y[before, self._own])
+        if self._lagging:
+            found = found + self._lags * y[before, self._changes]
         return found
 
 

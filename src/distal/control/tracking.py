@@ -71,6 +71,8 @@ def track(run: ClosedLoop) -> tuple[Tracking, ...]:
     """
     names = [joint.name for joint in run.rig.joints]
     effort = float(np.sqrt(np.mean([np.mean(values**2) for values in run.commands.values()])))
+    # a joint that another one shakes does not hunt
+    still = constant_parts(run.time, *run.references.values())
     found = []
     for name, reference in run.references.items():
         j = names.index(name)
@@ -88,20 +90,20 @@ def track(run: ClosedLoop) -> tuple[Tracking, ...]:
                 settling=float(np.max([time for _, time in each], initial=0.0)),
                 effort=effort,
                 estimate_rms=float(np.sqrt(np.mean(known**2))) if len(known) else nan,
-                hunting=tuple(_hunts(name, run.time, angle, rests)),
+                hunting=tuple(_hunts(name, run.time, angle, still)),
             )
         )
     return tuple(found)
 
 
-def constant_parts(time: Floats, reference: Floats) -> list[tuple[int, int]]:
-    """Return begins and ends (indices, the end excluded) of the times in which a reference is constant for a second.
+def constant_parts(time: Floats, *references: Floats) -> list[tuple[int, int]]:
+    """Return begins and ends (indices, the end excluded) of the times in which references are constant for a second.
 
     Args:
         time: of the calls [s], (k,).
-        reference: [rad], (k,).
+        references: [rad], (k,) each.
     """
-    changes = np.flatnonzero(np.abs(np.diff(reference)) > 1e-9) + 1
+    changes = np.flatnonzero(np.any([np.abs(np.diff(each)) > 1e-9 for each in references], axis=0)) + 1
     edges = [0, *changes.tolist(), len(time)]
     return [(a, b) for a, b in pairwise(edges) if b > a and time[b - 1] - time[a] >= LONG_ENOUGH]
 

@@ -5,10 +5,29 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.model import Mechanism
 from distal.rig import Sensor
 from distal.simulation.plant import Motion
 
 Floats = NDArray[np.float64]
+
+
+def columns_of(plant: Mechanism, sensor: Sensor) -> tuple[int, int]:
+    """Return where in the plant's output (`plant_function`) stands what a sensor measures, and its rate; −1: none.
+
+    Args:
+        plant: the plant's equations.
+        sensor: one of its rig's.
+    """
+    rig, n = plant.rig, plant.n_bodies
+    if sensor.measures == "tension":
+        return 2 * n + [tendon.name for tendon in rig.tendons].index(sensor.of), -1
+    of_joint = sensor.measures in ("angle", "torque")
+    names = [part.name for part in (rig.joints if of_joint else rig.drives)]
+    body = names.index(sensor.of) + (0 if of_joint else plant.n_joints)
+    if sensor.measures in ("torque", "force"):
+        return 2 * n + plant.n_tendons + body, -1
+    return body, n + body
 
 
 def true_values(motion: Motion, sensor: Sensor) -> Floats:
@@ -18,16 +37,9 @@ def true_values(motion: Motion, sensor: Sensor) -> Floats:
         motion: of the plant.
         sensor: one of its rig's.
     """
-    rig, nj = motion.plant.rig, motion.plant.n_joints
-    if sensor.measures == "tension":
-        return motion.tensions[:, [tendon.name for tendon in rig.tendons].index(sensor.of)]
-    of_joint = sensor.measures in ("angle", "torque")
-    names = [part.name for part in (rig.joints if of_joint else rig.drives)]
-    body = names.index(sensor.of) + (0 if of_joint else nj)
-    if sensor.measures in ("torque", "force"):
-        return motion.pulls[:, body]
+    own, rate = columns_of(motion.plant, sensor)
     # a command is ahead of where the drive is
-    return motion.q[:, body] + sensor.lag * motion.v[:, body]
+    return motion.y[:, own] + sensor.lag * motion.y[:, rate] if sensor.lag > 0.0 else motion.y[:, own]
 
 
 def range_of(motion: Motion, sensor: Sensor) -> tuple[float, float]:

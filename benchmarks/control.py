@@ -1,0 +1,197 @@
+"""Control on the estimate: how well a joint without an encoder keeps to its reference, beside one with one of 1°.
+
+`python -m benchmarks.control` draws plants from the stds of `paper-2008-observed` and controls each in `control-paper`
+by an encoder, by `adaptive` with the rig as it came, by `adaptive` with the rig fitted to one log that the encoder's loop
+left, and by displacements alone; then `finger-2n` in MuJoCo, whose plants share no code with the model.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.report import table
+from benchmarks.strangers.chain_plants import PLANTS, STEP, build_model, draw_truth
+from benchmarks.strangers.random_rigs import drawn_plant
+from distal import Log, Rig, fit, load_scenario, scenario_rig
+from distal.control import PID, ClosedLoop, closed_loop, run_controller, track
+from distal.simulation import Scenario
+
+Floats = NDArray[np.float64]
+
+PERIOD = 0.005
+OTHER = [["0 s", "0 deg"], ["2 s", "15 deg"], ["4 s", "15 deg"], ["7 s", "-18 deg"], ["9 s", "-5 deg"], ["10 s", "-5 deg"],
+         ["11 s", "20 deg"], ["13 s", "0 deg"], ["16 s", "-20 deg"], ["18 s", "10 deg"]]  # fmt: skip
+"""The motion of the calibration: another one than is judged."""
+
+
+def figures(run: ClosedLoop) -> tuple[float, float, int]:
+    """Return RMS of tracking and of the error of the told angle, all joints together [deg], and the number of limit cycles."""
+    each = track(run)
+    rms, wrong = (float(np.rad2deg(np.sqrt(np.mean(np.square(values))))) for values in (
+        [one.rms for one in each], [one.estimate_rms for one in each]
+    ))  # fmt: skip
+    return rms, wrong, sum(len(one.hunting) for one in each)
+
+
+def with_plant(scenario: Scenario, values: Mapping[str, object], reference: object = None) -> Scenario:
+    """Return the scenario with a plant's own numbers, and another reference where one is given."""
+    changed = scenario.model_copy(update={"plant": {**scenario.plant, **values}})
+    if reference is None or scenario.control is None:
+        return changed
+    (name, joint), *_ = scenario.control.joints.items()
+    other = type(joint).model_validate({**joint.model_dump(), "reference": reference})
+    return changed.model_copy(update={"control": scenario.control.model_copy(update={"joints": {name: other}})})
+
+
+def paper(plants: int) -> list[list[str]]:
+    """Return a row for each plant of the paper's rig."""
+    scenario = load_scenario("control-paper")
+    rig, rows = scenario_rig(scenario), []
+    for seed in range(plants):
+        judged = with_plant(scenario, drawn_plant(rig, seed, 81))
+        log = closed_loop(rig, with_plant(judged, {}, OTHER), seed + 100, feedback="encoder").log
+        fitted = fit([log.select(slice(None))], rig).rig
+        row = [str(seed)]
+        base = 0.0
+        for used, feedback in ((rig, "encoder"), (rig, "adaptive"), (fitted, "adaptive"), (rig, "ratio")):
+            rms, wrong, cycles = figures(closed_loop(used, judged, seed, feedback=feedback))
+            base = base or rms
+            row += [f"{rms:.2f} ({rms / base:.2f})", f"{wrong:.2f}", str(cycles)]
+        rows.append(row)
+        print(*row, flush=True)
+    return rows
+
+
+class Finger:
+    """`finger-2n` in MuJoCo, as a plant that a controller drives."""
+
+    def __init__(self, rig: Rig, seed: int, duration: float) -> None:
+        self.rig, self._of, self._duration = rig, PLANTS["finger2N"], duration
+        self._truth = draw_truth(self._of, np.random.default_rng([seed, 82]))
+        self._model = build_model(self._of, self._truth.springs)
+        n, winding = len(self._of.joints), np.array(self._of.drives.winding)
+        self._stretching = np.hstack([-self._truth.arms, winding])
+        factors = np.append(self._truth.joint_friction, self._truth.drive_friction)
+        joints = [joint.friction_constant for joint in self._of.joints]
+        self._constant = factors * np.append(joints, [self._of.drives.friction_constant] * winding.shape[1])
+        per_joint = np.array([joint.friction_radius for joint in self._of.joints]) * (self._truth.arms != 0)
+        share = np.hstack([per_joint, self._of.drives.friction_share * np.abs(winding)])
+        self._per_tension, self._n = factors[:, None] * share.T, n
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        return PERIOD * self._done
+
+    @property
+    def finished(self) -> bool:
+        """Whether the scenario is over."""
+        return self.time >= self._duration - 1e-9
+
+    @property
+    def angles(self) -> Floats:
+        """True angles [rad]."""
+        return np.array(self._data.qpos[: self._n])
+
+    def reset(self, seed: int = 0) -> list[tuple[float, Floats]]:
+        """Begin at rest, each tendon pulled by 8 N."""
+        self._data, self._rng, self._done = mujoco.MjData(self._model), np.random.default_rng([seed, 83]), 0
+        self._data.qpos[: self._n] = [joint.initial.value for joint in self.rig.joints]
+        self._data.qpos[self._n :] = self._truth.arms @ self.angles + 8.0 / self._truth.stiffness
+        self._efforts, self._rows = np.full(4, 8.0), list[Floats]()
+        self._bends = self._rng.uniform(0.3, 1.0, 4), self._rng.uniform(0, 2 * np.pi, 4)
+        self._go(int(0.5 / STEP))
+        return [self._sample()]
+
+    def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
+        """Go on by 5 ms."""
+        self._efforts = np.array([max(commands.get(f, 8.0), 0.0) for f in self._of.drives.names])
+        self._go(round(PERIOD / STEP))
+        self._done += 1
+        return [self._sample()]
+
+    def _go(self, steps: int) -> None:
+        data, k = self._data, self._truth.stiffness
+        for _ in range(steps):
+            tensions = k * np.maximum(self._stretching @ data.qpos, 0.0)
+            data.qfrc_applied[:] = -self._stretching.T @ tensions
+            data.qfrc_applied[self._n :] += self._efforts
+            self._model.dof_frictionloss[:] = self._constant + self._per_tension @ tensions
+            mujoco.mj_step(self._model, data)
+
+    def _sample(self) -> tuple[float, Floats]:
+        places, (size, phase) = np.array(self._data.qpos[self._n :]), self._bends
+        read = places + 1e-4 * size * np.sin(2 * np.pi * places / 0.02 + phase) + 5e-6 * self._rng.normal(size=4)
+        values = np.concatenate([read, self._efforts + 0.2 * self._rng.normal(size=4)])
+        self._rows.append(np.concatenate([values, self.angles]))
+        return self.time, values
+
+    def log(self) -> Log:
+        """Return what was read."""
+        rows = np.array(self._rows)
+        names = [sensor.name for sensor in self.rig.sensors]
+        truth = {f"theta_{joint.name}": rows[:, 8 + j] for j, joint in enumerate(self.rig.joints)}
+        return Log(PERIOD * np.arange(len(rows)), dict(zip(names, rows.T)), truth, "MuJoCo")
+
+
+def finger(plants: int) -> list[list[str]]:
+    """Return a row for each plant of the finger in MuJoCo."""
+    from dataclasses import replace
+
+    scenario, rows = load_scenario("control-finger"), []
+    rig, control = scenario_rig(scenario), scenario.control
+    assert control is not None
+    for seed in range(plants):
+        row, base = [str(seed)], 0.0
+        for feedback in ("encoder", "adaptive", "ratio"):
+            pid = PID(rig, control.joints, PERIOD, control.co_contraction)
+            run = run_controller(Finger(rig, seed, scenario.duration), pid, feedback, seed)
+            references = {name: joint.reference.at(run.time) for name, joint in control.joints.items()}
+            rms, wrong, cycles = figures(replace(run, references=references))
+            base = base or rms
+            row += [f"{rms:.2f} ({rms / base:.2f})", f"{wrong:.2f}", str(cycles)]
+        rows.append(row)
+        print(*row, flush=True)
+    return rows
+
+
+def seconds() -> list[list[str]]:
+    """Return the processor time of 10 s of closed loop at 200 Hz."""
+    scenario = load_scenario("control-paper").model_copy(update={"duration": 10.0})
+    rig, rows = scenario_rig(scenario, ["sensors.*.rate=200"]), []
+    for feedback in ("encoder", "adaptive"):
+        closed_loop(rig, scenario, feedback=feedback, period=PERIOD)  # builds the kernels
+        began = time.process_time()
+        closed_loop(rig, scenario, feedback=feedback, period=PERIOD)
+        rows.append([feedback, f"{time.process_time() - began:.2f}"])
+    return rows
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.control", description=__doc__)
+    parser.add_argument("--plants", type=int, default=10, help="of each rig (10)")
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")  # fits to one log warn of what it does not tell
+    each = ["RMS [°]", "told wrong by [°]", "limit cycles"]
+    table("control-seconds", "10 s of closed loop at 200 Hz", ["feedback", "s"], seconds())
+    named = [f"{who}: {what}" for who in ("encoder", "adaptive", "adaptive, fitted", "ratio") for what in each]
+    table(
+        "control-paper",
+        "the paper's rig, RMS over that with an encoder in brackets",
+        ["plant", *named],
+        paper(given.plants),
+    )
+    named = [f"{who}: {what}" for who in ("encoder", "adaptive", "ratio") for what in each]
+    table("control-finger", "finger-2n in MuJoCo", ["plant", *named], finger(given.plants))
+
+
+if __name__ == "__main__":
+    main()
