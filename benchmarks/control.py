@@ -32,7 +32,7 @@ OTHER = [["0 s", "0 deg"], ["2 s", "15 deg"], ["4 s", "15 deg"], ["7 s", "-18 de
 
 
 def figures(run: ClosedLoop) -> tuple[float, float, int]:
-    """Return RMS of tracking and of the error of the told angle, all joints together [deg], and the number of limit cycles."""
+    """Return RMS of tracking, and of the told angle's error, of all joints [deg], and how many limit cycles there are."""
     each = track(run)
     rms, wrong = (float(np.rad2deg(np.sqrt(np.mean(np.square(values))))) for values in (
         [one.rms for one in each], [one.estimate_rms for one in each]

@@ -1,12 +1,15 @@
 """Simulation: a rig, a scenario and a seed become a log with truth."""
 
 from distal.simulation.batch import simulate_batch
+from distal.simulation.pieces import Piece, simulate_pieces
 from distal.simulation.scenario import (
+    Change,
     Control,
     DriveInput,
     Hand,
     JointControl,
     JointInput,
+    Rezero,
     Scenario,
     build_scenario,
     load_scenario,
@@ -18,11 +21,14 @@ from distal.simulation.signals import Signal
 from distal.simulation.simulate import simulate
 
 __all__ = [
+    "Change",
     "Control",
     "DriveInput",
     "Hand",
     "JointControl",
     "JointInput",
+    "Piece",
+    "Rezero",
     "Scenario",
     "Signal",
     "build_scenario",
@@ -32,4 +38,5 @@ __all__ = [
     "shipped_scenarios",
     "simulate",
     "simulate_batch",
+    "simulate_pieces",
 ]

@@ -98,6 +98,28 @@ class Control(Description):
         return {**rest, "joints": {raw["joint"]: own}}
 
 
+class Change(Description):
+    """How a number of the plant changes over hours: a share of it per hour, and a random walk."""
+
+    per_hour: Annotated[float, In("")] = Field(0.0, description="share of it by which it changes in an hour")
+    walk: Annotated[float, In("", "nonnegative")] = Field(
+        0.0, description="standard deviation of the random share by which it changes in an hour"
+    )
+
+
+class Rezero(Description):
+    """The joint is driven against something whose angle is known, again and again: drives pull so instead of as usual."""
+
+    every: Annotated[float, In("s", "positive")] = Field(description="time between two beginnings")
+    lasts: Annotated[float, In("s", "positive")] = Field(
+        description="how long it takes; the angle is known in its last half"
+    )
+    joint: str | None = Field(None, description="which; default the first")
+    angle: Annotated[float, In("rad")] = Field(description="where the joint then stands")
+    std: Annotated[float, In("rad", "nonnegative")] = Field(0.0, description="how well that is known")
+    drives: dict[str, DriveInput] = Field(min_length=1, description="what pulls each drive meanwhile")
+
+
 class Scenario(Description):
     """What is done to a rig, for how long, and how the plant differs from the rig that filters know."""
 
@@ -109,6 +131,8 @@ class Scenario(Description):
     initial: dict[str, object] = Field(default_factory=dict, description="angles of joints at the start")
     drives: dict[str, DriveInput] = Field(default_factory=dict, description="what pulls each drive")
     joints: dict[str, JointInput] = Field(default_factory=dict, description="what acts on each joint")
+    schedule: dict[str, Change] = Field(default_factory=dict, description="numbers of the plant that change over hours")
+    rezero: Rezero | None = Field(None, description="how the joint is driven to a known angle again and again")
     control: Control | None = Field(None, description="a controller that commands the drives beside that")
 
     @model_validator(mode="after")

@@ -195,7 +195,7 @@ def is_seen(rig: Rig, name: str, std: float) -> bool:
     if what not in ("friction.constant", "friction.load"):
         return False
     load = max(abs(drive.nominal_force.value), 1.0) if what == "friction.load" else 1.0
-    return std * load >= 0.1 * noise
+    return std * load >= 0.03 * noise
 
 
 def linearity_of(sensor: Any, index: int) -> list[State]:

@@ -26,7 +26,7 @@ SMALLEST_VALUE = 0.01
 SMALLEST_FACTOR = 0.05
 """A common factor is kept above this."""
 
-UNSEEN = 0.1
+UNSEEN = 0.03
 """Friction of a drive whose std is below this share of its force sensor's noise does not show."""
 
 

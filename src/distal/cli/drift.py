@@ -1,0 +1,53 @@
+"""`distal drift`: hours of a scenario whose plant changes, with and without a known angle from time to time."""
+
+from __future__ import annotations
+
+from math import degrees
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from distal.cli.console import say, table
+from distal.cli.options import ScenarioArgument, SeedOption, SetOption
+from distal.cli.outputs import check_outputs, to_folder
+
+
+def drift_command(
+    scenario: ScenarioArgument,
+    out: Annotated[Path, typer.Option("--out", help="Folder for the figure and the table by hours.")],
+    seed: SeedOption = 0,
+    *,
+    set_: SetOption = None,
+) -> None:
+    """Simulate hours of work, and print error and band of the estimate for each; memory stays that of one minute."""
+    from distal.logs import write_whole
+    from distal.run import by_hour, estimate_pieces, plot_hours
+    from distal.simulation import load_scenario, scenario_rig, simulate_pieces
+
+    description = load_scenario(scenario)
+    rig = scenario_rig(description, set_ or ())
+    picture, rows_file = out / "drift.png", out / "drift.csv"
+    check_outputs(to_folder("--out", out, [picture.name, rows_file.name]), rig=description.rig, scenario=scenario)
+    ways = {"nothing known": None} | ({} if description.rezero is None else {"rezeroed": description.rezero.std})
+    found = {}
+    for name, known in ways.items():
+        pieces = simulate_pieces(rig, description, seed)
+        found[name] = by_hour(estimate_pieces(pieces, rig, known_std=known))
+    out.mkdir(parents=True, exist_ok=True)
+    plot_hours(found, picture)
+    rows = [
+        (
+            name,
+            str(hour.index + 1),
+            f"{degrees(hour.rms):.2f}",
+            f"{100 * hour.inside:.0f}",
+            f"{degrees(hour.half_band):.2f}",
+        )
+        for name, hours in found.items()
+        for hour in hours
+    ]
+    columns = ["way", "hour", "RMS error [°]", "inside 95 % band [%]", "half of the band [°]"]
+    write_whole(rows_file, "\n".join(",".join(row) for row in [columns, *rows]) + "\n")
+    table(f"{description.name or scenario}", columns, rows, text=1)
+    say(f"wrote {picture} and {rows_file.name}")

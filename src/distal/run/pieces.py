@@ -1,0 +1,88 @@
+"""An estimator over a log that comes in pieces: hours of it in the memory of one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import EstimationError
+from distal.estimators import DEFAULT, AdaptiveFilter, Belief, KernelEstimator, make_estimator
+from distal.homing import added_reference
+from distal.logs import Log, frozen
+from distal.rig import Rig
+from distal.simulation import Piece
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PieceEstimate:
+    """What an estimator makes of one piece.
+
+    Args:
+        log: the piece's.
+        angles: of the joints [rad], (k, n_joints).
+        angle_stds: standard deviations of their errors [rad], (k, n_joints).
+        truths: true angles [rad], (k, n_joints).
+    """
+
+    log: Log
+    angles: Floats
+    angle_stds: Floats
+    truths: Floats
+
+
+def estimate_pieces(
+    pieces: Iterable[Piece], rig: Rig, estimator: str = DEFAULT, known_std: float | None = None
+) -> Iterator[PieceEstimate]:
+    """Estimate the joints' angles piece after piece; the belief goes on from one to the next.
+
+    Args:
+        pieces: of one log.
+        rig: the description.
+        estimator: a name, of one with a kernel.
+        known_std: how well the angles are known where a piece says so [rad]; None: they are not used. Only `adaptive`
+            reads them.
+
+    Raises:
+        EstimationError: the estimator cannot run on this rig, or does not take known angles.
+    """
+    runner, references = _runner(rig, estimator, known_std)
+    belief: Belief | None = None
+    for piece in pieces:
+        log, n = piece.log, len(rig.joints)
+        columns = dict(log.channels) | {name: piece.known[:, j] for j, name in enumerate(references)}
+        samples = np.column_stack([columns[name] for name in runner.channels])
+        if belief is None:
+            belief = runner.initial(log.time[0], samples[0])
+        rows, last = runner.checked_rows(belief, log.time, samples)
+        carries, ys = runner.kernel.scan(belief.carry, rows, runner.numbers)
+        carries, ys, size = carries[last], ys[last], belief.size
+        means = runner.report.means(carries[:, :size].copy(), ys)[:, :n]
+        covariances = carries[:, size : size * (size + 1)].reshape(-1, size, size)
+        variances = np.diagonal(runner.report.covariances(covariances.copy(), ys), axis1=1, axis2=2)[:, :n]
+        samples_before = belief.samples + len(samples)
+        belief = Belief(float(log.time[-1]), frozen(carries[-1].copy()), size, samples_before, ys[-1], runner.report)
+        truths = np.column_stack([log.truth[name] for name in log.truth if name.startswith("theta")])
+        yield PieceEstimate(log, means, np.sqrt(np.maximum(variances, 0.0)), truths)
+
+
+def _runner(rig: Rig, estimator: str, known_std: float | None) -> tuple[KernelEstimator, list[str]]:
+    """Return the estimator, and the names of the references that it reads, one for each joint or none."""
+    if known_std is None:
+        runner = make_estimator(estimator, rig)
+        if not isinstance(runner, KernelEstimator) or not runner.has_kernel:
+            raise EstimationError(f"{estimator} reads whole logs; pieces need one with a kernel, as {DEFAULT}")
+        return runner, []
+    if estimator != DEFAULT:
+        raise EstimationError(f"{estimator} does not take known angles; {DEFAULT} does")
+    references = []
+    for joint in rig.joints:
+        rate = max(sensor.rate for sensor in rig.sensors)
+        rig, sensor = added_reference(rig, rate, joint.name)
+        rig = rig.with_values({f"sensors.{sensor.name}.bias": {"value": 0.0, "std": known_std}})
+        references.append(rig.sensors[-1])
+    return AdaptiveFilter(rig, references=references), [sensor.name for sensor in references]

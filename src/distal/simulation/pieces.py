@@ -1,0 +1,171 @@
+"""Hours of a scenario, a piece at a time: the plant's numbers change as its schedule says, and memory stays as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from math import ceil, sqrt
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import ScenarioError, did_you_mean
+from distal.kernels import Kernel
+from distal.logs import Log
+from distal.model import Mechanism
+from distal.rig import Rig, load_rig, named
+from distal.sensors import SensorErrors
+from distal.simulation.inputs import BodyInputs, body_inputs
+from distal.simulation.measurands import range_of, true_values
+from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
+from distal.simulation.scenario import Rezero, Scenario, load_scenario
+from distal.simulation.simulate import SIMULATED, prepare, true_motion
+
+Floats = NDArray[np.float64]
+
+PIECE = 60.0
+"""Length of a piece, within which the plant's numbers stay [s]."""
+
+HOUR = 3600.0
+LEAST = 0.05
+"""No number falls below this share of what it was."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A part of a long log.
+
+    Args:
+        log: what the sensors read, with the truth beside it; its time goes on from the piece before.
+        known: angles of the joints where a rezero tells them, NaN elsewhere [rad], (k, n_joints).
+    """
+
+    log: Log
+    known: Floats
+
+
+def simulate_pieces(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0) -> Iterator[Piece]:
+    """Simulate hours of a scenario and yield what the sensors read, minute after minute.
+
+    A number of the plant on the scenario's ``[schedule]`` is p(t) = p (1 + rate t + w(t)), w a random walk; it changes
+    from one piece to the next. While the scenario's ``[rezero]`` lasts, its drives' pulls replace the usual ones.
+
+    Args:
+        rig: as filters know it; or a shipped rig's name, or a path.
+        scenario: what is done to it; or a shipped scenario's name, or a path.
+        seed: of the sensors' errors and the random walks.
+
+    Raises:
+        ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
+        RigError: the plant's values are wrong.
+    """
+    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    length = min(PIECE, scenario.duration)
+    prepared = prepare(rig, scenario.model_copy(update={"duration": length}), seed, period=length)
+    plant, dt, steps = prepared.plant, prepared.dt, len(prepared.inputs.effort)
+    scheduled = [(numbers_at(plant, path), change) for path, change in scenario.schedule.items()]
+    rezero = scenario.rezero and (scenario.rezero, _pulls(scenario, scenario.rezero))
+    kernel = Kernel(plant_function(plant, prepared.count))
+    carry, y = at_rest(plant, prepared.inputs, prepared.start, kernel)
+    walks, rng, errors = np.zeros(len(scheduled)), np.random.default_rng([seed, 1]), None
+    for k in range(ceil(scenario.duration / length - 1e-9)):
+        begin, p = k * length, plant.parameters.values.copy()
+        for i, (at, change) in enumerate(scheduled):
+            p[at] *= max(1.0 + change.per_hour * begin / HOUR + walks[i], LEAST)
+            walks[i] += change.walk * sqrt(length / HOUR) * rng.normal()
+        grid = begin + dt * np.arange(steps + 1, dtype=np.float64)
+        inputs = body_inputs(scenario, plant, grid[:-1])
+        if rezero:
+            _replace(inputs, body_inputs(rezero[1], plant, grid[:-1]), rezero[0], plant, grid[:-1])
+        carries, ys = kernel.scan(carry, rows_of(inputs, dt), p)
+        motion, carry, y = Motion(plant, np.vstack([y, ys])), carries[-1], ys[-1:]
+        motion.check()
+        errors = _errors(motion, seed) if errors is None else errors
+        yield _read(motion, grid, errors, scenario)
+
+
+def numbers_at(plant: Mechanism, path: str) -> list[int]:
+    """Return which of the plant's numbers a path names; ``*`` stands for all parts of a kind.
+
+    Args:
+        plant: the plant's equations.
+        path: by names or indices of parts.
+
+    Raises:
+        ScenarioError: none.
+    """
+    names = plant.parameters.names
+    known = [named(plant.rig, name) for name in names]
+    found = [
+        i
+        for i, pair in enumerate(zip(known, names))
+        if any(name.count(".") == path.count(".") and fnmatchcase(name, path) for name in pair)
+    ]
+    if not found:
+        raise ScenarioError(f"schedule: the plant has no number '{path}'{did_you_mean(path, known)}")
+    return found
+
+
+def _pulls(scenario: Scenario, rezero: Rezero) -> Scenario:
+    """Return the scenario with the pulls of a rezero in place of its own."""
+    if rezero.lasts >= rezero.every:
+        raise ScenarioError(
+            f"rezero: it lasts {rezero.lasts:g} s and comes every {rezero.every:g} s; leave time between"
+        )
+    return scenario.model_copy(update={"drives": rezero.drives})
+
+
+def _since(rezero: Rezero, time: Floats) -> Floats:
+    """Return the time since the last rezero began [s]; the first one comes after its interval."""
+    return np.where(time >= rezero.every, np.mod(time, rezero.every), np.inf)
+
+
+def _replace(inputs: BodyInputs, other: BodyInputs, rezero: Rezero, plant: Mechanism, time: Floats) -> None:
+    """Let a rezero's pulls act while it lasts, in place."""
+    now = _since(rezero, time) < rezero.lasts
+    for i, drive in enumerate(plant.rig.drives):
+        if drive.name in rezero.drives:
+            body = plant.n_joints + i
+            for own, its in zip(
+                (inputs.effort, inputs.added_inertia, inputs.servo), (other.effort, other.added_inertia, other.servo)
+            ):
+                own[now, body] = its[now, body]
+
+
+def _errors(motion: Motion, seed: int) -> dict[float, tuple[list[int], SensorErrors]]:
+    """Return, by rate, which sensors have it and their errors."""
+    sensors, found = motion.plant.rig.sensors, {}
+    rngs = np.random.default_rng(seed).spawn(len(sensors))
+    for rate in sorted({sensor.rate for sensor in sensors}):
+        at = [k for k, sensor in enumerate(sensors) if sensor.rate == rate]
+        ranges = [range_of(motion, sensors[k]) for k in at]
+        found[rate] = at, SensorErrors([sensors[k] for k in at], ranges, [rngs[k] for k in at])
+    return found
+
+
+def _read(
+    motion: Motion, grid: Floats, errors: dict[float, tuple[list[int], SensorErrors]], scenario: Scenario
+) -> Piece:
+    """Return what the sensors read in a piece, from its first stamp to before its last."""
+    rig, (begin, end) = motion.plant.rig, (grid[0], grid[-1])
+    own = {rate: np.arange(ceil(begin * rate - 1e-6), ceil(end * rate - 1e-6)) / rate for rate in errors}
+    stamps = np.unique(np.round(np.concatenate(list(own.values())), 9))
+    channels = {}
+    for rate, (at, of_rate) in errors.items():
+        sensors, rows = [rig.sensors[k] for k in at], np.searchsorted(stamps, np.round(own[rate], 9))
+        true = [np.interp(own[rate] - sensor.delay, grid, true_values(motion, sensor)) for sensor in sensors]
+        for sensor, read in zip(sensors, of_rate.read(np.column_stack(true)).T):
+            channels[sensor.name] = np.full(len(stamps), np.nan)
+            channels[sensor.name][rows] = read
+    known = np.full((len(stamps), motion.plant.n_joints), np.nan)
+    if scenario.rezero is not None:
+        since = _since(scenario.rezero, stamps)
+        now = (since >= scenario.rezero.lasts / 2) & (since < scenario.rezero.lasts)
+        joint = 0 if scenario.rezero.joint is None else [one.name for one in rig.joints].index(scenario.rezero.joint)
+        known[now, joint] = scenario.rezero.angle
+    channels = {sensor.name: channels[sensor.name] for sensor in rig.sensors}
+    log = Log(stamps, channels, true_motion(motion, grid, stamps), scenario.name or "simulation", SIMULATED)
+    return Piece(log, known)
