@@ -11,6 +11,7 @@ import argparse
 import time
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -26,6 +27,8 @@ from distal.simulation import Scenario
 Floats = NDArray[np.float64]
 
 PERIOD = 0.005
+FIRST = 20
+"""Seed of the first plant; the gains and the dead band were chosen on earlier ones."""
 OTHER = [["0 s", "0 deg"], ["2 s", "15 deg"], ["4 s", "15 deg"], ["7 s", "-18 deg"], ["9 s", "-5 deg"], ["10 s", "-5 deg"],
          ["11 s", "20 deg"], ["13 s", "0 deg"], ["16 s", "-20 deg"], ["18 s", "10 deg"]]  # fmt: skip
 """The motion of the calibration: another one than is judged."""
@@ -50,23 +53,34 @@ def with_plant(scenario: Scenario, values: Mapping[str, object], reference: obje
     return changed.model_copy(update={"control": scenario.control.model_copy(update={"joints": {name: other}})})
 
 
-def paper(plants: int) -> list[list[str]]:
-    """Return a row for each plant of the paper's rig."""
+Found = dict[str, list[tuple[float, float, int]]]
+"""By feedback what `figures` says of each plant."""
+
+
+def summary(found: Found) -> list[list[str]]:
+    """Return a row for each feedback: medians over the plants, beside those with an encoder."""
+    rows, base = [], np.array([rms for rms, _, _ in found["encoder"]])
+    for name, each in found.items():
+        rms, wrong, cycles = (np.array(column) for column in zip(*each))
+        ratio = rms / base
+        numbers = [np.median(rms), np.median(ratio), ratio.max(), np.median(wrong)]
+        rows.append([name, *(f"{value:.2f}" for value in numbers), f"{int(np.sum(cycles > 0))} of {len(cycles)}"])
+    return rows
+
+
+def paper(plants: int) -> Found:
+    """Return the figures of plants of the paper's rig."""
     scenario = load_scenario("control-paper")
-    rig, rows = scenario_rig(scenario), []
-    for seed in range(plants):
+    rig, found = scenario_rig(scenario), Found()
+    for seed in range(FIRST, FIRST + plants):
         judged = with_plant(scenario, drawn_plant(rig, seed, 81))
         log = closed_loop(rig, with_plant(judged, {}, OTHER), seed + 100, feedback="encoder").log
-        fitted = fit([log.select(slice(None))], rig).rig
-        row = [str(seed)]
-        base = 0.0
-        for used, feedback in ((rig, "encoder"), (rig, "adaptive"), (fitted, "adaptive"), (rig, "ratio")):
-            rms, wrong, cycles = figures(closed_loop(used, judged, seed, feedback=feedback))
-            base = base or rms
-            row += [f"{rms:.2f} ({rms / base:.2f})", f"{wrong:.2f}", str(cycles)]
-        rows.append(row)
-        print(*row, flush=True)
-    return rows
+        fitted = fit([log], rig).rig
+        for name, used in (("encoder", rig), ("adaptive", rig), ("adaptive, fitted", fitted), ("ratio", rig)):
+            each = figures(closed_loop(used, judged, seed, feedback=name.partition(",")[0]))
+            found.setdefault(name, []).append(each)
+            print("paper", seed, name, *each, flush=True)
+    return found
 
 
 class Finger:
@@ -141,25 +155,19 @@ class Finger:
         return Log(PERIOD * np.arange(len(rows)), dict(zip(names, rows.T)), truth, "MuJoCo")
 
 
-def finger(plants: int) -> list[list[str]]:
-    """Return a row for each plant of the finger in MuJoCo."""
-    from dataclasses import replace
-
-    scenario, rows = load_scenario("control-finger"), []
+def finger(plants: int) -> Found:
+    """Return the figures of plants of the finger in MuJoCo."""
+    scenario, found = load_scenario("control-finger"), Found()
     rig, control = scenario_rig(scenario), scenario.control
     assert control is not None
-    for seed in range(plants):
-        row, base = [str(seed)], 0.0
-        for feedback in ("encoder", "adaptive", "ratio"):
+    for seed in range(FIRST, FIRST + plants):
+        for name in ("encoder", "adaptive", "ratio"):
             pid = PID(rig, control.joints, PERIOD, control.co_contraction)
-            run = run_controller(Finger(rig, seed, scenario.duration), pid, feedback, seed)
-            references = {name: joint.reference.at(run.time) for name, joint in control.joints.items()}
-            rms, wrong, cycles = figures(replace(run, references=references))
-            base = base or rms
-            row += [f"{rms:.2f} ({rms / base:.2f})", f"{wrong:.2f}", str(cycles)]
-        rows.append(row)
-        print(*row, flush=True)
-    return rows
+            run = run_controller(Finger(rig, seed, scenario.duration), pid, name, seed)
+            references = {joint: one.reference.at(run.time) for joint, one in control.joints.items()}
+            found.setdefault(name, []).append(figures(replace(run, references=references)))
+            print("finger", seed, name, *found[name][-1], flush=True)
+    return found
 
 
 def seconds() -> list[list[str]]:
@@ -180,17 +188,10 @@ def main() -> None:
     parser.add_argument("--plants", type=int, default=10, help="of each rig (10)")
     given = parser.parse_args()
     warnings.simplefilter("ignore")  # fits to one log warn of what it does not tell
-    each = ["RMS [°]", "told wrong by [°]", "limit cycles"]
     table("control-seconds", "10 s of closed loop at 200 Hz", ["feedback", "s"], seconds())
-    named = [f"{who}: {what}" for who in ("encoder", "adaptive", "adaptive, fitted", "ratio") for what in each]
-    table(
-        "control-paper",
-        "the paper's rig, RMS over that with an encoder in brackets",
-        ["plant", *named],
-        paper(given.plants),
-    )
-    named = [f"{who}: {what}" for who in ("encoder", "adaptive", "ratio") for what in each]
-    table("control-finger", "finger-2n in MuJoCo", ["plant", *named], finger(given.plants))
+    columns = ["feedback", "RMS [°]", "over encoder, median", "worst", "told wrong by [°]", "plants with a limit cycle"]
+    for name, found in (("paper", paper(given.plants)), ("finger", finger(given.plants))):
+        table(f"control-{name}", f"{name}: {given.plants} plants, medians", columns, summary(found))
 
 
 if __name__ == "__main__":

@@ -164,6 +164,9 @@ TABLES: dict[str, Callable[[], str]] = {
     **{
         name: partial(bench, name)
         for name in (
+            "control-paper",
+            "control-finger",
+            "control-seconds",
             "fit-mujoco",
             "hysteresis",
             "float-errors",

@@ -91,6 +91,15 @@ def test_a_small_error_counts_as_none() -> None:
     assert torque_of(pid(0.0, {}, seen(0.0))) == pytest.approx(8 * DEGREE)
 
 
+def test_a_joint_that_rests_goes_on_resting_until_its_error_has_doubled() -> None:
+    """The estimate of a joint at rest wanders: its controller does not follow."""
+    pid = PID(load_rig("paper-2008"), {"link": joint(deadband="2 deg", integral="5 N m/(rad s)")}, 0.01, 5.0)
+    for k, (angle, rests) in enumerate(((7.0, False), (8.5, True), (6.5, True), (5.9, False), (6.5, False))):
+        before = pid._integral[0]
+        pid(0.01 * k, {}, seen(angle * DEGREE))
+        assert (pid._integral[0] == before) == rests
+
+
 def test_without_an_angle_the_last_commands_are_held() -> None:
     """NaN, a lost filter, a dead sensor: each is said once, with its time."""
     pid = PID(load_rig("paper-2008"), {"link": joint()}, 0.01, 5.0)

@@ -39,9 +39,10 @@ def _reproduce(out: Path, progress: Progress) -> None:
     """Run the reproduction and say what came of it."""
     from distal.paper.claims import GROUPS
     from distal.paper.page import DRAWN, reproduce, rms_of
+    from distal.paper.positioned import FEEDBACKS
     from distal.paper.series import PLANTS, SEEDS, SERIES_2, series_count
 
-    task = progress.add_task("simulating and filtering", total=series_count() + len(DRAWN))
+    task = progress.add_task("simulating and filtering", total=series_count() + len(FEEDBACKS) + len(DRAWN))
     claims, runs = reproduce(out, lambda: progress.advance(task))
     progress.stop()
     observed = PLANTS[1].name

@@ -21,6 +21,9 @@ Floats = NDArray[np.float64]
 SMOOTHED = 0.3
 """Share of a new difference in the speed that damps: an encoder's steps are spread over about three periods."""
 
+LEAVES = 2.0
+"""A joint that rests within its dead band rests until its error is so many times as large."""
+
 LOST = 0.35
 """An angle whose std is above this is not known [rad]."""
 
@@ -109,6 +112,7 @@ class PID:
         self._at = {[joint.name for joint in rig.joints].index(name): each for name, each in joints.items()}
         self._n = len(rig.joints)
         self._integral, self._speed = np.zeros(self._n), np.zeros(self._n)
+        self._rests = np.zeros(self._n, dtype=bool)
         self._last: Floats | None = None
         self._commands = dict.fromkeys(self._names, 0.0)
         self.held: tuple[Held, ...] = ()
@@ -131,7 +135,8 @@ class PID:
         self._last = angles
         for j, joint in self._at.items():
             away = float(joint.reference.at(np.array([time]))[0]) - angles[j]
-            error = away - min(max(away, -joint.deadband), joint.deadband)
+            self._rests[j] = abs(away) < joint.deadband * (LEAVES if self._rests[j] else 1.0)
+            error = 0.0 if self._rests[j] else away - min(max(away, -joint.deadband), joint.deadband)
             own = joint.proportional * error + self._integral[j] - joint.derivative * self._speed[j]
             limit = np.inf if joint.torque_limit is None else joint.torque_limit
             torques[j] = min(max(own, -limit), limit)

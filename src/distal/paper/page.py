@@ -10,6 +10,7 @@ from pathlib import Path
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import GROUPS, Claim, Measure, measure_claims, rms
 from distal.paper.figures import CAPTIONS, FIGURES, SUMMARY, draw_figure
+from distal.paper.positioned import CAPTION, POSITIONED, positioned, positioned_figure, positioned_text
 from distal.paper.reasons import EKF_NOTE, REASONS, SEARCH_NOTE
 from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Run, all_runs
 from distal.reports import make_folder, rig_svg, svg_of
@@ -18,7 +19,7 @@ from distal.results import figure_bytes
 from distal.rig import load_rig
 
 ESTIMATORS = ("inextensible", "simulation", "ekf-2008", "observed friction", "ekf", "adaptive")
-DRAWN = (SUMMARY, *FIGURES)
+DRAWN = (SUMMARY, *FIGURES, POSITIONED)
 
 REPRODUCTION_FILES = (*(f"{name}.{kind}" for name in DRAWN for kind in ("png", "svg")), "results.json", "index.html")
 """Files that `reproduce` writes."""
@@ -34,7 +35,7 @@ def reproduce(out: str | Path, advance: Callable[[], None] = lambda: None) -> tu
 
     Args:
         out: folder, made if need be.
-        advance: called `distal.paper.series.series_count` times, then after each figure.
+        advance: called `distal.paper.series.series_count` times, after each closed loop, then after each figure.
 
     Returns:
         claims: the paper's statements C1 to C12, measured.
@@ -48,13 +49,14 @@ def reproduce(out: str | Path, advance: Callable[[], None] = lambda: None) -> tu
     runs = list(all_runs(advance))
     claims = measure_claims(runs)
     drawings, files = dict[str, str](), dict[Path, bytes | str]()
+    loops = positioned(advance)
     for name in DRAWN:
-        made = draw_figure(name, runs)
+        made = positioned_figure(loops) if name == POSITIONED else draw_figure(name, runs)
         files |= {path: figure_bytes(made, path) for path in (folder / f"{name}.png", folder / f"{name}.svg")}
-        drawings[name] = svg_of(made, CAPTIONS[name])
+        drawings[name] = svg_of(made, CAPTION if name == POSITIONED else CAPTIONS[name])
         advance()
     files[folder / "results.json"] = json.dumps(results(claims, runs), indent=2, ensure_ascii=False) + "\n"
-    files[folder / "index.html"] = _page(claims, runs, drawings)
+    files[folder / "index.html"] = _page(claims, runs, drawings, positioned_text(loops))
     write_together(files)
     return claims, runs
 
@@ -111,7 +113,7 @@ def rms_of(runs: Sequence[Run], plant: str, series: str, estimator: str) -> floa
     return rms([run for run in runs if run.plant == plant], series, estimator)
 
 
-def _page(claims: Sequence[Claim], runs: Sequence[Run], drawings: dict[str, str]) -> str:
+def _page(claims: Sequence[Claim], runs: Sequence[Run], drawings: dict[str, str], positioned_says: str) -> str:
     observed = PLANTS[1].name
     errors = {name: rms_of(runs, observed, SERIES_2[-1], name) for name in ("inextensible", "ekf-2008", "adaptive")}
     held = sum(claim.holds(observed) for claim in claims)
@@ -148,6 +150,9 @@ def _page(claims: Sequence[Claim], runs: Sequence[Run], drawings: dict[str, str]
             parts.append(heading(f"{group.capitalize()}: {', '.join(claim.statement.key for claim in chosen)}", 3))
             parts.append(_claims_table(chosen))
     parts += [
+        heading("What it is for: the link positioned without its encoder"),
+        paragraph(positioned_says),
+        picture(drawings[POSITIONED], CAPTION),
         heading("RMS errors in Series 2"),
         _errors_table(runs),
         paragraph(EKF_NOTE),
