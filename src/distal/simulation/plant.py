@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -64,12 +65,12 @@ def settled_function(mechanism: Mechanism) -> ca.Function:
     return ca.Function("inside", [q, dt, p], [ca.densify(ca.cse(ca.vertcat(*inside)))])
 
 
-def first_inside(mechanism: Mechanism, q: Floats) -> Floats:
-    """Return what moves inside when the plant has long stood at q: in the middle, and crept as far as the rig says.
+@lru_cache(maxsize=8)
+def inside_function(mechanism: Mechanism) -> ca.Function:
+    """Return (q, p) → what moves inside when the plant has long stood at q: in the middle, and crept as the rig says.
 
     Args:
         mechanism: the plant's equations.
-        q: coordinates, (n_bodies,).
     """
     still, at = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
     pulls, p = still.pulls(at, ca.SX.zeros(mechanism.n_bodies)), still.parameters
@@ -79,8 +80,7 @@ def first_inside(mechanism: Mechanism, q: Floats) -> Floats:
         for name in mechanism.creeps(i):
             part = getattr(mechanism.rig.tendons[i], name.rpartition(".")[2])
             strains.append(part.settled.value * p[f"{name}.share"] * stretch)
-    inside = ca.Function("inside", [at, p.symbols], [ca.vertcat(*still.place(at).inside, *strains)])
-    return np.array(inside(q, p.values)).ravel()
+    return ca.Function("inside", [at, p.symbols], [ca.vertcat(*still.place(at).inside, *strains)])
 
 
 def hysteretic(mechanism: Mechanism) -> list[int]:
@@ -179,7 +179,11 @@ def run_plant(mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float
 
 
 def run_plants(
-    mechanism: Mechanism, runs: Sequence[tuple[BodyInputs, Floats]], dt: float, kernel: Kernel
+    mechanism: Mechanism,
+    runs: Sequence[tuple[BodyInputs, Floats]],
+    dt: float,
+    kernel: Kernel,
+    numbers: Sequence[Floats] | None = None,
 ) -> list[dict[str, Floats]]:
     """Return the motions of several runs of one plant, side by side where there are lanes for that.
 
@@ -188,16 +192,19 @@ def run_plants(
         runs: what acts, and coordinates at rest, of each; at most as many as there are lanes.
         dt: length of an interval [s].
         kernel: of `plant_function`.
+        numbers: the parameters of each run's plant, (n_p,) each; default those of the mechanism.
 
     Raises:
         ScenarioError: a motion left all bounds.
     """
-    n, m, p = mechanism.n_bodies, mechanism.n_tendons, mechanism.parameters.values
+    n, m, count = mechanism.n_bodies, mechanism.n_tendons, mechanism.parameters.values.size
+    ps = [mechanism.parameters.values] * len(runs) if numbers is None else list(numbers)
+    still = count - len(mechanism.parameters.inside)
     rows, starts, firsts = [], [], []
-    for inputs, start in runs:
+    for (inputs, start), p in zip(runs, ps):
         servo = inputs.servo.transpose(0, 2, 1).reshape(len(inputs.effort), 3 * n)
         rows.append(np.hstack([inputs.effort, inputs.added_inertia, servo, np.full((len(inputs.effort), 1), dt)]))
-        inside = first_inside(mechanism, start)
+        inside = np.array(inside_function(mechanism)(start, p[:still])).ravel()
         starts.append(np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), inside]))
         # the first row is the start itself: a tiny interval gives tensions and pulls there
         first = rows[-1][:1].copy()
@@ -205,9 +212,9 @@ def run_plants(
         firsts.append(kernel.scan(starts[-1], first, p)[1])
     lanes = kernel.lanes() if len(runs) > 1 else None
     if lanes is not None:
-        moved = [ys for _, ys in lanes.scan(starts, rows, [p] * len(runs), [])]
+        moved = [ys for _, ys in lanes.scan(starts, rows, ps, [])]
     else:
-        moved = [kernel.scan(start, xs, p)[1] for start, xs in zip(starts, rows)]
+        moved = [kernel.scan(start, xs, p)[1] for start, xs, p in zip(starts, rows, ps)]
     motions = []
     for (inputs, start), y_start, ys in zip(runs, firsts, moved):
         y_start[:, :n], y_start[:, n : 2 * n] = start, 0.0
@@ -230,7 +237,18 @@ def run_plants(
     return motions
 
 
-def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Floats:
+@lru_cache(maxsize=8)
+def _resting_force(mechanism: Mechanism) -> ca.Function:
+    """Return (q, p) → the elastic forces of the tendons on the bodies at rest."""
+    still, q = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
+    tied = still.place(q).q
+    pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
+    return ca.Function("force", [q, still.parameters.symbols], [pull])
+
+
+def equilibrium(
+    mechanism: Mechanism, angles: Floats, inputs: BodyInputs, numbers: Floats | None = None
+) -> Floats:
     """Return the coordinates at which every drive is in equilibrium with the joints held at `angles`.
 
     A slack tendon counts as if it could push, so that a drive without a pull stands where its tendon is just straight.
@@ -239,16 +257,16 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
         mechanism: the plant's equations.
         angles: joint angles [rad], (n_joints,).
         inputs: what acts; the first interval counts.
+        numbers: the plant's parameters, (n_p,); default those of the mechanism.
 
     Raises:
         ScenarioError: a drive has no equilibrium.
     """
     from scipy.optimize import brentq
 
-    still, q = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
-    p, tied = still.parameters, still.place(q).q
-    elastic = still.elastic_forces(tied)
-    force = ca.Function("force", [q, p.symbols], [-ca.mtimes(still.length_jacobian(tied).T, elastic)])
+    force, inside = _resting_force(mechanism), len(mechanism.parameters.inside)
+    p = mechanism.parameters.values if numbers is None else numbers
+    p = p[: len(p) - inside]
     place = np.concatenate([angles, np.zeros(mechanism.n_drives)])
     servo = inputs.servo[0]
 
@@ -258,7 +276,7 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
         def net(position: float, body: int = i) -> float:
             place[body] = position
             spring = servo[body, 0] * (servo[body, 1] - position)
-            return float(force(place, p.values)[body]) + float(inputs.effort[0, body]) + float(spring)
+            return float(force(place, p)[body]) + float(inputs.effort[0, body]) + float(spring)
 
         reach = 1e-3
         while not (net(-reach) > 0.0 > net(reach)):
