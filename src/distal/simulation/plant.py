@@ -65,7 +65,7 @@ def settled_function(mechanism: Mechanism) -> ca.Function:
     return ca.Function("inside", [q, dt, p], [ca.densify(ca.cse(ca.vertcat(*inside)))])
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def inside_function(mechanism: Mechanism) -> ca.Function:
     """Return (q, p) → what moves inside when the plant has long stood at q: in the middle, and crept as the rig says.
 
@@ -237,7 +237,7 @@ def run_plants(
     return motions
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def _resting_force(mechanism: Mechanism) -> ca.Function:
     """Return (q, p) → the elastic forces of the tendons on the bodies at rest."""
     still, q = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)

@@ -95,6 +95,23 @@ def prepare(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ScenarioError(f"seed: must be a whole number from 0, {seed!r} came")
     plant = Mechanism(scenario.plant_rig(rig), remembers=True)
+    dt, steps, count = timing(plant, scenario)
+    grid: Floats = dt * np.arange(steps, dtype=np.float64)
+    inputs = body_inputs(scenario, plant, grid)
+    start = equilibrium(plant, initial_angles(scenario, plant), inputs)
+    return Prepared(rig, scenario, plant, inputs, start, dt, count)
+
+
+def timing(plant: Mechanism, scenario: Scenario) -> tuple[float, int, int]:
+    """Return the length of an interval [s], the number of intervals, and the sub-steps of each.
+
+    Args:
+        plant: the plant's equations.
+        scenario: what is done to it.
+
+    Raises:
+        ScenarioError: the scenario is too short or too long.
+    """
     fastest = max((sensor.rate for sensor in plant.rig.sensors), default=100.0)
     dt = 1.0 / fastest / ceil(1.0 / fastest / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
     if scenario.duration * fastest < 1.0 - 1e-9:
@@ -104,11 +121,7 @@ def prepare(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 
             f"duration: {scenario.duration:g} s in steps of {dt:g} s is too long (at most {MOST_STEPS:,} steps); "
             "simulate parts of it, or set lower sensor rates"
         )
-    steps = ceil(scenario.duration / dt - 1e-9)
-    grid: Floats = dt * np.arange(steps, dtype=np.float64)
-    inputs = body_inputs(scenario, plant, grid)
-    start = equilibrium(plant, initial_angles(scenario, plant), inputs)
-    return Prepared(rig, scenario, plant, inputs, start, dt, max(2, 2 * substeps(plant, dt)))
+    return dt, ceil(scenario.duration / dt - 1e-9), max(2, 2 * substeps(plant, dt))
 
 
 def sampled(prepared: Prepared, motion: dict[str, Floats], seed: int) -> Log:

@@ -1,0 +1,308 @@
+"""The runs of a study: rigs as built are simulated and estimated, those of one structure side by side in vector lanes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatch
+from threading import Lock
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import DistalError
+from distal.estimators import AdaptiveFilter, Estimator, KernelEstimator, make_estimator
+from distal.kernels import Kernel, lanes_here
+from distal.logs import Log
+from distal.model import Mechanism
+from distal.results import BAND, Estimate
+from distal.rig import Rig, named
+from distal.run.batch import run_all
+from distal.run.offline import Run, prepared
+from distal.simulation import Scenario
+from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
+from distal.simulation.plant import equilibrium, plant_function, run_plants
+from distal.simulation.simulate import Prepared, sampled, timing
+from distal.study.description import Plan
+from distal.study.plants import Draw, built_values, draws_of, scores
+from distal.study.space import ESTIMATOR, Design, Value, rig_of
+
+Item = TypeVar("Item")
+Rows = dict[str, list[float | str | bool | None]]
+
+MEASURES = ("rms_deg", "worst_deg", "within", "inside", "half_band_deg")
+"""What is measured of a run: RMS and largest error [°], shares of the time within the limit and inside the 95 % band, and
+the mean half-width of that band [°]."""
+
+BUILT = "built: "
+"""Columns of what a rig as built is off by, in standard deviations, begin with it."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run of a study.
+
+    Args:
+        index: of the design.
+        design: what varies in it.
+        seed: which rig as built.
+        scenario: its index.
+    """
+
+    index: int
+    design: Design
+    seed: int
+    scenario: int
+
+
+@dataclass
+class _Kernels:
+    """What a process keeps: a plant's kernel and a filter for each structure of rig."""
+
+    plants: dict[str, tuple[Mechanism, Kernel]] = field(default_factory=dict)
+    filters: dict[str, list[AdaptiveFilter]] = field(default_factory=dict)
+
+    def plant(self, mechanism: Mechanism, count: int) -> tuple[Mechanism, Kernel]:
+        """Return a mechanism of the same structure and its kernel.
+
+        Args:
+            mechanism: of a plant.
+            count: sub-steps per interval.
+        """
+        parts = [_masked(getattr(mechanism.rig, kind).model_dump()) for kind in ("base", "stepping")]
+        parts += [_masked(one.model_dump()) for kind in PARTS for one in getattr(mechanism.rig, kind)]
+        key = repr((parts, mechanism.parameters.names, count))
+        if key not in self.plants:
+            self.plants[key] = mechanism, Kernel(plant_function(mechanism, count))
+        return self.plants[key]
+
+    def filter(self, rig: Rig) -> AdaptiveFilter:
+        """Return the adaptive filter of a rig; rigs that differ in their numbers only share its kernel.
+
+        Args:
+            rig: the description.
+        """
+        raw = rig.model_dump(exclude={"name", "log"})
+        for sensor in raw["sensors"]:
+            sensor["noise"], sensor["linearity"] = None, sensor["linearity"] > 0.0
+        for drive in raw["drives"]:
+            if "nominal_force" in drive:  # stands in for a sensor that is not there
+                drive["nominal_force"] = repr(drive["nominal_force"])
+        key = repr(_masked(raw))
+        for known in self.filters.setdefault(key, []):
+            ready = known.of_rig(rig)
+            if ready is not None:
+                return ready
+        noises = tuple(f"sensors.{i}.noise" for i, sensor in enumerate(rig.sensors) if sensor.measures != "angle")
+        self.filters[key].append(AdaptiveFilter(rig, inputs=noises))
+        return self.filters[key][-1]
+
+
+PARTS = ("joints", "drives", "tendons")
+
+STEPS = 4
+"""Sub-steps of a plant are a multiple of this: stiffer designs then share few kernels."""
+
+_KERNELS = _Kernels()
+_TURNS = Lock()  # threads of a process take turns: they share the kernels
+
+
+def _masked(part: object) -> object:
+    """Return a raw description with only what the structure of its equations depends on for each number with a std."""
+    if isinstance(part, Mapping):
+        if {"value", "std"} <= part.keys():
+            value, std, shared = part["value"], part["std"], part.get("shared")
+            flags = value == 0.0, std > 0.0, value == 1.0, std > 0.5 * abs(value), std > 0.2 * abs(value)
+            return flags, part.get("hold"), part.get("drift"), shared and shared["name"]
+        return {key: _masked(value) for key, value in part.items()}
+    return [_masked(one) for one in part] if isinstance(part, (list, tuple)) else part
+
+
+def run_chunk(plan: Plan, designs: Sequence[tuple[int, Design]]) -> Rows:
+    """Return the rows of some designs: one for each design, rig as built and scenario; an error of a run is a row.
+
+    Args:
+        plan: the study.
+        designs: index and what varies, of each.
+    """
+    with _TURNS:
+        return _rows(plan, designs)
+
+
+def _rows(plan: Plan, designs: Sequence[tuple[int, Design]]) -> Rows:
+    begun, study = time.perf_counter(), plan.study
+    every = range(len(plan.scenarios))
+    tasks = [Task(i, design, seed, s) for i, design in designs for seed in range(study.seeds) for s in every]
+    rows: Rows = {}
+    for task, outcome in zip(tasks, run_tasks(plan, tasks)):
+        for name, value in _row(plan, task, outcome).items():
+            rows.setdefault(name, []).append(value)
+    rows["seconds"] = [(time.perf_counter() - begun) / len(tasks)] * len(tasks)
+    return rows
+
+
+def _row(plan: Plan, task: Task, outcome: Estimate | DistalError) -> dict[str, float | str | bool | None]:
+    asked, name = plan.study.requirement, plan.study.scenarios[task.scenario]
+    measured: dict[str, float | str | bool | None] = dict.fromkeys(MEASURES, float("nan"))
+    problem, met = "", False
+    if isinstance(outcome, Estimate) and outcome.truths is not None:
+        errors = np.abs(outcome.angles[:, plan.joint] - outcome.truths[:, plan.joint])
+        half = BAND * outcome.angle_stds[:, plan.joint]
+        within = float(np.mean(errors <= asked.within))
+        numbers = np.rad2deg(np.sqrt(np.mean(errors**2))), np.rad2deg(errors.max()), within
+        numbers += np.mean(errors <= half), np.rad2deg(half.mean())
+        measured, met = dict(zip(MEASURES, map(float, numbers))), within >= asked.time
+    else:
+        problem = str(outcome)
+    built = {f"{BUILT}{name}": score for name, score in scores(draws_of(plan.rig), _seeds(plan, task)).items()}
+    keys = {"design": float(task.index), "seed": float(task.seed), "scenario": name}
+    values = {path: value if isinstance(value, str) else float(value) for path, value in task.design.items()}
+    is_asked = not asked.scenarios or name in asked.scenarios
+    return {**keys, **values, **built, **measured, "met": met if is_asked else None, "problem": problem}
+
+
+def _seeds(plan: Plan, task: Task) -> tuple[int, int, int]:
+    return plan.study.draw, task.index, task.seed
+
+
+def run_tasks(plan: Plan, tasks: Sequence[Task], kernels: _Kernels = _KERNELS) -> list[Estimate | DistalError]:
+    """Return the estimates of some runs, or why there is none, in their order.
+
+    Args:
+        plan: the study.
+        tasks: the runs.
+        kernels: those that this process keeps.
+    """
+    outcomes: dict[int, Estimate | DistalError] = {}
+    rigs = [plan.rig.with_values(one.set) if one.set else plan.rig for one in plan.scenarios]
+    ready: dict[tuple[int, int], _Ready | DistalError] = {}
+    plants = dict[tuple[int, int, str], list[tuple[int, Prepared]]]()
+    for k, task in enumerate(tasks):
+        key = task.index, task.scenario
+        if key not in ready:
+            ready[key] = _ready(plan, rigs[task.scenario], task, kernels)
+        own = ready[key]
+        if isinstance(own, DistalError):
+            outcomes[k] = own
+            continue
+        try:
+            built = own.built(plan.scenarios[task.scenario], _seeds(plan, task))
+        except DistalError as problem:
+            outcomes[k] = problem
+        else:
+            plants.setdefault((id(own.kernel), len(built.inputs.effort), repr(built.dt)), []).append((k, built))
+    runs = dict[int, list[tuple[int, Run]]]()
+    for k, log in _logs(plan, tasks, ready, plants):
+        own = ready[tasks[k].index, tasks[k].scenario]
+        assert isinstance(own, _Ready)
+        try:
+            if isinstance(log, DistalError):
+                raise log
+            run = prepared(log, own.runner)
+        except DistalError as problem:
+            outcomes[k] = problem
+        else:
+            shared = own.runner.kernel if isinstance(own.runner, KernelEstimator) and own.runner.has_kernel else own.runner
+            runs.setdefault(id(shared), []).append((k, run))
+    for alike in runs.values():
+        for group in _groups(alike):
+            outcomes.update(zip((k for k, _ in group), run_all([run for _, run in group])))
+    return [outcomes[k] for k in range(len(tasks))]
+
+
+def _groups(items: Sequence[Item]) -> Iterator[Sequence[Item]]:
+    return (items[at : at + lanes_here()] for at in range(0, len(items), lanes_here()))
+
+
+@dataclass(frozen=True)
+class _Ready:
+    """A design in a scenario, ready for the rigs as built of it.
+
+    Args:
+        rig: as filters know it.
+        draws: what is drawn of it.
+        fixed: what the scenario says of the plant, where nothing is drawn.
+        mechanism: of the same structure.
+        kernel: of the plant.
+        inputs: what acts.
+        timing: interval [s] and sub-steps.
+        runner: the estimator.
+    """
+
+    rig: Rig
+    draws: tuple[Draw, ...]
+    fixed: dict[str, object]
+    mechanism: Mechanism
+    kernel: Kernel
+    inputs: BodyInputs
+    timing: tuple[float, int]
+    runner: Estimator
+
+    def built(self, scenario: Scenario, seed: tuple[int, ...]) -> Prepared:
+        """Return the scenario on one rig as built.
+
+        Args:
+            scenario: what is done.
+            seed: which rig.
+        """
+        drawn = built_values(self.rig, self.draws, scores(self.draws, seed))
+        plant = Mechanism(self.rig.with_values({**drawn, **self.fixed}), remembers=True)
+        angles, numbers = initial_angles(scenario, plant), plant.parameters.values
+        start = equilibrium(self.mechanism, angles, self.inputs, numbers)
+        return Prepared(self.rig, scenario, plant, self.inputs, start, *self.timing)
+
+
+def _ready(plan: Plan, rig: Rig, task: Task, kernels: _Kernels) -> _Ready | DistalError:
+    # a scenario with a [control] table would be run here, by distal.control.closed_loop with the plant's values
+    scenario = plan.scenarios[task.scenario]
+    try:
+        own = rig_of(rig, task.design)
+        draws = draws_of(own)
+        drawn = {named(own, path) for draw in draws for path in draw.paths}
+        given = scenario.plant.items()
+        fixed = {path: value for path, value in given if not any(fnmatch(one, named(own, path)) for one in drawn)}
+        plant = Mechanism(own.with_values(fixed) if fixed else own, remembers=True)
+        dt, steps, needed = timing(plant, scenario)
+        count = -(-needed // STEPS) * STEPS
+        mechanism, kernel = kernels.plant(plant, count)
+        inputs = body_inputs(scenario, mechanism, dt * np.arange(steps, dtype=np.float64))
+        name = str(task.design.get(ESTIMATOR, plan.study.estimator))
+        runner = kernels.filter(own) if name == "adaptive" else make_estimator(name, own, compiled=False)
+    except DistalError as problem:
+        return problem
+    return _Ready(own, draws, fixed, mechanism, kernel, inputs, (dt, count), runner)
+
+
+def _logs(
+    plan: Plan,
+    tasks: Sequence[Task],
+    ready: Mapping[tuple[int, int], _Ready | DistalError],
+    plants: Mapping[tuple[int, int, str], list[tuple[int, Prepared]]],
+) -> Iterator[tuple[int, Log | DistalError]]:
+    """Yield the index of each run with its log; plants of one structure move side by side."""
+    for alike in plants.values():
+        for group in _groups(alike):
+            own = ready[tasks[group[0][0]].index, tasks[group[0][0]].scenario]
+            assert isinstance(own, _Ready)
+            for (k, built), motion in zip(group, _motions(own, [built for _, built in group])):
+                if isinstance(motion, DistalError):
+                    yield k, motion
+                    continue
+                words = np.random.SeedSequence([*_seeds(plan, tasks[k]), tasks[k].scenario, 1]).generate_state(1)
+                yield k, sampled(built, motion, int(words[0]))
+
+
+def _motions(own: _Ready, built: Sequence[Prepared]) -> Iterable[dict[str, NDArray[np.float64]] | DistalError]:
+    runs = [(one.inputs, one.start) for one in built]
+    numbers = [one.plant.parameters.values for one in built]
+    try:
+        return run_plants(own.mechanism, runs, own.timing[0], own.kernel, numbers)
+    except DistalError as problem:
+        if len(built) == 1:
+            return [problem]
+        return [motion for one in built for motion in _motions(own, [one])]
+
+
+__all__ = ["BUILT", "MEASURES", "Rows", "Task", "Value", "run_chunk", "run_tasks"]
