@@ -10,7 +10,7 @@ from typing import Any
 
 import typer
 
-from distal.cli import doctor, estimate, export, fit, reproduce, rigs, simulate, stream, view
+from distal.cli import doctor, estimate, export, fit, reproduce, rigs, simulate, stream, study, view
 from distal.cli.console import show_warnings
 from distal.errors import LONGEST_LINE, DistalError, one_line
 
@@ -28,6 +28,8 @@ app.command("estimate")(estimate.estimate_command)
 app.command("view")(view.view_command)
 app.command("fit")(fit.fit_command)
 app.command("simulate")(simulate.simulate_command)
+app.command("study")(study.study_command)
+app.command("studies")(study.list_command)
 app.command("stream")(stream.stream_command)
 app.command("export-c")(export.export_command)
 app.command("reproduce")(reproduce.reproduce_command)

@@ -238,8 +238,12 @@ def run_plants(
 
 
 @lru_cache(maxsize=32)
-def _resting_force(mechanism: Mechanism) -> ca.Function:
-    """Return (q, p) → the elastic forces of the tendons on the bodies at rest."""
+def resting_force(mechanism: Mechanism) -> ca.Function:
+    """Return (q, p) → the elastic forces of the tendons on the bodies at rest.
+
+    Args:
+        mechanism: the plant's equations.
+    """
     still, q = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
     tied = still.place(q).q
     pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
@@ -247,7 +251,7 @@ def _resting_force(mechanism: Mechanism) -> ca.Function:
 
 
 def equilibrium(
-    mechanism: Mechanism, angles: Floats, inputs: BodyInputs, numbers: Floats | None = None
+    mechanism: Mechanism, angles: Floats, inputs: BodyInputs, force: ca.Function | None = None
 ) -> Floats:
     """Return the coordinates at which every drive is in equilibrium with the joints held at `angles`.
 
@@ -257,16 +261,15 @@ def equilibrium(
         mechanism: the plant's equations.
         angles: joint angles [rad], (n_joints,).
         inputs: what acts; the first interval counts.
-        numbers: the plant's parameters, (n_p,); default those of the mechanism.
+        force: `resting_force` of a plant of the same structure, where there is one.
 
     Raises:
         ScenarioError: a drive has no equilibrium.
     """
     from scipy.optimize import brentq
 
-    force, inside = _resting_force(mechanism), len(mechanism.parameters.inside)
-    p = mechanism.parameters.values if numbers is None else numbers
-    p = p[: len(p) - inside]
+    force = resting_force(mechanism) if force is None else force
+    p = mechanism.parameters.values[: len(mechanism.parameters) - len(mechanism.parameters.inside)]
     place = np.concatenate([angles, np.zeros(mechanism.n_drives)])
     servo = inputs.servo[0]
 

@@ -23,6 +23,9 @@ Floats = NDArray[np.float64]
 BINS = 4
 """A range is split into so many parts."""
 
+MOST_AXES = 3
+"""Parts are told by so many of the numbers that vary."""
+
 FEWEST = 20
 """A part of the space with fewer rigs says nothing."""
 
@@ -269,9 +272,9 @@ def _parts(axis: Axis, values: NDArray[np.generic], bins: int) -> list[tuple[str
 def _regions(
     plan: Plan, space: Space, columns: Columns, good: NDArray[np.bool_], influences: Sequence[Influence]
 ) -> tuple[Region, ...]:
-    """Return the shares in parts of the space along the two numbers of it that matter most, best first."""
+    """Return the shares in parts of the space along the numbers of it that matter most, best first."""
     order = [one.name for one in influences]
-    axes = sorted(space.axes, key=lambda axis: order.index(axis.path) if axis.path in order else len(order))[:2]
+    axes = sorted(space.axes, key=lambda axis: order.index(axis.path) if axis.path in order else len(order))[:MOST_AXES]
     found, each = [], len(plan.scenarios)
     cells: list[tuple[str, NDArray[np.bool_]]] = [("", np.ones(len(good), dtype=np.bool_))] if axes else []
     for axis in axes:

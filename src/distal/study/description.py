@@ -53,7 +53,7 @@ class Study(Description):
     designs: int = Field(256, ge=1, le=MOST_DESIGNS, description="number of designs; a grid has its own")
     seeds: int = Field(3, ge=1, le=100_000, description="rigs as built of each design")
     draw: int = Field(1, ge=0, description="seed of the designs, the plants and the sensors' errors")
-    set: dict[str, object] = Field(default_factory=dict, description="values of the rig, the same for all designs")
+    set: dict[str, object] = Field(default_factory=dict, description="values of the rig, the same for all designs; they win over those of scenarios")
     vary: dict[str, object] = Field(
         default_factory=dict,
         description="path of a number, as for `--set`, `sensors.NAME` or `estimator` → a list, or a table with from and to",

@@ -20,10 +20,10 @@ from distal.model import Mechanism
 from distal.results import BAND, Estimate
 from distal.rig import Rig, named
 from distal.run.batch import run_all
-from distal.run.offline import Run, prepared
+from distal.run.offline import Run, prepared, runner_for
 from distal.simulation import Scenario
 from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
-from distal.simulation.plant import equilibrium, plant_function, run_plants
+from distal.simulation.plant import equilibrium, plant_function, resting_force, run_plants
 from distal.simulation.simulate import Prepared, sampled, timing
 from distal.study.description import Plan
 from distal.study.plants import Draw, built_values, draws_of, scores
@@ -36,6 +36,9 @@ MEASURES = ("rms_deg", "worst_deg", "within", "inside", "half_band_deg")
 """What is measured of a run: RMS and largest error [°], shares of the time within the limit and inside the 95 % band, and
 the mean half-width of that band [°]."""
 
+NOMINAL = -1
+"""The seed of a plant that is as the rig says."""
+
 BUILT = "built: "
 """Columns of what a rig as built is off by, in standard deviations, begin with it."""
 
@@ -47,7 +50,7 @@ class Task:
     Args:
         index: of the design.
         design: what varies in it.
-        seed: which rig as built.
+        seed: which rig as built; `NOMINAL` for the rig as described.
         scenario: its index.
     """
 
@@ -72,7 +75,7 @@ class _Kernels:
             count: sub-steps per interval.
         """
         parts = [_masked(getattr(mechanism.rig, kind).model_dump()) for kind in ("base", "stepping")]
-        parts += [_masked(one.model_dump()) for kind in PARTS for one in getattr(mechanism.rig, kind)]
+        parts += [_masked(_open(one.model_dump())) for kind in PARTS for one in getattr(mechanism.rig, kind)]
         key = repr((parts, mechanism.parameters.names, count))
         if key not in self.plants:
             self.plants[key] = mechanism, Kernel(plant_function(mechanism, count))
@@ -107,6 +110,11 @@ STEPS = 4
 
 _KERNELS = _Kernels()
 _TURNS = Lock()  # threads of a process take turns: they share the kernels
+
+
+def _open(part: dict[str, object]) -> dict[str, object]:
+    """Return a raw part without the places of its stops, which are numbers of a plant like others."""
+    return {key: value is None if key == "stops" else value for key, value in part.items()}
 
 
 def _masked(part: object) -> object:
@@ -167,16 +175,17 @@ def _seeds(plan: Plan, task: Task) -> tuple[int, int, int]:
     return plan.study.draw, task.index, task.seed
 
 
-def run_tasks(plan: Plan, tasks: Sequence[Task], kernels: _Kernels = _KERNELS) -> list[Estimate | DistalError]:
+def run_tasks(plan: Plan, tasks: Sequence[Task], homing: float | None = None) -> list[Estimate | DistalError]:
     """Return the estimates of some runs, or why there is none, in their order.
 
     Args:
         plan: the study.
         tasks: the runs.
-        kernels: those that this process keeps.
+        homing: for how long the true angle is used [s], or None.
     """
+    kernels = _KERNELS
     outcomes: dict[int, Estimate | DistalError] = {}
-    rigs = [plan.rig.with_values(one.set) if one.set else plan.rig for one in plan.scenarios]
+    rigs = [plan.rig.with_values({**one.set, **plan.study.set}) if one.set else plan.rig for one in plan.scenarios]
     ready: dict[tuple[int, int], _Ready | DistalError] = {}
     plants = dict[tuple[int, int, str], list[tuple[int, Prepared]]]()
     for k, task in enumerate(tasks):
@@ -193,18 +202,23 @@ def run_tasks(plan: Plan, tasks: Sequence[Task], kernels: _Kernels = _KERNELS) -
             outcomes[k] = problem
         else:
             plants.setdefault((id(own.kernel), len(built.inputs.effort), repr(built.dt)), []).append((k, built))
-    runs = dict[int, list[tuple[int, Run]]]()
+    runs, homed = dict[int, list[tuple[int, Run]]](), dict[int, Estimator]()
     for k, log in _logs(plan, tasks, ready, plants):
         own = ready[tasks[k].index, tasks[k].scenario]
         assert isinstance(own, _Ready)
         try:
             if isinstance(log, DistalError):
                 raise log
-            run = prepared(log, own.runner)
+            runner = own.runner
+            if homing is not None:
+                key = id(own)
+                runner = homed[key] = homed.get(key) or runner_for(log, own.rig, runner.name, True, homing)
+            run = prepared(log, runner, homing)
         except DistalError as problem:
             outcomes[k] = problem
         else:
-            shared = own.runner.kernel if isinstance(own.runner, KernelEstimator) and own.runner.has_kernel else own.runner
+            runner = run.runner
+            shared = runner.kernel if isinstance(runner, KernelEstimator) and runner.has_kernel else runner
             runs.setdefault(id(shared), []).append((k, run))
     for alike in runs.values():
         for group in _groups(alike):
@@ -247,10 +261,11 @@ class _Ready:
             scenario: what is done.
             seed: which rig.
         """
-        drawn = built_values(self.rig, self.draws, scores(self.draws, seed))
+        nominal = seed[-1] == NOMINAL
+        score = dict.fromkeys((one.name for one in self.draws), 0.0) if nominal else scores(self.draws, seed)
+        drawn = built_values(self.rig, self.draws, score)
         plant = Mechanism(self.rig.with_values({**drawn, **self.fixed}), remembers=True)
-        angles, numbers = initial_angles(scenario, plant), plant.parameters.values
-        start = equilibrium(self.mechanism, angles, self.inputs, numbers)
+        start = equilibrium(plant, initial_angles(scenario, plant), self.inputs, resting_force(self.mechanism))
         return Prepared(self.rig, scenario, plant, self.inputs, start, *self.timing)
 
 
@@ -290,7 +305,7 @@ def _logs(
                 if isinstance(motion, DistalError):
                     yield k, motion
                     continue
-                words = np.random.SeedSequence([*_seeds(plan, tasks[k]), tasks[k].scenario, 1]).generate_state(1)
+                words = np.random.SeedSequence([*map(abs, _seeds(plan, tasks[k])), tasks[k].scenario, 1]).generate_state(1)
                 yield k, sampled(built, motion, int(words[0]))
 
 
