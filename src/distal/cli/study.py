@@ -16,7 +16,7 @@ from distal.cli.console import err, say, table
 from distal.cli.options import studies
 
 if TYPE_CHECKING:
-    from distal.study import Plan
+    from distal.study import Folder, Plan, Space
     from distal.study.suggest import Suggestion
 
 STUDY = "A shipped study's name (see `distal studies`) or a TOML file."
@@ -50,8 +50,13 @@ def study_command(
     if out is None:
         raise StudyError("--out is missing: give the folder for rows and answer; one that is there goes on")
     folder = open_folder(plan, out)
-    with _stoppable(), _progress("runs") as show:
-        run_study(plan, space, folder, workers, scheduler, show)
+    with _stoppable():
+        with _progress("runs") as show:
+            run_study(plan, space, folder, workers, scheduler, show)
+        _answer(plan, space, folder)
+
+
+def _answer(plan: Plan, space: Space, folder: Folder) -> None:
     from distal.reports import study_report
     from distal.study.answer import answer_of
 

@@ -184,13 +184,14 @@ def _points(plan: Plan, space: Space, columns: Columns) -> dict[str, dict[str, o
 
 
 def _given(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> dict[str, object]:
-    words = "estimator" if axis.path == "estimator" else words_of(plan, axis.path)
+    words = words_of(plan, axis.path)
     if axis.choices and not isinstance(axis.choices[0], float):
         said = {True: "with", False: "without"}
         order = list(dict.fromkeys(axis.choices))
         labels = [said[one] if isinstance(one, bool) else str(one) for one in order]
         return {"words": words, "labels": labels, "values": [order.index(value) for value in values.tolist()]}
-    return {"words": f"{words} [{axis.unit}]" if axis.unit else words, "values": _numbers(values.astype(np.float64))}
+    numbers = _numbers(values.astype(np.float64))
+    return {"words": f"{words} [{axis.unit}]" if axis.unit else words, "values": numbers, "log": axis.scale == "log"}
 
 
 def _numbers(values: NDArray[np.generic]) -> list[float | None]:

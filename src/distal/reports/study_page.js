@@ -18,18 +18,27 @@
     return size >= 1e5 || size < 1e-3 ? value.toExponential(1) : String(Number(value.toPrecision(3)));
   }
 
-  /* a column as numbers: texts and choices by their index */
+  /* a column as numbers: texts and choices by their index, a logarithmic one by its logarithm */
   function column(name) {
     const given = data.columns[name], told = given.labels;
-    let values = given.values, low = Infinity, high = -Infinity;
+    const values = given.log ? given.values.map((v) => v === null ? null : Math.log10(v)) : given.values;
+    let low = Infinity, high = -Infinity;
     for (const v of values) if (v !== null) { low = Math.min(low, v); high = Math.max(high, v); }
     if (!(low < high)) { const room = Math.abs(low) || 1; low -= room / 2; high += room / 2; }
     const room = told ? 0.5 : 0.03 * (high - low);
-    return { name, values, labels: told, words: given.words, low: low - room, high: high + room, more: given.more };
+    return { name, values, labels: told, words: given.words, low: low - room, high: high + room, log: given.log };
   }
 
   function ticks(axis) {
     if (axis.labels) return axis.labels.map((text, i) => [i, text]);
+    if (axis.log) {
+      const found = [], few = axis.high - axis.low > 2.5 ? [1] : [1, 2, 5];
+      for (let p = Math.floor(axis.low); p <= axis.high; p++) for (const m of few) {
+        const v = p + Math.log10(m);
+        if (v >= axis.low && v <= axis.high) found.push([v, short(m * 10 ** p)]);
+      }
+      return found;
+    }
     const span = axis.high - axis.low, raw = span / 5, power = 10 ** Math.floor(Math.log10(raw));
     const step = power * [1, 2, 5, 10].find((m) => m * power >= raw), found = [];
     for (let v = Math.ceil(axis.low / step) * step; v <= axis.high; v += step) found.push([v, short(v)]);
@@ -95,7 +104,7 @@
   }
 
   function map() {
-    const x = column(get("map-x").value), y = column(get("map-y").value), z = column(get("map-z").value);
+    const x = column(get("map-x").value), y = column(get("map-y").value), z = data.columns[get("map-z").value];
     const svg = get("map"), [px, py] = frame(svg, x, y), cells = new Map();
     const count = (axis) => axis.labels ? axis.labels.length : data.cells;
     const place = (axis, v) => axis.labels ? v : Math.min(count(axis) - 1,

@@ -15,7 +15,7 @@ from distal.results import BAND, Estimate
 from distal.rig import in_words
 from distal.study.description import Plan
 from distal.study.runs import BUILT, MEASURES, Task, run_tasks
-from distal.study.space import ESTIMATOR, Axis, Space
+from distal.study.space import ESTIMATOR, Axis, Space, Value
 from distal.study.storage import Columns
 
 Floats = NDArray[np.float64]
@@ -34,6 +34,9 @@ MOST_SAMPLES = 20_000
 
 CASES = 3
 """Worst cases that are shown."""
+
+PREFIXES = ((1e3, 1e3, "k"), (0.1, 1.0, ""), (1e-4, 1e-3, "m"), (0.0, 1e-6, "µ"))
+"""From which size on a unit has a prefix, how many of it are one with that prefix, and the prefix."""
 
 POINTS = 500
 """Points of a trace."""
@@ -179,7 +182,7 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # nothing but problems has no mean
         measures = {name: float(np.nanmean(columns[name].astype(np.float64))) for name in MEASURES}
-    worst = _worst(plan, space, columns, names)
+    worst = _worst(plan, space, columns)
     sentence = _sentence(plan, overall, of_scenario, influences, regions, problems)
     return Answer(sentence, overall, of_scenario, influences, regions, worst, problems, measures)
 
@@ -192,6 +195,8 @@ def words_of(plan: Plan, name: str) -> str:
         name: of the column.
     """
     own = name.removeprefix(BUILT)
+    if own == ESTIMATOR:
+        return own
     shared = own in plan.rig.sharing()
     what = f"what {own} has in common" if shared else in_words(plan.rig, own)
     if own.startswith("sensors.") and own.count(".") == 1:
@@ -208,9 +213,11 @@ def quantity(value: float, unit: str) -> str:
     """
     if unit == "rad":
         return f"{degrees(value):.3g}°"
-    if unit == "m" and 0.0 < abs(value) < 0.1:
-        return f"{1e3 * value:.3g} mm" if abs(value) >= 1e-4 else f"{1e6 * value:.3g} µm"
-    return f"{value:.3g} {unit}".strip()
+    if not unit or value == 0.0:
+        return f"{value:.3g} {unit}".strip()
+    scaled = unit[0] in "mNsHV"  # kg has its prefix already
+    _, size, prefix = next(one for one in PREFIXES if abs(value) >= one[0]) if scaled else (0.0, 1.0, "")
+    return f"{value / size:.3g} {prefix}{unit}"
 
 
 def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tuple[Influence, ...]:
@@ -249,24 +256,31 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
     return tuple(sorted(every, key=lambda one: -one.index))
 
 
-def _parts(axis: Axis, values: NDArray[np.generic], bins: int) -> list[tuple[str, NDArray[np.bool_]]]:
+def _parts(plan: Plan, axis: Axis, values: NDArray[np.generic], bins: int) -> list[tuple[str, NDArray[np.bool_]]]:
     """Return parts of an axis, each in words with the rigs that are in it."""
+    name = words_of(plan, axis.path)
     if axis.choices:
-        said = {True: "with", False: "without"}
-        return [
-            (
-                f"{said[one]} it" if isinstance(one, bool) else one if isinstance(one, str) else quantity(one, axis.unit),
-                values == one,
-            )
-            for one in axis.choices
-        ]
+        return [(said_of(name, one, axis.unit), values == one) for one in axis.choices]
     edges = [float(axis.at(k / bins)) for k in range(bins + 1)]
     numbers = values.astype(np.float64)
     parts = []
     for k, (low, high) in enumerate(zip(edges, edges[1:])):
         inside = (numbers >= low) & ((numbers < high) | (k == bins - 1))
-        parts.append((f"{quantity(low, axis.unit)} to {quantity(high, axis.unit)}", inside))
+        parts.append((f"{name} {quantity(low, axis.unit)} to {quantity(high, axis.unit)}", inside))
     return parts
+
+
+def said_of(name: str, value: Value, unit: str) -> str:
+    """Return in words what something that varies is.
+
+    Args:
+        name: of it, in words.
+        value: SI.
+        unit: SI.
+    """
+    if isinstance(value, bool):
+        return f"{'with' if value else 'without'} {name}"
+    return f"{name} {value}" if isinstance(value, str) else f"{name} {quantity(value, unit)}"
 
 
 def _regions(
@@ -278,16 +292,15 @@ def _regions(
     found, each = [], len(plan.scenarios)
     cells: list[tuple[str, NDArray[np.bool_]]] = [("", np.ones(len(good), dtype=np.bool_))] if axes else []
     for axis in axes:
-        name = "estimator" if axis.path == ESTIMATOR else words_of(plan, axis.path)
-        parts = _parts(axis, columns[axis.path][::each], BINS)
-        cells = [(f"{a}, {name}: {b}" if a else f"{name}: {b}", x & y) for a, x in cells for b, y in parts]
+        parts = _parts(plan, axis, columns[axis.path][::each], BINS)
+        cells = [(f"{a}, {b}" if a else b, x & y) for a, x in cells for b, y in parts]
     for where, inside in cells:
         if inside.sum() >= FEWEST:
             found.append(Region(where, proportion(good[inside])))
     return tuple(sorted(found, key=lambda one: -one.proportion.low))
 
 
-def _worst(plan: Plan, space: Space, columns: Columns, names: Sequence[str]) -> tuple[Case, ...]:
+def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
     """Return the cases with the largest RMS errors, run again for their traces."""
     rms = np.nan_to_num(columns["rms_deg"].astype(np.float64), nan=-1.0)
     order = [int(k) for k in np.argsort(-rms, kind="stable")[:CASES] if rms[k] >= 0.0]
@@ -300,19 +313,12 @@ def _worst(plan: Plan, space: Space, columns: Columns, names: Sequence[str]) -> 
         if not isinstance(estimate, Estimate) or estimate.truths is None:
             continue
         some, j = slice(None, None, max(1, len(estimate.time) // POINTS)), plan.joint
-        design = ", ".join(
-            f"{words_of(plan, axis.path)} {_said(task.design[axis.path], axis.unit)}" for axis in space.axes
-        )
-        words = f"{names[task.scenario] if len(names) == 1 else plan.study.scenarios[task.scenario]}"
-        words += f": RMS {rms[k]:.2g}°" + (f"; {design}" if design else "")
+        said = (said_of(words_of(plan, axis.path), task.design[axis.path], axis.unit) for axis in space.axes)
+        words = "; ".join([f"{plan.study.scenarios[task.scenario]}: RMS {rms[k]:.2g}°", *said])
         traces = (estimate.truths[some, j], estimate.angles[some, j], BAND * estimate.angle_stds[some, j])
         time = [round(float(t), 3) for t in estimate.time[some] - estimate.time[0]]
         cases.append(Case(words, time, *([round(float(v), 3) for v in np.rad2deg(one)] for one in traces)))
     return tuple(cases)
-
-
-def _said(value: float | str | bool, unit: str) -> str:
-    return ("yes" if value else "no") if isinstance(value, bool) else value if isinstance(value, str) else quantity(value, unit)
 
 
 def _sentence(
@@ -335,7 +341,7 @@ def _sentence(
     if count > 1:
         text += f"; worst: {min(scenarios, key=lambda name: scenarios[name].share)}"
     if regions and len(regions) > 1:
-        text += f". Best with {regions[0].where}: {regions[0].proportion}"
+        text += f". Best: {regions[0].where}: {regions[0].proportion}"
     if problems:
         text += f". {sum(problems.values())} runs failed and count as not met"
     return text + "."

@@ -139,7 +139,7 @@ def _by_dask(plan: Plan, chunks: Sequence[Chunk], address: str) -> Iterator[tupl
             for number, designs in chunks
         }
         try:
-            for future in as_completed(list(numbers)):
+            for future in as_completed(list(numbers), loop=client.loop):
                 try:
                     rows = future.result()
                 except StudyError:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distal.errors import StudyError
 from distal.estimators import DEFAULT
@@ -15,6 +16,8 @@ from distal.study.description import Plan
 from distal.study.plants import draws_of
 from distal.study.runs import NOMINAL, Task, run_tasks
 
+Floats = NDArray[np.float64]
+
 BETTER = 0.5
 """A number that is known better has this share of its std, a better sensor of its errors."""
 
@@ -23,6 +26,9 @@ KNOWN = 2.0
 
 PLANTS = 24
 """Rigs as built that check an option."""
+
+SAME = 0.03
+"""A band that changes by less than this share of it is the same."""
 
 NOISE = 0.1
 """Noise of a tension sensor where the rig has no force sensor to compare with [N]."""
@@ -50,16 +56,24 @@ class Suggestion:
     Args:
         words: what it is.
         band: mean half-width of the 95 % band by the filter's covariance, on one nominal log of each scenario [rad].
-        error: RMS error over plants that are drawn [rad].
+        squares: mean square error of each plant that is drawn, NaN where it failed, (n,) [rad²].
     """
 
     words: str
     band: float
-    error: float
+    squares: Floats
+
+    @property
+    def error(self) -> float:
+        """RMS error over the plants [rad]."""
+        return float(np.sqrt(np.nanmean(self.squares)))
 
 
 def suggestions(plan: Plan, done: Callable[[int, int], None] | None = None) -> tuple[Suggestion, list[Suggestion], float]:
     """Return the rig as it is, each option, best by the band first, and Kendall's τ of the ranks by band and by error.
+
+    Options that change nothing are equal in rank: a band by less than `SAME`, an error by less than twice the standard
+    error of the difference between the same plants with and without the option.
 
     Args:
         plan: the study.
@@ -78,8 +92,17 @@ def suggestions(plan: Plan, done: Callable[[int, int], None] | None = None) -> t
         if done is not None:
             done(k + 1, len(every))
     base, *others = found
-    tau = kendalltau([one.band for one in others], [one.error for one in others]).statistic
+    bands = [base.band if abs(one.band - base.band) < SAME * base.band else one.band for one in others]
+    tau = kendalltau(bands, [_told(base, one) for one in others]).statistic
     return base, sorted(others, key=lambda one: one.band), float(tau)
+
+
+def _told(base: Suggestion, one: Suggestion) -> float:
+    """Return the error of an option as far as its plants tell it from the rig as it is."""
+    change = one.squares - base.squares
+    change = change[np.isfinite(change)]
+    unsure = 2.0 * np.std(change) / np.sqrt(max(len(change), 1))
+    return base.error if len(change) < 2 or abs(np.mean(change)) < unsure else one.error
 
 
 def options_of(rig: Rig) -> list[Option]:
@@ -143,10 +166,12 @@ def _judged(plan: Plan, option: Option) -> Suggestion:
         if not isinstance(outcome, Estimate) or outcome.truths is None:
             if task.seed == NOMINAL:
                 raise StudyError(f"{option.words}: {outcome}")
+            squares.append(np.nan)
             continue
         late = outcome.time - outcome.time[0] >= KNOWN  # a calibration is judged by what comes after it, like all others
         if task.seed == NOMINAL:
             bands.append(np.mean(BAND * outcome.angle_stds[late, plan.joint]))
         else:
             squares.append(np.mean((outcome.angles - outcome.truths)[late, plan.joint] ** 2))
-    return Suggestion(option.words, float(np.mean(bands)), float(np.sqrt(np.mean(squares))))
+    each = np.array(squares, dtype=np.float64).reshape(len(plan.scenarios), PLANTS)
+    return Suggestion(option.words, float(np.mean(bands)), each.mean(axis=0))
