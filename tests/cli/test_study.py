@@ -23,13 +23,22 @@ def test_a_study_becomes_a_page(tmp_path: Path) -> None:
         assert done.exit_code == 0, done.output
     assert done.output.startswith("Without an encoder: ")
     assert json.loads((out / "answer.json").read_text(encoding="utf-8"))["overall"]["rigs"] == 6
-    assert sorted(file.name for file in out.iterdir()) == ["answer.json", "index.html", "rows", "rows.parquet", "study.json"]
+    assert sorted(file.name for file in out.iterdir()) == [
+        "answer.json",
+        "index.html",
+        "rows",
+        "rows.parquet",
+        "study.json",
+    ]
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["papr", "--out", "{}"], "unknown study 'papr'; did you mean 'paper'? (known: finger, lab-bench, paper, wrist)"),
+        (
+            ["papr", "--out", "{}"],
+            "unknown study 'papr'; did you mean 'paper'? (known: finger, lab-bench, paper, wrist)",
+        ),
         (["paper"], "--out is missing: give the folder for rows and answer"),
         (["paper", "--out", "{}/file"], "cannot be made"),
     ],

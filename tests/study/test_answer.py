@@ -16,9 +16,9 @@ from distal.errors import StudyError
 from distal.reports import study_report
 from distal.study import Plan, Space, space_of
 from distal.study.answer import Answer, answer_of, influences_of, proportion, quantity
-from distal.study.runs import MEASURES
+from distal.study.runs import MEASURES, run_chunk
 from distal.study.storage import Columns
-from tests.study.plans import small
+from tests.study.plans import small, still
 
 STIFF, NOISE = "tendons.*.stiffness", "sensors.u1.noise"
 
@@ -26,7 +26,10 @@ STIFF, NOISE = "tendons.*.stiffness", "sensors.u1.noise"
 def test_the_interval_of_a_share_is_wilsons() -> None:
     found = proportion(np.array([True] * 97 + [False] * 3))
     n, p, z = 100, 0.97, 1.959964
-    centre, half = (p + z * z / (2 * n)) / (1 + z * z / n), z / (1 + z * z / n) * sqrt(p * (1 - p) / n + (z / n / 2) ** 2)
+    centre, half = (
+        (p + z * z / (2 * n)) / (1 + z * z / n),
+        z / (1 + z * z / n) * sqrt(p * (1 - p) / n + (z / n / 2) ** 2),
+    )
     assert (found.share, found.met) == (0.97, 97)
     assert found.low == pytest.approx(centre - half, abs=1e-6)
     assert found.high == pytest.approx(centre + half, abs=1e-6)
@@ -40,7 +43,9 @@ def test_intervals_hold_the_share_as_often_as_they_say() -> None:
 
 
 def test_numbers_are_written_as_people_write_them() -> None:
-    said = [quantity(*one) for one in ((4470.0, "N/m"), (0.3, "N"), (5e-6, "m"), (0.0095, "m"), (0.0175, "rad"), (0.5, ""))]
+    said = [
+        quantity(*one) for one in ((4470.0, "N/m"), (0.3, "N"), (5e-6, "m"), (0.0095, "m"), (0.0175, "rad"), (0.5, ""))
+    ]
     assert said == ["4.47 kN/m", "0.3 N", "5 µm", "9.5 mm", "1°", "0.5"]
 
 
@@ -52,7 +57,7 @@ def made(plan: Plan, space: Space, rms: np.ndarray) -> Columns:
     columns: Columns = {axis.path: np.array([one[axis.path] for one in designs]) for axis in space.axes}
     columns |= {"design": np.arange(n) // each, "seed": np.arange(n) // len(names) % plan.study.seeds}
     columns["scenario"] = np.array([names[k % len(names)] for k in range(n)])
-    columns |= {name: rms for name in MEASURES}
+    columns |= dict.fromkeys(MEASURES, rms)
     columns |= {"met": (rms < 1.0).astype(np.int8), "problem": np.array([""] * n), "seconds": np.ones(n)}
     return columns
 
@@ -81,7 +86,9 @@ def test_the_sentence_says_what_the_rows_say(linear: tuple[Plan, Space], monkeyp
     monkeypatch.setattr("distal.study.answer.CASES", 0)
     half = answer_of(plan, space, made(plan, space, np.repeat(2.0 * space.shares[:, 0], 2)))
     assert half.overall.share == pytest.approx(0.5, abs=0.01)
-    assert half.sentence.startswith("Without an encoder: no. 50 % (95 % interval 47 to 53 %) of 1,200 rigs as built stay")
+    assert half.sentence.startswith(
+        "Without an encoder: no. 50 % (95 % interval 47 to 53 %) of 1,200 rigs as built stay"
+    )
     assert "within ±1° for 95 % of the time in series-2; what matters most: stiffness of all tendons." in half.sentence
     assert "Best: stiffness of all tendons 500 N/m to 750 N/m" in half.sentence
     assert half.sentence.endswith("100 % (95 % interval 95 to 100 %).") or "100 % (95 %" in half.sentence
@@ -131,6 +138,19 @@ def test_the_page_is_one_file_that_fetches_nothing(shown: tuple[Path, Answer]) -
     assert len(text) < 600_000
 
 
+def test_without_a_number_that_varies_the_page_shows_the_rigs_as_built(tmp_path: Path) -> None:
+    plan = still(tmp_path, designs=110, seeds=1)
+    space = space_of(plan)
+    rows = run_chunk(plan, [(i, space.design(i)) for i in range(110)])
+    columns = {name: np.array(values) for name, values in rows.items()}
+    study_report(plan, space, columns, answer_of(plan, space, columns), tmp_path)
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    data = json.loads(re.findall(r"id='study-data'>(.*?)</script>", text, re.S)[0])
+    shown = data["columns"]["built: joints.link.initial"]
+    assert shown["words"] == "initial of joint link, as built [σ]"
+    np.testing.assert_allclose(shown["values"], columns["built: joints.link.initial"], rtol=1e-3)
+
+
 def test_the_answer_is_json_too(shown: tuple[Path, Answer]) -> None:
     said = json.loads((shown[0].parent / "answer.json").read_text(encoding="utf-8"))
     assert said["sentence"] == shown[1].sentence
@@ -147,7 +167,9 @@ def test_a_browser_draws_it_and_nothing_is_wider_than_a_telephone(shown: tuple[P
     text = page.read_text(encoding="utf-8")
     # a frame of 400 pixels: the window of a browser without a screen cannot be that narrow everywhere
     (tmp_path / "page.html").write_text(
-        text.replace("</body>", "<script>document.body.dataset.wide = document.documentElement.scrollWidth</script></body>")
+        text.replace(
+            "</body>", "<script>document.body.dataset.wide = document.documentElement.scrollWidth</script></body>"
+        )
     )
     probe.write_text(
         "<iframe id='f' src='page.html' width='400' height='4000'></iframe><script>f.onload = () => {"
@@ -157,8 +179,16 @@ def test_a_browser_draws_it_and_nothing_is_wider_than_a_telephone(shown: tuple[P
     )
     command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--allow-file-access-from-files", "--dump-dom"]
     done = subprocess.run(
-        [*filter(None, command), "--virtual-time-budget=4000", f"--user-data-dir={tmp_path / 'profile'}", probe.as_uri()],
-        capture_output=True, text=True, timeout=90, check=False,
+        [
+            *filter(None, command),
+            "--virtual-time-budget=4000",
+            f"--user-data-dir={tmp_path / 'profile'}",
+            probe.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=90,
+        check=False,
     )
     found = re.search(r'data-found="(\w+) (\w+) (\d+) (\d+) (\d+)"', done.stdout)
     assert found, done.stdout[-500:]

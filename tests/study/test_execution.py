@@ -118,7 +118,7 @@ def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path, monkeypatch: 
     pytest.importorskip("distributed")
     monkeypatch.setattr("distal.study.execution.PATIENCE", 0.3)
     plan = small()
-    with pytest.raises(StudyError, match="no scheduler answers at tcp://127.0.0.1:9"):
+    with pytest.raises(StudyError, match=r"no scheduler answers at tcp://127\.0\.0\.1:9"):
         run_study(plan, space_of(plan), open_folder(plan, tmp_path), scheduler="tcp://127.0.0.1:9")
 
 
@@ -127,10 +127,10 @@ def test_a_scheduler_of_another_version_is_one_line() -> None:
 
     host = {"python": ".".join(map(str, sys.version_info[:3]))}
     own = {"host": host, "packages": {"distributed": "2026.1", "dask": "2026.1"}}
-    _check_versions({"client": own, "scheduler": own})  # type: ignore[dict-item]
+    _check_versions({"client": own, "scheduler": own})
     other = {"host": host, "packages": {"distributed": "2025.1", "dask": "2026.1"}}
     with pytest.raises(StudyError, match=r"the scheduler has distributed 2025.1, this is 2026.1; install the same"):
-        _check_versions({"client": own, "scheduler": other})  # type: ignore[dict-item]
+        _check_versions({"client": own, "scheduler": other})
 
 
 COMMAND = """

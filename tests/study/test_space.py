@@ -69,6 +69,7 @@ def test_chunks_hold_each_design_once_and_like_beside_like() -> None:
         ({"vary": {STIFF: []}}, "must be a list of values or { from"),
         ({"vary": {STIFF: {"from": 0.0, "to": 1.0, "scale": "log"}}}, "'log' from above zero"),
         ({"vary": {STIFF: {"from": -1.0, "to": 1.0}}}, "must be positive"),
+        ({"vary": {"sensors.x1.resolution": {"from": 1e-5, "to": 1e-4}}}, "give a list of a few values, no range"),
         ({"vary": {"sensors.u3": [True]}}, "no such sensor; did you mean 'u"),
         ({"vary": {"sensors.u1": ["yes"]}}, "a sensor is there or not"),
         ({"vary": {"estimator": ["adaptiv"]}}, "did you mean 'adaptive'"),
@@ -78,7 +79,7 @@ def test_chunks_hold_each_design_once_and_like_beside_like() -> None:
         ({"scenarios": ["serie-2"]}, "did you mean 'series-2'"),
         ({"estimator": "none"}, "unknown 'none'"),
         ({"duraton": 1}, "did you mean 'duration'"),
-        ({"fill": "grid", "vary": dict.fromkeys(THREE, {"from": 1.0, "to": 2.0, "points": 999})}, "at most 1e6"),
+        ({"fill": "grid", "vary": {path: {"from": 1.0, "to": 2.0, "points": 999} for path in THREE}}, "at most 1e6"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(changes: dict[str, Any], said: str) -> None:

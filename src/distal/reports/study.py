@@ -1,4 +1,4 @@
-"""The answer of a study as one self-contained page: a sentence, then what it rests on, to be looked at without a network."""
+"""The answer of a study as one self-contained page: a sentence, then what it rests on; nothing is fetched."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ from distal.study import Axis, Plan, Space
 from distal.study.answer import Answer, Influence, words_of
 from distal.study.runs import BUILT, MEASURES
 from distal.study.storage import Columns
+
+Floats = NDArray[np.float64]
 
 MOST_DOTS = 2000
 """More dots than this make a page slow, and tell no more."""
@@ -78,8 +80,8 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     asked, title = plan.study.requirement, plan.study.name or plan.rig.name
     lead = (
         f"{len(space):,} designs, {plan.study.seeds} rigs as built of each, {len(plan.scenarios)} scenarios. Asked: joint "
-        f"{asked.joint} within ±{degrees(asked.within):.3g}° for {100 * asked.time:.3g} % of the time. Every rig as built is "
-        "drawn from the standard deviations of the rig file; the estimator knows the rig file only."
+        f"{asked.joint} within ±{degrees(asked.within):.3g}° for {100 * asked.time:.3g} % of the time. Every rig as built "
+        "is drawn from the standard deviations of the rig file; the estimator knows the rig file only."
     )
     parts = [_STYLE, f"<p class='answer'>{escape(answer.sentence)}</p>", *_scenarios(plan, answer)]
     if answer.regions:
@@ -173,12 +175,12 @@ def _points(plan: Plan, space: Space, columns: Columns) -> dict[str, dict[str, o
         found[axis.path] = _given(plan, axis, columns[axis.path][::each][some])
     if not space.axes:
         for name in (name for name in columns if name.startswith(BUILT)):
-            values = columns[name][::each][some]
-            found[name] = {"words": f"{words_of(plan, name)} [σ]", "values": _numbers(values)}
+            drawn = columns[name][::each][some]
+            found[name] = {"words": f"{words_of(plan, name)} [σ]", "values": _numbers(drawn)}
     good = (columns["met"] != 0).astype(np.float64)
     for name, words in WORDS.items():
-        values = (good if name == "met" else columns[name].astype(np.float64)).reshape(count, each)[some]
-        merged = {"worst_deg": np.max, "within": np.min}.get(name, np.mean)(values, axis=1)
+        values: Floats = (good if name == "met" else columns[name].astype(np.float64)).reshape(count, each)[some]
+        merged = {"worst_deg": values.max, "within": values.min}.get(name, values.mean)(axis=1)
         found[name] = {"words": words, "values": _numbers(merged), "more": name in MORE}
     return found
 

@@ -250,9 +250,7 @@ def resting_force(mechanism: Mechanism) -> ca.Function:
     return ca.Function("force", [q, still.parameters.symbols], [pull])
 
 
-def equilibrium(
-    mechanism: Mechanism, angles: Floats, inputs: BodyInputs, force: ca.Function | None = None
-) -> Floats:
+def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs, force: ca.Function | None = None) -> Floats:
     """Return the coordinates at which every drive is in equilibrium with the joints held at `angles`.
 
     A slack tendon counts as if it could push, so that a drive without a pull stands where its tendon is just straight.

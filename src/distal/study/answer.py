@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from math import degrees
 
 import numpy as np
@@ -167,10 +168,14 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
     """
     study, each = plan.study, len(plan.scenarios)
     if len(columns["met"]) != len(space) * study.seeds * each:
-        raise StudyError(f"{len(columns['met'])} rows came of {len(space) * study.seeds * each}; run the study to its end")
+        raise StudyError(
+            f"{len(columns['met'])} rows came of {len(space) * study.seeds * each}; run the study to its end"
+        )
     names = sorted(study.scenarios)
     met = columns["met"].reshape(-1, each)
-    asked = [k for k, name in enumerate(names) if not study.requirement.scenarios or name in study.requirement.scenarios]
+    asked = [
+        k for k, name in enumerate(names) if not study.requirement.scenarios or name in study.requirement.scenarios
+    ]
     good = np.all(met[:, asked] == 1, axis=1)
     rms = np.sqrt(np.mean(columns["rms_deg"].reshape(-1, each)[:, asked].astype(np.float64) ** 2, axis=1))
     overall = proportion(good)
@@ -239,7 +244,9 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
     inputs = {}
     for name in [*(axis.path for axis in space.axes), *(key for key in columns if key.startswith(BUILT))]:
         values = columns[name][::each][known]
-        numbers = values.astype(np.float64) if values.dtype.kind in "fiub" else np.unique(values, return_inverse=True)[1]
+        numbers = (
+            values.astype(np.float64) if values.dtype.kind in "fiub" else np.unique(values, return_inverse=True)[1]
+        )
         if len(numbers) and np.ptp(numbers) > 0.0:
             inputs[name] = numbers.astype(np.float64)
     some = np.random.default_rng(0).permutation(int(known.sum()))[:MOST_SAMPLES]
@@ -264,7 +271,7 @@ def _parts(plan: Plan, axis: Axis, values: NDArray[np.generic], bins: int) -> li
     edges = [float(axis.at(k / bins)) for k in range(bins + 1)]
     numbers = values.astype(np.float64)
     parts = []
-    for k, (low, high) in enumerate(zip(edges, edges[1:])):
+    for k, (low, high) in enumerate(pairwise(edges)):
         inside = (numbers >= low) & ((numbers < high) | (k == bins - 1))
         parts.append((f"{name} {quantity(low, axis.unit)} to {quantity(high, axis.unit)}", inside))
     return parts

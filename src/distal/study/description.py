@@ -53,7 +53,10 @@ class Study(Description):
     designs: int = Field(256, ge=1, le=MOST_DESIGNS, description="number of designs; a grid has its own")
     seeds: int = Field(3, ge=1, le=100_000, description="rigs as built of each design")
     draw: int = Field(1, ge=0, description="seed of the designs, the plants and the sensors' errors")
-    set: dict[str, object] = Field(default_factory=dict, description="values of the rig, the same for all designs; they win over those of scenarios")
+    set: dict[str, object] = Field(
+        default_factory=dict,
+        description="values of the rig, the same for all designs; they win over those of scenarios",
+    )
     vary: dict[str, object] = Field(
         default_factory=dict,
         description="path of a number, as for `--set`, `sensors.NAME` or `estimator` → a list, or a table with from and to",
@@ -66,7 +69,9 @@ class Study(Description):
             raise ValueError(f"estimator: unknown '{self.estimator}'{did_you_mean(self.estimator, ESTIMATORS)}")
         for name in self.requirement.scenarios:
             if name not in self.scenarios:
-                raise ValueError(f"requirement.scenarios: '{name}' is none of scenarios{did_you_mean(name, self.scenarios)}")
+                raise ValueError(
+                    f"requirement.scenarios: '{name}' is none of scenarios{did_you_mean(name, self.scenarios)}"
+                )
         if len(set(self.scenarios)) < len(self.scenarios):
             raise ValueError("scenarios: one stands more than once; seeds give several runs of one")
         return self

@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 
@@ -54,7 +54,7 @@ def run_study(
     each = plan.study.seeds * len(plan.scenarios)
     there, parts = folder.done(), space.chunks(each)
     done, total = sum(len(parts[k]) for k in there if k < len(parts)) * each, len(space) * each
-    left = [(k, [(i, space.design(i)) for i in part]) for k, part in enumerate(parts) if k not in there]
+    left: list[Chunk] = [(k, [(i, space.design(i)) for i in part]) for k, part in enumerate(parts) if k not in there]
     if progress is not None:
         progress(done, total)
     if not left:
@@ -131,7 +131,9 @@ def _by_dask(plan: Plan, chunks: Sequence[Chunk], address: str) -> Iterator[tupl
         client = Client(address, timeout=PATIENCE, set_as_default=False)
         there = client.get_versions()
     except (OSError, ValueError, ImportError, TypeError) as problem:
-        raise StudyError(f"no scheduler answers at {address} ({str(problem)[:80]}); start one: dask scheduler") from None
+        raise StudyError(
+            f"no scheduler answers at {address} ({str(problem)[:80]}); start one: dask scheduler"
+        ) from None
     with client:
         _check_versions(there)
         numbers = {
@@ -156,11 +158,11 @@ def _by_dask(plan: Plan, chunks: Sequence[Chunk], address: str) -> Iterator[tupl
             client.cancel(list(numbers), force=True)
 
 
-def _check_versions(there: dict[str, dict[str, dict[str, dict[str, str]]]]) -> None:
+def _check_versions(there: Mapping[str, Mapping[str, Mapping[str, str]]]) -> None:
     """Refuse a scheduler with another version of Dask or Python than is here."""
     own, other = (there[who] for who in ("client", "scheduler"))
     here = ".".join(map(str, sys.version_info[:2]))
-    far = ".".join(str(other["host"]["python"]).split(".")[:2])  # type: ignore[index]
+    far = ".".join(str(other["host"]["python"]).split(".")[:2])
     if far != here:
         raise StudyError(f"the scheduler runs Python {far}, this is {here}; install the same on all")
     for package in ("distributed", "dask"):

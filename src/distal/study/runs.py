@@ -30,7 +30,8 @@ from distal.study.plants import Draw, built_values, draws_of, scores
 from distal.study.space import ESTIMATOR, Design, Value, rig_of
 
 Item = TypeVar("Item")
-Rows = dict[str, list[float | str | bool | None]]
+Cell = float | str | bool | None
+Rows = dict[str, list[Cell]]
 
 MEASURES = ("rms_deg", "worst_deg", "within", "inside", "half_band_deg")
 """What is measured of a run: RMS and largest error [°], shares of the time within the limit and inside the 95 % band, and
@@ -151,22 +152,26 @@ def _rows(plan: Plan, designs: Sequence[tuple[int, Design]]) -> Rows:
     return rows
 
 
-def _row(plan: Plan, task: Task, outcome: Estimate | DistalError) -> dict[str, float | str | bool | None]:
+def _row(plan: Plan, task: Task, outcome: Estimate | DistalError) -> dict[str, Cell]:
     asked, name = plan.study.requirement, plan.study.scenarios[task.scenario]
-    measured: dict[str, float | str | bool | None] = dict.fromkeys(MEASURES, float("nan"))
+    measured: dict[str, Cell] = dict.fromkeys(MEASURES, float("nan"))
     problem, met = "", False
     if isinstance(outcome, Estimate) and outcome.truths is not None:
         errors = np.abs(outcome.angles[:, plan.joint] - outcome.truths[:, plan.joint])
         half = BAND * outcome.angle_stds[:, plan.joint]
         within = float(np.mean(errors <= asked.within))
-        numbers = np.rad2deg(np.sqrt(np.mean(errors**2))), np.rad2deg(errors.max()), within
-        numbers += np.mean(errors <= half), np.rad2deg(half.mean())
-        measured, met = dict(zip(MEASURES, map(float, numbers))), within >= asked.time
+        rms, worst, width = (float(np.rad2deg(one)) for one in (np.sqrt(np.mean(errors**2)), errors.max(), half.mean()))
+        measured = dict(zip(MEASURES, (rms, worst, within, float(np.mean(errors <= half)), width)))
+        met = within >= asked.time
     else:
         problem = str(outcome)
-    built = {f"{BUILT}{name}": score for name, score in scores(draws_of(plan.rig), _seeds(plan, task)).items()}
-    keys = {"design": float(task.index), "seed": float(task.seed), "scenario": name}
-    values = {path: value if isinstance(value, str) else float(value) for path, value in task.design.items()}
+    built: dict[str, Cell] = {
+        f"{BUILT}{name}": score for name, score in scores(draws_of(plan.rig), _seeds(plan, task)).items()
+    }
+    keys: dict[str, Cell] = {"design": float(task.index), "seed": float(task.seed), "scenario": name}
+    values: dict[str, Cell] = {
+        path: value if isinstance(value, str) else float(value) for path, value in task.design.items()
+    }
     is_asked = not asked.scenarios or name in asked.scenarios
     return {**keys, **values, **built, **measured, "met": met if is_asked else None, "problem": problem}
 
@@ -211,8 +216,7 @@ def run_tasks(plan: Plan, tasks: Sequence[Task], homing: float | None = None) ->
                 raise log
             runner = own.runner
             if homing is not None:
-                key = id(own)
-                runner = homed[key] = homed.get(key) or runner_for(log, own.rig, runner.name, True, homing)
+                runner = homed[id(own)] = homed.get(id(own)) or runner_for(log, own.rig, runner.name, True, homing)
             run = prepared(log, runner, homing)
         except DistalError as problem:
             outcomes[k] = problem
@@ -305,7 +309,9 @@ def _logs(
                 if isinstance(motion, DistalError):
                     yield k, motion
                     continue
-                words = np.random.SeedSequence([*map(abs, _seeds(plan, tasks[k])), tasks[k].scenario, 1]).generate_state(1)
+                words = np.random.SeedSequence(
+                    [*map(abs, _seeds(plan, tasks[k])), tasks[k].scenario, 1]
+                ).generate_state(1)
                 yield k, sampled(built, motion, int(words[0]))
 
 

@@ -96,6 +96,7 @@ def _axis(rig: Rig, path: str, raw: object) -> Axis:
     try:
         unit = _unit(rig, path)
         if isinstance(raw, Mapping):
+            _check_smooth(rig, path)
             return _range(path, raw, unit)
         axis = Axis(path, unit, tuple(to_si(one, unit) for one in _list(path, raw)))
         for end in axis.choices:
@@ -114,6 +115,16 @@ def _unit(rig: Rig, path: str) -> str:
         number(rig, keys.removesuffix(".shared.std"))
         return ""
     return number(rig, keys.removesuffix(".std") if keys.endswith(".std") else keys).quantity.si
+
+
+def _check_smooth(rig: Rig, path: str) -> None:
+    """Refuse a range of what is written into a compiled kernel: every design would need its own."""
+    keys = path.replace(ALL, "0").removesuffix(".std").removesuffix(".shared")
+    fixed = not number(rig, keys).is_parameter or path.startswith("sensors.") or path.endswith(".nominal_force")
+    if fixed and not path.endswith((".noise", ".linearity")):
+        raise StudyError(
+            f"vary.{path}: each value of it needs a kernel of its own; give a list of a few values, no range"
+        )
 
 
 def _list(path: str, raw: object) -> Sequence[object]:
@@ -200,10 +211,10 @@ def space_of(plan: Plan) -> Space:
     if study.fill == "grid":
         counts = [len(axis.choices) or axis.points for axis in axes]
         if np.prod(counts, dtype=float) > 1e6:
-            raise StudyError(f"the grid has {np.prod(counts, dtype=float):.3g} designs, at most 1e6; use fill = 'latin'")
-        each = [
-            [(k + 0.5) / n if axis.choices else k / (n - 1) for k in range(n)] for axis, n in zip(axes, counts)
-        ]
+            raise StudyError(
+                f"the grid has {np.prod(counts, dtype=float):.3g} designs, at most 1e6; use fill = 'latin'"
+            )
+        each = [[(k + 0.5) / n if axis.choices else k / (n - 1) for k in range(n)] for axis, n in zip(axes, counts)]
         return Space(axes, np.array(list(product(*each)), dtype=np.float64).reshape(-1, len(axes)))
     if not axes:
         return Space(axes, np.zeros((study.designs, 0)))

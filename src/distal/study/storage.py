@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Columns = dict[str, NDArray[np.generic]]
 
-NEEDS = "a study's rows are Parquet, which needs pyarrow; pip install 'distal[parquet]'"
+NEEDS = "a study's rows are Parquet, which needs pyarrow; pip install 'distal[study]'"
 
 LABEL = "study.json"
 """Which study a folder is of."""

@@ -69,7 +69,9 @@ class Suggestion:
         return float(np.sqrt(np.nanmean(self.squares)))
 
 
-def suggestions(plan: Plan, done: Callable[[int, int], None] | None = None) -> tuple[Suggestion, list[Suggestion], float]:
+def suggestions(
+    plan: Plan, done: Callable[[int, int], None] | None = None
+) -> tuple[Suggestion, list[Suggestion], float]:
     """Return the rig as it is, each option, best by the band first, and Kendall's τ of the ranks by band and by error.
 
     Options that change nothing are equal in rank: a band by less than `SAME`, an error by less than twice the standard
@@ -168,7 +170,9 @@ def _judged(plan: Plan, option: Option) -> Suggestion:
                 raise StudyError(f"{option.words}: {outcome}")
             squares.append(np.nan)
             continue
-        late = outcome.time - outcome.time[0] >= KNOWN  # a calibration is judged by what comes after it, like all others
+        late = (
+            outcome.time - outcome.time[0] >= KNOWN
+        )  # a calibration is judged by what comes after it, like all others
         if task.seed == NOMINAL:
             bands.append(np.mean(BAND * outcome.angle_stds[late, plan.joint]))
         else:

@@ -270,7 +270,7 @@ class AdaptiveFilter(KernelEstimator):
         return other
 
     def of_rig(self, rig: Rig) -> AdaptiveFilter | None:
-        """Return the same filter, kernel included, with numbers and priors of another rig, None where that needs another kernel.
+        """Return the same filter, kernel included, with the numbers of another rig; None where that needs another kernel.
 
         What the kernel has as constants stays that of the first rig: random walks, lowest values, limits of guards, and
         a sensor's noise where it is no input.

@@ -168,8 +168,8 @@ def _responding(states: StateVector) -> list[int]:
 def _substep(states: StateVector) -> ca.Function:
     """Return one sub-step of the joints with its slopes, the drives moving as they were measured to.
 
-    (q, v, τ, h, S_θ, S_ω, σ_τ, p, response, …, the rig's own p) → (q⁺, v⁺, S_θ⁺, S_ω⁺, variance added to ω). Slopes are with respect to the
-    joints' motion, the states that enter the model (`_acting`), and the places of the drives.
+    (q, v, τ, h, S_θ, S_ω, σ_τ, p, response, …, the rig's own p) → (q⁺, v⁺, S_θ⁺, S_ω⁺, variance added to ω). Slopes
+    are with respect to the joints' motion, the states that enter the model (`_acting`), and the places of the drives.
     """
     context, nd, nj = states.context, states.context.n_drives, states.context.n_joints
     mechanism, p, acting = context.mechanism, context.mechanism.parameters.symbols, _acting(states)
