@@ -11,7 +11,7 @@ import pytest
 from distal import estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
-from distal.study import space_of
+from distal.study.kernels import Kernels
 from distal.study.plants import built_values, draws_of, scores
 from distal.study.runs import NOMINAL, Task, run_chunk, run_tasks
 from distal.study.space import rig_of
@@ -55,8 +55,7 @@ def test_a_filter_takes_the_numbers_of_another_rig() -> None:
 def test_the_share_of_a_requirement_is_that_of_a_known_normal_distribution(tmp_path: Path) -> None:
     """Nothing moves and nothing but the angle at the start is unknown: the error is that angle's, N(0, 3°)."""
     plan = still(tmp_path, designs=150, seeds=2, requirement={"joint": "link", "within": "3 deg"})
-    space = space_of(plan)
-    rows = run_chunk(plan, [(i, space.design(i)) for i in range(150)])
+    rows = run_chunk(plan, range(150))
     score = np.array(rows["built: joints.link.initial"], dtype=float)
     np.testing.assert_allclose(np.array(rows["rms_deg"], dtype=float), np.abs(3.0 * score), atol=0.1)
     share, expected = np.mean(np.array(rows["met"], dtype=bool)), erf(1 / sqrt(2))
@@ -65,8 +64,7 @@ def test_the_share_of_a_requirement_is_that_of_a_known_normal_distribution(tmp_p
 
 def test_an_error_is_a_row() -> None:
     plan = small(vary={"sensors.x1": [True, False], "sensors.x2": [True, False]}, fill="grid")
-    space = space_of(plan)
-    rows = run_chunk(plan, [(i, space.design(i)) for i in range(4)])
+    rows = run_chunk(plan, range(4))
     problems = [str(text) for text in rows["problem"]]
     assert [bool(text) for text in problems] == [False] * 6 + [True] * 2
     assert "needs" in problems[-1] or "sensor" in problems[-1]
@@ -77,7 +75,7 @@ def test_an_error_is_a_row() -> None:
 def test_a_scenario_that_is_not_asked_is_neither_met_nor_not() -> None:
     asked = {"joint": "link", "within": "1 deg", "scenarios": ["series-2"]}
     plan = small(scenarios=["series-2", "series-2-high"], requirement=asked, designs=1)
-    rows = run_chunk(plan, [(0, space_of(plan).design(0))])
+    rows = run_chunk(plan, [0])
     assert [met is None for met in rows["met"]] == [name != "series-2" for name in rows["scenario"]]
 
 
@@ -86,3 +84,14 @@ def test_the_nominal_plant_is_the_rig() -> None:
     assert isinstance(found, Estimate)
     assert found.truths is not None
     assert found.truths[0, 0] == pytest.approx(np.deg2rad(-25.0), abs=1e-9)
+
+
+@pytest.mark.slow
+def test_a_row_does_not_depend_on_what_ran_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a kernel has as constants, such as random walks, is that of the first design of its structure."""
+    vary = {"joints.link.friction.coefficient.std": {"from": 0.02, "to": 0.2}, "sensors.u1.noise": [0.3, 0.05]}
+    plan, found = small(vary=vary, designs=8, duration="2 s"), []
+    for designs in ([5, 2, 7], [7], [0, 1, 2, 3, 7]):
+        monkeypatch.setattr("distal.study.runs._KERNELS", Kernels())
+        found.append(run_chunk(plan, designs)["rms_deg"][-1])
+    assert found[0] == found[1] == found[2]

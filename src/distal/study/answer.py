@@ -316,7 +316,7 @@ def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
         index, scenario = int(columns["design"][k]), plan.study.scenarios.index(str(columns["scenario"][k]))
         tasks.append(Task(index, space.design(index), int(columns["seed"][k]), scenario))
     cases = []
-    for k, task, estimate in zip(order, tasks, run_tasks(plan, tasks)):
+    for k, task, estimate in zip(order, tasks, run_tasks(plan, tasks, space)):
         if not isinstance(estimate, Estimate) or estimate.truths is None:
             continue
         some, j = slice(None, None, max(1, len(estimate.time) // POINTS)), plan.joint

@@ -15,12 +15,12 @@ from concurrent.futures.process import BrokenProcessPool
 from distal.errors import StudyError
 from distal.study.description import Plan
 from distal.study.runs import Rows, run_chunk
-from distal.study.space import Design, Space
+from distal.study.space import Space
 from distal.study.storage import Folder
 from distal.version import __version__
 
 Progress = Callable[[int, int], None]
-Chunk = tuple[int, list[tuple[int, Design]]]
+Chunk = tuple[int, tuple[int, ...]]
 
 RETRIES = 5
 """A chunk whose worker goes away is tried so often again."""
@@ -54,7 +54,7 @@ def run_study(
     each = plan.study.seeds * len(plan.scenarios)
     there, parts = folder.done(), space.chunks(each)
     done, total = sum(len(parts[k]) for k in there if k < len(parts)) * each, len(space) * each
-    left: list[Chunk] = [(k, [(i, space.design(i)) for i in part]) for k, part in enumerate(parts) if k not in there]
+    left: list[Chunk] = [(k, part) for k, part in enumerate(parts) if k not in there]
     if progress is not None:
         progress(done, total)
     if not left:
@@ -111,11 +111,11 @@ def _begin(plan: Plan) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _work(designs: list[tuple[int, Design]]) -> Rows:
+def _work(designs: tuple[int, ...]) -> Rows:
     return run_chunk(_PLAN[0], designs)
 
 
-def _far(plan: Plan, designs: list[tuple[int, Design]], version: str) -> Rows:
+def _far(plan: Plan, designs: tuple[int, ...], version: str) -> Rows:
     """Run a chunk on another computer, if it has the same version."""
     if version != __version__:
         raise StudyError(f"a worker has distal {__version__}, this is {version}; install the same on all")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass
 from fnmatch import fnmatch
 from threading import Lock
 from typing import TypeVar
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalError
-from distal.estimators import AdaptiveFilter, Estimator, KernelEstimator, make_estimator
+from distal.estimators import DEFAULT, Estimator, KernelEstimator, make_estimator
 from distal.kernels import Kernel, lanes_here
 from distal.logs import Log
 from distal.model import Mechanism
@@ -23,11 +24,12 @@ from distal.run.batch import run_all
 from distal.run.offline import Run, prepared, runner_for
 from distal.simulation import Scenario
 from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
-from distal.simulation.plant import equilibrium, plant_function, resting_force, run_plants
+from distal.simulation.plant import equilibrium, resting_force, run_plants
 from distal.simulation.simulate import Prepared, sampled, timing
 from distal.study.description import Plan
+from distal.study.kernels import Kernels
 from distal.study.plants import Draw, built_values, draws_of, scores
-from distal.study.space import ESTIMATOR, Design, Value, rig_of
+from distal.study.space import ESTIMATOR, Design, Space, rig_of, space_of
 
 Item = TypeVar("Item")
 Cell = float | str | bool | None
@@ -36,6 +38,9 @@ Rows = dict[str, list[Cell]]
 MEASURES = ("rms_deg", "worst_deg", "within", "inside", "half_band_deg")
 """What is measured of a run: RMS and largest error [°], shares of the time within the limit and inside the 95 % band, and
 the mean half-width of that band [°]."""
+
+STEPS = 4
+"""Sub-steps of a plant are a multiple of this: stiffer designs then share few kernels."""
 
 NOMINAL = -1
 """The seed of a plant that is as the rig says."""
@@ -61,91 +66,29 @@ class Task:
     scenario: int
 
 
-@dataclass
-class _Kernels:
-    """What a process keeps: a plant's kernel and a filter for each structure of rig."""
-
-    plants: dict[str, tuple[Mechanism, Kernel]] = field(default_factory=dict)
-    filters: dict[str, list[AdaptiveFilter]] = field(default_factory=dict)
-
-    def plant(self, mechanism: Mechanism, count: int) -> tuple[Mechanism, Kernel]:
-        """Return a mechanism of the same structure and its kernel.
-
-        Args:
-            mechanism: of a plant.
-            count: sub-steps per interval.
-        """
-        parts = [_masked(getattr(mechanism.rig, kind).model_dump()) for kind in ("base", "stepping")]
-        parts += [_masked(_open(one.model_dump())) for kind in PARTS for one in getattr(mechanism.rig, kind)]
-        key = repr((parts, mechanism.parameters.names, count))
-        if key not in self.plants:
-            self.plants[key] = mechanism, Kernel(plant_function(mechanism, count))
-        return self.plants[key]
-
-    def filter(self, rig: Rig) -> AdaptiveFilter:
-        """Return the adaptive filter of a rig; rigs that differ in their numbers only share its kernel.
-
-        Args:
-            rig: the description.
-        """
-        raw = rig.model_dump(exclude={"name", "log"})
-        for sensor in raw["sensors"]:
-            sensor["noise"], sensor["linearity"] = None, sensor["linearity"] > 0.0
-        for drive in raw["drives"]:
-            if "nominal_force" in drive:  # stands in for a sensor that is not there
-                drive["nominal_force"] = repr(drive["nominal_force"])
-        key = repr(_masked(raw))
-        for known in self.filters.setdefault(key, []):
-            ready = known.of_rig(rig)
-            if ready is not None:
-                return ready
-        noises = tuple(f"sensors.{i}.noise" for i, sensor in enumerate(rig.sensors) if sensor.measures != "angle")
-        self.filters[key].append(AdaptiveFilter(rig, inputs=noises))
-        return self.filters[key][-1]
-
-
-PARTS = ("joints", "drives", "tendons")
-
-STEPS = 4
-"""Sub-steps of a plant are a multiple of this: stiffer designs then share few kernels."""
-
-_KERNELS = _Kernels()
+_KERNELS = Kernels()
+_SPACES: dict[str, Space] = {}
 _TURNS = Lock()  # threads of a process take turns: they share the kernels
 
 
-def _open(part: dict[str, object]) -> dict[str, object]:
-    """Return a raw part without the places of its stops, which are numbers of a plant like others."""
-    return {key: value is None if key == "stops" else value for key, value in part.items()}
-
-
-def _masked(part: object) -> object:
-    """Return a raw description with only what the structure of its equations depends on for each number with a std."""
-    if isinstance(part, Mapping):
-        if {"value", "std"} <= part.keys():
-            value, std, shared = part["value"], part["std"], part.get("shared")
-            flags = value == 0.0, std > 0.0, value == 1.0, std > 0.5 * abs(value), std > 0.2 * abs(value)
-            return flags, part.get("hold"), part.get("drift"), shared and shared["name"]
-        return {key: _masked(value) for key, value in part.items()}
-    return [_masked(one) for one in part] if isinstance(part, (list, tuple)) else part
-
-
-def run_chunk(plan: Plan, designs: Sequence[tuple[int, Design]]) -> Rows:
+def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
     """Return the rows of some designs: one for each design, rig as built and scenario; an error of a run is a row.
 
     Args:
         plan: the study.
-        designs: index and what varies, of each.
+        designs: their indices.
     """
     with _TURNS:
         return _rows(plan, designs)
 
 
-def _rows(plan: Plan, designs: Sequence[tuple[int, Design]]) -> Rows:
-    begun, study = time.perf_counter(), plan.study
+def _rows(plan: Plan, designs: Sequence[int]) -> Rows:
+    begun, study, digest = time.perf_counter(), plan.study, plan.digest
+    space = _SPACES[digest] = _SPACES.get(digest) or space_of(plan)
     every = range(len(plan.scenarios))
-    tasks = [Task(i, design, seed, s) for i, design in designs for seed in range(study.seeds) for s in every]
+    tasks = [Task(i, space.design(i), seed, s) for i in designs for seed in range(study.seeds) for s in every]
     rows: Rows = {}
-    for task, outcome in zip(tasks, run_tasks(plan, tasks)):
+    for task, outcome in zip(tasks, run_tasks(plan, tasks, space)):
         for name, value in _row(plan, task, outcome).items():
             rows.setdefault(name, []).append(value)
     rows["seconds"] = [(time.perf_counter() - begun) / len(tasks)] * len(tasks)
@@ -180,15 +123,17 @@ def _seeds(plan: Plan, task: Task) -> tuple[int, int, int]:
     return plan.study.draw, task.index, task.seed
 
 
-def run_tasks(plan: Plan, tasks: Sequence[Task], homing: float | None = None) -> list[Estimate | DistalError]:
+def run_tasks(
+    plan: Plan, tasks: Sequence[Task], space: Space | None = None, homing: float | None = None
+) -> list[Estimate | DistalError]:
     """Return the estimates of some runs, or why there is none, in their order.
 
     Args:
         plan: the study.
         tasks: the runs.
+        space: all designs, the first of which in each structure has the constants of its filters' kernel; None for any.
         homing: for how long the true angle is used [s], or None.
     """
-    kernels = _KERNELS
     outcomes: dict[int, Estimate | DistalError] = {}
     rigs = [plan.rig.with_values({**one.set, **plan.study.set}) if one.set else plan.rig for one in plan.scenarios]
     ready: dict[tuple[int, int], _Ready | DistalError] = {}
@@ -196,7 +141,7 @@ def run_tasks(plan: Plan, tasks: Sequence[Task], homing: float | None = None) ->
     for k, task in enumerate(tasks):
         key = task.index, task.scenario
         if key not in ready:
-            ready[key] = _ready(plan, rigs[task.scenario], task, kernels)
+            ready[key] = _ready(plan, rigs[task.scenario], task, space)
         own = ready[key]
         if isinstance(own, DistalError):
             outcomes[k] = own
@@ -273,7 +218,7 @@ class _Ready:
         return Prepared(self.rig, scenario, plant, self.inputs, start, *self.timing)
 
 
-def _ready(plan: Plan, rig: Rig, task: Task, kernels: _Kernels) -> _Ready | DistalError:
+def _ready(plan: Plan, rig: Rig, task: Task, space: Space | None) -> _Ready | DistalError:
     # a scenario with a [control] table would be run here, by distal.control.closed_loop with the plant's values
     scenario = plan.scenarios[task.scenario]
     try:
@@ -285,13 +230,24 @@ def _ready(plan: Plan, rig: Rig, task: Task, kernels: _Kernels) -> _Ready | Dist
         plant = Mechanism(own.with_values(fixed) if fixed else own, remembers=True)
         dt, steps, needed = timing(plant, scenario)
         count = -(-needed // STEPS) * STEPS
-        mechanism, kernel = kernels.plant(plant, count)
+        mechanism, kernel = _KERNELS.plant(plant, count)
         inputs = body_inputs(scenario, mechanism, dt * np.arange(steps, dtype=np.float64))
         name = str(task.design.get(ESTIMATOR, plan.study.estimator))
-        runner = kernels.filter(own) if name == "adaptive" else make_estimator(name, own, compiled=False)
+        if name != DEFAULT:
+            runner: Estimator = make_estimator(name, own, compiled=False)
+        else:
+            family = f"{plan.digest} {task.scenario}" if space is not None else ""
+            runner = _KERNELS.filter(own, family, _rigs(rig, space or ()))
     except DistalError as problem:
         return problem
     return _Ready(own, draws, fixed, mechanism, kernel, inputs, (dt, count), runner)
+
+
+def _rigs(rig: Rig, designs: Iterable[Design]) -> Iterator[Rig]:
+    """Yield the rigs of designs, but those that are wrong."""
+    for design in designs:
+        with suppress(DistalError):
+            yield rig_of(rig, design)
 
 
 def _logs(
@@ -324,6 +280,3 @@ def _motions(own: _Ready, built: Sequence[Prepared]) -> Iterable[dict[str, NDArr
         if len(built) == 1:
             return [problem]
         return [motion for one in built for motion in _motions(own, [one])]
-
-
-__all__ = ["BUILT", "MEASURES", "Rows", "Task", "Value", "run_chunk", "run_tasks"]

@@ -164,7 +164,7 @@ def _judged(plan: Plan, option: Option) -> Suggestion:
     changed, every = replace(plan, rig=option.rig), range(len(plan.scenarios))
     tasks = [Task(0, {}, seed, s) for s in every for seed in (NOMINAL, *range(PLANTS))]
     bands, squares = [], []
-    for task, outcome in zip(tasks, run_tasks(changed, tasks, option.homing)):
+    for task, outcome in zip(tasks, run_tasks(changed, tasks, homing=option.homing)):
         if not isinstance(outcome, Estimate) or outcome.truths is None:
             if task.seed == NOMINAL:
                 raise StudyError(f"{option.words}: {outcome}")
