@@ -16,11 +16,12 @@ from typing import Any
 import pytest
 
 import distal
+from distal.study import Study
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
-GENERATED = ("reference/rig-keys.md", "reference/scenario-keys.md")
+GENERATED = ("reference/rig-keys.md", "reference/scenario-keys.md", "reference/study-keys.md")
 MODULES = sorted(module.name for module in pkgutil.walk_packages(distal.__path__, "distal."))
 
 
@@ -117,10 +118,10 @@ def keys(model: type, seen: set[type]) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize(("page", "model"), list(zip(GENERATED, ("Rig", "Scenario"))))
-def test_every_key_is_in_the_reference(page: str, model: str) -> None:
+@pytest.mark.parametrize(("page", "model"), list(zip(GENERATED, (distal.Rig, distal.Scenario, Study))))
+def test_every_key_is_in_the_reference(page: str, model: type) -> None:
     text = (DOCS / page).read_text(encoding="utf-8")
-    missing = {key for key in keys(getattr(distal, model), set()) if f"`{key}`" not in text}
+    missing = {key for key in keys(model, set()) if f"`{key}`" not in text}
     assert missing - {"si", "value", "std"} == set()
 
 

@@ -1,6 +1,6 @@
-"""Write docs/reference/rig-keys.md and scenario-keys.md from the descriptions themselves.
+"""Write docs/reference/rig-keys.md, scenario-keys.md and study-keys.md from the descriptions themselves.
 
-`python -m tools.reference` writes both pages; a test checks that they are up to date.
+`python -m tools.reference` writes the pages; a test checks that they are up to date.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from distal.rig import Description, In, Parameter, Rig
 from distal.rig.quantities import KEYS
 from distal.simulation import Scenario
 from distal.simulation.signals import Signal, SignalIn
+from distal.study import Study
 
 DOCS = Path(__file__).parents[1] / "docs" / "reference"
 
@@ -118,6 +119,7 @@ def numbers() -> str:
 PAGES = {
     "rig-keys.md": (Rig, "Keys of a rig file", "Every table and key of a [rig file](rig-files.md)."),
     "scenario-keys.md": (Scenario, "Keys of a scenario", "Every table and key of a [scenario](../how-to/simulate.md)."),
+    "study-keys.md": (Study, "Keys of a study", "Every table and key of a [study](../how-to/design-study.md)."),
 }
 """Page → what is described, title, first sentence."""
 

@@ -45,6 +45,10 @@ class FitError(DistalError):
     """A rig cannot be fitted to these logs."""
 
 
+class StudyError(DistalError):
+    """A study is wrong, or cannot go on where it is."""
+
+
 class ExportError(DistalError):
     """An estimator cannot be written as C."""
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import typer
 
-from distal.cli import control, doctor, drift, estimate, export, fit, reproduce, rigs, simulate, stream, view
+from distal.cli import control, doctor, drift, estimate, export, fit, reproduce, rigs, simulate, stream, study, view
 from distal.cli.console import show_warnings
 from distal.errors import LONGEST_LINE, DistalError, one_line
 
@@ -30,6 +30,8 @@ app.command("fit")(fit.fit_command)
 app.command("simulate")(simulate.simulate_command)
 app.command("control")(control.control_command)
 app.command("drift")(drift.drift_command)
+app.command("study")(study.study_command)
+app.command("studies")(study.list_command)
 app.command("stream")(stream.stream_command)
 app.command("export-c")(export.export_command)
 app.command("reproduce")(reproduce.reproduce_command)

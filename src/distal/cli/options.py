@@ -29,6 +29,11 @@ def scenarios(incomplete: str) -> list[str]:
     return _shipped("simulation", incomplete)
 
 
+def studies(incomplete: str) -> list[str]:
+    """Return the shipped studies and the TOML files that a shell may complete a word to."""
+    return _shipped("study", incomplete)
+
+
 def _shipped(package: str, incomplete: str) -> list[str]:
     """Return names by the files of a package, which is not imported: a shell does not wait for that."""
     library = (path.stem for path in (Path(__file__).parents[1] / package / "library").glob("*.toml"))

@@ -3,6 +3,7 @@
 from distal.reports.fitting import FIT_PAGES, fit_report
 from distal.reports.page import make_folder, svg_of
 from distal.reports.rig_drawing import draw_rig, rig_svg
+from distal.reports.study import study_report
 from distal.reports.view import check_plotly, view_page
 
 __all__ = [
@@ -12,6 +13,7 @@ __all__ = [
     "fit_report",
     "make_folder",
     "rig_svg",
+    "study_report",
     "svg_of",
     "view_page",
 ]

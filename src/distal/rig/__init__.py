@@ -38,15 +38,16 @@ from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spr
 from distal.rig.learned_map import CONSTANT, Affine, Contact, Discrepancy, JointMap, LearnedMap, factors
 from distal.rig.naming import in_words, named, part_at
 from distal.rig.numbers import Number, is_arm, known_to_a_factor, number
-from distal.rig.overrides import parse_assignment, set_value
+from distal.rig.overrides import ALL, parse_assignment, set_value
 from distal.rig.plausibility import doubts
 from distal.rig.quantities import Description, In, Parameter
-from distal.rig.rig import LogFormat, Rig, Stepping
+from distal.rig.rig import LogFormat, Rig, Stepping, parameters_below
 from distal.rig.sensors import COUNTS, REFERENCES, Sensor, SensorBase, gain_of, log_factor, log_unit, step_of
 from distal.rig.tendons import Creep, Meeting, Path, Tendon
 from distal.rig.validation import validated
 
 __all__ = [
+    "ALL",
     "BASE",
     "CONSTANT",
     "COUNTS",
@@ -109,6 +110,7 @@ __all__ = [
     "log_unit",
     "named",
     "number",
+    "parameters_below",
     "parse_assignment",
     "parse_toml",
     "part_at",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -64,12 +65,12 @@ def settled_function(mechanism: Mechanism) -> ca.Function:
     return ca.Function("inside", [q, dt, p], [ca.densify(ca.cse(ca.vertcat(*inside)))])
 
 
-def first_inside(mechanism: Mechanism, q: Floats) -> Floats:
-    """Return what moves inside when the plant has long stood at q: in the middle, and crept as far as the rig says.
+@lru_cache(maxsize=32)
+def inside_function(mechanism: Mechanism) -> ca.Function:
+    """Return (q, p) → what moves inside when the plant has long stood at q: in the middle, and crept as the rig says.
 
     Args:
         mechanism: the plant's equations.
-        q: coordinates, (n_bodies,).
     """
     still, at = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
     pulls, p = still.pulls(at, ca.SX.zeros(mechanism.n_bodies)), still.parameters
@@ -79,8 +80,7 @@ def first_inside(mechanism: Mechanism, q: Floats) -> Floats:
         for name in mechanism.creeps(i):
             part = getattr(mechanism.rig.tendons[i], name.rpartition(".")[2])
             strains.append(part.settled.value * p[f"{name}.share"] * stretch)
-    inside = ca.Function("inside", [at, p.symbols], [ca.vertcat(*still.place(at).inside, *strains)])
-    return np.array(inside(q, p.values)).ravel()
+    return ca.Function("inside", [at, p.symbols], [ca.vertcat(*still.place(at).inside, *strains)])
 
 
 def hysteretic(mechanism: Mechanism) -> list[int]:
@@ -220,7 +220,9 @@ def rows_of(inputs: BodyInputs, dt: float) -> Floats:
     return np.hstack([inputs.effort, inputs.added_inertia, servo, np.full((k, 1), dt)])
 
 
-def at_rest(mechanism: Mechanism, inputs: BodyInputs, start: Floats, kernel: Kernel) -> tuple[Floats, Floats]:
+def at_rest(
+    mechanism: Mechanism, inputs: BodyInputs, start: Floats, kernel: Kernel, numbers: Floats | None = None
+) -> tuple[Floats, Floats]:
     """Return the carry of a plant at rest, and what its kernel would put out there, (1, n_y).
 
     Args:
@@ -228,11 +230,13 @@ def at_rest(mechanism: Mechanism, inputs: BodyInputs, start: Floats, kernel: Ker
         inputs: what acts; the first interval counts.
         start: coordinates, (n_bodies,).
         kernel: of `plant_function`.
+        numbers: the plant's parameters, (n_p,); default those of the mechanism.
     """
-    n = mechanism.n_bodies
-    carry = np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), first_inside(mechanism, start)])
+    n, p = mechanism.n_bodies, mechanism.parameters.values if numbers is None else numbers
+    inside = np.array(inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])).ravel()
+    carry = np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), inside])
     # a tiny interval gives the tensions there
-    y = kernel.scan(carry, rows_of(inputs, 1e-12)[:1], mechanism.parameters.values)[1]
+    y = kernel.scan(carry, rows_of(inputs, 1e-12)[:1], p)[1]
     y[:, :n], y[:, n : 2 * n] = start, 0.0
     servo = inputs.servo[:1]
     y[:, 2 * n + mechanism.n_tendons :] = inputs.effort[:1] + servo[:, :, 0] * (servo[:, :, 1] - start)
@@ -256,7 +260,11 @@ def run_plant(mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float
 
 
 def run_plants(
-    mechanism: Mechanism, runs: Sequence[tuple[BodyInputs, Floats]], dt: float, kernel: Kernel
+    mechanism: Mechanism,
+    runs: Sequence[tuple[BodyInputs, Floats]],
+    dt: float,
+    kernel: Kernel,
+    numbers: Sequence[Floats] | None = None,
 ) -> list[Motion]:
     """Return the motions of several runs of one plant, side by side where there are lanes for that.
 
@@ -265,26 +273,40 @@ def run_plants(
         runs: what acts, and coordinates at rest, of each; at most as many as there are lanes.
         dt: length of an interval [s].
         kernel: of `plant_function`.
+        numbers: the parameters of each run's plant, (n_p,) each; default those of the mechanism.
 
     Raises:
         ScenarioError: a motion left all bounds.
     """
-    p = mechanism.parameters.values
+    ps = [mechanism.parameters.values] * len(runs) if numbers is None else list(numbers)
     rows = [rows_of(inputs, dt) for inputs, _ in runs]
-    begun = [at_rest(mechanism, inputs, start, kernel) for inputs, start in runs]
+    begun = [at_rest(mechanism, inputs, start, kernel, p) for (inputs, start), p in zip(runs, ps)]
     starts = [carry for carry, _ in begun]
     lanes = kernel.lanes() if len(runs) > 1 else None
     if lanes is not None:
-        moved = [ys for _, ys in lanes.scan(starts, rows, [p] * len(runs), [])]
+        moved = [ys for _, ys in lanes.scan(starts, rows, ps, [])]
     else:
-        moved = [kernel.scan(start, xs, p)[1] for start, xs in zip(starts, rows)]
+        moved = [kernel.scan(start, xs, p)[1] for start, xs, p in zip(starts, rows, ps)]
     motions = [Motion(mechanism, np.vstack([first, ys])) for (_, first), ys in zip(begun, moved)]
     for motion in motions:
         motion.check()
     return motions
 
 
-def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Floats:
+@lru_cache(maxsize=32)
+def resting_force(mechanism: Mechanism) -> ca.Function:
+    """Return (q, p) → the elastic forces of the tendons on the bodies at rest.
+
+    Args:
+        mechanism: the plant's equations.
+    """
+    still, q = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
+    tied = still.place(q).q
+    pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
+    return ca.Function("force", [q, still.parameters.symbols], [pull])
+
+
+def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs, force: ca.Function | None = None) -> Floats:
     """Return the coordinates at which every drive is in equilibrium with the joints held at `angles`.
 
     A slack tendon counts as if it could push, so that a drive without a pull stands where its tendon is just straight.
@@ -293,16 +315,15 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
         mechanism: the plant's equations.
         angles: joint angles [rad], (n_joints,).
         inputs: what acts; the first interval counts.
+        force: `resting_force` of a plant of the same structure, where there is one.
 
     Raises:
         ScenarioError: a drive has no equilibrium.
     """
     from scipy.optimize import brentq
 
-    still, q = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
-    p, tied = still.parameters, still.place(q).q
-    elastic = still.elastic_forces(tied)
-    force = ca.Function("force", [q, p.symbols], [-ca.mtimes(still.length_jacobian(tied).T, elastic)])
+    force = resting_force(mechanism) if force is None else force
+    p = mechanism.parameters.values[: len(mechanism.parameters) - len(mechanism.parameters.inside)]
     place = np.concatenate([angles, np.zeros(mechanism.n_drives)])
     servo = inputs.servo[0]
 
@@ -312,7 +333,7 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
         def net(position: float, body: int = i) -> float:
             place[body] = position
             spring = servo[body, 0] * (servo[body, 1] - position)
-            return float(force(place, p.values)[body]) + float(inputs.effort[0, body]) + float(spring)
+            return float(force(place, p)[body]) + float(inputs.effort[0, body]) + float(spring)
 
         reach = 1e-3
         while not (net(-reach) > 0.0 > net(reach)):

@@ -98,6 +98,24 @@ def prepare(
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ScenarioError(f"seed: must be a whole number from 0, {seed!r} came")
     plant = Mechanism(scenario.plant_rig(rig), remembers=True)
+    dt, steps, count = timing(plant, scenario, period)
+    grid: Floats = dt * np.arange(steps, dtype=np.float64)
+    inputs = body_inputs(scenario, plant, grid)
+    start = equilibrium(plant, initial_angles(scenario, plant), inputs)
+    return Prepared(rig, scenario, plant, inputs, start, dt, count)
+
+
+def timing(plant: Mechanism, scenario: Scenario, period: float | None = None) -> tuple[float, int, int]:
+    """Return the length of an interval [s], the number of intervals, and the sub-steps of each.
+
+    Args:
+        plant: the plant's equations.
+        scenario: what is done to it.
+        period: time that whole intervals must fill [s]; default that between two samples of the fastest sensor.
+
+    Raises:
+        ScenarioError: the scenario is too short or too long.
+    """
     fastest = max((sensor.rate for sensor in plant.rig.sensors), default=100.0)
     filled = 1.0 / fastest if period is None else period
     dt = filled / ceil(filled / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
@@ -108,11 +126,7 @@ def prepare(
             f"duration: {scenario.duration:g} s in steps of {dt:g} s is too long (at most {MOST_STEPS:,} steps); "
             "simulate parts of it, or set lower sensor rates"
         )
-    steps = ceil(scenario.duration / dt - 1e-9)
-    grid: Floats = dt * np.arange(steps, dtype=np.float64)
-    inputs = body_inputs(scenario, plant, grid)
-    start = equilibrium(plant, initial_angles(scenario, plant), inputs)
-    return Prepared(rig, scenario, plant, inputs, start, dt, max(2, 2 * substeps(plant, dt)))
+    return dt, ceil(scenario.duration / dt - 1e-9), max(2, 2 * substeps(plant, dt))
 
 
 def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
@@ -123,7 +137,8 @@ def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
         motion: of the plant.
         seed: of the sensors' errors.
     """
-    rig, duration = prepared.plant.rig, prepared.scenario.duration
+    # several plants of one structure move together: its numbers are those of the plant itself
+    motion, rig, duration = Motion(prepared.plant, motion.y), prepared.plant.rig, prepared.scenario.duration
     grid: Floats = prepared.dt * np.arange(len(motion.y), dtype=np.float64)
     stamps = stamps_of(rig, duration)
     rngs = np.random.default_rng(seed).spawn(len(rig.sensors))

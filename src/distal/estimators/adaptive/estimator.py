@@ -57,6 +57,24 @@ def _state_vector(
     return StateVector(FilterContext(mechanism, channels_of(rig, "adaptive", references), guards), kinds)
 
 
+def _substeps(context: FilterContext, resolution: float | None) -> int:
+    """Return the sub-steps of the joints in one interval."""
+    mechanism = context.mechanism
+    if resolution is None:
+        resolution = RESOLUTION if mechanism.chain is None or mechanism.n_joints == 1 else CHAIN_RESOLUTION
+    longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
+    needed = min(max(1, int(np.ceil(context.channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
+    return SETTLING_SUBSTEPS if context.joints_settle else needed
+
+
+def _structure(states: StateVector, resolution: float | None) -> tuple[object, ...]:
+    """Return what two rigs have in common whose filters can share a kernel, as far as the states and the steps say it."""
+    context = states.context
+    declared = tuple(context.declares_friction(i) for i in range(context.n_drives))
+    numbers, follow = context.mechanism.parameters.names, context.joints_follow
+    return states.names, numbers, context.channels.names, declared, follow, _substeps(context, resolution)
+
+
 class AdaptiveFilter(KernelEstimator):
     """A displacement-driven Kalman filter that estimates what is uncertain in the rig beside the joints' motion.
 
@@ -94,12 +112,8 @@ class AdaptiveFilter(KernelEstimator):
         channels = channels_of(rig, name, references)
         guards = Robustness.usual(len(rig.joints)) if robustness is None else robustness
         self._states = _state_vector(rig, tuple(references), tuple(inputs), guards, tuple(kinds))
-        mechanism = self._states.context.mechanism
-        if resolution is None:
-            resolution = RESOLUTION if mechanism.chain is None or len(rig.joints) == 1 else CHAIN_RESOLUTION
-        longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
-        needed = min(max(1, int(np.ceil(channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
-        self._count = SETTLING_SUBSTEPS if self._states.context.joints_settle else needed
+        mechanism, self._resolution = self._states.context.mechanism, resolution
+        self._count = _substeps(self._states.context, resolution)
         # a smoother goes back over the filter's own states
         learned = () if trace else (rig.discrepancy if line is None else line, rig.contact)
         self._maps = tuple(one for one in learned if one is not None)
@@ -253,6 +267,28 @@ class AdaptiveFilter(KernelEstimator):
         count = len(self.numbers) - sum(len(numbers_of(one)) for one in self._maps)
         other._p = frozen(np.concatenate([self.numbers[:count], *(numbers_of(one) for one in other._maps)]))
         other._begin = None
+        return other
+
+    def of_rig(self, rig: Rig) -> AdaptiveFilter | None:
+        """Return the same filter, kernel included, with the numbers of another rig; None where that needs another kernel.
+
+        What the kernel has as constants stays that of the first rig: random walks, lowest values, limits of guards, and
+        a sensor's noise where it is no input.
+
+        Args:
+            rig: one that differs in its numbers only.
+        """
+        context, guards = self._states.context, self._states.context.robustness
+        references, inputs = context.channels.angles, context.mechanism.parameters.inputs
+        states = _state_vector(rig, tuple(references), inputs, guards, self._states.kinds)
+        if _structure(states, self._resolution) != _structure(self._states, self._resolution):
+            return None
+        other = copy(self)
+        for kept in ("unseen", "priors"):
+            other.__dict__.pop(kept, None)
+        count = len(self.numbers) - sum(len(numbers_of(one)) for one in self._maps)
+        other.rig, other._states, other._begin = rig, states, None
+        other._p = frozen(np.concatenate([states.context.mechanism.parameters.values, self.numbers[count:]]))
         return other
 
     @property

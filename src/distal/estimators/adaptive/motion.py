@@ -65,7 +65,7 @@ def moved(states: StateVector, count: int, mean: VectorNode, covariance: MatrixN
     angle_slopes, speed_slopes = (ca.MX(ca.densify(ca.mtimes(own, identity[i * nj : (i + 1) * nj, :]))) for i in (0, 1))
     rest = ca.MX(ca.DM.zeros(nj))
     for _ in range(count):
-        q, v, angle_slopes, speed_slopes, added = step(q, v, torques, h, angle_slopes, speed_slopes, *constant)
+        q, v, angle_slopes, speed_slopes, added = step(q, v, torques, h, angle_slopes, speed_slopes, *constant, p)
         rest = rest + added
     angle_slopes, speed_slopes = _by_state(states)(angle_slopes, speed_slopes, places)
     return Moved(q[:nj], v[:nj], angle_slopes, speed_slopes, rest, rates)
@@ -168,14 +168,15 @@ def _responding(states: StateVector) -> list[int]:
 def _substep(states: StateVector) -> ca.Function:
     """Return one sub-step of the joints with its slopes, the drives moving as they were measured to.
 
-    (q, v, τ, h, S_θ, S_ω, σ_τ, p, response, …) → (q⁺, v⁺, S_θ⁺, S_ω⁺, variance added to ω). Slopes are with respect to the
-    joints' motion, the states that enter the model (`_acting`), and the places of the drives.
+    (q, v, τ, h, S_θ, S_ω, σ_τ, p, response, …, the rig's own p) → (q⁺, v⁺, S_θ⁺, S_ω⁺, variance added to ω). Slopes
+    are with respect to the joints' motion, the states that enter the model (`_acting`), and the places of the drives.
     """
     context, nd, nj = states.context, states.context.n_drives, states.context.n_joints
     mechanism, p, acting = context.mechanism, context.mechanism.parameters.symbols, _acting(states)
     nb, count = mechanism.n_bodies, 2 * nj + len(acting)
     q, v, torques, spreads = (ca.SX.sym(name, k) for name, k in (("q", nb), ("v", nb), ("tau", nj), ("s_tau", nj)))
     response, h, state = ca.SX.sym("response", nb, 4), ca.SX.sym("h"), ca.SX.sym("state", len(states))
+    given = ca.SX.sym("given", p.numel())
     angle_slopes, speed_slopes = ca.SX.sym("S_theta", nj, count + nd), ca.SX.sym("S_omega", nj, count + nd)
     kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), response, h, h)
     torque_slopes = ca.jacobian(states.torques(state), state)
@@ -184,7 +185,7 @@ def _substep(states: StateVector) -> ca.Function:
     along = ca.mtimes(step.by_place[:, :nj], angle_slopes) + ca.mtimes(step.by_speed, speed_slopes)
     along[:, count:] += step.by_place[:, nj:]
     if acting:
-        along[:, 2 * nj : count] += ca.mtimes(step.by_parameter, _parameter_slopes(states)[:, acting])
+        along[:, 2 * nj : count] += ca.mtimes(step.by_parameter, _parameter_slopes(states, given)[:, acting])
         along[:, 2 * nj : count] += ca.mtimes(step.by_torque, torque_slopes[:, acting])
     arguments = [q, v, torques, h, angle_slopes, speed_slopes, spreads, p, response]
     responding = _responding(states)
@@ -195,11 +196,11 @@ def _substep(states: StateVector) -> ca.Function:
     free, spread = mechanism.free, mechanism.spread
     turned = ca.mtimes(spread, (angle_slopes + h * along)[free, :])
     outputs = [step.q, step.v, turned, along, step.rest]
-    return ca.Function("substep", arguments, ca.cse([ca.densify(entry) for entry in outputs]))
+    return ca.Function("substep", [*arguments, given], ca.cse([ca.densify(entry) for entry in outputs]))
 
 
-def _parameter_slopes(states: StateVector) -> Matrix:
-    """Return ∂p/∂state, (n_p, n), numbers: states enter the parameters linearly."""
+def _parameter_slopes(states: StateVector, given: Vector) -> Matrix:
+    """Return ∂p/∂state, (n_p, n), at the rig's own parameters, (n_p,): states enter the parameters linearly."""
     p, state = states.context.mechanism.parameters, ca.SX.sym("state", len(states))
     slopes = ca.jacobian(states.parameters(state), state)
-    return ca.Function("slopes", [p.symbols], [slopes])(p.values)
+    return ca.substitute(slopes, p.symbols, given)

@@ -1,0 +1,210 @@
+"""The answer of a study as one self-contained page: a sentence, then what it rests on; nothing is fetched."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from html import escape
+from importlib import resources
+from math import degrees
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.logs import write_together
+from distal.reports.page import heading, html_table, page, paragraph, picture
+from distal.reports.rig_drawing import rig_svg
+from distal.results import BLACK, COLOURS, FAINT, INK, SOFT, WHITE
+from distal.study import Axis, Plan, Space
+from distal.study.answer import Answer, Influence, words_of
+from distal.study.runs import BUILT, MEASURES
+from distal.study.storage import Columns
+
+Floats = NDArray[np.float64]
+
+MOST_DOTS = 2000
+"""More dots than this make a page slow, and tell no more."""
+
+CELLS = 8
+"""Parts of a range on the map."""
+
+SHOWN = 10
+"""Numbers, and parts of the space, that are listed."""
+
+WORDS = {
+    "rms_deg": "RMS error [°]",
+    "worst_deg": "largest error [°]",
+    "within": "share of the time within the limit",
+    "inside": "share of the time inside the band",
+    "half_band_deg": "half-width of the band [°]",
+    "met": "share of rigs that meet the requirement",
+}
+"""What is measured, in words."""
+
+MORE = frozenset({"within", "inside", "met"})
+"""Of these more is better."""
+
+_STYLE = f"""<style>
+.controls {{ display: flex; flex-wrap: wrap; gap: .4rem 1rem; margin: .6rem 0; font-size: .9rem; }}
+.controls label {{ display: flex; flex-wrap: wrap; gap: .3rem; align-items: center; min-width: 0; }}
+.controls select {{ font: inherit; max-width: min(22rem, 88vw); }}
+.chart text {{ font: 12px system-ui, sans-serif; fill: {SOFT}; }} .chart .name {{ fill: {INK}; font-size: 13px; }}
+.chart .light {{ fill: {WHITE}; }} .chart .grid {{ stroke: {FAINT}; stroke-width: .6; }}
+.chart .dot {{ fill: {COLOURS[5]}; fill-opacity: .55; }} .chart .best {{ fill: {COLOURS[1]}; }}
+.chart .front {{ fill: none; stroke: {COLOURS[1]}; stroke-width: 1.5; }}
+.chart .band {{ fill: {COLOURS[0]}; fill-opacity: .2; }} .chart .truth {{ fill: none; stroke: {BLACK}; stroke-width: 2.5; }}
+.chart .estimate {{ fill: none; stroke: {COLOURS[0]}; stroke-width: 1.5; }}
+.answer {{ font-size: 1.25rem; line-height: 1.45; margin: 1.2rem 0; }}
+.bar {{ display: inline-block; height: .75em; background: {COLOURS[0]}; }}
+.bars {{ width: 100%; }} .bars td:nth-child(2) {{ width: 45%; }}
+@media (max-width: 40rem) {{ .chart text {{ font-size: 19px; }} .chart .name {{ font-size: 19px; }}
+  .bars td:nth-child(2) {{ width: auto; }} }}
+</style>"""
+
+
+def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, folder: Path) -> Path:
+    """Write the answer of a study as ``index.html`` and ``answer.json``, and return where the page is.
+
+    Args:
+        plan: the study.
+        space: its designs.
+        columns: its rows.
+        answer: what they say.
+        folder: where; it must exist.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    asked, title = plan.study.requirement, plan.study.name or plan.rig.name
+    lead = (
+        f"{len(space):,} designs, {plan.study.seeds} rigs as built of each, {len(plan.scenarios)} scenarios. Asked: joint "
+        f"{asked.joint} within ±{degrees(asked.within):.3g}° for {100 * asked.time:.3g} % of the time. Every rig as built "
+        "is drawn from the standard deviations of the rig file; the estimator knows the rig file only."
+    )
+    parts = [_STYLE, f"<p class='answer'>{escape(answer.sentence)}</p>", *_scenarios(plan, answer)]
+    if answer.regions:
+        parts += [heading("Where it is met"), _regions(answer)]
+    if answer.influences:
+        parts += [heading("Which numbers matter"), *_influences(answer.influences)]
+    points = _points(plan, space, columns)
+    if len(points) > 1:
+        parts += [heading("What is traded for what"), *_chart("pareto", ("x", "y"), directed=True)]
+        parts += [heading("Map"), *_chart("map", ("x", "y", "z"))]
+    if answer.worst:
+        parts.append(heading("Worst cases"))
+        parts.append(paragraph("Black is the true angle, blue the estimate with its 95 % band."))
+        for k, case in enumerate(answer.worst):
+            parts.append(picture(f"<svg class='chart' id='case-{k}' role='img'></svg>", case.words))
+    parts += [heading("The rig"), picture(rig_svg(plan.rig), "To scale; circles are its sensors.")]
+    if answer.problems:
+        rows = [[escape(text), str(count)] for text, count in list(answer.problems.items())[:SHOWN]]
+        parts += [heading("Runs that failed"), html_table(["why", "runs"], rows, [1])]
+    data = {
+        "columns": points,
+        "cases": [asdict(case) for case in answer.worst],
+        "colours": COLOURS,
+        "cells": CELLS,
+        **_chosen(space.axes, answer.influences, points),
+    }
+    packed = json.dumps(data, separators=(",", ":"), ensure_ascii=False).replace("</", "<\\/")
+    script = resources.files("distal.reports").joinpath("study_page.js").read_text(encoding="utf-8")
+    parts.append(f"<script type='application/json' id='study-data'>{packed}</script>\n<script>\n{script}</script>")
+    said = json.dumps(answer.as_json(), indent=2, ensure_ascii=False) + "\n"
+    write_together({folder / "index.html": page(title, lead, parts), folder / "answer.json": said})
+    return folder / "index.html"
+
+
+def _scenarios(plan: Plan, answer: Answer) -> list[str]:
+    rows = [[escape(name), f"{one.met:,} of {one.rigs:,}", str(one)] for name, one in answer.scenarios.items()]
+    measured = [[escape(WORDS[name]), f"{answer.measures[name]:.3g}"] for name in MEASURES]
+    return [
+        html_table(["scenario", "rigs that meet it", "share"], rows),
+        html_table(["mean over all runs", ""], measured, [1]),
+    ]
+
+
+def _regions(answer: Answer) -> str:
+    shown = answer.regions if len(answer.regions) <= SHOWN else answer.regions[:SHOWN]
+    rows = [[escape(one.where), str(one.proportion), f"{one.proportion.rigs:,}"] for one in shown]
+    return html_table(["designs", "rigs that meet it", "rigs"], rows, [2])
+
+
+def _influences(influences: Sequence[Influence]) -> list[str]:
+    rows = [
+        [
+            escape(one.words),
+            f"<span class='bar' style='width:{100 * one.index:.1f}%'></span>",
+            f"{100 * one.index:.0f} ± {100 * one.half:.0f} %",
+        ]
+        for one in influences[:SHOWN]
+    ]
+    table = html_table(["number", "", "share of the variance of the RMS error"], rows, [2])
+    said = (
+        "First-order Sobol indices by RBD-FAST with their 95 % intervals: what would be gone of the variance if the number "
+        "were known and held. As built: what one rig differs by from its description."
+    )
+    return [table.replace("<table>", "<table class='bars'>"), paragraph(said)]
+
+
+def _chart(name: str, axes: Sequence[str], directed: bool = False) -> list[str]:
+    labels = {"x": "across", "y": "up", "z": "shown"}
+    controls = []
+    for axis in axes:
+        better = (
+            f"<select id='{name}-d{axis}' aria-label='better'><option value='less'>less is better</option>"
+            "<option value='more'>more is better</option></select>"
+            if directed
+            else ""
+        )
+        controls.append(f"<label>{labels[axis]} <select id='{name}-{axis}'></select>{better}</label>")
+    return [
+        f"<div class='controls'>{''.join(controls)}</div>",
+        f"<figure><svg class='chart' id='{name}' role='img'></svg><figcaption id='{name}-said'></figcaption></figure>",
+    ]
+
+
+def _points(plan: Plan, space: Space, columns: Columns) -> dict[str, dict[str, object]]:
+    """Return the columns of the charts: a number for each design, or for each rig where there is one design only."""
+    each = len(plan.scenarios) * (plan.study.seeds if space.axes else 1)
+    count = len(columns["met"]) // each
+    some = np.sort(np.random.default_rng(0).permutation(count)[:MOST_DOTS])
+    found: dict[str, dict[str, object]] = {}
+    for axis in space.axes:
+        found[axis.path] = _given(plan, axis, columns[axis.path][::each][some])
+    if not space.axes:
+        for name in (name for name in columns if name.startswith(BUILT)):
+            drawn = columns[name][::each][some]
+            found[name] = {"words": f"{words_of(plan, name)} [σ]", "values": _numbers(drawn)}
+    good = (columns["met"] != 0).astype(np.float64)
+    for name, words in WORDS.items():
+        values: Floats = (good if name == "met" else columns[name].astype(np.float64)).reshape(count, each)[some]
+        merged = {"worst_deg": values.max, "within": values.min}.get(name, values.mean)(axis=1)
+        found[name] = {"words": words, "values": _numbers(merged), "more": name in MORE}
+    return found
+
+
+def _given(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> dict[str, object]:
+    words = words_of(plan, axis.path)
+    if axis.choices and not isinstance(axis.choices[0], float):
+        said = {True: "with", False: "without"}
+        order = list(dict.fromkeys(axis.choices))
+        labels = [said[one] if isinstance(one, bool) else str(one) for one in order]
+        return {"words": words, "labels": labels, "values": [order.index(value) for value in values.tolist()]}
+    numbers = _numbers(values.astype(np.float64))
+    return {"words": f"{words} [{axis.unit}]" if axis.unit else words, "values": numbers, "log": axis.scale == "log"}
+
+
+def _numbers(values: NDArray[np.generic]) -> list[float | None]:
+    return [float(f"{value:.4g}") if np.isfinite(value) else None for value in values.astype(np.float64)]
+
+
+def _chosen(
+    axes: Sequence[Axis], influences: Sequence[Influence], points: dict[str, dict[str, object]]
+) -> dict[str, list[str]]:
+    """Return which columns the charts show at first: those that matter most."""
+    ranked = [one.name for one in influences if one.name in points]
+    order = [*ranked, *(name for name in points if name not in ranked and name not in WORDS), "within", "worst_deg"]
+    numeric = [name for name in order if "labels" not in points.get(name, {"labels": 1})]
+    return {"pareto": [numeric[0], "rms_deg"], "map": [order[0], order[1], "rms_deg"]}

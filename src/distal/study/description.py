@@ -1,0 +1,159 @@
+"""Studies: what is asked of a rig before it is built, read from TOML."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from distal.errors import StudyError, did_you_mean
+from distal.estimators import DEFAULT, ESTIMATORS
+from distal.rig import Description, In, Rig, load_rig, parse_toml, read_text, validated
+from distal.simulation import Scenario, load_scenario
+
+MOST_DESIGNS = 1_000_000
+
+Share = Annotated[float, In("", "positive")]
+
+
+class Requirement(Description):
+    """What is asked of a rig as built."""
+
+    joint: str = Field(min_length=1, description="name of the joint")
+    within: Annotated[float, In("rad", "positive")] = Field(description="how far the estimate may be from the truth")
+    time: Share = Field(0.95, description="for which share of the time")
+    scenarios: tuple[str, ...] = Field((), description="in which scenarios; default: in all of the study")
+    rigs: Share = Field(0.95, description="of which share of the rigs as built this is asked")
+
+    @model_validator(mode="after")
+    def _shares(self) -> Self:
+        for name in ("time", "rigs"):
+            if getattr(self, name) > 1.0:
+                raise ValueError(f"{name}: is a share, above 0 and at most 1 (100 %); {getattr(self, name):g} came")
+        return self
+
+
+class Study(Description):
+    """A rig, what is done to it, what varies, and what is required."""
+
+    rig: str = Field(min_length=1, description="a shipped rig's name, or a path (relative to the study's file)")
+    name: str = Field("", description="title of the answer")
+    scenarios: tuple[str, ...] = Field(min_length=1, description="shipped scenarios' names, or paths")
+    duration: Annotated[float, In("s", "positive")] | None = Field(
+        None, description="of each run; default: as long as the scenario says"
+    )
+    estimator: str = Field(DEFAULT, description="a name, as of `distal estimate -e`")
+    fill: Literal["grid", "latin", "sobol"] = Field("latin", description="how designs fill the space of what varies")
+    designs: int = Field(256, ge=1, le=MOST_DESIGNS, description="number of designs; a grid has its own")
+    seeds: int = Field(3, ge=1, le=100_000, description="rigs as built of each design")
+    draw: int = Field(1, ge=0, description="seed of the designs, the plants and the sensors' errors")
+    set: dict[str, object] = Field(
+        default_factory=dict,
+        description="values of the rig, the same for all designs; they win over those of scenarios",
+    )
+    vary: dict[str, object] = Field(
+        default_factory=dict,
+        description="path of a number, as for `--set`, `sensors.NAME` or `estimator` → a list, or a table with from and to",
+    )
+    requirement: Requirement = Field(description="what is asked")
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        if self.estimator not in ESTIMATORS:
+            raise ValueError(f"estimator: unknown '{self.estimator}'{did_you_mean(self.estimator, ESTIMATORS)}")
+        for name in self.requirement.scenarios:
+            if name not in self.scenarios:
+                raise ValueError(
+                    f"requirement.scenarios: '{name}' is none of scenarios{did_you_mean(name, self.scenarios)}"
+                )
+        if len(set(self.scenarios)) < len(self.scenarios):
+            raise ValueError("scenarios: one stands more than once; seeds give several runs of one")
+        return self
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A study with all that it names, so that it can be sent to other computers.
+
+    Args:
+        study: the description.
+        rig: as the study says, with its ``set``.
+        scenarios: in the study's order.
+    """
+
+    study: Study
+    rig: Rig
+    scenarios: tuple[Scenario, ...]
+
+    @property
+    def digest(self) -> str:
+        """What tells this study from any other, as hexadecimal digits."""
+        parts = [self.study.model_dump(), self.rig.model_dump(), [repr(one) for one in self.scenarios]]
+        return hashlib.sha256(json.dumps(parts, sort_keys=True, default=repr).encode()).hexdigest()[:32]
+
+    @property
+    def joint(self) -> int:
+        """The index of the joint that the requirement names."""
+        return [joint.name for joint in self.rig.joints].index(self.study.requirement.joint)
+
+
+def shipped_studies() -> tuple[str, ...]:
+    """Return the names of the studies that come with distal."""
+    files = resources.files("distal.study").joinpath("library").iterdir()
+    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+
+
+def load_study(name: str | Path) -> Plan:
+    """Load a study by name or from a TOML file, with its rig and its scenarios.
+
+    Args:
+        name: a shipped study's name (see `shipped_studies`) or a path.
+
+    Raises:
+        StudyError: it is unknown, cannot be read, or its description is wrong.
+        RigError: its rig is unknown or wrong.
+        ScenarioError: a scenario of it is.
+    """
+    shipped, path = shipped_studies(), Path(name)
+    if str(name) in shipped:
+        text = resources.files("distal.study").joinpath("library", f"{name}.toml").read_text(encoding="utf-8")
+        return plan_of(parse_toml(text, str(name), StudyError), str(name))
+    if path.suffix != ".toml" and not path.exists():
+        raise StudyError(f"unknown study '{name}'{did_you_mean(str(name), shipped)}; or give the path of a .toml file")
+    return plan_of(parse_toml(read_text(path, StudyError), str(path), StudyError), str(path), path.parent)
+
+
+def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | None = None) -> Plan:
+    """Check a raw study and load what it names.
+
+    Args:
+        raw: as parsed.
+        source: its name in messages.
+        beside: the folder to which paths are relative; None for shipped names only and paths as they are.
+
+    Raises:
+        StudyError: something is wrong; one line that says where, what came and what is allowed.
+        RigError: its rig is unknown or wrong.
+        ScenarioError: a scenario of it is.
+    """
+    study = validated(Study, raw, source, StudyError)
+
+    def place(name: str) -> str | Path:
+        return beside / name if beside is not None and name.endswith(".toml") else name
+
+    rig = load_rig(place(study.rig))
+    rig = rig.with_values(study.set) if study.set else rig
+    joints = [joint.name for joint in rig.joints]
+    if study.requirement.joint not in joints:
+        asked = study.requirement.joint
+        raise StudyError(f"{source}: requirement.joint: the rig has no joint '{asked}'{did_you_mean(asked, joints)}")
+    scenarios = [load_scenario(place(one)) for one in study.scenarios]
+    if study.duration is not None:
+        scenarios = [one.model_copy(update={"duration": study.duration}) for one in scenarios]
+    return Plan(study, rig, tuple(scenarios))

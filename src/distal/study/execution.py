@@ -1,0 +1,171 @@
+"""A study's chunks, worked off by processes of this computer or by a Dask cluster: the same list, the same function."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+
+from distal.errors import StudyError
+from distal.study.description import Plan
+from distal.study.runs import Rows, run_chunk
+from distal.study.space import Space
+from distal.study.storage import Folder
+from distal.version import __version__
+
+Progress = Callable[[int, int], None]
+Chunk = tuple[int, tuple[int, ...]]
+
+RETRIES = 5
+"""A chunk whose worker goes away is tried so often again."""
+
+PATIENCE = 10.0
+"""A scheduler answers within this time [s]."""
+
+
+def run_study(
+    plan: Plan,
+    space: Space,
+    folder: Folder,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> None:
+    """Run what is not there yet of a study; rows are written as chunks end.
+
+    Args:
+        plan: the study.
+        space: its designs.
+        folder: where rows go.
+        workers: processes here; default one per core.
+        scheduler: address of a Dask scheduler, ``tcp://host:8786``, whose workers run the chunks instead.
+        progress: called with the number of runs that are done and of all.
+
+    Raises:
+        StudyError: a worker ended, or the scheduler is not there or has another version.
+        OutputError: rows cannot be written.
+    """
+    each = plan.study.seeds * len(plan.scenarios)
+    there, parts = folder.done(), space.chunks(each)
+    done, total = sum(len(parts[k]) for k in there if k < len(parts)) * each, len(space) * each
+    left: list[Chunk] = [(k, part) for k, part in enumerate(parts) if k not in there]
+    if progress is not None:
+        progress(done, total)
+    if not left:
+        return
+    count = (os.cpu_count() or 1) if workers is None else workers
+    for number, rows in _by_dask(plan, left, scheduler) if scheduler else _here(plan, left, count):
+        folder.write(number, rows)
+        done += len(rows["design"])
+        if progress is not None:
+            progress(done, total)
+
+
+def _here(plan: Plan, chunks: Sequence[Chunk], workers: int) -> Iterator[tuple[int, Rows]]:
+    if workers == 1:
+        yield from ((number, run_chunk(plan, designs)) for number, designs in chunks)
+        return
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin, (plan,))
+    try:
+        waiting = iter(chunks)
+        running: dict[Future[Rows], int] = {}
+        while True:
+            while len(running) < 2 * workers and (chunk := next(waiting, None)) is not None:
+                running[pool.submit(_work, chunk[1])] = chunk[0]
+            if not running:
+                break
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
+    except BrokenProcessPool:
+        raise StudyError(
+            "a process of this study was ended from outside, for want of memory perhaps; the rows so far are kept: the "
+            "same command goes on, with fewer --workers if memory was short"
+        ) from None
+    finally:
+        for process in multiprocessing.active_children():
+            process.terminate()
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+_PLAN: list[Plan] = []
+"""What a process of the pool works on."""
+
+
+def _begin(plan: Plan) -> None:
+    """Prepare a process of the pool: it ends with the one that started it, and leaves signals to that."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _PLAN[:] = [plan]
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _work(designs: tuple[int, ...]) -> Rows:
+    return run_chunk(_PLAN[0], designs)
+
+
+def _far(plan: Plan, designs: tuple[int, ...], version: str) -> Rows:
+    """Run a chunk on another computer, if it has the same version."""
+    if version != __version__:
+        raise StudyError(f"a worker has distal {__version__}, this is {version}; install the same on all")
+    return run_chunk(plan, designs)
+
+
+def _by_dask(plan: Plan, chunks: Sequence[Chunk], address: str) -> Iterator[tuple[int, Rows]]:
+    try:
+        from distributed import Client, as_completed
+    except ImportError:
+        raise StudyError("--scheduler needs Dask; pip install 'distal[dask]'") from None
+    try:
+        client = Client(address, timeout=PATIENCE, set_as_default=False)
+        there = client.get_versions()
+    except (OSError, ValueError, ImportError, TypeError) as problem:
+        raise StudyError(
+            f"no scheduler answers at {address} ({str(problem)[:80]}); start one: dask scheduler"
+        ) from None
+    with client:
+        _check_versions(there)
+        numbers = {
+            client.submit(_far, plan, designs, __version__, pure=False, retries=RETRIES): number
+            for number, designs in chunks
+        }
+        try:
+            for future in as_completed(list(numbers), loop=client.loop):
+                try:
+                    rows = future.result()
+                except StudyError:
+                    raise
+                except Exception as problem:  # whatever a cluster may do to a chunk
+                    kind = type(problem).__name__
+                    raise StudyError(
+                        f"a chunk failed on the cluster ({kind}: {str(problem)[:120]}); the rows so far are kept: the same "
+                        "command goes on"
+                    ) from None
+                yield numbers.pop(future), rows
+                future.release()
+        finally:
+            client.cancel(list(numbers), force=True)
+
+
+def _check_versions(there: Mapping[str, Mapping[str, Mapping[str, str]]]) -> None:
+    """Refuse a scheduler with another version of Dask or Python than is here."""
+    own, other = (there[who] for who in ("client", "scheduler"))
+    here = ".".join(map(str, sys.version_info[:2]))
+    far = ".".join(str(other["host"]["python"]).split(".")[:2])
+    if far != here:
+        raise StudyError(f"the scheduler runs Python {far}, this is {here}; install the same on all")
+    for package in ("distributed", "dask"):
+        mine, theirs = own["packages"][package], other["packages"][package]
+        if mine != theirs:
+            raise StudyError(f"the scheduler has {package} {theirs}, this is {mine}; install the same on all")

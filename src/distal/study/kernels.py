@@ -1,0 +1,94 @@
+"""The kernels that a process keeps: rigs that differ in their numbers only share a plant's and a filter's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from distal.estimators import AdaptiveFilter
+from distal.kernels import Kernel
+from distal.model import Mechanism
+from distal.rig import Rig
+from distal.simulation.plant import plant_function
+
+PARTS = ("joints", "drives", "tendons")
+
+
+@dataclass
+class _Filters:
+    """The filters of one shape of rig, and the rigs of the study that have not been looked at for more."""
+
+    kept: list[AdaptiveFilter]
+    others: Iterator[Rig]
+
+
+@dataclass
+class Kernels:
+    """A plant's kernel, and a filter, for each structure of rig."""
+
+    plants: dict[str, tuple[Mechanism, Kernel]] = field(default_factory=dict)
+    filters: dict[tuple[str, str], _Filters] = field(default_factory=dict)
+
+    def plant(self, mechanism: Mechanism, count: int) -> tuple[Mechanism, Kernel]:
+        """Return a mechanism of the same structure and its kernel.
+
+        Args:
+            mechanism: of a plant.
+            count: sub-steps per interval.
+        """
+        parts = [_masked(getattr(mechanism.rig, kind).model_dump()) for kind in ("base", "stepping")]
+        parts += [_masked(_open(one.model_dump())) for kind in PARTS for one in getattr(mechanism.rig, kind)]
+        key = repr((parts, mechanism.parameters.names, count))
+        if key not in self.plants:
+            self.plants[key] = mechanism, Kernel(plant_function(mechanism, count))
+        return self.plants[key]
+
+    def filter(self, rig: Rig, family: str, others: Iterator[Rig]) -> AdaptiveFilter:
+        """Return the adaptive filter of a rig, with the kernel of the first rig of a study that has its structure.
+
+        What a kernel has as constants is that of the rig that it was made of: which one must not depend on what a
+        process has done before.
+
+        Args:
+            rig: the description.
+            family: what tells the study.
+            others: the rigs of the study in their order.
+        """
+        shape = _shape(rig)
+        known = self.filters.setdefault((family, shape), _Filters([], others))
+        while True:
+            for one in known.kept:
+                ready = one.of_rig(rig)
+                if ready is not None:
+                    return ready
+            alike = (other for other in known.others if _shape(other) == shape)
+            first = next((other for other in alike if all(one.of_rig(other) is None for one in known.kept)), rig)
+            noises = tuple(f"sensors.{i}.noise" for i, each in enumerate(first.sensors) if each.measures != "angle")
+            known.kept.append(AdaptiveFilter(first, inputs=noises))
+
+
+def _shape(rig: Rig) -> str:
+    """Return what of a description a filter's structure depends on."""
+    raw = rig.model_dump(exclude={"name", "log"})
+    for sensor in raw["sensors"]:
+        sensor["noise"], sensor["linearity"] = None, sensor["linearity"] > 0.0
+    for drive in raw["drives"]:
+        if "nominal_force" in drive:  # stands in for a sensor that is not there
+            drive["nominal_force"] = repr(drive["nominal_force"])
+    return repr(_masked(raw))
+
+
+def _open(part: dict[str, object]) -> dict[str, object]:
+    """Return a raw part without the places of its stops, which are numbers of a plant like others."""
+    return {key: value is None if key == "stops" else value for key, value in part.items()}
+
+
+def _masked(part: object) -> object:
+    """Return a raw description with only what the structure of its equations depends on for each number with a std."""
+    if isinstance(part, Mapping):
+        if {"value", "std"} <= part.keys():
+            value, std, shared = part["value"], part["std"], part.get("shared")
+            flags = value == 0.0, std > 0.0, value == 1.0, std > 0.5 * abs(value), std > 0.2 * abs(value)
+            return flags, part.get("hold"), part.get("drift"), shared and shared["name"]
+        return {key: _masked(value) for key, value in part.items()}
+    return [_masked(one) for one in part] if isinstance(part, (list, tuple)) else part

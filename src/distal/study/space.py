@@ -1,0 +1,246 @@
+"""The designs of a study: what varies, and how designs fill the space of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import ceil, exp, log, log2
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import DistalError, StudyError, did_you_mean
+from distal.estimators import ESTIMATORS
+from distal.rig import ALL, Rig, number
+from distal.study.description import Plan
+from distal.units import to_si
+
+Floats = NDArray[np.float64]
+Value = float | str | bool
+Design = Mapping[str, Value]
+
+ESTIMATOR = "estimator"
+"""The path that stands for the estimator."""
+
+POINTS = 5
+"""Points of a range in a grid."""
+
+KEYS = ("from", "to", "scale", "points")
+"""Keys of a range."""
+
+MOST_CHUNKS = 100_000
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Something that varies.
+
+    Args:
+        path: of a number of the rig, of a sensor (``sensors.u1``), or ``estimator``.
+        unit: SI, of numbers.
+        choices: what it may be; empty for a range.
+        low: of a range, SI.
+        high: of a range, SI.
+        scale: of a range.
+        points: of a range, in a grid.
+    """
+
+    path: str
+    unit: str = ""
+    choices: tuple[Value, ...] = ()
+    low: float = 0.0
+    high: float = 0.0
+    scale: Literal["linear", "log"] = "linear"
+    points: int = POINTS
+
+    def at(self, share: float) -> Value:
+        """Return the value at a share of the way.
+
+        Args:
+            share: from 0 to 1.
+        """
+        if self.choices:
+            return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
+        if self.scale == "log":
+            return exp(log(self.low) + share * (log(self.high) - log(self.low)))
+        return self.low + share * (self.high - self.low)
+
+
+def axes_of(plan: Plan) -> tuple[Axis, ...]:
+    """Return what varies in a study, in the order of its file.
+
+    Args:
+        plan: the study.
+
+    Raises:
+        StudyError: a path leads nowhere, a range is empty, or a value is wrong.
+    """
+    return tuple(_axis(plan.rig, path, raw) for path, raw in plan.study.vary.items())
+
+
+def _axis(rig: Rig, path: str, raw: object) -> Axis:
+    sensors = [sensor.name for sensor in rig.sensors]
+    if path == ESTIMATOR:
+        for one in _list(path, raw):
+            if one not in ESTIMATORS:
+                raise StudyError(f"vary.{path}: unknown '{one}'{did_you_mean(str(one), ESTIMATORS)}")
+        return Axis(path, choices=tuple(str(one) for one in _list(path, raw)))
+    if path.startswith("sensors.") and path.count(".") == 1:
+        if path.partition(".")[2] not in sensors:
+            raise StudyError(f"vary.{path}: the rig has no such sensor{did_you_mean(path[8:], sensors)}")
+        if not all(isinstance(one, bool) for one in _list(path, raw)):
+            raise StudyError(f"vary.{path}: a sensor is there or not, [true, false]; {raw!r:.60} came")
+        return Axis(path, choices=tuple(bool(one) for one in _list(path, raw)))
+    try:
+        unit = _unit(rig, path)
+        if isinstance(raw, Mapping):
+            _check_smooth(rig, path)
+            return _range(path, raw, unit)
+        axis = Axis(path, unit, tuple(to_si(one, unit) for one in _list(path, raw)))
+        for end in axis.choices:
+            rig.with_values({path: end})
+    except StudyError:
+        raise
+    except DistalError as problem:
+        raise StudyError(f"vary.{path}: {problem}") from None
+    return axis
+
+
+def _unit(rig: Rig, path: str) -> str:
+    """Return the SI unit of a number; ``*`` stands for all parts of a kind, and a std has the unit of its number."""
+    keys = path.replace(ALL, "0")
+    if keys.endswith(".shared.std"):
+        number(rig, keys.removesuffix(".shared.std"))
+        return ""
+    return number(rig, keys.removesuffix(".std") if keys.endswith(".std") else keys).quantity.si
+
+
+def _check_smooth(rig: Rig, path: str) -> None:
+    """Refuse a range of what is written into a compiled kernel: every design would need its own."""
+    keys = path.replace(ALL, "0").removesuffix(".std").removesuffix(".shared")
+    fixed = not number(rig, keys).is_parameter or path.startswith("sensors.") or path.endswith(".nominal_force")
+    if fixed and not path.endswith((".noise", ".linearity")):
+        raise StudyError(
+            f"vary.{path}: each value of it needs a kernel of its own; give a list of a few values, no range"
+        )
+
+
+def _list(path: str, raw: object) -> Sequence[object]:
+    if not isinstance(raw, (list, tuple)) or not raw:
+        raise StudyError(f"vary.{path}: must be a list of values or {{ from = …, to = … }}; {raw!r:.60} came")
+    return raw
+
+
+def _range(path: str, raw: Mapping[str, object], unit: str) -> Axis:
+    for key in raw:
+        if key not in KEYS:
+            raise StudyError(f"vary.{path}: unknown key '{key}'{did_you_mean(key, KEYS)}")
+    if "from" not in raw or "to" not in raw:
+        raise StudyError(f"vary.{path}: a range needs 'from' and 'to'")
+    low, high = to_si(raw["from"], unit), to_si(raw["to"], unit)
+    scale, points = raw.get("scale", "linear"), raw.get("points", POINTS)
+    if not low < high:
+        raise StudyError(f"vary.{path}: the range is empty: from {low:g} {unit} must be below to {high:g} {unit}")
+    if scale not in ("linear", "log") or (scale == "log" and low <= 0.0):
+        raise StudyError(f"vary.{path}: scale is 'linear', or 'log' from above zero; {scale!r:.40} from {low:g} came")
+    if not isinstance(points, int) or isinstance(points, bool) or not 2 <= points <= 1000:
+        raise StudyError(f"vary.{path}: points is a whole number from 2 to 1000, {points!r:.40} came")
+    return Axis(path, unit, (), low, high, "log" if scale == "log" else "linear", points)
+
+
+@dataclass(frozen=True)
+class Space:
+    """All designs of a study.
+
+    Args:
+        axes: what varies.
+        shares: of each design, how far along each axis it is, (n, n_axes).
+    """
+
+    axes: tuple[Axis, ...]
+    shares: Floats
+
+    def __len__(self) -> int:
+        return len(self.shares)
+
+    def __iter__(self) -> Iterator[dict[str, Value]]:
+        return map(self.design, range(len(self)))
+
+    def design(self, index: int) -> dict[str, Value]:
+        """Return what varies in a design: path → value, SI.
+
+        Args:
+            index: of the design.
+        """
+        return {axis.path: axis.at(float(share)) for axis, share in zip(self.axes, self.shares[index])}
+
+    def chunks(self, runs_per_design: int, size: int = 48) -> list[tuple[int, ...]]:
+        """Return the designs in parts of about `size` runs, those with the same choices beside each other.
+
+        Args:
+            runs_per_design: seeds times scenarios.
+            size: runs of a chunk.
+        """
+        chosen = [i for i, axis in enumerate(self.axes) if axis.choices]
+        counts = np.array([len(self.axes[i].choices) for i in chosen])
+        which = np.minimum(self.shares[:, chosen] * counts, counts - 1).astype(int)
+        order = np.lexsort(which.T[::-1]) if chosen else np.arange(len(self))
+        each = max(1, size // runs_per_design)
+        if len(self) > each * MOST_CHUNKS:
+            raise StudyError(f"{len(self):,} designs came; at most {each * MOST_CHUNKS:,} are possible here")
+        return [tuple(int(i) for i in order[at : at + each]) for at in range(0, len(self), each)]
+
+
+def space_of(plan: Plan) -> Space:
+    """Return the designs of a study; the same study always has the same.
+
+    Args:
+        plan: the study.
+
+    Raises:
+        StudyError: what varies is wrong, or a grid has too many designs.
+    """
+    from scipy.stats import qmc
+
+    study, axes = plan.study, axes_of(plan)
+    for axis in axes:
+        for share in (0.0, 1.0):
+            try:
+                rig_of(plan.rig, {axis.path: axis.at(share)})
+            except DistalError as problem:
+                raise StudyError(f"vary.{axis.path}: {problem}") from None
+    if study.fill == "grid":
+        counts = [len(axis.choices) or axis.points for axis in axes]
+        if np.prod(counts, dtype=float) > 1e6:
+            raise StudyError(
+                f"the grid has {np.prod(counts, dtype=float):.3g} designs, at most 1e6; use fill = 'latin'"
+            )
+        each = [[(k + 0.5) / n if axis.choices else k / (n - 1) for k in range(n)] for axis, n in zip(axes, counts)]
+        return Space(axes, np.array(list(product(*each)), dtype=np.float64).reshape(-1, len(axes)))
+    if not axes:
+        return Space(axes, np.zeros((study.designs, 0)))
+    rng = np.random.default_rng([study.draw, 0])
+    if study.fill == "latin":
+        return Space(axes, qmc.LatinHypercube(len(axes), rng=rng).random(study.designs))
+    many = qmc.Sobol(len(axes), rng=rng).random_base2(ceil(log2(max(study.designs, 2))))
+    return Space(axes, many[: study.designs])
+
+
+def rig_of(rig: Rig, design: Design) -> Rig:
+    """Return the rig of a design, without the sensors that it leaves out.
+
+    Args:
+        rig: the study's.
+        design: what varies: path → value, SI.
+
+    Raises:
+        RigError: the values are wrong.
+    """
+    off = {path.partition(".")[2] for path, value in design.items() if value is False}
+    numbers = {path: value for path, value in design.items() if not isinstance(value, (bool, str))}
+    changed = rig.with_values(numbers) if numbers else rig
+    if not off:
+        return changed
+    return changed.model_copy(update={"sensors": tuple(s for s in changed.sensors if s.name not in off)})

@@ -1,0 +1,181 @@
+"""What narrows the band most: another sensor, a number that is known better, or a calibration at a known angle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import StudyError
+from distal.estimators import DEFAULT
+from distal.results import BAND, Estimate
+from distal.rig import Rig, in_words, number
+from distal.study.description import Plan
+from distal.study.plants import draws_of
+from distal.study.runs import NOMINAL, Task, run_tasks
+
+Floats = NDArray[np.float64]
+
+BETTER = 0.5
+"""A number that is known better has this share of its std, a better sensor of its errors."""
+
+KNOWN = 2.0
+"""A calibration: the joint's angle is known for so long at the start [s]."""
+
+PLANTS = 24
+"""Rigs as built that check an option."""
+
+SAME = 0.03
+"""A band that changes by less than this share of it is the same."""
+
+NOISE = 0.1
+"""Noise of a tension sensor where the rig has no force sensor to compare with [N]."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """Something that could be done.
+
+    Args:
+        words: what.
+        rig: with it.
+        homing: for how long the angle is known at the start [s], or None.
+    """
+
+    words: str
+    rig: Rig
+    homing: float | None = None
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """What an option brings.
+
+    Args:
+        words: what it is.
+        band: mean half-width of the 95 % band by the filter's covariance, on one nominal log of each scenario [rad].
+        squares: mean square error of each plant that is drawn, NaN where it failed, (n,) [rad²].
+    """
+
+    words: str
+    band: float
+    squares: Floats
+
+    @property
+    def error(self) -> float:
+        """RMS error over the plants [rad]."""
+        return float(np.sqrt(np.nanmean(self.squares)))
+
+
+def suggestions(
+    plan: Plan, done: Callable[[int, int], None] | None = None
+) -> tuple[Suggestion, list[Suggestion], float]:
+    """Return the rig as it is, each option, best by the band first, and Kendall's τ of the ranks by band and by error.
+
+    Options that change nothing are equal in rank: a band by less than `SAME`, an error by less than twice the standard
+    error of the difference between the same plants with and without the option.
+
+    Args:
+        plan: the study.
+        done: called with how many options are done, and of how many.
+
+    Raises:
+        StudyError: the estimator of the study has no covariance to go by, or the rig cannot be estimated.
+    """
+    from scipy.stats import kendalltau
+
+    if plan.study.estimator != DEFAULT:
+        raise StudyError(f"suggestions go by the covariance of '{DEFAULT}'; '{plan.study.estimator}' came as estimator")
+    every, found = options_of(plan.rig), list[Suggestion]()
+    for k, option in enumerate(every):
+        found.append(_judged(plan, option))
+        if done is not None:
+            done(k + 1, len(every))
+    base, *others = found
+    bands = [base.band if abs(one.band - base.band) < SAME * base.band else one.band for one in others]
+    tau = kendalltau(bands, [_told(base, one) for one in others]).statistic
+    return base, sorted(others, key=lambda one: one.band), float(tau)
+
+
+def _told(base: Suggestion, one: Suggestion) -> float:
+    """Return the error of an option as far as its plants tell it from the rig as it is."""
+    change = one.squares - base.squares
+    change = change[np.isfinite(change)]
+    unsure = 2.0 * np.std(change) / np.sqrt(max(len(change), 1))
+    return base.error if len(change) < 2 or abs(np.mean(change)) < unsure else one.error
+
+
+def options_of(rig: Rig) -> list[Option]:
+    """Return what could be done; the first is to leave the rig as it is.
+
+    Args:
+        rig: the description.
+    """
+    found, groups = [Option("as it is", rig)], dict[str, dict[str, object]]()
+    for draw in draws_of(rig):
+        if draw.paths[0].startswith("sensors."):
+            continue
+        key = "{0}.*.{2}".format(*draw.paths[0].split(".", 2))
+        words = in_words(rig, key) + (" in common" if draw.common else "")
+        for path in draw.paths:
+            std = draw.std if draw.common else number(rig, path).independent_std
+            groups.setdefault(words, {})[f"{path}.{'shared.std' if draw.common else 'std'}"] = BETTER * std
+    found += [Option(f"{words} known twice as well", rig.with_values(values)) for words, values in groups.items()]
+    for kind in ("position", "force", "tension"):
+        errors: dict[str, object] = {}
+        for i, sensor in enumerate(rig.sensors):
+            if sensor.measures == kind:
+                parts = {"noise": sensor.noise, "linearity": sensor.linearity, "resolution": sensor.resolution}
+                errors |= {f"sensors.{i}.{name}": BETTER * value for name, value in parts.items() if value > 0.0}
+        if errors:
+            found.append(Option(f"{kind} sensors twice as good", rig.with_values(errors)))
+    found += _with_sensors(rig)
+    return [*found, Option(f"the angle known for the first {KNOWN:g} s", rig, KNOWN)]
+
+
+def _with_sensors(rig: Rig) -> list[Option]:
+    """Return the rig with sensors that it has not."""
+    forces = [sensor for sensor in rig.sensors if sensor.measures == "force" and sensor.si == "N"]
+    noise = min((sensor.noise for sensor in forces), default=NOISE) or NOISE
+    rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
+    old, found = rig.model_dump()["sensors"], []
+    cells = {sensor.of for sensor in rig.sensors if sensor.measures == "tension"}
+    new = [
+        {"name": f"tension_{one.name}", "measures": "tension", "of": one.name, "noise": noise, "rate": rate}
+        for one in rig.tendons
+        if one.name not in cells
+    ]
+    if new:
+        said = f"a tension sensor of {noise:g} N on each tendon"
+        found.append(Option(said, rig.with_values({"sensors": [*old, *new]})))
+    pulled = {sensor.of for sensor in rig.sensors if sensor.measures == "force"}
+    bare = [drive for drive in rig.drives if drive.name not in pulled and drive.kind == "slider"]
+    more = [
+        {"name": f"force_{one.name}", "measures": "force", "of": one.name, "noise": noise, "rate": rate} for one in bare
+    ]
+    if more:
+        found.append(Option(f"a load cell of {noise:g} N at each drive", rig.with_values({"sensors": [*old, *more]})))
+    return found
+
+
+def _judged(plan: Plan, option: Option) -> Suggestion:
+    changed, every = replace(plan, rig=option.rig), range(len(plan.scenarios))
+    tasks = [Task(0, {}, seed, s) for s in every for seed in (NOMINAL, *range(PLANTS))]
+    bands, squares = [], []
+    for task, outcome in zip(tasks, run_tasks(changed, tasks, homing=option.homing)):
+        if not isinstance(outcome, Estimate) or outcome.truths is None:
+            if task.seed == NOMINAL:
+                raise StudyError(f"{option.words}: {outcome}")
+            squares.append(np.nan)
+            continue
+        late = (
+            outcome.time - outcome.time[0] >= KNOWN
+        )  # a calibration is judged by what comes after it, like all others
+        if task.seed == NOMINAL:
+            bands.append(np.mean(BAND * outcome.angle_stds[late, plan.joint]))
+        else:
+            squares.append(np.mean((outcome.angles - outcome.truths)[late, plan.joint] ** 2))
+    each = np.array(squares, dtype=np.float64).reshape(len(plan.scenarios), PLANTS)
+    return Suggestion(option.words, float(np.mean(bands)), each.mean(axis=0))

@@ -1,0 +1,198 @@
+"""What rows say: shares with their intervals, indices, sentences; and the page that shows them."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal.errors import StudyError
+from distal.reports import study_report
+from distal.study import Plan, Space, space_of
+from distal.study.answer import Answer, answer_of, influences_of, proportion, quantity
+from distal.study.runs import MEASURES, run_chunk
+from distal.study.storage import Columns
+from tests.study.plans import small, still
+
+STIFF, NOISE = "tendons.*.stiffness", "sensors.u1.noise"
+
+
+def test_the_interval_of_a_share_is_wilsons() -> None:
+    found = proportion(np.array([True] * 97 + [False] * 3))
+    n, p, z = 100, 0.97, 1.959964
+    centre, half = (
+        (p + z * z / (2 * n)) / (1 + z * z / n),
+        z / (1 + z * z / n) * sqrt(p * (1 - p) / n + (z / n / 2) ** 2),
+    )
+    assert (found.share, found.met) == (0.97, 97)
+    assert found.low == pytest.approx(centre - half, abs=1e-6)
+    assert found.high == pytest.approx(centre + half, abs=1e-6)
+    assert str(found) == "97 % (95 % interval 92 to 99 %)"
+
+
+def test_intervals_hold_the_share_as_often_as_they_say() -> None:
+    rng = np.random.default_rng(4)
+    found = [proportion(rng.uniform(size=200) < 0.9) for _ in range(400)]
+    assert np.mean([one.low <= 0.9 <= one.high for one in found]) == pytest.approx(0.95, abs=0.03)
+
+
+def test_numbers_are_written_as_people_write_them() -> None:
+    said = [
+        quantity(*one) for one in ((4470.0, "N/m"), (0.3, "N"), (5e-6, "m"), (0.0095, "m"), (0.0175, "rad"), (0.5, ""))
+    ]
+    assert said == ["4.47 kN/m", "0.3 N", "5 µm", "9.5 mm", "1°", "0.5"]
+
+
+def made(plan: Plan, space: Space, rms: np.ndarray) -> Columns:
+    """Return rows with given RMS errors; a rig meets the requirement below 1 degree."""
+    n, names = len(rms), sorted(plan.study.scenarios)
+    each = plan.study.seeds * len(names)
+    designs = [space.design(i // each) for i in range(n)]
+    columns: Columns = {axis.path: np.array([one[axis.path] for one in designs]) for axis in space.axes}
+    columns |= {"design": np.arange(n) // each, "seed": np.arange(n) // len(names) % plan.study.seeds}
+    columns["scenario"] = np.array([names[k % len(names)] for k in range(n)])
+    columns |= dict.fromkeys(MEASURES, rms)
+    columns |= {"met": (rms < 1.0).astype(np.int8), "problem": np.array([""] * n), "seconds": np.ones(n)}
+    return columns
+
+
+@pytest.fixture(scope="module")
+def linear() -> tuple[Plan, Space]:
+    vary = {STIFF: {"from": "500 N/m", "to": "1500 N/m"}, NOISE: {"from": 0.1, "to": 0.3}}
+    plan = small(designs=600, vary=vary)
+    return plan, space_of(plan)
+
+
+def test_indices_are_those_of_a_sum_that_is_known(linear: tuple[Plan, Space]) -> None:
+    """Of y = 2 x + z the variances are 4 to 1."""
+    pytest.importorskip("SALib")
+    plan, space = linear
+    y = np.repeat(2.0 * space.shares[:, 0] + space.shares[:, 1], 2)
+    first, second = influences_of(plan, space, made(plan, space, y), y)
+    assert (first.name, second.name) == (STIFF, NOISE)
+    assert first.index == pytest.approx(0.8, abs=0.05)
+    assert second.index == pytest.approx(0.2, abs=0.05)
+    assert first.words == "stiffness of all tendons"
+
+
+def test_the_sentence_says_what_the_rows_say(linear: tuple[Plan, Space], monkeypatch: pytest.MonkeyPatch) -> None:
+    plan, space = linear
+    monkeypatch.setattr("distal.study.answer.CASES", 0)
+    half = answer_of(plan, space, made(plan, space, np.repeat(2.0 * space.shares[:, 0], 2)))
+    assert half.overall.share == pytest.approx(0.5, abs=0.01)
+    assert half.sentence.startswith(
+        "Without an encoder: no. 50 % (95 % interval 47 to 53 %) of 1,200 rigs as built stay"
+    )
+    assert "within ±1° for 95 % of the time in series-2; what matters most: stiffness of all tendons." in half.sentence
+    assert "Best: stiffness of all tendons 500 N/m to 750 N/m" in half.sentence
+    assert half.sentence.endswith("100 % (95 % interval 95 to 100 %).") or "100 % (95 %" in half.sentence
+    well = answer_of(plan, space, made(plan, space, np.full(1200, 0.5)))
+    assert well.sentence.startswith("Without an encoder: yes. 100 %")
+    some = np.where(np.arange(1200) % 20 == 0, 2.0, 0.5)
+    assert "encoder: not certain. 95 %" in answer_of(plan, space, made(plan, space, some)).sentence
+
+
+def test_a_rig_has_to_meet_the_requirement_in_all_scenarios(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("distal.study.answer.CASES", 0)
+    plan = small(scenarios=["series-2", "series-2-high"], designs=100, seeds=1)
+    space = space_of(plan)
+    rms = np.where(np.arange(200) % 4 == 1, 2.0, 0.5)
+    found = answer_of(plan, space, made(plan, space, rms))
+    assert found.overall.share == 0.5
+    assert {name: one.share for name, one in found.scenarios.items()} == {"series-2": 1.0, "series-2-high": 0.5}
+    assert "worst: series-2-high" in found.sentence
+
+
+def test_a_study_that_is_not_done_has_no_answer(linear: tuple[Plan, Space]) -> None:
+    plan, space = linear
+    with pytest.raises(StudyError, match="3 rows came of 1200; run the study to its end"):
+        answer_of(plan, space, made(plan, space, np.ones(3)))
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Answer]:
+    vary = {STIFF: {"from": "500 N/m", "to": "5 kN/m", "scale": "log"}, "sensors.u1": [True, False]}
+    plan = small(designs=120, seeds=1, vary=vary, name="Stiff & <good>?")
+    space, folder = space_of(plan), tmp_path_factory.mktemp("page")
+    columns = made(plan, space, 2.0 * space.shares[:, 0])
+    answer = answer_of(plan, space, columns)
+    study_report(plan, space, columns, answer, folder)
+    return folder / "index.html", answer
+
+
+def test_the_page_is_one_file_that_fetches_nothing(shown: tuple[Path, Answer]) -> None:
+    text = shown[0].read_text(encoding="utf-8")
+    assert not re.findall(r"(?:src|href)\s*=\s*['\"]?(?:https?:)?//", text)
+    assert "Stiff &amp; &lt;good&gt;?" in text
+    assert shown[1].sentence.replace("'", "&#x27;") in text
+    data = json.loads(re.findall(r"id='study-data'>(.*?)</script>", text, re.S)[0])
+    assert len(data["columns"][STIFF]["values"]) == 120
+    assert data["columns"]["sensors.u1"]["labels"] == ["with", "without"]
+    assert len(data["cases"]) == 3
+    assert len(text) < 600_000
+
+
+def test_without_a_number_that_varies_the_page_shows_the_rigs_as_built(tmp_path: Path) -> None:
+    plan = still(tmp_path, designs=110, seeds=1)
+    space = space_of(plan)
+    rows = run_chunk(plan, range(110))
+    columns = {name: np.array(values) for name, values in rows.items()}
+    study_report(plan, space, columns, answer_of(plan, space, columns), tmp_path)
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    data = json.loads(re.findall(r"id='study-data'>(.*?)</script>", text, re.S)[0])
+    shown = data["columns"]["built: joints.link.initial"]
+    assert shown["words"] == "initial of joint link, as built [σ]"
+    np.testing.assert_allclose(shown["values"], columns["built: joints.link.initial"], rtol=1e-3)
+
+
+def test_the_answer_is_json_too(shown: tuple[Path, Answer]) -> None:
+    said = json.loads((shown[0].parent / "answer.json").read_text(encoding="utf-8"))
+    assert said["sentence"] == shown[1].sentence
+    assert said["overall"]["rigs"] == 120
+
+
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+def test_a_browser_draws_it_and_nothing_is_wider_than_a_telephone(shown: tuple[Path, Answer], tmp_path: Path) -> None:
+    page, probe = shown[0], tmp_path / "probe.html"
+    text = page.read_text(encoding="utf-8")
+    # a frame of 400 pixels: the window of a browser without a screen cannot be that narrow everywhere
+    (tmp_path / "page.html").write_text(
+        text.replace(
+            "</body>", "<script>document.body.dataset.wide = document.documentElement.scrollWidth</script></body>"
+        )
+    )
+    probe.write_text(
+        "<iframe id='f' src='page.html' width='400' height='4000'></iframe><script>f.onload = () => {"
+        "const b = f.contentDocument.body; const q = (s) => b.querySelectorAll(s).length;"
+        "document.body.dataset.found = [b.dataset.drawn, b.dataset.wide <= 400, q('#pareto circle'), q('#map rect'),"
+        "q('#case-0 polyline')].join(' ') }</script>"
+    )
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--allow-file-access-from-files", "--dump-dom"]
+    done = subprocess.run(
+        [
+            *filter(None, command),
+            "--virtual-time-budget=4000",
+            f"--user-data-dir={tmp_path / 'profile'}",
+            probe.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=90,
+        check=False,
+    )
+    found = re.search(r'data-found="(\w+) (\w+) (\d+) (\d+) (\d+)"', done.stdout)
+    assert found, done.stdout[-500:]
+    assert found.groups()[:2] == ("yes", "true")
+    assert int(found[3]) > 120
+    assert int(found[4]) >= 8
+    assert int(found[5]) == 2

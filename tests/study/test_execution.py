@@ -1,0 +1,216 @@
+"""A study goes on where it was stopped, and its rows depend neither on that nor on who works them off."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal.errors import OutputError, StudyError
+from distal.study import Plan, open_folder, run_study, space_of
+from distal.study.storage import Columns
+from tests.study.plans import RAW, small
+
+pytest.importorskip("pyarrow")
+
+MANY = 50
+"""Designs of a study of several chunks: with two seeds 24 of them are one."""
+
+
+CHANGES = {"designs": MANY, "estimator": "inextensible"}
+
+
+def many() -> Plan:
+    """Return a study of several chunks."""
+    return small(**CHANGES)
+
+
+def rows(plan: Plan, folder: Path, workers: int = 1, scheduler: str | None = None) -> Columns:
+    opened = open_folder(plan, folder)
+    run_study(plan, space_of(plan), opened, workers, scheduler)
+    opened.gather()
+    return opened.read()
+
+
+def assert_same(one: Columns, other: Columns) -> None:
+    assert one.keys() == other.keys()
+    for name in one.keys() - {"seconds"}:
+        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Columns:
+    return rows(many(), tmp_path_factory.mktemp("whole"))
+
+
+def test_a_study_that_was_stopped_goes_on(whole: Columns, tmp_path: Path) -> None:
+    plan = many()
+    folder, done = open_folder(plan, tmp_path), list[int]()
+
+    def stop(count: int, total: int) -> None:
+        assert total == 2 * MANY
+        done.append(count)
+        if len(done) == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(plan, space_of(plan), folder, 1, progress=stop)
+    assert done == [0, 48, 96]
+    kept = [file.stat().st_mtime_ns for file in sorted((tmp_path / "rows").iterdir())]
+    assert_same(rows(plan, tmp_path), whole)
+    assert [file.stat().st_mtime_ns for file in sorted((tmp_path / "rows").iterdir())][:2] == kept
+
+
+def test_rows_are_in_order_and_complete(whole: Columns) -> None:
+    assert whole["design"].tolist() == [i for i in range(MANY) for _ in range(2)]
+    assert whole["seed"].tolist() == [0, 1] * MANY
+    assert np.isfinite(whole["rms_deg"]).all()
+
+
+def test_rows_do_not_depend_on_the_number_of_processes(whole: Columns, tmp_path: Path) -> None:
+    assert_same(rows(many(), tmp_path, workers=2), whole)
+
+
+def test_a_folder_of_another_study_is_refused(tmp_path: Path) -> None:
+    open_folder(small(), tmp_path)
+    open_folder(small(), tmp_path)
+    with pytest.raises(StudyError, match="holds another study's rows; give another folder with --out"):
+        open_folder(small(seeds=3), tmp_path)
+    (tmp_path / "study.json").write_text("{")
+    with pytest.raises(StudyError, match=r"cannot be read; give another folder"):
+        open_folder(small(), tmp_path)
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot be made"):
+        open_folder(small(), tmp_path / "file")
+
+
+def test_a_disk_that_is_full_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = many()
+    folder, calls = open_folder(plan, tmp_path), list[int]()
+    fsync = os.fdopen
+
+    def full(handle: int, mode: str) -> object:
+        calls.append(1)
+        if len(calls) > 1:
+            os.close(handle)
+            raise OSError(28, "No space left on device")
+        return fsync(handle, mode)
+
+    monkeypatch.setattr("distal.logs.output.os.fdopen", full)
+    with pytest.raises(OutputError, match="No space left on device"):
+        run_study(plan, space_of(plan), folder, 1)
+    assert [file.name for file in (tmp_path / "rows").iterdir()] == ["000000.parquet"]
+
+
+def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("distal.study.execution.PATIENCE", 0.3)
+    plan = small()
+    with pytest.raises(StudyError, match=r"no scheduler answers at tcp://127\.0\.0\.1:9"):
+        run_study(plan, space_of(plan), open_folder(plan, tmp_path), scheduler="tcp://127.0.0.1:9")
+
+
+def test_a_scheduler_of_another_version_is_one_line() -> None:
+    from distal.study.execution import _check_versions
+
+    host = {"python": ".".join(map(str, sys.version_info[:3]))}
+    own = {"host": host, "packages": {"distributed": "2026.1", "dask": "2026.1"}}
+    _check_versions({"client": own, "scheduler": own})
+    other = {"host": host, "packages": {"distributed": "2025.1", "dask": "2026.1"}}
+    with pytest.raises(StudyError, match=r"the scheduler has distributed 2025.1, this is 2026.1; install the same"):
+        _check_versions({"client": own, "scheduler": other})
+
+
+COMMAND = """
+from distal.cli.app import main
+main()
+"""
+
+
+def command(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_command_that_is_killed_goes_on(how: signal.Signals, whole: Columns, tmp_path: Path) -> None:
+    import tomlkit
+
+    (tmp_path / "mine.toml").write_text(tomlkit.dumps({**RAW, **CHANGES}))
+    out = tmp_path / "out"
+    begun = command("study", str(tmp_path / "mine.toml"), "--out", str(out), "--workers", "2")
+    until(lambda: any((out / "rows").glob("*.parquet")) if out.exists() else False)
+    begun.send_signal(how)
+    _, said = begun.communicate(timeout=60)
+    assert begun.returncode == (-9 if how is signal.SIGKILL else 130)
+    if how is not signal.SIGKILL:
+        assert said.strip().splitlines()[-1] == "stopped"
+    plan = many()
+    assert_same(rows(plan, out), whole)
+
+
+def until(there: object, seconds: float = 90.0) -> None:
+    assert callable(there)
+    end = time.monotonic() + seconds
+    while not there():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+@contextmanager
+def process(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    environment = {**os.environ, "DASK_DISTRIBUTED__WORKER__DAEMON": "False"}
+    made = subprocess.Popen(
+        [sys.executable, "-m", "distributed.cli." + arguments[0], *arguments[1:]],
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield made
+    finally:
+        made.kill()
+        made.wait()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_dask_workers_that_die_and_come_late_give_the_same_rows(whole: Columns, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    worker = ("dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory")
+    plan, folder = many(), open_folder(many(), tmp_path / "out")
+    scheduler = process("dask_scheduler", "--host", "127.0.0.1", "--port", address.rsplit(":", 1)[1], "--no-dashboard")
+    with scheduler, process(*worker, str(tmp_path / "a")) as first:
+        late: list[object] = []
+
+        def watch(done: int, total: int) -> None:
+            if done and not late:
+                late.append(second.__enter__())
+                first.kill()
+
+        second = process(*worker, str(tmp_path / "b"))
+        try:
+            run_study(plan, space_of(plan), folder, scheduler=address, progress=watch)
+        finally:
+            if late:
+                second.__exit__(None, None, None)
+        assert late
+    folder.gather()
+    assert_same(folder.read(), whole)
