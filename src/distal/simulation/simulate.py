@@ -106,7 +106,7 @@ def prepare(
     if scenario.duration / dt > MOST_STEPS:
         raise ScenarioError(
             f"duration: {scenario.duration:g} s in steps of {dt:g} s is too long (at most {MOST_STEPS:,} steps); "
-            "simulate parts of it, or set lower sensor rates"
+            "take it in pieces (distal drift, simulate_pieces), or set lower sensor rates"
         )
     steps = ceil(scenario.duration / dt - 1e-9)
     grid: Floats = dt * np.arange(steps, dtype=np.float64)
