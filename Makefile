@@ -67,6 +67,7 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.fitting
 	$(BIN)/python -m benchmarks.strangers.drawn --starts 0 --processes 2
 	$(BIN)/python -m benchmarks.strangers.rough
+	$(BIN)/python -m benchmarks.control
 	$(BIN)/python -m benchmarks.derivatives
 	$(BIN)/python -m benchmarks.parts
 	$(BIN)/python -m benchmarks.sheaths

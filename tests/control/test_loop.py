@@ -10,6 +10,7 @@ import pytest
 
 from distal import Scenario, closed_loop, estimate, load_rig, simulate
 from distal.control import ControlledPlant, plot_control, track
+from distal.control.loop import _by_calls, _by_scan
 from distal.errors import ControlError, ScenarioError
 from distal.rig import Rig
 from distal.run import Reading
@@ -53,7 +54,7 @@ def test_what_the_filter_says_in_the_loop_is_what_it_says_of_the_log(rig: Rig) -
     described = scenario(control={**PID, "period": "20 ms"})
     run = closed_loop(rig, described, 1)
     again = estimate(run.log, rig)
-    at = np.searchsorted(again.time, np.minimum(run.time, again.time[-1]) - 1e-9)
+    at = np.searchsorted(again.time, run.time - 1e-9)
     np.testing.assert_allclose(run.estimates, again.angles[at], rtol=0, atol=1e-12)
     np.testing.assert_allclose(run.stds, again.angle_stds[at], rtol=1e-12)
 
@@ -153,3 +154,46 @@ def test_a_figure_compares_feedbacks(rig: Rig, tmp_path: Any) -> None:
         (one,) = track(run)
         assert np.rad2deg(one.rms) < 5.0
         assert one.estimate_rms < np.deg2rad(3.0)  # it begins with a std of 3°
+
+
+@pytest.mark.parametrize("feedback", ["encoder", "adaptive", "ratio"])
+def test_one_scan_gives_what_calls_give(rig: Rig, feedback: str) -> None:
+    """Plant, sensors, filter and PID in one kernel or one after the other: the same to rounding."""
+    described = scenario(control={**PID, "deadband": "0.5 deg"}, set={})
+    limited = rig.with_values({"drives.*.lag": "20 ms", "drives.left.limit": "9 N", "sensors.u1.resolution": "0.05 N"})
+    assert described.control is not None
+    arguments = limited, described, described.control, 2, 0.01, feedback
+    scanned, called = _by_scan(*arguments), _by_calls(*arguments)
+    assert scanned is not None
+    np.testing.assert_allclose(scanned.time, called.time, rtol=0, atol=1e-12)
+    for name in ("angles", "estimates", "stds"):
+        np.testing.assert_allclose(getattr(scanned, name), getattr(called, name), rtol=0, atol=1e-11, err_msg=name)
+    for name, values in called.commands.items():
+        np.testing.assert_allclose(scanned.commands[name], values, rtol=0, atol=1e-8)
+    np.testing.assert_array_equal(scanned.log.time, called.log.time)
+    for name, values in {**called.log.truth, **called.log.channels}.items():
+        found = {**scanned.log.truth, **scanned.log.channels}[name]
+        np.testing.assert_allclose(found, values, rtol=0, atol=1e-8, err_msg=name)
+
+
+def test_a_scan_is_only_for_sensors_that_are_read_once_a_period(rig: Rig) -> None:
+    described = scenario(control=PID)
+    assert described.control is not None
+    for changed, period in (
+        ({"sensors.u1.rate": 50.0}, 0.01),
+        ({"sensors.u1.delay": 0.003}, 0.01),
+        ({}, 0.02),
+    ):
+        other = rig.with_values(changed)
+        assert _by_scan(other, described, described.control, 0, period, "encoder") is None
+        assert len(closed_loop(other, described, period=period, feedback="encoder").time) == round(1.0 / period)
+
+
+def test_an_angle_that_is_lost_is_left_to_the_calls_which_say_so(rig: Rig) -> None:
+    """With a filter that begins 60° unsure, and forces that tell nothing, the commands are held at first."""
+    blind = {"sensors.u1.noise": "500 N", "sensors.u2.noise": "500 N"}
+    unsure = rig.with_values({"joints.link.initial": {"value": 0.0, "std": "60 deg"}, **blind})
+    run = closed_loop(unsure, scenario(control=PID))
+    assert run.held
+    assert run.held[0].begin == 0.0
+    assert "the angle is not known" in run.held[0].why

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from math import nan
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from distal import load_rig
-from distal.control import PID, Allocation, ClosedLoop, Held, track
+from distal.control import PID, ClosedLoop, Held, track
+from distal.control.pid import allocated
 from distal.control.tracking import constant_parts
 from distal.logs import Log
+from distal.model import Mechanism
 from distal.run import Reading
 from distal.simulation import JointControl
 
@@ -31,6 +34,14 @@ def torque_of(commands: dict[str, float]) -> float:
     return (commands["left"] - commands["right"]) * ARM
 
 
+def shared(name: str, tension: float, angles: list[float], torques: list[float]) -> list[float]:
+    """Return the drives' commands for torques."""
+    mechanism = Mechanism(load_rig(name))
+    found = allocated(mechanism, ca.SX(ca.DM(angles)), ca.SX(ca.DM(torques)), ca.SX(tension))
+    p = mechanism.parameters
+    return list(ca.Function("commands", [p.symbols], [found])(p.values).full().ravel())
+
+
 def test_the_law_of_a_pid() -> None:
     """Two calls by hand: e = 10° then 6°, the speed smoothed by 0.3, the integral of the first error."""
     rig = load_rig("paper-2008")
@@ -43,9 +54,8 @@ def test_the_law_of_a_pid() -> None:
 
 def test_tensions_share_a_torque_and_never_push() -> None:
     """T = c ± τ/2r while c allows it; beyond, both rise so that the slack one is at zero."""
-    shared = Allocation(load_rig("paper-2008"), 5.0)
     for torque in (0.0, 0.05, -0.05, 0.3, -0.3):
-        left, right = shared.commands(np.zeros(1), np.array([torque]))
+        left, right = shared("paper-2008", 5.0, [0.0], [torque])
         assert (left - right) * ARM == pytest.approx(torque, abs=1e-12)
         assert min(left, right) >= -1e-12
         assert left + right == pytest.approx(max(10.0, abs(torque) / ARM))
@@ -53,9 +63,8 @@ def test_tensions_share_a_torque_and_never_push() -> None:
 
 def test_a_finger_gets_its_torques_by_the_transposed_arms() -> None:
     """Two joints, four tendons: A T = τ for the arms of the rig, and no tendon pushes."""
-    shared = Allocation(load_rig("finger-2n"), 10.0)
     torques = np.array([0.05, -0.02])
-    tensions = dict(zip(("mcp_f", "mcp_e", "pip_f", "pip_e"), shared.commands(np.zeros(2), torques)))
+    tensions = dict(zip(("mcp_f", "mcp_e", "pip_f", "pip_e"), shared("finger-2n", 10.0, [0.0, 0.0], torques.tolist())))
     assert min(tensions.values()) >= 0.0
     pip = tensions["pip_f"] - tensions["pip_e"]
     assert 6e-3 * pip == pytest.approx(torques[1])
@@ -68,9 +77,9 @@ def test_a_capstan_turns_its_joint_both_ways() -> None:
     drive, tendon = rig.drives[0], rig.tendons[0]
     lever = drive.radius.value / tendon.total_arm  # type: ignore[union-attr]
     for torque in (0.02, -0.02):
-        (command,) = Allocation(rig, 10.0).commands(np.array([rig.joints[0].initial.value]), np.array([torque]))
+        (command,) = shared("capstan-joint", 10.0, [rig.joints[0].initial.value], [torque])
         assert abs(command) == pytest.approx(0.02 * lever, rel=0.05)
-    up, down = (Allocation(rig, 3.0).commands(np.zeros(1), np.array([torque]))[0] for torque in (0.02, -0.02))
+    up, down = (shared("capstan-joint", 3.0, [0.0], [torque])[0] for torque in (0.02, -0.02))
     assert up == pytest.approx(-down)
 
 
@@ -80,7 +89,7 @@ def test_the_integral_stands_while_the_torque_is_cut() -> None:
     pid = PID(rig, {"link": joint(integral="1 N m/(rad s)", torque_limit="0.05 N m")}, 0.01, 5.0)
     for k in range(6000):
         assert torque_of(pid(0.01 * k, {}, seen(0.0))) == pytest.approx(0.05)
-    pid._speed[:] = 0.0
+    pid.part("speed")[:] = 0.0
     assert torque_of(pid(60.0, {}, seen(10 * DEGREE))) == pytest.approx(0.0, abs=1e-3)
 
 
@@ -95,9 +104,9 @@ def test_a_joint_that_rests_goes_on_resting_until_its_error_has_doubled() -> Non
     """The estimate of a joint at rest wanders: its controller does not follow."""
     pid = PID(load_rig("paper-2008"), {"link": joint(deadband="2 deg", integral="5 N m/(rad s)")}, 0.01, 5.0)
     for k, (angle, rests) in enumerate(((7.0, False), (8.5, True), (6.5, True), (5.9, False), (6.5, False))):
-        before = pid._integral[0]
+        before = pid.part("integral")[0]
         pid(0.01 * k, {}, seen(angle * DEGREE))
-        assert (pid._integral[0] == before) == rests
+        assert (pid.part("integral")[0] == before) == rests
 
 
 def test_without_an_angle_the_last_commands_are_held() -> None:

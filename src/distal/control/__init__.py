@@ -2,13 +2,12 @@
 
 from distal.control.figures import plot_control
 from distal.control.loop import ClosedLoop, Controller, closed_loop, run_controller, simulate
-from distal.control.pid import PID, Allocation, Held
+from distal.control.pid import PID, Held
 from distal.control.plant import ControlledPlant, SteppedPlant
 from distal.control.tracking import Hunting, Tracking, track
 
 __all__ = [
     "PID",
-    "Allocation",
     "ClosedLoop",
     "ControlledPlant",
     "Controller",

@@ -10,15 +10,17 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.control.compiled import scan_loop
 from distal.control.pid import PID, Held
 from distal.control.plant import ControlledPlant, SteppedPlant
 from distal.errors import ControlError, did_you_mean
-from distal.estimators import DEFAULT, ESTIMATORS
+from distal.estimators import DEFAULT, ESTIMATORS, KernelEstimator, make_estimator
 from distal.logs import Log
 from distal.rig import Rig, load_rig
 from distal.run import LiveEstimator, Monitor, Reading
-from distal.simulation import Scenario, load_scenario
+from distal.simulation import Control, Scenario, load_scenario
 from distal.simulation import simulate as simulate_alone
+from distal.simulation.simulate import SIMULATED, true_motion
 from distal.units import to_si
 
 Floats = NDArray[np.float64]
@@ -128,22 +130,46 @@ def closed_loop(
     """
     scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
-    own = scenario.control
-    length = _period(period, scenario)
-    plant = ControlledPlant(rig, scenario, length)
-    pid = None
-    if controller is None:
-        if own is None:
-            raise ControlError("no controller: give one, or a [control] table in the scenario")
-        _check_joints(rig, own.joints)
-        controller = pid = PID(rig, own.joints, length, own.co_contraction)
+    own, length = scenario.control, _period(period, scenario)
     told = feedback or (DEFAULT if own is None else own.feedback)
-    step = ENCODER_STEP if own is None else own.encoder_resolution
-    run = run_controller(plant, controller, told, seed, encoder_step=step)
-    if pid is None or own is None:
-        return run
-    references = {name: joint.reference.at(run.time) for name, joint in own.joints.items()}
-    return replace(run, references=references, held=pid.held)
+    if controller is not None:
+        step = ENCODER_STEP if own is None else own.encoder_resolution
+        return run_controller(ControlledPlant(rig, scenario, length), controller, told, seed, encoder_step=step)
+    if own is None:
+        raise ControlError("no controller: give one, or a [control] table in the scenario")
+    _check_joints(rig, own.joints)
+    run = _by_scan(rig, scenario, own, seed, length, told) or _by_calls(rig, scenario, own, seed, length, told)
+    return replace(run, references={name: joint.reference.at(run.time) for name, joint in own.joints.items()})
+
+
+def _by_calls(rig: Rig, scenario: Scenario, own: Control, seed: int, period: float, told: str) -> ClosedLoop:
+    """Return the loop of the shipped controller, called period after period."""
+    pid, plant = PID(rig, own.joints, period, own.co_contraction), ControlledPlant(rig, scenario, period)
+    run = run_controller(plant, pid, told, seed, encoder_step=own.encoder_resolution)
+    return replace(run, held=pid.held)
+
+
+def _by_scan(rig: Rig, scenario: Scenario, own: Control, seed: int, period: float, told: str) -> ClosedLoop | None:
+    """Return the same from one scan; None where sensors are not all read once a period, or an angle was not known."""
+    plant = ControlledPlant(rig, scenario, period)
+    errors = plant.errors(seed)
+    runner = None if told == ENCODER else make_estimator(_estimator_name(told), rig)
+    if errors is None or not (runner is None or (isinstance(runner, KernelEstimator) and _is_plain(runner, period))):
+        return None
+    found = scan_loop(plant.prepared, errors, runner, own.encoder_resolution, period)
+    if found is None:
+        return None
+    time = np.round(period * np.arange(len(found.readings), dtype=np.float64), 9)
+    channels = {sensor.name: found.readings[:, k] for k, sensor in enumerate(plant.plant.rig.sensors)}
+    log = Log(time, channels, true_motion(found.motion, time, time), scenario.name or "simulation", SIMULATED)
+    commands = {drive.name: found.commands[:, i] for i, drive in enumerate(rig.drives)}
+    angles = found.motion.q[:, : len(rig.joints)]
+    return ClosedLoop(plant.rig, log, told, time, angles, found.estimates, found.stds, commands, {})
+
+
+def _is_plain(runner: KernelEstimator, period: float) -> bool:
+    """Return whether an estimator's angles are those of its filter, and a period is one of its intervals."""
+    return runner.has_kernel and not runner.report.states and abs(runner.interval - period) < 1e-9
 
 
 def run_controller(
@@ -173,10 +199,10 @@ def run_controller(
         assert reading is not None
         asked = _called(controller, plant.time, dict(measured), reading)
         rows.append((plant.time, plant.angles, reading, asked))
-        if plant.finished:
-            break
         samples = plant.step(waiting)
         waiting = dict(asked)
+        if plant.finished:
+            break
     return ClosedLoop(
         plant.rig,
         plant.log(),
@@ -231,10 +257,14 @@ def _encoder(plant: SteppedPlant, step: float) -> Callable[[float, Floats], Read
 
 def _estimator(rig: Rig, name: str) -> Callable[[float, Floats], Reading]:
     """Return (stamp, sample) → what an estimator makes of the sensors' values."""
-    name = "inextensible" if name == RATIO else name
+    monitor = Monitor(LiveEstimator(rig, _estimator_name(name)))
+    at = [[sensor.name for sensor in rig.sensors].index(channel) for channel in monitor.channels]
+    return lambda stamp, values: monitor.take(stamp, values[at])
+
+
+def _estimator_name(feedback: str) -> str:
+    name = "inextensible" if feedback == RATIO else feedback
     if name not in ESTIMATORS:
         allowed = [ENCODER, RATIO, *ESTIMATORS]
         raise ControlError(f"feedback: '{name}' is none of {', '.join(allowed)}{did_you_mean(name, allowed)}")
-    monitor = Monitor(LiveEstimator(rig, name))
-    at = [[sensor.name for sensor in rig.sensors].index(channel) for channel in monitor.channels]
-    return lambda stamp, values: monitor.take(stamp, values[at])
+    return name

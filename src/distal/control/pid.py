@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.kernels import Evaluation
+from distal.expressions import Vector
+from distal.kernels import Evaluation, Layout
 from distal.model import Mechanism
 from distal.rig import Rig
 from distal.run import Reading
@@ -33,6 +34,12 @@ RIDGE = 1e-12
 UNUSABLE = frozenset({"bad", "dead"})
 """Health of an estimate with which nothing is controlled."""
 
+GAINS = ("proportional", "integral", "derivative", "deadband", "torque_limit")
+"""Numbers of a joint's controller, in their order."""
+
+UNBOUNDED = 1e300
+"""Stands for no limit."""
+
 
 @dataclass(frozen=True)
 class Held:
@@ -49,73 +56,115 @@ class Held:
     why: str
 
 
-class Allocation:
-    """Commands of drives for torques on joints: T = c + (Aᵀ)⁺ τ with the joints' moment arms A, U = (∂ℓ/∂s)ᵀ T.
+def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: Vector) -> Vector:
+    """Return drives' commands for torques on joints: T = c + (Aᵀ)⁺ τ with the joints' moment arms A, U = (∂ℓ/∂s)ᵀ T.
 
     c is a constant tension without any torque, raised together where a slider's tendon would otherwise have to push.
 
     Args:
-        rig: the description.
-        co_contraction: tension of all tendons without a torque, as far as it makes none [N].
+        mechanism: the rig's equations.
+        angles: of the joints [rad], (n_joints,).
+        torques: wanted [N m], (n_joints,).
+        tension: of all tendons without a torque, as far as it makes none [N].
     """
+    rig, nj = mechanism.rig, mechanism.n_joints
+    slopes = mechanism.length_jacobian(ca.vertcat(angles, ca.SX.zeros(mechanism.n_drives)))
+    arms = -ca.mtimes(slopes[:, :nj], mechanism.spread).T
+    square = ca.mtimes(arms, arms.T) + RIDGE * ca.sum1(ca.sum2(arms * arms)) * ca.SX.eye(arms.size1())
+    inverse = ca.mtimes(arms.T, ca.inv(square))
+    constant = tension * (1 - ca.mtimes(inverse, ca.sum2(arms)))
+    needed, share = ca.mtimes(inverse, ca.mtimes(mechanism.spread.T, torques)), ca.SX(1)
+    sliders = {drive.name for drive in rig.drives if drive.kind == "slider"}
+    for i, tendon in enumerate(rig.tendons):
+        if tendon.drive in sliders:
+            lifts = constant[i] > 1e-6 * tension
+            share = ca.fmax(share, ca.if_else(lifts, -needed[i] / ca.if_else(lifts, constant[i], 1), 1))
+    return ca.mtimes(slopes[:, nj:].T, share * constant + needed)
 
-    def __init__(self, rig: Rig, co_contraction: float) -> None:
-        mechanism = Mechanism(rig)
-        q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
-        slopes = ca.densify(mechanism.length_jacobian(q))
-        at = ca.substitute(slopes, p.symbols, ca.DM(p.values))
-        self._slopes = Evaluation(ca.Function("slopes", [q], [at]))
-        self._mechanism, self._tension = mechanism, co_contraction
-        sliders = {drive.name for drive in rig.drives if drive.kind == "slider"}
-        self._pulled = np.array([tendon.drive in sliders for tendon in rig.tendons])
-        self._place = np.zeros(mechanism.n_bodies)
-        self._spread = mechanism.spread.full()
 
-    def commands(self, angles: Floats, torques: Floats) -> Floats:
-        """Return a command for each drive [N or N m], (n_drives,).
+def memory_layout(rig: Rig) -> Layout:
+    """Return the layout of what a PID remembers.
 
-        Args:
-            angles: of the joints [rad], (n_joints,).
-            torques: wanted [N m], (n_joints,).
-        """
-        mechanism, nj = self._mechanism, self._mechanism.n_joints
-        self._place[:nj] = angles
-        slopes = self._slopes(self._place)[0].reshape(mechanism.n_bodies, mechanism.n_tendons).T
-        arms = -(slopes[:, :nj] @ self._spread).T  # torque on the free joints of a newton in each tendon
-        # a pseudo-inverse: with fewer tendons than joints too
-        inverse = arms.T @ np.linalg.inv(arms @ arms.T + RIDGE * float(np.sum(arms * arms)) * np.eye(len(arms)))
-        constant = self._tension * (1.0 - inverse @ arms.sum(axis=1))
-        needed = inverse @ (self._spread.T @ torques)
-        lifts = self._pulled & (constant > 1e-6 * self._tension)
-        share = max(float(np.max(-needed[lifts] / constant[lifts], initial=1.0)), 1.0)
-        drives: Floats = slopes[:, nj:].T @ (share * constant + needed)
-        return drives
+    Args:
+        rig: the description.
+    """
+    n = len(rig.joints)
+    return Layout(integral=n, speed=n, last=n, rests=n, begun=1, commands=len(rig.drives))
+
+
+def pid_function(rig: Rig, controlled: tuple[int, ...]) -> ca.Function:
+    """Return (angles, stds, memory, reference, gains, period, tension, p) → memory⁺ of a PID, its commands among it.
+
+    τ = k_p e + k_i ∫ e dt − k_d ω with e = 0 in the dead band, which ends stick–slip (Armstrong-Hélouvry, Dupont and
+    Canudas de Wit, Automatica 30, 1994), cut at the joint's `torque_limit`; the integral stands while it is cut. Nothing
+    changes while an angle is not known.
+
+    Args:
+        rig: the description.
+        controlled: indices of the joints.
+    """
+    mechanism, nj, own = Mechanism(rig), len(rig.joints), memory_layout(rig)
+    angles, stds, memory = ca.SX.sym("angles", nj), ca.SX.sym("stds", nj), ca.SX.sym("memory", own.size)
+    reference, gains = ca.SX.sym("reference", len(controlled)), ca.SX.sym("gains", len(GAINS), len(controlled))
+    period, tension, p = ca.SX.sym("period"), ca.SX.sym("tension"), mechanism.parameters.symbols
+    before = {name: own.part(memory, name) for name in ("integral", "speed", "last", "rests", "begun")}
+    difference = (angles - before["last"]) / period
+    speed = before["speed"] + before["begun"] * SMOOTHED * (difference - before["speed"])
+    torques, integral, rests = ca.SX.zeros(nj), ca.SX(before["integral"]), ca.SX(before["rests"])
+    for k, j in enumerate(controlled):
+        kp, ki, kd, band, limit = (gains[i, k] for i in range(len(GAINS)))
+        away = reference[k] - angles[j]
+        rests[j] = ca.fabs(away) < band * ca.if_else(before["rests"][j] > 0.5, LEAVES, 1.0)
+        error = ca.if_else(rests[j], 0, away - ca.fmin(ca.fmax(away, -band), band))
+        wanted = kp * error + before["integral"][j] - kd * speed[j]
+        torques[j] = ca.fmin(ca.fmax(wanted, -limit), limit)
+        integral[j] += ca.if_else(torques[j] == wanted, ki * error * period, 0)
+    commands = allocated(mechanism, angles, torques, tension)
+    after = own.joined(integral=integral, speed=speed, last=angles, rests=rests, begun=ca.SX(1), commands=commands)
+    kept = ca.if_else(ca.mmax(stds) <= LOST, after, memory)
+    arguments = [angles, stds, memory, reference, gains, period, tension, p]
+    return ca.Function("pid", arguments, [ca.densify(kept)])
+
+
+def gains_of(joints: Mapping[str, JointControl]) -> Floats:
+    """Return the gains of some joints, (5, n), in the order of `GAINS`.
+
+    Args:
+        joints: by name.
+    """
+    columns = [[getattr(joint, name) for name in GAINS] for joint in joints.values()]
+    return np.array([[UNBOUNDED if value is None else value for value in column] for column in columns]).T
 
 
 class PID:
-    """A PID controller of the angles of some joints; a callable for `simulate` and `closed_loop`.
+    """A PID controller of the angles of some joints (`pid_function`); a callable for `simulate` and `closed_loop`.
 
-    τ = k_p e + k_i ∫ e dt − k_d ω with e = 0 in the dead band, which ends stick–slip (Armstrong-Hélouvry, Dupont and
-    Canudas de Wit, Automatica 30, 1994), cut at the joint's `torque_limit`; the integral stands while it is cut. Without an
-    angle, or with one that is not known, it holds its last commands and says so in `held`.
+    Without an angle, or with one that is not known, it holds its last commands and says so in `held`.
 
     Args:
         rig: the description.
         joints: reference and gains of each joint by its name.
         period: between two calls [s].
-        co_contraction: see `Allocation` [N].
+        co_contraction: see `allocated` [N].
     """
 
     def __init__(self, rig: Rig, joints: Mapping[str, JointControl], period: float, co_contraction: float) -> None:
-        self._names = [drive.name for drive in rig.drives]
-        self._allocation, self._period = Allocation(rig, co_contraction), period
-        self._at = {[joint.name for joint in rig.joints].index(name): each for name, each in joints.items()}
-        self._n = len(rig.joints)
-        self._integral, self._speed = np.zeros(self._n), np.zeros(self._n)
-        self._rests = np.zeros(self._n, dtype=bool)
-        self._last: Floats | None = None
-        self._commands = dict.fromkeys(self._names, 0.0)
+        names = [joint.name for joint in rig.joints]
+        self._drives, self._layout = [drive.name for drive in rig.drives], memory_layout(rig)
+        self._law = Evaluation(pid_function(rig, tuple(names.index(name) for name in joints)))
+        self._references, self._period = [joint.reference for joint in joints.values()], period
+        numbers = Mechanism(rig).parameters.values
+        self._fixed = (gains_of(joints).T.ravel(), period, co_contraction, numbers)
+        self.memory = np.zeros(self._layout.size)
         self.held: tuple[Held, ...] = ()
+
+    def part(self, name: str) -> Floats:
+        """Return a part of what it remembers: "integral" [N m], "speed" [rad/s], "rests", "commands".
+
+        Args:
+            name: which.
+        """
+        return self._layout.view(self.memory, name)
 
     def __call__(self, time: float, measured: Mapping[str, float], estimate: Reading) -> dict[str, float]:
         """Return the drives' commands.
@@ -125,30 +174,20 @@ class PID:
             measured: by sensor; not used.
             estimate: of the joints' angles.
         """
+        largest = max(estimate.angle_stds, default=inf)
         if not all(isfinite(angle) for angle in estimate.angles):
-            return self._hold(time, f"no angle: {estimate.health}")
-        if estimate.health in UNUSABLE or max(estimate.angle_stds) > LOST:
-            return self._hold(time, f"{estimate.health}: {estimate.detail or 'the angle is not known'}")
-        angles, torques = np.array(estimate.angles), np.zeros(self._n)
-        if self._last is not None:
-            self._speed += SMOOTHED * ((angles - self._last) / self._period - self._speed)
-        self._last = angles
-        for j, joint in self._at.items():
-            away = float(joint.reference.at(np.array([time]))[0]) - angles[j]
-            self._rests[j] = abs(away) < joint.deadband * (LEAVES if self._rests[j] else 1.0)
-            error = 0.0 if self._rests[j] else away - min(max(away, -joint.deadband), joint.deadband)
-            own = joint.proportional * error + self._integral[j] - joint.derivative * self._speed[j]
-            limit = np.inf if joint.torque_limit is None else joint.torque_limit
-            torques[j] = min(max(own, -limit), limit)
-            if torques[j] == own:
-                self._integral[j] += joint.integral * error * self._period
-        self._commands = dict(zip(self._names, self._allocation.commands(angles, torques).tolist()))
-        return self._commands
+            self._hold(time, f"no angle: {estimate.health}")
+        elif estimate.health in UNUSABLE or not largest <= LOST:
+            self._hold(time, f"{estimate.health}: {estimate.detail or 'the angle is not known'}")
+        else:
+            now = np.array([time])
+            wanted = [reference.at(now)[0] for reference in self._references]
+            (self.memory,) = self._law(estimate.angles, estimate.angle_stds, self.memory, wanted, *self._fixed)
+        return dict(zip(self._drives, self.part("commands").tolist()))
 
-    def _hold(self, time: float, why: str) -> dict[str, float]:
+    def _hold(self, time: float, why: str) -> None:
         last = self.held[-1] if self.held else None
         if last is not None and last.why == why and time - last.end < 1.5 * self._period:
             self.held = (*self.held[:-1], Held(last.begin, time, why))
         else:
             self.held = (*self.held, Held(time, time, why))
-        return self._commands

@@ -20,7 +20,7 @@ from distal.sensors import SensorErrors
 from distal.simulation import Scenario
 from distal.simulation.measurands import columns_of
 from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
-from distal.simulation.simulate import SIMULATED, prepare, stamps_of, true_motion
+from distal.simulation.simulate import SIMULATED, Prepared, prepare, stamps_of, true_motion
 
 Floats = NDArray[np.float64]
 
@@ -99,6 +99,24 @@ class ControlledPlant:
     def plant(self) -> Mechanism:
         """The plant's own equations."""
         return self._plant
+
+    @property
+    def prepared(self) -> Prepared:
+        """The scenario on the rig."""
+        return self._prepared
+
+    def errors(self, seed: int) -> SensorErrors | None:
+        """Return the errors of all sensors in a run; None where they are not all read once a period, at once.
+
+        Args:
+            seed: of the run.
+        """
+        sensors = self._plant.rig.sensors
+        whole = len(self._all_rows) % self._per_period == 0
+        alike = all(abs(one.rate * self.period - 1.0) < 1e-9 and one.delay == one.lag == 0.0 for one in sensors)
+        if not (whole and alike and sensors):
+            return None
+        return _Rate(self._plant, sensors[0].rate, self._stamps, np.random.default_rng(seed).spawn(len(sensors))).errors
 
     @property
     def time(self) -> float:

@@ -42,6 +42,14 @@ class Layout:
         at, shape = self._slices[name], self._shapes[name]
         return vector[at] if len(shape) == 1 else ca.reshape(vector[at], *shape)
 
+    def parts(self, vector: Expression) -> dict[str, Expression]:
+        """Return all parts of a column of CasADi's by name, in their shapes.
+
+        Args:
+            vector: the column.
+        """
+        return {name: self.part(vector, name) for name in self._shapes}
+
     def view(self, array: NDArray[Number], name: str) -> NDArray[Number]:
         """Return a part of arrays (…, size), with its shape behind the other axes; a view where it can be.
 

@@ -93,17 +93,31 @@ class SensorErrors:
         self._curves = Curves.drawn(travels, [sensor.linearity for sensor in sensors], of_curves)
         self._rounds, self._drawn = bool(np.any(self._step > 0.0)), np.zeros((0, len(sensors)))
 
+    @property
+    def numbers(self) -> Floats:
+        """Gain, bias, noise, step, low and high end, three weights and three phases of each sensor, (n, 12)."""
+        curves = self._curves
+        first = self._gain, self._bias, self._noise, self._step, curves.low, curves.high
+        return np.column_stack([*first, curves.weights, curves.phases])
+
+    def draws(self, count: int) -> Floats:
+        """Return the random numbers that the next samples will have, (count, n).
+
+        Args:
+            count: of samples.
+        """
+        if len(self._drawn) < count:
+            more = max(AHEAD, count)
+            self._drawn = np.vstack([self._drawn, np.column_stack([rng.normal(size=more) for rng in self._rngs])])
+        return self._drawn[:count]
+
     def read(self, true: Floats) -> Floats:
         """Return what the sensors read: gain times true value, plus linearity, bias and noise, rounded to the resolution.
 
         Args:
             true: what there is to measure, SI, the next samples in time, (k, n).
         """
-        if len(self._drawn) < len(true):
-            count = max(AHEAD, len(true))
-            more = np.column_stack([rng.normal(size=count) for rng in self._rngs])
-            self._drawn = np.vstack([self._drawn, more])
-        read: Floats = self._gain * true + self._bias + self._curves.at(true) + self._noise * self._drawn[: len(true)]
+        read: Floats = self._gain * true + self._bias + self._curves.at(true) + self._noise * self.draws(len(true))
         self._drawn = self._drawn[len(true) :]
         if self._rounds:
             step = np.where(self._step > 0.0, self._step, 1.0)

@@ -124,7 +124,7 @@ def timing(plant: Mechanism, scenario: Scenario, period: float | None = None) ->
     if scenario.duration / dt > MOST_STEPS:
         raise ScenarioError(
             f"duration: {scenario.duration:g} s in steps of {dt:g} s is too long (at most {MOST_STEPS:,} steps); "
-            "simulate parts of it, or set lower sensor rates"
+            "take it in pieces (distal drift, simulate_pieces), or set lower sensor rates"
         )
     return dt, ceil(scenario.duration / dt - 1e-9), max(2, 2 * substeps(plant, dt))
 
