@@ -177,7 +177,8 @@ def _points(plan: Plan, space: Space, columns: Columns) -> dict[str, dict[str, o
         for name in (name for name in columns if name.startswith(BUILT)):
             drawn = columns[name][::each][some]
             found[name] = {"words": f"{words_of(plan, name)} [σ]", "values": _numbers(drawn)}
-    good = (columns["met"] != 0).astype(np.float64)
+    runs = len(plan.scenarios)
+    good = np.repeat(np.all(columns["met"].reshape(-1, runs) != 0, axis=1), runs).astype(np.float64)
     for name, words in WORDS.items():
         values: Floats = (good if name == "met" else columns[name].astype(np.float64)).reshape(count, each)[some]
         merged = {"worst_deg": values.max, "within": values.min}.get(name, values.mean)(axis=1)
