@@ -79,9 +79,9 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     """
     asked, title = plan.study.requirement, plan.study.name or plan.rig.name
     lead = (
-        f"{len(space):,} designs, {plan.study.seeds} rigs as built of each, {len(plan.scenarios)} scenarios. Asked: joint "
-        f"{asked.joint} within ±{degrees(asked.within):.3g}° for {100 * asked.time:.3g} % of the time. Every rig as built "
-        "is drawn from the standard deviations of the rig file; the estimator knows the rig file only."
+        f"{len(space):,} designs, {plan.study.seeds} rigs as built of each, in {', '.join(plan.study.scenarios)}. "
+        f"Asked: joint {asked.joint} within ±{degrees(asked.within):.3g}° for {100 * asked.time:.3g} % of the time. "
+        "Every rig as built is drawn from the standard deviations of the rig file; the estimator knows the rig file only."
     )
     parts = [_STYLE, f"<p class='answer'>{escape(answer.sentence)}</p>", *_scenarios(plan, answer)]
     if answer.regions:
