@@ -139,9 +139,9 @@ def test_the_page_is_one_file_that_fetches_nothing(shown: tuple[Path, Answer]) -
 
 
 def test_without_a_number_that_varies_the_page_shows_the_rigs_as_built(tmp_path: Path) -> None:
-    plan = still(tmp_path, designs=110, seeds=1)
+    plan = still(tmp_path, designs=30, seeds=1)
     space = space_of(plan)
-    rows = run_chunk(plan, range(110))
+    rows = run_chunk(plan, range(30))
     columns = {name: np.array(values) for name, values in rows.items()}
     study_report(plan, space, columns, answer_of(plan, space, columns), tmp_path)
     text = (tmp_path / "index.html").read_text(encoding="utf-8")

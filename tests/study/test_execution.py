@@ -76,6 +76,7 @@ def test_rows_are_in_order_and_complete(whole: Columns) -> None:
     assert np.isfinite(whole["rms_deg"]).all()
 
 
+@pytest.mark.slow
 def test_rows_do_not_depend_on_the_number_of_processes(whole: Columns, tmp_path: Path) -> None:
     assert_same(rows(many(), tmp_path, workers=2), whole)
 

@@ -79,9 +79,9 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     """
     asked, title = plan.study.requirement, plan.study.name or plan.rig.name
     lead = (
-        f"{len(space):,} designs, {plan.study.seeds} rigs as built of each, {len(plan.scenarios)} scenarios. Asked: joint "
-        f"{asked.joint} within ±{degrees(asked.within):.3g}° for {100 * asked.time:.3g} % of the time. Every rig as built "
-        "is drawn from the standard deviations of the rig file; the estimator knows the rig file only."
+        f"{len(space):,} designs, {plan.study.seeds} rigs as built of each, in {', '.join(plan.study.scenarios)}. "
+        f"Asked: joint {asked.joint} within ±{degrees(asked.within):.3g}° for {100 * asked.time:.3g} % of the time. "
+        "Every rig as built is drawn from the standard deviations of the rig file; the estimator knows the rig file only."
     )
     parts = [_STYLE, f"<p class='answer'>{escape(answer.sentence)}</p>", *_scenarios(plan, answer)]
     if answer.regions:
@@ -177,7 +177,8 @@ def _points(plan: Plan, space: Space, columns: Columns) -> dict[str, dict[str, o
         for name in (name for name in columns if name.startswith(BUILT)):
             drawn = columns[name][::each][some]
             found[name] = {"words": f"{words_of(plan, name)} [σ]", "values": _numbers(drawn)}
-    good = (columns["met"] != 0).astype(np.float64)
+    runs = len(plan.scenarios)
+    good = np.repeat(np.all(columns["met"].reshape(-1, runs) != 0, axis=1), runs).astype(np.float64)
     for name, words in WORDS.items():
         values: Floats = (good if name == "met" else columns[name].astype(np.float64)).reshape(count, each)[some]
         merged = {"worst_deg": values.max, "within": values.min}.get(name, values.mean)(axis=1)

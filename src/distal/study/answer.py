@@ -293,9 +293,10 @@ def said_of(name: str, value: Value, unit: str) -> str:
 def _regions(
     plan: Plan, space: Space, columns: Columns, good: NDArray[np.bool_], influences: Sequence[Influence]
 ) -> tuple[Region, ...]:
-    """Return the shares in parts of the space along the numbers of it that matter most, best first."""
-    order = [one.name for one in influences]
-    axes = sorted(space.axes, key=lambda axis: order.index(axis.path) if axis.path in order else len(order))[:MOST_AXES]
+    """Return the shares in parts of the space along the numbers of it that matter, best first."""
+    order = [one.name for one in influences if one.index > one.half]
+    known = sorted((axis for axis in space.axes if axis.path in order), key=lambda axis: order.index(axis.path))
+    axes = (known or list(space.axes))[:MOST_AXES]
     found, each = [], len(plan.scenarios)
     cells: list[tuple[str, NDArray[np.bool_]]] = [("", np.ones(len(good), dtype=np.bool_))] if axes else []
     for axis in axes:

@@ -27,8 +27,8 @@ KNOWN = 2.0
 PLANTS = 24
 """Rigs as built that check an option."""
 
-SAME = 0.03
-"""A band that changes by less than this share of it is the same."""
+SAME = 0.05
+"""A band, or an error, that changes by less than this share of it is the same."""
 
 NOISE = 0.1
 """Noise of a tension sensor where the rig has no force sensor to compare with [N]."""
@@ -74,8 +74,8 @@ def suggestions(
 ) -> tuple[Suggestion, list[Suggestion], float]:
     """Return the rig as it is, each option, best by the band first, and Kendall's τ of the ranks by band and by error.
 
-    Options that change nothing are equal in rank: a band by less than `SAME`, an error by less than twice the standard
-    error of the difference between the same plants with and without the option.
+    Options that change nothing are equal in rank: a band or an error by less than `SAME`, or an error by less than twice
+    the standard error of the difference between the same plants with and without the option.
 
     Args:
         plan: the study.
@@ -104,7 +104,8 @@ def _told(base: Suggestion, one: Suggestion) -> float:
     change = one.squares - base.squares
     change = change[np.isfinite(change)]
     unsure = 2.0 * np.std(change) / np.sqrt(max(len(change), 1))
-    return base.error if len(change) < 2 or abs(np.mean(change)) < unsure else one.error
+    unknown = len(change) < 2 or abs(np.mean(change)) < unsure
+    return base.error if unknown or abs(one.error - base.error) < SAME * base.error else one.error
 
 
 def options_of(rig: Rig) -> list[Option]:
