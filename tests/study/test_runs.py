@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from distal import estimate, load_rig, simulate
+from distal.errors import StudyError
 from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
 from distal.study.kernels import Kernels
 from distal.study.plants import built_values, draws_of, scores
 from distal.study.runs import NOMINAL, Task, run_chunk, run_tasks
-from distal.study.space import rig_of
+from distal.study.space import rig_of, space_of
 from tests.study.plans import small, still
 
 
@@ -48,8 +49,8 @@ def test_a_filter_takes_the_numbers_of_another_rig() -> None:
     whole = estimate(log, other)
     np.testing.assert_allclose(estimate(log, other, taken).angles, whole.angles, atol=1e-6)
     assert np.abs(estimate(log, other, known).angles - whole.angles).max() > 1e-4
-    # load cells so good that they see the friction of the sliders: there are more states
-    assert known.of_rig(base.with_values({"sensors.u1.noise": 0.05})) is None
+    # load cells so bad that they do not see the friction of the sliders: there are fewer states
+    assert known.of_rig(base.with_values({"sensors.u1.noise": 3.0})) is None
 
 
 def test_the_share_of_a_requirement_is_that_of_a_known_normal_distribution(tmp_path: Path) -> None:
@@ -95,3 +96,19 @@ def test_a_row_does_not_depend_on_what_ran_before(monkeypatch: pytest.MonkeyPatc
         monkeypatch.setattr("distal.study.runs._KERNELS", Kernels())
         found.append(run_chunk(plan, designs)["rms_deg"][-1])
     assert found[0] == found[1] == found[2]
+
+
+def test_a_closed_loop_is_asked_for_its_reference() -> None:
+    """The joint that is fed back by displacements stays behind; what is told of it is judged apart."""
+    asked = {"joint": "link", "within": "6 deg", "time": "50 %"}
+    vary = {"feedback": ["encoder", "adaptive", "ratio"]}
+    plan = small(scenarios=["control-paper"], vary=vary, fill="grid", seeds=1, duration="5 s", requirement=asked)
+    rows = run_chunk(plan, [0, 1, 2])
+    assert rows["problem"] == ["", "", ""]
+    assert rows["feedback"] == ["encoder", "adaptive", "ratio"]
+    encoder, adaptive, ratio = (float(value or 0.0) for value in rows["rms_deg"])
+    assert encoder == pytest.approx(adaptive, rel=0.3)
+    assert ratio > 2.0 * encoder
+    assert rows["met"] == [True, True, False]
+    with pytest.raises(StudyError, match=r"vary\.feedback: unknown 'encodr'; did you mean 'encoder'\?"):
+        space_of(small(vary={"feedback": ["encodr"]}))

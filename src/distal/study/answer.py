@@ -11,12 +11,13 @@ from math import degrees
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import StudyError
+from distal.control import ClosedLoop
+from distal.errors import DistalError, StudyError
 from distal.results import BAND, Estimate
 from distal.rig import in_words
 from distal.study.description import Plan
 from distal.study.runs import BUILT, MEASURES, Task, run_tasks
-from distal.study.space import ESTIMATOR, Axis, Space, Value
+from distal.study.space import ESTIMATOR, FEEDBACK, Axis, Space, Value
 from distal.study.storage import Columns
 
 Floats = NDArray[np.float64]
@@ -200,7 +201,7 @@ def words_of(plan: Plan, name: str) -> str:
         name: of the column.
     """
     own = name.removeprefix(BUILT)
-    if own == ESTIMATOR:
+    if own in (ESTIMATOR, FEEDBACK):
         return own
     shared = own in plan.rig.sharing()
     what = f"what {own} has in common" if shared else in_words(plan.rig, own)
@@ -317,16 +318,25 @@ def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
         index, scenario = int(columns["design"][k]), plan.study.scenarios.index(str(columns["scenario"][k]))
         tasks.append(Task(index, space.design(index), int(columns["seed"][k]), scenario))
     cases = []
-    for k, task, estimate in zip(order, tasks, run_tasks(plan, tasks, space)):
-        if not isinstance(estimate, Estimate) or estimate.truths is None:
+    for k, task, found in zip(order, tasks, run_tasks(plan, tasks, space)):
+        curves = _curves(found, plan.joint)
+        if curves is None:
             continue
-        some, j = slice(None, None, max(1, len(estimate.time) // POINTS)), plan.joint
+        time, *traces = (each[:: max(1, len(curves[0]) // POINTS)] for each in curves)
         said = (said_of(words_of(plan, axis.path), task.design[axis.path], axis.unit) for axis in space.axes)
         words = "; ".join([f"{plan.study.scenarios[task.scenario]}: RMS {rms[k]:.2g}°", *said])
-        traces = (estimate.truths[some, j], estimate.angles[some, j], BAND * estimate.angle_stds[some, j])
-        time = [round(float(t), 3) for t in estimate.time[some] - estimate.time[0]]
-        cases.append(Case(words, time, *([round(float(v), 3) for v in np.rad2deg(one)] for one in traces)))
+        stamps = [round(float(t), 3) for t in time - time[0]]
+        cases.append(Case(words, stamps, *([round(float(v), 3) for v in np.rad2deg(one)] for one in traces)))
     return tuple(cases)
+
+
+def _curves(found: Estimate | ClosedLoop | DistalError, j: int) -> tuple[Floats, Floats, Floats, Floats] | None:
+    """Return time [s], true angle, estimate and half of the band [rad] of a run; None where there are none."""
+    if isinstance(found, ClosedLoop):
+        return found.time, found.angles[:, j], found.estimates[:, j], BAND * found.stds[:, j]
+    if isinstance(found, DistalError) or found.truths is None:
+        return None
+    return found.time, found.truths[:, j], found.angles[:, j], BAND * found.angle_stds[:, j]
 
 
 def _sentence(
@@ -339,9 +349,10 @@ def _sentence(
 ) -> str:
     asked, count = plan.study.requirement, len(scenarios)
     verdict = "yes" if overall.low >= asked.rigs else "no" if overall.high < asked.rigs else "not certain"
+    asks = "Over all kinds of feedback" if FEEDBACK in plan.study.vary else "Without an encoder"
     where = f"in all {count} scenarios" if count > 1 else f"in {next(iter(scenarios))}"
     text = (
-        f"Without an encoder: {verdict}. {overall} of {overall.rigs:,} rigs as built stay within "
+        f"{asks}: {verdict}. {overall} of {overall.rigs:,} rigs as built stay within "
         f"±{degrees(asked.within):.3g}° for {100 * asked.time:.3g} % of the time {where}"
     )
     if influences and influences[0].index > influences[0].half:

@@ -11,7 +11,9 @@ from threading import Lock
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from distal.control import ClosedLoop, closed_loop
 from distal.errors import DistalError
 from distal.estimators import DEFAULT, Estimator, KernelEstimator, make_estimator
 from distal.kernels import Kernel, lanes_here
@@ -28,8 +30,9 @@ from distal.simulation.simulate import Prepared, sampled, timing
 from distal.study.description import Plan
 from distal.study.kernels import Kernels
 from distal.study.plants import Draw, built_values, draws_of, scores
-from distal.study.space import ESTIMATOR, Design, Space, rig_of, space_of
+from distal.study.space import ESTIMATOR, FEEDBACK, Design, Space, rig_of, space_of
 
+Floats = NDArray[np.float64]
 Item = TypeVar("Item")
 Cell = float | str | bool | None
 Rows = dict[str, list[Cell]]
@@ -94,19 +97,18 @@ def _rows(plan: Plan, designs: Sequence[int]) -> Rows:
     return rows
 
 
-def _row(plan: Plan, task: Task, outcome: Estimate | DistalError) -> dict[str, Cell]:
+def _row(plan: Plan, task: Task, outcome: Estimate | ClosedLoop | DistalError) -> dict[str, Cell]:
     asked, name = plan.study.requirement, plan.study.scenarios[task.scenario]
     measured: dict[str, Cell] = dict.fromkeys(MEASURES, float("nan"))
     problem, met = "", False
-    if isinstance(outcome, Estimate) and outcome.truths is not None:
-        errors = np.abs(outcome.angles[:, plan.joint] - outcome.truths[:, plan.joint])
-        half = BAND * outcome.angle_stds[:, plan.joint]
+    if isinstance(outcome, DistalError) or (isinstance(outcome, Estimate) and outcome.truths is None):
+        problem = str(outcome)
+    else:
+        errors, wrong, half = _errors(outcome, plan.joint, asked.joint)
         within = float(np.mean(errors <= asked.within))
         rms, worst, width = (float(np.rad2deg(one)) for one in (np.sqrt(np.mean(errors**2)), errors.max(), half.mean()))
-        measured = dict(zip(MEASURES, (rms, worst, within, float(np.mean(errors <= half)), width)))
+        measured = dict(zip(MEASURES, (rms, worst, within, float(np.mean(wrong <= half)), width)))
         met = within >= asked.time
-    else:
-        problem = str(outcome)
     built: dict[str, Cell] = {
         f"{BUILT}{name}": score for name, score in scores(draws_of(plan.rig), _seeds(plan, task)).items()
     }
@@ -118,14 +120,28 @@ def _row(plan: Plan, task: Task, outcome: Estimate | DistalError) -> dict[str, C
     return {**keys, **values, **built, **measured, "met": met if is_asked else None, "problem": problem}
 
 
+def _errors(outcome: Estimate | ClosedLoop, j: int, name: str) -> tuple[Floats, Floats, Floats]:
+    """Return how far a joint is from what is asked of it, how wrong its estimate is, and half of its band [rad].
+
+    An estimate is asked for the true angle; in a closed loop the true angle is asked for the reference.
+    """
+    if isinstance(outcome, Estimate):
+        assert outcome.truths is not None
+        wrong = np.abs(outcome.angles[:, j] - outcome.truths[:, j])
+        return wrong, wrong, BAND * outcome.angle_stds[:, j]
+    wrong = np.abs(outcome.estimates[:, j] - outcome.angles[:, j])
+    away = np.abs(outcome.angles[:, j] - outcome.references[name]) if name in outcome.references else wrong
+    return away, wrong, BAND * outcome.stds[:, j]
+
+
 def _seeds(plan: Plan, task: Task) -> tuple[int, int, int]:
     return plan.study.draw, task.index, task.seed
 
 
 def run_tasks(
     plan: Plan, tasks: Sequence[Task], space: Space | None = None, homing: float | None = None
-) -> list[Estimate | DistalError]:
-    """Return the estimates of some runs, or why there is none, in their order.
+) -> list[Estimate | ClosedLoop | DistalError]:
+    """Return the estimates or closed loops of some runs, or why there is none, in their order.
 
     Args:
         plan: the study.
@@ -133,7 +149,7 @@ def run_tasks(
         space: all designs, the first of which in each structure has the constants of its filters' kernel; None for any.
         homing: for how long the true angle is used [s], or None.
     """
-    outcomes: dict[int, Estimate | DistalError] = {}
+    outcomes: dict[int, Estimate | ClosedLoop | DistalError] = {}
     rigs = [plan.rig.with_values({**one.set, **plan.study.set}) if one.set else plan.rig for one in plan.scenarios]
     ready: dict[tuple[int, int], _Ready | DistalError] = {}
     plants = dict[tuple[int, int, str], list[tuple[int, Prepared]]]()
@@ -144,6 +160,9 @@ def run_tasks(
         own = ready[key]
         if isinstance(own, DistalError):
             outcomes[k] = own
+            continue
+        if plan.scenarios[task.scenario].control is not None:
+            outcomes[k] = _closed(plan, own, task)
             continue
         try:
             built = own.built(plan.scenarios[task.scenario], _seeds(plan, task))
@@ -174,6 +193,24 @@ def run_tasks(
     return [outcomes[k] for k in range(len(tasks))]
 
 
+def _closed(plan: Plan, own: _Ready, task: Task) -> ClosedLoop | DistalError:
+    """Return the closed loop of a rig as built, or why there is none."""
+    scenario, seed = plan.scenarios[task.scenario], _seeds(plan, task)
+    plant, feedback = {**own.drawn(seed), **own.fixed}, task.design.get(FEEDBACK)
+    try:
+        built = scenario.model_copy(update={"plant": plant})
+        return closed_loop(
+            own.rig, built, _sensor_seed(plan, task), feedback=None if feedback is None else str(feedback)
+        )
+    except DistalError as problem:
+        return problem
+
+
+def _sensor_seed(plan: Plan, task: Task) -> int:
+    words = np.random.SeedSequence([*map(abs, _seeds(plan, task)), task.scenario, 1]).generate_state(1)
+    return int(words[0])
+
+
 def _groups(items: Sequence[Item]) -> Iterator[Sequence[Item]]:
     return (items[at : at + lanes_here()] for at in range(0, len(items), lanes_here()))
 
@@ -202,6 +239,16 @@ class _Ready:
     timing: tuple[float, int]
     runner: Estimator
 
+    def drawn(self, seed: tuple[int, ...]) -> dict[str, float]:
+        """Return path → value of one rig as built.
+
+        Args:
+            seed: which rig.
+        """
+        nominal = seed[-1] == NOMINAL
+        score = dict.fromkeys((one.name for one in self.draws), 0.0) if nominal else scores(self.draws, seed)
+        return built_values(self.rig, self.draws, score)
+
     def built(self, scenario: Scenario, seed: tuple[int, ...]) -> Prepared:
         """Return the scenario on one rig as built.
 
@@ -209,16 +256,12 @@ class _Ready:
             scenario: what is done.
             seed: which rig.
         """
-        nominal = seed[-1] == NOMINAL
-        score = dict.fromkeys((one.name for one in self.draws), 0.0) if nominal else scores(self.draws, seed)
-        drawn = built_values(self.rig, self.draws, score)
-        plant = Mechanism(self.rig.with_values({**drawn, **self.fixed}), remembers=True)
+        plant = Mechanism(self.rig.with_values({**self.drawn(seed), **self.fixed}), remembers=True)
         start = equilibrium(plant, initial_angles(scenario, plant), self.inputs, resting_force(self.mechanism))
         return Prepared(self.rig, scenario, plant, self.inputs, start, *self.timing)
 
 
 def _ready(plan: Plan, rig: Rig, task: Task, space: Space | None) -> _Ready | DistalError:
-    # a scenario with a [control] table would be run here, by distal.control.closed_loop with the plant's values
     scenario = plan.scenarios[task.scenario]
     try:
         own = rig_of(rig, task.design)
@@ -264,10 +307,7 @@ def _logs(
                 if isinstance(motion, DistalError):
                     yield k, motion
                     continue
-                words = np.random.SeedSequence(
-                    [*map(abs, _seeds(plan, tasks[k])), tasks[k].scenario, 1]
-                ).generate_state(1)
-                yield k, sampled(built, motion, int(words[0]))
+                yield k, sampled(built, motion, _sensor_seed(plan, tasks[k]))
 
 
 def _motions(own: _Ready, built: Sequence[Prepared]) -> Iterable[Motion | DistalError]:

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.control import ENCODER, RATIO
 from distal.errors import DistalError, StudyError, did_you_mean
 from distal.estimators import ESTIMATORS
 from distal.rig import ALL, Rig, number
@@ -21,8 +22,8 @@ Floats = NDArray[np.float64]
 Value = float | str | bool
 Design = Mapping[str, Value]
 
-ESTIMATOR = "estimator"
-"""The path that stands for the estimator."""
+ESTIMATOR, FEEDBACK = "estimator", "feedback"
+"""Paths that stand for the estimator, and for what feeds back a controller: encoder, ratio or an estimator."""
 
 POINTS = 5
 """Points of a range in a grid."""
@@ -82,10 +83,11 @@ def axes_of(plan: Plan) -> tuple[Axis, ...]:
 
 def _axis(rig: Rig, path: str, raw: object) -> Axis:
     sensors = [sensor.name for sensor in rig.sensors]
-    if path == ESTIMATOR:
+    if path in (ESTIMATOR, FEEDBACK):
+        allowed = [*ESTIMATORS, *((ENCODER, RATIO) if path == FEEDBACK else ())]
         for one in _list(path, raw):
-            if one not in ESTIMATORS:
-                raise StudyError(f"vary.{path}: unknown '{one}'{did_you_mean(str(one), ESTIMATORS)}")
+            if one not in allowed:
+                raise StudyError(f"vary.{path}: unknown '{one}'{did_you_mean(str(one), allowed)}")
         return Axis(path, choices=tuple(str(one) for one in _list(path, raw)))
     if path.startswith("sensors.") and path.count(".") == 1:
         if path.partition(".")[2] not in sensors:

@@ -17,6 +17,7 @@ from distal.errors import OutputError, StudyError
 from distal.logs import write_whole
 from distal.study.description import Plan
 from distal.study.runs import BUILT, MEASURES, Rows
+from distal.study.space import ESTIMATOR, FEEDBACK
 from distal.version import __version__
 
 if TYPE_CHECKING:
@@ -142,7 +143,7 @@ def open_folder(plan: Plan, path: str | Path) -> Folder:
     except OSError as problem:
         raise OutputError(f"{folder}: cannot be made ({problem.strerror or problem})") from None
     label = folder / LABEL
-    texts = {"scenario", "problem"} | {name for name, raw in plan.study.vary.items() if name == "estimator"}
+    texts = {"scenario", "problem"} | {name for name in plan.study.vary if name in (ESTIMATOR, FEEDBACK)}
     if label.exists():
         _check(label, plan)
     else:
