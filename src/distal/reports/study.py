@@ -51,7 +51,7 @@ _STYLE = f"""<style>
 .controls label {{ display: flex; flex-wrap: wrap; gap: .3rem; align-items: center; min-width: 0; }}
 .controls select {{ font: inherit; max-width: min(22rem, 88vw); }}
 .chart text {{ font: 12px system-ui, sans-serif; fill: {SOFT}; }} .chart .name {{ fill: {INK}; font-size: 13px; }}
-.chart .light {{ fill: {WHITE}; }} .chart .grid {{ stroke: {FAINT}; stroke-width: .6; }}
+.chart .light {{ fill: {WHITE}; }} .chart .cell {{ fill: {INK}; }} .chart .grid {{ stroke: {FAINT}; stroke-width: .6; }}
 .chart .dot {{ fill: {COLOURS[5]}; fill-opacity: .55; }} .chart .best {{ fill: {COLOURS[1]}; }}
 .chart .front {{ fill: none; stroke: {COLOURS[1]}; stroke-width: 1.5; }}
 .chart .band {{ fill: {COLOURS[0]}; fill-opacity: .2; }} .chart .truth {{ fill: none; stroke: {BLACK}; stroke-width: 2.5; }}

@@ -1,7 +1,7 @@
 "use strict";
 (() => {
   const data = JSON.parse(document.getElementById("study-data").textContent);
-  const names = Object.keys(data.columns), W = 640, H = 400, L = 62, B = 46, T = 12, R = 14;
+  const names = Object.keys(data.columns), W = 640, H = 400, B = 54, T = 12, R = 14;
   const colours = data.colours, NS = "http://www.w3.org/2000/svg";
   const get = (id) => document.getElementById(id);
 
@@ -48,11 +48,13 @@
   function frame(svg, x, y) {
     svg.replaceChildren();
     svg.setAttribute("viewBox", `0 0 ${W} ${H}`);
+    const letter = matchMedia("(max-width: 40rem)").matches ? 10.5 : 7;
+    const L = 34 + letter * Math.max(...ticks(y).map(([, text]) => text.length), 3);
     const px = (v) => L + (v - x.low) / (x.high - x.low) * (W - L - R);
     const py = (v) => H - B - (v - y.low) / (y.high - y.low) * (H - T - B);
     for (const [v, text] of ticks(x)) {
       svg.append(node("line", { x1: px(v), x2: px(v), y1: T, y2: H - B, class: "grid" }));
-      svg.append(node("text", { x: px(v), y: H - B + 16, "text-anchor": "middle" }, text));
+      svg.append(node("text", { x: px(v), y: H - B + 19, "text-anchor": "middle" }, text));
     }
     for (const [v, text] of ticks(y)) {
       svg.append(node("line", { x1: L, x2: W - R, y1: py(v), y2: py(v), class: "grid" }));
@@ -123,7 +125,7 @@
       box.append(node("title", {}, `${z.words}: ${short(mean)} (mean of ${n})`));
       svg.append(box);
       svg.append(node("text", { x: px(edge(x, i + 0.5)), y: py(edge(y, j + 0.5)) + 4, "text-anchor": "middle",
-        class: share > 0.55 ? "light" : "" }, short(mean)));
+        class: share > 0.55 ? "light" : "cell" }, short(mean)));
     }
     get("map-said").textContent = `Mean ${z.words} in each part; darker is larger.`;
   }

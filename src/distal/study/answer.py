@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from math import degrees
+from math import degrees, prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,7 +204,7 @@ def words_of(plan: Plan, name: str) -> str:
     if own in (ESTIMATOR, FEEDBACK):
         return own
     shared = own in plan.rig.sharing()
-    what = f"what {own} has in common" if shared else in_words(plan.rig, own)
+    what = f"common error of {own}" if shared else in_words(plan.rig, own)
     if own.startswith("sensors.") and own.count(".") == 1:
         what = f"sensor {own.partition('.')[2]}"
     return f"{what}, as built" if name.startswith(BUILT) else what
@@ -294,10 +294,14 @@ def said_of(name: str, value: Value, unit: str) -> str:
 def _regions(
     plan: Plan, space: Space, columns: Columns, good: NDArray[np.bool_], influences: Sequence[Influence]
 ) -> tuple[Region, ...]:
-    """Return the shares in parts of the space along the numbers of it that matter, best first."""
-    order = [one.name for one in influences if one.index > one.half]
-    known = sorted((axis for axis in space.axes if axis.path in order), key=lambda axis: order.index(axis.path))
+    """Return the shares in parts of the space along its choices and the numbers of it that matter, best first."""
+    order = [one.name for one in influences]
+    told = {one.name for one in influences if one.index > one.half}
+    every = sorted(space.axes, key=lambda axis: order.index(axis.path) if axis.path in order else len(order))
+    known = [axis for axis in every if axis.choices or axis.path in told]
     axes = (known or list(space.axes))[:MOST_AXES]
+    while len(axes) > 1 and FEWEST * prod(len(axis.choices) or BINS for axis in axes) > len(good):
+        axes.pop()
     found, each = [], len(plan.scenarios)
     cells: list[tuple[str, NDArray[np.bool_]]] = [("", np.ones(len(good), dtype=np.bool_))] if axes else []
     for axis in axes:
