@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from distal import Scenario, closed_loop, estimate, load_rig, simulate
+from distal import Scenario, closed_loop, estimate, load_rig, simulate, simulate_batch
 from distal.control import ControlledPlant, plot_control, track
 from distal.control.loop import _by_calls, _by_scan
 from distal.errors import ControlError, ScenarioError
@@ -197,3 +197,14 @@ def test_an_angle_that_is_lost_is_left_to_the_calls_which_say_so(rig: Rig) -> No
     assert run.held
     assert run.held[0].begin == 0.0
     assert "the angle is not known" in run.held[0].why
+
+
+def test_a_controlled_scenario_is_no_open_loop(rig: Rig) -> None:
+    """What does not close loops says so, instead of leaving the drives without commands."""
+    described = scenario(control={**PID, "feedback": "encoder"})
+    with pytest.raises(ScenarioError, match=r"has a \[control\], and its loop is not closed here"):
+        simulate_alone(rig, described)
+    with pytest.raises(ScenarioError, match=r"has a \[control\]"):
+        list(simulate_batch(rig, [(described, 0)]))
+    told = closed_loop(rig, described, feedback="encoder").log
+    np.testing.assert_array_equal(simulate(rig, described).channels["x1"], told.channels["x1"])

@@ -124,6 +124,8 @@ def test_what_is_wrong_is_said() -> None:
     ):
         with pytest.raises(ScenarioError, match=said.replace("*", r"\*")):
             next(iter(simulate_pieces(rig, scenario(**raw))))
+    with pytest.raises(ScenarioError, match=r"has a \[schedule\] or \[rezero\], which need pieces"):
+        simulate(rig, scenario(schedule={"tendons.*.stiffness": {"per_hour": 0.1}}))
     described = scenario()
     with pytest.raises(EstimationError, match="elastic does not take known angles"):
         next(iter(estimate_pieces(simulate_pieces(rig, described), rig, "elastic", 0.1)))

@@ -42,10 +42,11 @@ def simulate_command(
     set_: SetOption = None,
 ) -> None:
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
+    from distal.control import simulate
     from distal.errors import ScenarioError
     from distal.logs import write_log
     from distal.rig import named, parse_assignment
-    from distal.simulation import load_scenario, scenario_rig, simulate
+    from distal.simulation import load_scenario, scenario_rig
 
     description = load_scenario(scenario)
     if rig_ is not None:

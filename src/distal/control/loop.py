@@ -73,7 +73,7 @@ def simulate(
     *,
     controller: Controller | None = None,
     period: float | str | None = None,
-    estimator: str = DEFAULT,
+    estimator: str | None = None,
 ) -> Log:
     """Simulate a scenario on a rig and return what its sensors read, with the truth beside it.
 
@@ -88,7 +88,7 @@ def simulate(
         seed: of the sensors' errors; the same seed gives the same log.
         controller: (time, measured, estimate) → commands by drive.
         period: between its calls, seconds or a text with a unit.
-        estimator: whose reading it gets: a name, "encoder" or "ratio".
+        estimator: whose reading it gets: a name, "encoder" or "ratio"; default that of ``[control]``, else adaptive.
 
     Returns:
         log: channels by sensor name; truth holds ``theta`` [rad], ``external_torque`` [N m] and, by drive or tendon name,

@@ -16,7 +16,7 @@ from distal.logs import Log
 from distal.rig import Rig, load_rig
 from distal.simulation.plant import Motion, plant_function, run_plants
 from distal.simulation.scenario import Scenario
-from distal.simulation.simulate import Prepared, prepare, sampled
+from distal.simulation.simulate import Prepared, check_open, prepare, sampled
 
 Floats = NDArray[np.float64]
 
@@ -97,6 +97,7 @@ def _group(rig: Rig, jobs: list[Job], kernels: _Kernels) -> list[Log | Exception
         at = next((i for i, (known, _) in enumerate(distinct) if known is scenario or known == scenario), None)
         try:
             ready = prepare(rig, scenario, seed) if at is None else distinct[at][1]
+            check_open(ready.scenario)
         except Exception as found:
             problem = found
             break

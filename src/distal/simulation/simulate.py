@@ -50,9 +50,31 @@ def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int =
         RigError: the plant's values are wrong.
     """
     prepared = prepare(rig, scenario, seed)
+    check_open(prepared.scenario)
     return sampled(
         prepared, run_plant(prepared.plant, prepared.inputs, prepared.start, prepared.dt, prepared.count), seed
     )
+
+
+def check_open(scenario: Scenario) -> None:
+    """Refuse a scenario that a controller commands, or whose plant changes: it needs another kind of run.
+
+    Args:
+        scenario: what is done.
+
+    Raises:
+        ScenarioError: it has a controller, a schedule or a rezero.
+    """
+    name = scenario.name or "scenario"
+    if scenario.control is not None:
+        raise ScenarioError(
+            f"{name}: has a [control], and its loop is not closed here; use distal.closed_loop or distal control, one "
+            "seed at a time"
+        )
+    if scenario.schedule or scenario.rezero is not None:
+        raise ScenarioError(
+            f"{name}: has a [schedule] or [rezero], which need pieces; use distal drift or distal.simulation.simulate_pieces"
+        )
 
 
 @dataclass(frozen=True)
