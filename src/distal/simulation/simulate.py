@@ -73,7 +73,8 @@ def check_open(scenario: Scenario) -> None:
         )
     if scenario.schedule or scenario.rezero is not None:
         raise ScenarioError(
-            f"{name}: has a [schedule] or [rezero], which need pieces; use distal drift or distal.simulation.simulate_pieces"
+            f"{name}: has a [schedule] or [rezero], which need pieces; use distal drift, or simulate_pieces of "
+            "distal.simulation"
         )
 
 
