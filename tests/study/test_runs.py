@@ -110,5 +110,7 @@ def test_a_closed_loop_is_asked_for_its_reference() -> None:
     assert encoder == pytest.approx(adaptive, rel=0.3)
     assert ratio > 2.0 * encoder
     assert rows["met"] == [True, True, False]
+    with pytest.raises(StudyError, match=r"vary\.feedback: no scenario of the study has a \[control\] table"):
+        space_of(small(vary={"feedback": ["encoder"]}))
     with pytest.raises(StudyError, match=r"vary\.feedback: unknown 'encodr'; did you mean 'encoder'\?"):
         space_of(small(vary={"feedback": ["encodr"]}))

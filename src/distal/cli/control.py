@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import degrees, isnan
+from math import degrees, isinf, isnan
 from pathlib import Path
 from typing import Annotated
 
@@ -24,7 +24,7 @@ def control_command(
     ] = None,
     set_: SetOption = None,
 ) -> None:
-    """Control a rig in a scenario with a [control] table, and compare what each feedback costs."""
+    """Control a rig in a scenario with a control table, and compare what each feedback costs."""
     from distal.control import closed_loop, plot_control, track
     from distal.errors import ControlError
     from distal.logs import write_log
@@ -48,9 +48,9 @@ def control_command(
     rows = []
     for run in runs:
         for one in track(run):
-            settled = "never" if isnan(one.settling) else f"{one.settling:.2f}"
+            settled = "–" if isnan(one.settling) else "never" if isinf(one.settling) else f"{one.settling:.2f}"
             hunts = f"{degrees(max(each.motion for each in one.hunting)):.1f}°" if one.hunting else "no"
-            numbers = [f"{degrees(value):.2f}" for value in (one.rms, one.overshoot)]
+            numbers = ["–" if isnan(value) else f"{degrees(value):.2f}" for value in (one.rms, one.overshoot)]
             rows.append(
                 (
                     run.feedback,

@@ -51,8 +51,12 @@ def study_command(
         raise StudyError("--out is missing: give the folder for rows and answer; one that is there goes on")
     folder = open_folder(plan, out)
     with _stoppable():
-        with _progress("runs") as show:
-            run_study(plan, space, folder, workers, scheduler, show)
+        try:
+            with _progress("runs") as show:
+                run_study(plan, space, folder, workers, scheduler, show)
+        except KeyboardInterrupt:
+            say(f"what is done is kept in {folder.path}; the same command goes on")
+            raise
         _answer(plan, space, folder)
 
 

@@ -178,7 +178,7 @@ class PID:
         if not all(isfinite(angle) for angle in estimate.angles):
             self._hold(time, f"no angle: {estimate.health}")
         elif estimate.health in UNUSABLE or not largest <= LOST:
-            self._hold(time, f"{estimate.health}: {estimate.detail or 'the angle is not known'}")
+            self._hold(time, estimate.detail or f"the angle is not known to ±{np.rad2deg(2 * LOST):.0f}°")
         else:
             now = np.array([time])
             wanted = [reference.at(now)[0] for reference in self._references]

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import ControlError, did_you_mean
+from distal.errors import ControlError, ScenarioError, did_you_mean
 from distal.estimators.adaptive import travel
 from distal.kernels import Kernel
 from distal.logs import Log
@@ -77,6 +77,8 @@ class ControlledPlant:
         if not period >= SHORTEST_PERIOD:
             raise ControlError(f"period: at least {SHORTEST_PERIOD:g} s, {period:g} s came")
         prepared = prepare(rig, scenario, period=period)
+        if prepared.scenario.schedule or prepared.scenario.rezero is not None:
+            raise ControlError("the scenario has a [schedule] or [rezero], which are for distal drift; take them out")
         if period > prepared.scenario.duration:
             raise ControlError(f"period: {period:g} s is longer than the scenario, {prepared.scenario.duration:g} s")
         self._prepared, self.period = prepared, period
@@ -170,7 +172,11 @@ class ControlledPlant:
             row[own] += self._efforts
         carries, ys = self._kernel.scan(self._carry, self._rows[self._done : end], self._plant.parameters.values)
         self._carry, self._y[self._done + 1 : end + 1] = carries[-1], ys
-        Motion(self._plant, ys).check()
+        try:
+            Motion(self._plant, ys).check()
+        except ScenarioError as problem:
+            pulls = ", ".join(f"{drive.name} {pull:.3g}" for drive, pull in zip(self._drives, self._efforts))
+            raise ScenarioError(f"at {self.time:g} s, commands {pulls}: {problem}") from None
         self._done = end
         return self._read()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import nan
+from math import inf, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +47,10 @@ class Tracking:
     Args:
         joint: which.
         rms: of the true angle's distance from the reference [rad].
-        overshoot: largest motion beyond a reference that has become constant, in the direction in which it came [rad].
-        settling: longest time until the angle stays within 2° of a constant reference [s]; NaN where one is never reached.
+        overshoot: largest motion beyond a reference that has become constant, in the direction in which it came [rad];
+            NaN where none has.
+        settling: longest time until the angle stays within 2° of a constant reference [s]; infinite where one is never
+            reached, NaN where none is constant.
         effort: RMS of all commands [N or N m].
         estimate_rms: of the error of the angle that the controller was told [rad].
         hunting: limit cycles.
@@ -85,9 +87,8 @@ def track(run: ClosedLoop) -> tuple[Tracking, ...]:
             Tracking(
                 name,
                 rms=float(np.sqrt(np.mean((angle - reference) ** 2))),
-                overshoot=max((over for over, _ in each), default=0.0),
-                # a reference that is never reached has no settling time at all
-                settling=float(np.max([time for _, time in each], initial=0.0)),
+                overshoot=max((over for over, _ in each), default=nan),
+                settling=max((time for _, time in each), default=nan),
                 effort=effort,
                 estimate_rms=float(np.sqrt(np.mean(known**2))) if len(known) else nan,
                 hunting=tuple(_hunts(name, run.time, angle, still)),
@@ -109,7 +110,7 @@ def constant_parts(time: Floats, *references: Floats) -> list[tuple[int, int]]:
 
 
 def _rest(time: Floats, reference: Floats, angle: Floats, begin: int, end: int) -> tuple[float, float]:
-    """Return overshoot [rad] and settling time [s] at a constant reference; NaN where it is not reached."""
+    """Return overshoot [rad] and settling time [s] at a constant reference; infinite where it is not reached."""
     error = angle[begin:end] - reference[begin]
     way = np.sign(reference[begin] - (reference[begin - 1] if begin else angle[0]))
     away = np.flatnonzero(np.abs(error) > SETTLED)
@@ -117,7 +118,7 @@ def _rest(time: Floats, reference: Floats, angle: Floats, begin: int, end: int) 
     if not len(away):
         return over, 0.0
     last = begin + int(away[-1]) + 1
-    return over, nan if last == end else float(time[last] - time[begin])
+    return over, inf if last == end else float(time[last] - time[begin])
 
 
 def _hunts(name: str, time: Floats, angle: Floats, rests: list[tuple[int, int]]) -> list[Hunting]:

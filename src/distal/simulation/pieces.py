@@ -63,6 +63,8 @@ def simulate_pieces(rig: Rig | str | Path, scenario: Scenario | str | Path, seed
     """
     scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    if scenario.control is not None:
+        raise ScenarioError("control: loops are not closed over hours; take [control] out")
     length = min(PIECE, scenario.duration)
     prepared = prepare(rig, scenario.model_copy(update={"duration": length}), seed, period=length)
     plant, dt, steps = prepared.plant, prepared.dt, len(prepared.inputs.effort)

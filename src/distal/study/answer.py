@@ -165,7 +165,7 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
         columns: its rows, by design, seed and scenario.
 
     Raises:
-        StudyError: rows are missing.
+        StudyError: rows are missing, or every run failed.
     """
     study, each = plan.study, len(plan.scenarios)
     if len(columns["met"]) != len(space) * study.seeds * each:
@@ -185,6 +185,8 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
     regions = _regions(plan, space, columns, good, influences)
     said, counts = np.unique(columns["problem"].astype(str), return_counts=True)
     problems = {str(text): int(count) for text, count in zip(said, counts) if text}
+    if sum(problems.values()) == len(said):
+        raise StudyError(f"every run failed, so there is no answer: {max(problems, key=lambda text: problems[text])}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # nothing but problems has no mean
         measures = {name: float(np.nanmean(columns[name].astype(np.float64))) for name in MEASURES}

@@ -207,6 +207,8 @@ def space_of(plan: Plan) -> Space:
     from scipy.stats import qmc
 
     study, axes = plan.study, axes_of(plan)
+    if FEEDBACK in study.vary and all(one.control is None for one in plan.scenarios):
+        raise StudyError(f"vary.{FEEDBACK}: no scenario of the study has a [control] table; estimator is what may vary")
     for axis in axes:
         for share in (0.0, 1.0):
             try:
