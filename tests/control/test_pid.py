@@ -164,6 +164,15 @@ def test_a_joint_that_never_arrives_and_one_that_hunts() -> None:
     assert (one.hunting[0].begin, one.hunting[0].end) == pytest.approx((3.99, 5.99))
 
 
+def test_a_joint_that_swings_from_the_start_hunts() -> None:
+    """Two seconds of a constant reference: the first is that of the motion before, the second tells."""
+    time = np.arange(0, 2, 0.005)
+    (one,) = track(made(0 * time + 10 * DEGREE, 30 * DEGREE * np.sin(40 * time), time))
+    assert [hunt.begin for hunt in one.hunting] == [pytest.approx(1.0)]
+    (one,) = track(made(0 * time[:380] + 10 * DEGREE, 30 * DEGREE * np.sin(40 * time[:380]), time[:380]))
+    assert one.hunting == ()
+
+
 def test_where_a_reference_is_constant() -> None:
     time = np.arange(0, 5, 0.5)
     reference = np.array([0, 0, 0, 1, 2, 3, 3, 3, 4, 4.0])

@@ -17,7 +17,7 @@ SETTLED = float(np.deg2rad(2.0))
 """A joint has settled where it stays within this of its reference: 5 % of a step of 40° [rad]."""
 
 HUNTS, FOR = float(np.deg2rad(0.3)), 2.0
-"""A joint that moves by more than this [rad] in the last so many seconds [s] of a constant reference hunts."""
+"""A joint that moves by more than this [rad] in the last seconds of a reference that is constant for so long [s] hunts."""
 
 LONG_ENOUGH = 1.0
 """A reference that is constant for less than this says nothing of settling [s]."""
@@ -124,10 +124,10 @@ def _rest(time: Floats, reference: Floats, angle: Floats, begin: int, end: int) 
 def _hunts(name: str, time: Floats, angle: Floats, rests: list[tuple[int, int]]) -> list[Hunting]:
     found = []
     for begin, end in rests:
-        late = np.flatnonzero(time[begin:end] >= time[end - 1] - FOR) + begin
-        # the first second belongs to the motion before
-        if time[late[0]] < time[begin] + LONG_ENOUGH:
+        if time[end - 1] - time[begin] < FOR - 1.5 * (time[begin + 1] - time[begin]):
             continue
+        # the first second belongs to the motion before
+        late = np.flatnonzero(time[begin:end] >= max(time[end - 1] - FOR, time[begin] + LONG_ENOUGH)) + begin
         motion = float(np.ptp(angle[late]))
         if motion > HUNTS:
             found.append(Hunting(name, float(time[late[0]]), float(time[end - 1]), motion))
