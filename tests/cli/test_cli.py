@@ -376,7 +376,7 @@ def test_reproduce(run, tmp_path: Path) -> None:
     assert errors["ekf-2008"] <= 0.8
     assert errors["ekf"] <= 0.45
     page = (folder / "index.html").read_text()
-    assert page.count("<svg") == 6
+    assert page.count("<svg") == 7
     assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
         "http://creativecommons.org", ""
     ).replace("https://matplotlib.org", "")
