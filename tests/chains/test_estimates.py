@@ -146,7 +146,9 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
         expected = finite_difference(after, at, sizes)
         q, v = np.append(angles, places), np.append(speeds, np.zeros(nd))
         values = parameters(mean, p.values)
-        found = step(q, v, np.zeros(nj), h, identity[:nj], identity[nj : 2 * nj], np.zeros(nj), values, prepared, p.values)
+        found = step(
+            q, v, np.zeros(nj), h, identity[:nj], identity[nj : 2 * nj], np.zeros(nj), values, prepared, p.values
+        )
         slopes = np.vstack([np.array(found[2]), np.array(found[3])])
         slips.add(int(np.count_nonzero(np.array(found[1]).ravel()[:nj])))
         # Coriolis torques are taken in the middle of the kick, their slopes at its start; in units of what is unsure
