@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 
+import distal.control
 import distal.export
 import distal.fitting
 import distal.logs
@@ -114,7 +115,8 @@ def _no_work(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) ->
     for module, names in (
         (distal.logs, ("read_log", "write_whole")),
         (distal.run, ("LiveEstimator", "estimate", "estimate_batch", "smooth")),
-        (distal.simulation, ("simulate", "simulate_batch")),
+        (distal.simulation, ("simulate_batch",)),
+        (distal.control, ("simulate", "closed_loop")),
         (distal.fitting, ("fit",)),
         (distal.reports, ("fit_report",)),
         (distal.paper.page, ("reproduce",)),
