@@ -11,11 +11,10 @@ import numpy as np
 
 from distal.results import BAND, COLOURS, DASHES, figure, legend_above, save_figure
 from distal.run.pieces import PieceEstimate
+from distal.simulation.pieces import HOUR
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-HOUR = 3600.0
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from distal.errors import EstimationError
 from distal.estimators import DEFAULT, AdaptiveFilter, Belief, KernelEstimator, make_estimator
 from distal.homing import added_reference
+from distal.kernels import covariance_of, mean_of
 from distal.logs import Log, frozen
-from distal.rig import Rig
+from distal.rig import Rig, angle_names
 from distal.simulation import Piece
 
 Floats = NDArray[np.float64]
@@ -61,12 +62,12 @@ def estimate_pieces(
         rows, last = runner.checked_rows(belief, log.time, samples)
         carries, ys = runner.kernel.scan(belief.carry, rows, runner.numbers)
         carries, ys, size = carries[last], ys[last], belief.size
-        means = runner.report.means(carries[:, :size].copy(), ys)[:, :n]
-        covariances = carries[:, size : size * (size + 1)].reshape(-1, size, size)
-        variances = np.diagonal(runner.report.covariances(covariances.copy(), ys), axis1=1, axis2=2)[:, :n]
+        means = runner.report.means(mean_of(carries, size).copy(), ys)[:, :n]
+        covariances = runner.report.covariances(covariance_of(carries, size).copy(), ys)
+        variances = np.diagonal(covariances, axis1=1, axis2=2)[:, :n]
         samples_before = belief.samples + len(samples)
         belief = Belief(float(log.time[-1]), frozen(carries[-1].copy()), size, samples_before, ys[-1], runner.report)
-        truths = np.column_stack([log.truth[name] for name in log.truth if name.startswith("theta")])
+        truths = np.column_stack([log.truth[name] for name in angle_names([joint.name for joint in rig.joints])])
         yield PieceEstimate(log, means, np.sqrt(np.maximum(variances, 0.0)), truths)
 
 

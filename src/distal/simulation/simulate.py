@@ -31,22 +31,15 @@ SIMULATED = TruthSource(TruthKind.SIMULATION, "the simulation")
 
 
 def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0) -> Log:
-    """Simulate a scenario on a rig and return what its sensors read, with the truth beside it.
-
-    The plant is `rig` with the scenario's ``[plant]`` values. It starts at rest, its drives in equilibrium. All sensors
-    of the rig are sampled at their own rates; where one has no value at a stamp of another, it is NaN.
+    """Simulate a scenario without a controller: the part of `distal.simulate` that needs no estimator.
 
     Args:
         rig: as filters know it; or a shipped rig's name, or a path.
         scenario: what is done to it; or a shipped scenario's name, or a path.
         seed: of the sensors' errors; the same seed gives the same log.
 
-    Returns:
-        log: channels by sensor name; truth holds ``theta`` [rad], ``external_torque`` [N m] and, by drive or tendon name,
-            ``position_…``, ``force_…`` and ``tension_…``.
-
     Raises:
-        ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
+        ScenarioError: the scenario does not fit the rig or has a controller, or the motion left all bounds.
         RigError: the plant's values are wrong.
     """
     prepared = prepare(rig, scenario, seed)

@@ -126,7 +126,7 @@ def _by_dask(plan: Plan, chunks: Sequence[Chunk], address: str) -> Iterator[tupl
     try:
         from distributed import Client, as_completed
     except ImportError:
-        raise StudyError("--scheduler needs Dask; pip install 'distal[dask]'") from None
+        raise StudyError("--scheduler needs Dask; pip install '.[dask]'") from None
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
         there = client.get_versions()

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Columns = dict[str, NDArray[np.generic]]
 
-NEEDS = "a study's rows are Parquet, which needs pyarrow; pip install 'distal[study]'"
+NEEDS = "a study's rows are Parquet, which needs pyarrow; pip install '.[study]'"
 
 LABEL = "study.json"
 """Which study a folder is of."""
