@@ -102,7 +102,7 @@ def test_a_plant_goes_back_to_its_start(rig: Rig) -> None:
 
 def test_sensors_of_other_rates_are_read_at_their_own_stamps(rig: Rig) -> None:
     """A force read 30 times a second is a line between the plant's intervals, in the loop as alone."""
-    mixed = rig.with_values({"sensors.u1.rate": 30.0, "sensors.u2.rate": 25.0})
+    mixed = rig.with_values({"sensors.u1.rate": 30.0, "sensors.u2.rate": 25.0, "sensors.x1.lag": 0.2})
     moved = scenario(drives={"left": {"force": [["0 s", "2 N"], ["0.3 s", "6 N"]]}, "right": {"force": "2 N"}})
     alone, looped = simulate_alone(mixed, moved, 3), simulate(mixed, moved, 3, controller=nothing, period="10 ms")
     np.testing.assert_array_equal(np.isnan(alone.channels["u1"]), np.isnan(looped.channels["u1"]))

@@ -71,6 +71,16 @@ def test_a_finger_gets_its_torques_by_the_transposed_arms() -> None:
     assert 8e-3 * (tensions["mcp_f"] - tensions["mcp_e"]) + 7e-3 * pip == pytest.approx(torques[0])
 
 
+def test_with_one_tendon_more_than_joints_none_pushes() -> None:
+    """Tendons that are not opposed in pairs: only the right sign of what is missing lifts them all."""
+    rig = load_rig("finger-n-plus-1")
+    arms = np.array([[tendon.arms().get(joint.name, 0.0) for joint in rig.joints] for tendon in rig.tendons])
+    for torques in ([0.1, 0.0, 0.0], [-0.1, 0.0, 0.0], [0.0, 0.05, -0.02]):
+        tensions = np.array(shared("finger-n-plus-1", 2.0, [0.0, 0.0, 0.0], torques))
+        assert tensions.min() >= -1e-9
+        np.testing.assert_allclose(arms.T @ tensions, torques, atol=1e-8)
+
+
 def test_a_capstan_turns_its_joint_both_ways() -> None:
     """Both tendons wind on one motor: U = τ R/r, whatever the tension."""
     rig = load_rig("capstan-joint")

@@ -80,6 +80,10 @@ def test_a_walk_differs_from_seed_to_seed_and_has_its_size() -> None:
         [piece.log.truth["position_left"][-1] for piece in simulate_pieces(rig, described, seed)] for seed in (1, 1, 2)
     )
     assert first == again
+    # the first draw of a minute: 50 % per hour is 50 % √(1/60)
+    stiffness = rig.tendons[0].stiffness.value
+    soft = stiffness * (1 + 0.5 * np.sqrt(1 / 60) * np.random.default_rng([2, 1]).normal())
+    assert other[1] - other[0] == pytest.approx(5.0 / soft - 5.0 / stiffness, abs=5e-5)
     assert first[1] != other[1]
 
 

@@ -40,7 +40,8 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None, joi
             axes[1].plot(time, angle - reference, **look)
             worst.append(float(np.quantile(np.abs(angle - reference), 0.98)))
             effort = next(iter(run.commands))
-            axes[2].plot(time, run.commands[effort], **look)
+            # a feedback that chatters stands behind the others
+            axes[2].plot(time, run.commands[effort], zorder=3 - 0.1 * k, **look)
         told = next((k for k, run in enumerate(runs) if run.feedback not in ("encoder", "ratio")), None)
         if told is not None:
             run = runs[told]

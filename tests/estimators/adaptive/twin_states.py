@@ -166,7 +166,7 @@ def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[St
         state = State(name, "parameter", value, std, i, walk=drift, untold=untold)
         if not name.endswith(MAY_BE_NEGATIVE):
             state.mean, state.std = cut_at_zero(value, std)
-            if rough:
+            if rough and std <= value:
                 state.mean = value  # (†)
             state.lowest = 0.01 * state.std
         if np.isnan(drift):

@@ -116,8 +116,8 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
 
     What several share comes after what is one's alone, and what one that shares errs by on top comes last: a deviation
     is added to what the factor has made. A parameter that cannot be negative has its prior cut at zero: mean and variance
-    are those of the cut normal, but one that is known to a factor only keeps its mean, or is multiplied by a state of
-    mean 1, whose std is that of its logarithm.
+    are those of the cut normal, but one that is known to a factor only (a std up to the value) keeps its mean, or is
+    multiplied by a state of mean 1, whose std is that of its logarithm.
 
     Args:
         context: the rig.
@@ -160,8 +160,8 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         mean, spread, lowest = value, std, -np.inf
         if _bounded(context, name):
             cut, spread = cut_normal(value, std)
-            # a number that is known to a factor is as likely above as below what is stated
-            mean = value if known_to_a_factor(name, value, std) else cut
+            # a number that is known to a factor is as likely above as below what is stated, unless it may well be zero
+            mean = value if known_to_a_factor(name, value, std) and std <= value else cut
             lowest = SMALLEST_VALUE * spread
         # where no drive pulls against another, forces are those of friction and say little of all else
         alone = context.n_drives <= context.n_joints
