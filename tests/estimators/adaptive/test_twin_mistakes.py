@@ -51,8 +51,9 @@ MISTAKES: dict[str, tuple[Any, str, str, str, Any, Robustness, float]] = {
         0,
     ),
     "weight of a wild force": (twin_update, "update", "s_wild * np.outer", "s * np.outer", UNDECLARED, DEFAULT, 2.0),
-    "the low stop": (twin_update, "near_stop", "not low < s < high", "not s < high", STOPS, NONE, 0),
-    "the high stop": (twin_update, "near_stop", "not low < s < high", "not low < s", STOPS, NONE, 0),
+    "the low stop": (twin_update, "near_stop", "not low + wrong < s < high", "not s < high", STOPS, NONE, 0),
+    "the high stop": (twin_update, "near_stop", "< s < high - wrong", "< s", STOPS, NONE, 0),
+    "margin at the stops": (twin_update, "near_stop", "sensor.linearity + 2", "2", STOPS, NONE, 0),
     "bias of a force": (twin_update, "force_row", "- added - offset", "- added + offset", BIASES, NONE, 0),
     "slope of a force's bias": (twin_update, "force_row", "- added_x - bias_x", "- added_x + bias_x", BIASES, NONE, 0),
     "offset of a tension": (

@@ -175,7 +175,8 @@ def near_stop(twin: Twin, i: int, s: float) -> bool:
     if stops is None or sensor is None:
         return False
     low, high = stops
-    near = not low < s < high
+    wrong = sensor.linearity + 2 * sqrt(variance(sensor) + sensor.bias.filter_std**2)
+    near = not low + wrong < s < high - wrong
     twin.taken["at a stop"] += near
     return near
 

@@ -114,7 +114,9 @@ def away_from_stops(context: FilterContext, drive: int, place: Scalar) -> Scalar
     if part.stops is None or sensor is None:
         return ca.SX(1)
     low, high = part.stops
-    return ca.if_else(ca.logic_and(place > low, place < high), 1, 0)
+    # one that is held by its stop may read a place before it
+    wrong = sensor.linearity + 2 * ca.sqrt(context.noise(sensor) + context.bias_std(sensor) ** 2)
+    return ca.if_else(ca.logic_and(place > low + wrong, place < high - wrong), 1, 0)
 
 
 def row_functions(states: StateVector) -> tuple[list[Row], ca.Function]:
