@@ -167,6 +167,7 @@ TABLES: dict[str, Callable[[], str]] = {
             "control-paper",
             "control-finger",
             "control-seconds",
+            "control-hours",
             "fit-mujoco",
             "hysteresis",
             "float-errors",
