@@ -22,8 +22,8 @@ from tests.study.plans import RAW, small
 
 pytest.importorskip("pyarrow")
 
-MANY = 50
-"""Designs of a study of several chunks: with two seeds 24 of them are one."""
+MANY = 100
+"""Designs of a study of five chunks: with two seeds 24 of them are one. It must go on for long after the first."""
 
 
 CHANGES = {"designs": MANY, "estimator": "inextensible"}
