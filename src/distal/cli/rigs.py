@@ -1,11 +1,11 @@
-"""`distal rigs`, `distal rig check`, `distal rig draw`, `distal rig show`, `distal rig new`."""
+"""`distal rigs`, `distal rig check`, `distal rig draw`, `distal rig show`, `distal rig new`, `distal rig from-mjcf`."""
 
 from __future__ import annotations
 
 import re
 from math import degrees
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,7 +14,10 @@ from distal.cli.options import RigArgument, SetOption
 from distal.cli.outputs import check_outputs, to_file
 from distal.errors import OutputError
 
-GEOMETRY = re.compile(r"\.(offset|link\.centre|link\.inertia)\.\d$|\.friction\.reference$")
+if TYPE_CHECKING:
+    from distal.rig import Rig
+
+GEOMETRY = re.compile(r"\.(offset|link\.centre|link\.inertia)\.\d$|\.friction\.reference$|\.terms\.\d+\.coefficient$")
 """Numbers that are drawn, or follow from others: nobody doubts them one by one."""
 
 app = typer.Typer(help="Look at rig files and make new ones.", no_args_is_help=True)
@@ -129,3 +132,54 @@ def new_command(
         raise OutputError(f"{out}: exists already; give another name or remove it")
     write_whole(out, template_text())
     say(f"wrote {out}; edit it, then `distal rig check {out}`")
+
+
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+
+
+@app.command("from-mjcf")
+def from_mjcf_command(
+    model: Annotated[Path, typer.Argument(help="A MuJoCo model (.xml).")],
+    out: Annotated[Path, typer.Option("--out", help="Where to write the rig file (.toml).")] = Path("rig.toml"),
+    chain: Annotated[str | None, typer.Option("--chain", help="Only joints of this body and what it carries.")] = None,
+    joints: Annotated[str | None, typer.Option("--joints", help="Only these joints, separated by commas.")] = None,
+    length_unit: Annotated[str, typer.Option("--length-unit", help="Unit of length of the model: m, cm or mm.")] = "m",
+    compare: Annotated[
+        Path | None,
+        typer.Option("--compare", help="A table of joints' angles and tendons' lengths (.csv)."),
+    ] = None,
+) -> None:
+    """Write a rig file from a MuJoCo model, with what the model does not say marked in it."""
+    from distal.errors import RigError
+    from distal.logs import write_whole
+    from distal.rig import from_mujoco
+
+    check_outputs(to_file("--out", out), rig=str(model), logs=[compare] if compare is not None else [])
+    if length_unit not in LENGTH_UNITS:
+        raise RigError(f"--length-unit must be m, cm or mm, '{length_unit}' came")
+    chosen = [name.strip() for name in joints.split(",")] if joints else None
+    found = from_mujoco(model, chain, chosen, LENGTH_UNITS[length_unit])
+    say(f"{found.rig}")
+    for note in found.notes:
+        say(f"  {note}")
+    say("not in the model, so written with a guess and a wide std:")
+    say(f"  {', '.join(found.missing)}")
+    write_whole(out, found.text)
+    say(f"wrote {out}; look for 'not in the model' in it, then `distal rig check {out}`")
+    if compare is not None:
+        _compare(found.rig, compare)
+
+
+def _compare(rig: Rig, path: Path) -> None:
+    from distal.logs import open_table, table_of
+    from distal.rig import compare_lengths
+
+    units = dict.fromkeys((joint.name for joint in rig.joints), "rad")
+    units |= dict.fromkeys((tendon.name for tendon in rig.tendons), "m")
+    cells, rows = open_table(path, list(units)), []
+    given = table_of(cells, [name for name in cells.names if name in units])
+    for one in compare_lengths(rig, {name: given.in_si(name, units[name]) for name in given.columns}):
+        arms = f"{1e3 * one.arm:.2f}", f"{1e3 * one.other:.2f}"
+        rows.append((one.tendon, one.joint, *arms, "differs" if one.differs else "", f"{1e3 * one.rms:.2f}"))
+    columns = ["tendon", "joint", "arm here, mm", f"arm in {path.name}, mm", "", "length differs by, mm RMS"]
+    table("lengths", columns, rows, text=2)

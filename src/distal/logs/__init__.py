@@ -12,7 +12,7 @@ from distal.logs.output import check_writable, write_together, write_whole
 from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_SCHEMA, SAMPLE_TOPIC, Recorder, estimate_schema
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.sources import Frame, Source
-from distal.logs.tables import Table, read_table
+from distal.logs.tables import Table, open_table, read_table, table_of
 from distal.logs.targets import Output, check_outputs, outputs_in, shown
 from distal.logs.true_columns import true_angles, true_torques
 from distal.logs.truth import FROM_SENSOR, TruthKind, TruthSource
@@ -45,6 +45,7 @@ __all__ = [
     "header",
     "is_recording",
     "open_recording",
+    "open_table",
     "outputs_in",
     "pandas_frame",
     "polars_frame",
@@ -53,6 +54,7 @@ __all__ = [
     "read_truth",
     "shown",
     "size_of",
+    "table_of",
     "true_angles",
     "true_torques",
     "write_columns",

@@ -36,6 +36,7 @@ from distal.rig.insertions import (
 )
 from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spring, Stribeck
 from distal.rig.learned_map import CONSTANT, Affine, Contact, Discrepancy, JointMap, LearnedMap, factors
+from distal.rig.mjcf import Imported, compare_lengths, from_mujoco
 from distal.rig.naming import in_words, named, part_at
 from distal.rig.numbers import Number, is_arm, known_to_a_factor, number
 from distal.rig.overrides import ALL, parse_assignment, set_value
@@ -68,6 +69,7 @@ __all__ = [
     "Gravity",
     "Guide",
     "Hysteresis",
+    "Imported",
     "In",
     "Joint",
     "JointFriction",
@@ -97,10 +99,12 @@ __all__ = [
     "Tendon",
     "angle_names",
     "build_rig",
+    "compare_lengths",
     "doubts",
     "edited_text",
     "effort_unit",
     "factors",
+    "from_mujoco",
     "gain_of",
     "in_words",
     "is_arm",

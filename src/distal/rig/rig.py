@@ -23,7 +23,7 @@ from distal.units import unit_factor
 
 Learned = Affine | Discrepancy | Contact | None
 
-MOST_JOINTS = 12
+MOST_JOINTS = 32
 """More joints than this are no finger and no instrument; their cost grows with the square of the number."""
 
 

@@ -1,0 +1,247 @@
+"""Rigs from MuJoCo models: which models go through, how well their tendons are met, and what is estimated with them.
+
+`python -m benchmarks.models FOLDER …` takes every XML file below the folders (unpacked wheels: `playground`,
+`gymnasium-robotics`, `myo_sim`). `--tendons` compares lengths and moment arms with MuJoCo on 1,000 fresh poses;
+`--estimates` runs a plant in MuJoCo, to which drives, series stiffness, friction along the path and pre-tension are added,
+and estimates with the rig as it came and after a fit to three logs with encoders. Plants share no code with `distal.model`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.report import table
+from distal import Log, Rig, estimate, fit
+from distal.errors import DistalError
+from distal.rig import Imported, from_mujoco
+from distal.rig.mjcf import load_model
+from distal.rig.mjcf.poses import over_ranges
+
+Floats = NDArray[np.float64]
+
+HANDS = {
+    "Aero, index": ("right_hand.xml", "right_index_f_link"),
+    "Aero, thumb": ("right_hand.xml", "right_t_link"),
+    "MyoFinger": ("motorfinger_v0.xml", None),
+}
+"""Name → file, and the body whose joints are taken."""
+
+STEP, PERIOD, SECONDS = 1e-4, 0.01, 12.0
+
+
+def imported(folders: list[Path]) -> Iterator[list[str]]:
+    """Return a row for each model: what it became, or why not."""
+    for path in sorted(each for folder in folders for each in folder.rglob("*.xml")):
+        try:
+            rig = from_mujoco(path).rig
+            yield [path.name, f"{len(rig.joints)} joints, {len(rig.tendons)} tendons"]
+        except DistalError as problem:
+            yield [path.name, str(problem).removeprefix(f"{path}: ")[:110]]
+
+
+def found(folders: list[Path], name: str) -> tuple[Imported, mujoco.MjModel]:
+    """Return the rig of one of `HANDS`, and its model."""
+    file, chain = HANDS[name]
+    path = next(each for folder in folders for each in folder.rglob(file))
+    return from_mujoco(path, chain), load_model(path)
+
+
+def tendons(folders: list[Path]) -> Iterator[list[str]]:
+    """Return a row for each tendon: what is left of its length and moment arms on poses that the fit has not seen."""
+    for name in HANDS:
+        rig, model = found(folders, name)
+        joints = [model.joint(joint.name).id for joint in rig.rig.joints]
+        poses = over_ranges(model, joints, 1000, seed=77)
+        names = [joint.name for joint in rig.rig.joints]
+        for tendon in rig.rig.tendons:
+            t = model.tendon(tendon.name).id
+            used = [k for k, joint in enumerate(names) if joint in tendon.joints]
+            arms = np.array([list(tendon.arms(dict(zip(names, row))).values()) for row in poses.angles])
+            true = -poses.arms[:, t, used]
+            shares = np.abs(arms - true) / np.abs(true).max(axis=0)
+            rms = np.sqrt(np.mean(shares**2, axis=0)).max()
+            std = float(tendon.crossings[0].scale.std) if tendon.crossings[0].kind == "polynomial" else 0.01
+            yield [
+                name,
+                tendon.name,
+                f"{1e3 * length_rms(tendon, names, poses.angles, poses.lengths[:, t], model, joints, t):.3f}",
+                f"{100 * rms:.2f}",
+                f"{100 * std:.1f}",
+                f"{100 * float((shares <= std).mean(axis=0).min()):.0f}",
+            ]
+
+
+def length_rms(tendon, names, angles, lengths, model, joints, t) -> float:  # type: ignore[no-untyped-def]
+    """Return what is left of a tendon's length [m], RMS, by the arms along straight ways from zero."""
+    zero = over_ranges(model, joints, 1, seed=0)
+    data = mujoco.MjData(model)
+    data.qpos[[int(model.jnt_qposadr[j]) for j in joints]] = 0.0
+    mujoco.mj_forward(model, data)
+    del zero
+    places, weights = np.polynomial.legendre.leggauss(8)
+    drawn = []
+    for row in angles:
+        total = 0.0
+        for place, weight in zip((places + 1) / 2, weights / 2):
+            arms = tendon.arms(dict(zip(names, place * row)))
+            total += weight * sum(arms.get(name, 0.0) * angle for name, angle in zip(names, row))
+        drawn.append(total)
+    return float(np.sqrt(np.mean((lengths - data.ten_length[t] + np.array(drawn)) ** 2)))
+
+
+@dataclass(frozen=True)
+class Plant:
+    """What a rig is in truth: a model with drives, series stiffness, friction along the path and pre-tension."""
+
+    model: mujoco.MjModel
+    tendons: list[int]
+    joints: list[int]
+    drives: list[int]
+    stiffness: Floats
+    pretension: Floats
+    load: Floats
+
+
+def plant(folders: list[Path], name: str, rig: Rig, seed: int) -> Plant:
+    """Return a drawn plant: stiffness within a factor of 2.5, friction along the path 2 to 15 %, joint friction ±20 %."""
+    file, _ = HANDS[name]
+    path = next(each for folder in folders for each in folder.rglob(file))
+    spec = mujoco.MjSpec.from_file(str(path))
+    for geom in list(spec.geoms):
+        if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+            spec.delete(geom)
+    for kind in (spec.meshes, spec.actuators, spec.sensors):
+        for one in list(kind):
+            spec.delete(one)
+    kept = {joint.name for joint in rig.joints}
+    for joint in spec.joints:
+        if joint.name not in kept:
+            joint.frictionloss = 1e3  # what the rig holds is held
+    for tendon in rig.tendons:
+        body = spec.worldbody.add_body(name=f"drive_{tendon.name}", pos=[0, 0, -1])
+        body.add_joint(
+            name=f"drive_{tendon.name}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0], damping=[5.0, 0, 0]
+        )
+        body.mass, body.inertia, body.explicitinertial = 0.02, [1e-6] * 3, True
+    for geom in spec.geoms:
+        geom.contype, geom.conaffinity = 0, 0
+    spec.option.timestep, spec.option.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model = spec.compile()
+    draw, n = np.random.default_rng([seed, 241]), len(rig.tendons)
+    model.dof_frictionloss[:] *= draw.uniform(0.8, 1.2, model.nv)
+    return Plant(
+        model,
+        [model.tendon(tendon.name).id for tendon in rig.tendons],
+        [model.joint(joint.name).id for joint in rig.joints],
+        [int(model.joint(f"drive_{tendon.name}").dofadr[0]) for tendon in rig.tendons],
+        2e4 * 2.5 ** draw.uniform(-1, 1, n),
+        draw.uniform(0.0, 2.0, n),
+        draw.uniform(0.02, 0.15, n),
+    )
+
+
+def recorded(of: Plant, rig: Rig, seed: int) -> Log:
+    """Return a log of a plant: forces that wander between 2 and 15 N, held for a second now and then."""
+    model, data, draw = of.model, mujoco.MjData(of.model), np.random.default_rng([seed, 242])
+    mujoco.mj_forward(model, data)
+    zero, n = data.ten_length[of.tendons].copy(), len(of.tendons)
+    knots = np.arange(0.0, SECONDS + 1.0, 1.0)
+    forces = draw.uniform(2.0, 15.0, (len(knots), n))
+    forces[0] = 2.0
+    for k in range(3, len(knots), 4):
+        forces[k] = forces[k - 1]
+    ends = of.joints
+    rows, every = [], round(PERIOD / STEP)
+    slopes = np.zeros((n, model.nv))
+    for i in range(round(SECONDS / STEP) + 1):
+        u = np.array([np.interp(i * STEP, knots, forces[:, k]) for k in range(n)])
+        slopes[:] = dense(model, data)[of.tendons]
+        x = data.qpos[[int(model.jnt_qposadr[model.dof_jntid[d]]) for d in of.drives]]
+        tension = np.maximum(of.pretension + of.stiffness * (x + data.ten_length[of.tendons] - zero), 0.0)
+        data.qfrc_applied[:] = -slopes.T @ tension
+        data.qfrc_applied[of.drives] += u - tension
+        model.dof_frictionloss[of.drives] = of.load * tension
+        if i % every == 0:
+            read = x + 2e-5 * draw.normal(size=n)
+            rows.append([i * STEP, *read, *(u + 0.2 * draw.normal(size=n)), *data.qpos[model.jnt_qposadr[ends]]])
+        mujoco.mj_step(model, data)
+    values = np.array(rows)
+    positions = [sensor.name for sensor in rig.sensors_of("position")]
+    efforts = [sensor.name for sensor in rig.sensors_of("force")]
+    angles = values[:, 1 + 2 * n :]
+    read = np.deg2rad(0.1) * np.round(angles / np.deg2rad(0.1))
+    channels = {name: values[:, 1 + k] for k, name in enumerate(positions)}
+    channels |= {name: values[:, 1 + n + k] for k, name in enumerate(efforts)}
+    channels |= {f"encoder_{joint.name}": read[:, k] for k, joint in enumerate(rig.joints)}
+    truth = {f"theta_{joint.name}": angles[:, k] for k, joint in enumerate(rig.joints)}
+    return Log(values[:, 0], channels, truth, "MuJoCo")
+
+
+def dense(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
+    """Return ∂length/∂q of all tendons."""
+    from distal.rig.mjcf.poses import tendon_slopes
+
+    return tendon_slopes(model, data)
+
+
+def estimates(folders: list[Path], plants: int) -> Iterator[list[str]]:
+    """Return a row for each plant: RMS error, mean over the joints [deg], and the share inside the band."""
+    for name in HANDS:
+        rig = found(folders, name)[0].rig
+        for seed in range(plants):
+            of = plant(folders, name, rig, seed)
+            logs = [recorded(of, rig, 10 * seed + k) for k in range(5)]
+            began = time.process_time()
+            fitted = fit(logs[:3], rig).rig
+            seconds = time.process_time() - began
+            row = [name, str(seed)]
+            for used, by in ((rig, "adaptive"), (rig, "elastic"), (rig, "inextensible"), (fitted, "adaptive")):
+                row.append(scored(logs[3:], used, by))
+            yield [*row, f"{seconds:.0f}"]
+
+
+def scored(logs: list[Log], rig: Rig, by: str) -> str:
+    """Return RMS error, mean over joints and logs, and the share inside the band."""
+    errors, inside = [], []
+    for log in logs:
+        got = estimate(log, rig, by)
+        true = np.column_stack([log.truth[f"theta_{joint.name}"] for joint in rig.joints])
+        off = got.angles - true
+        errors.append(np.sqrt(np.mean(off**2, axis=0)).mean())
+        inside.append(np.mean(np.abs(off) <= 1.96 * got.angle_stds))
+    return f"{np.rad2deg(np.mean(errors)):.2f} ({100 * np.mean(inside):.0f})"
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.models", description=__doc__)
+    parser.add_argument("folders", nargs="+", type=Path, help="with models")
+    parser.add_argument("--tendons", action="store_true")
+    parser.add_argument("--estimates", type=int, metavar="PLANTS")
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    if given.tendons:
+        columns = ["model", "tendon", "length, RMS [mm]", "arms, worst RMS [%]", "its std [%]", "poses within it [%]"]
+        table("models-tendons", "tendons on 1,000 fresh poses", columns, list(tendons(given.folders)))
+    elif given.estimates:
+        columns = ["model", "plant", "adaptive", "elastic", "inextensible", "adaptive, fitted", "s of fit"]
+        rows = []
+        for row in estimates(given.folders, given.estimates):
+            print(*row, flush=True)
+            rows.append(row)
+        table("models-estimates", "RMS error [°], mean over joints (inside the band [%])", columns, rows)
+    else:
+        table("models", "models", ["file", "becomes"], list(imported(given.folders)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""Which tendons of a model an actuator pulls."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from distal.errors import RigError
+from distal.rig.mjcf.bodies import named
+from distal.rig.mjcf.loading import mujoco_module
+from distal.rig.mjcf.springs import spring_tendons
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
+    """Return names of the tendons that an actuator pulls, by index, and what is left out, in words.
+
+    In a model without actuators all tendons that are no springs are pulled.
+
+    Args:
+        model: the model.
+
+    Raises:
+        RigError: there is no such tendon, or an actuator is a muscle.
+    """
+    mujoco = mujoco_module()
+    if not model.ntendon:
+        raise RigError("the model has no tendon")
+    found, elsewhere, left = dict[int, str](), list[str](), list[str]()
+    for a in range(model.nu):
+        name = named(model.actuator(a).name, f"actuator{a}")
+        if int(model.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_TENDON):
+            elsewhere.append(name)
+            continue
+        kinds = int(model.actuator_dyntype[a]), int(model.actuator_gaintype[a])
+        if kinds[0] == int(mujoco.mjtDyn.mjDYN_MUSCLE) or kinds[1] == int(mujoco.mjtGain.mjGAIN_MUSCLE):
+            raise RigError(f"actuator '{name}' is a muscle; distal knows tendons that a motor pulls")
+        tendon = int(model.actuator_trnid[a][0])
+        if tendon in found:
+            left.append(f"actuator '{name}' pulls tendon '{found[tendon]}', which another pulls too: left out")
+            continue
+        found[tendon] = tendon_name(model, tendon)
+    if not model.nu:
+        springs = spring_tendons(model)
+        found = {t: tendon_name(model, t) for t in range(model.ntendon) if t not in springs}
+        left.append("the model has no actuator: each tendon that is no spring has a drive")
+    if not found:
+        raise RigError(
+            f"no actuator pulls one of the model's {model.ntendon} tendons; its {model.nu} actuators are elsewhere, as on "
+            "joints"
+        )
+    if elsewhere:
+        left.append(f"actuators that pull no tendon: {', '.join(elsewhere)}")
+    return found, left
+
+
+def tendon_name(model: mujoco.MjModel, tendon: int) -> str:
+    """Return what a tendon is called in the rig.
+
+    Args:
+        model: the model.
+        tendon: its index there.
+    """
+    return named(model.tendon(tendon).name, f"tendon{tendon}")

@@ -1,0 +1,177 @@
+"""Joints and links of a model, as a chain in which all frames are parallel where all angles are zero."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.rig.mjcf.guesses import Guess
+from distal.rig.mjcf.loading import mujoco_module
+
+if TYPE_CHECKING:
+    import mujoco
+
+Floats = NDArray[np.float64]
+
+SMALLEST_INERTIA = 1e-9
+"""Of a joint to which the model gives no armature [kg m²]: its link's inertia is what counts."""
+
+FRICTION_RADIUS, FRICTION_COEFFICIENT = 1e-3, 1e-3
+"""`frictionloss` does not grow with the tensions: as friction of an axle it is nearly all preload [m, 1]."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """What a unit of the model is; mass and time are kilograms and seconds.
+
+    Args:
+        length: metres in one unit of length.
+    """
+
+    length: float = 1.0
+
+    @property
+    def torque(self) -> float:
+        """Newton metres in one unit of torque."""
+        return self.length**2
+
+
+def named(given: str, otherwise: str) -> str:
+    """Return a name as a rig file takes it.
+
+    Args:
+        given: by the model.
+        otherwise: what to call a part without a name.
+    """
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", given).strip("_-") or otherwise
+    name = name if re.match(r"[A-Za-z_]", name) else f"_{name}"
+    return (f"{name}_" if name in ("std", "dot", "base") or name.endswith("_std") else name)[:64]
+
+
+def joint_name(model: mujoco.MjModel, joint: int) -> str:
+    """Return what a joint is called in the rig.
+
+    Args:
+        model: the model.
+        joint: its index there.
+    """
+    return named(model.joint(joint).name, f"joint{joint}")
+
+
+def carried_by(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
+    """Return for each body the kept joint that moves it last, −1 where none does.
+
+    Args:
+        model: the model.
+        joints: indices of the joints that are kept.
+    """
+    carrier = [-1] * model.nbody
+    for body in range(1, model.nbody):
+        own = [j for j in joints if model.jnt_bodyid[j] == body]
+        carrier[body] = max(own) if own else carrier[int(model.body_parentid[body])]
+    return carrier
+
+
+def parent_of(model: mujoco.MjModel, joint: int, joints: Sequence[int], carrier: Sequence[int]) -> int:
+    """Return the kept joint on whose link another sits, −1 for none.
+
+    Args:
+        model: the model.
+        joint: the other.
+        joints: indices of the joints that are kept.
+        carrier: from `carried_by`.
+    """
+    body = int(model.jnt_bodyid[joint])
+    before = [j for j in joints if model.jnt_bodyid[j] == body and j < joint]
+    return max(before) if before else carrier[int(model.body_parentid[body])]
+
+
+def described_joints(
+    model: mujoco.MjModel, joints: Sequence[int], units: Units
+) -> tuple[dict[str, object], list[dict[str, object]]]:
+    """Return the raw base and joints: axes, places, links, armature, damping, friction, stops.
+
+    Args:
+        model: the model.
+        joints: indices of the joints that are kept, in the model's order.
+        units: of the model.
+    """
+    mujoco = mujoco_module()
+    data = mujoco.MjData(model)
+    data.qpos[[int(model.jnt_qposadr[j]) for j in joints]] = 0.0
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    frame = data.xmat[int(model.jnt_bodyid[joints[0]])].reshape(3, 3)
+    carrier = carried_by(model, joints)
+    root, made = data.xanchor[joints[0]], list[dict[str, object]]()
+    for j in joints:
+        parent = parent_of(model, j, joints, carrier)
+        name = joint_name(model, j)
+        place = data.xanchor[j] - (data.xanchor[parent] if parent >= 0 else root)
+        raw: dict[str, object] = {
+            "name": name,
+            "parent": joint_name(model, parent) if parent >= 0 else "base",
+            "offset": _rounded(frame.T @ place * units.length),
+            "axis": _rounded(frame.T @ data.xaxis[j], 12),
+        }
+        link = _link(
+            model, data, [body for body in range(model.nbody) if carrier[body] == j], data.xanchor[j], frame, units
+        )
+        if link is not None:
+            raw["link"] = link
+        dof = int(model.jnt_dofadr[j])
+        raw["inertia"] = max(float(model.dof_armature[dof]) * units.torque, SMALLEST_INERTIA)
+        raw["damping"] = float(np.ravel(model.dof_damping[dof])[0]) * units.torque
+        raw["initial"] = Guess(
+            {"value": float(model.qpos0[int(model.jnt_qposadr[j])]), "std": "5 deg"}, "angle at the start"
+        )
+        loss = float(model.dof_frictionloss[dof]) * units.torque
+        if loss > 0.0:
+            load = loss / (FRICTION_COEFFICIENT * FRICTION_RADIUS)
+            coefficient = {"value": FRICTION_COEFFICIENT, "std": "30 %"}
+            raw["friction"] = {"coefficient": Guess(coefficient, "how well friction is known"), "radius": FRICTION_RADIUS,
+                               "preload": load}  # fmt: skip
+        if model.jnt_limited[j]:
+            raw["stops"] = [float(end) for end in model.jnt_range[j]]
+        made.append(raw)
+    gravity = [float(part) * units.length for part in model.opt.gravity]
+    return {"gravity": gravity, "orientation": _rounded(_roll_pitch_yaw(frame), 12)}, made
+
+
+def _link(
+    model: mujoco.MjModel, data: mujoco.MjData, bodies: Sequence[int], origin: Floats, frame: Floats, units: Units
+) -> dict[str, object] | None:
+    """Return mass, centre and moments of inertia of bodies that move together, in the joint's frame; None if massless."""
+    masses = np.array([float(model.body_mass[b]) for b in bodies])
+    if masses.sum() <= 0.0:
+        return None
+    centres = np.array([frame.T @ (data.xipos[b] - origin) for b in bodies])
+    centre = masses @ centres / masses.sum()
+    moments = np.zeros(3)
+    for mass, place, b in zip(masses, centres, bodies):
+        turned = frame.T @ data.ximat[b].reshape(3, 3)
+        off = place - centre
+        whole = turned @ np.diag(model.body_inertia[b]) @ turned.T + mass * (off @ off * np.eye(3) - np.outer(off, off))
+        moments += np.diag(whole)
+    return {
+        "mass": float(masses.sum()),
+        "centre": _rounded(centre * units.length),
+        "inertia": [float(f"{moment:.6g}") for moment in moments * units.torque],
+    }
+
+
+def _rounded(values: Floats, digits: int = 9) -> list[float]:
+    return [round(float(value), digits) + 0.0 for value in values]
+
+
+def _roll_pitch_yaw(matrix: Floats) -> Floats:
+    """Return the angles of R = R_z(yaw) R_y(pitch) R_x(roll); roll is zero where pitch is ±90°."""
+    pitch = np.arcsin(np.clip(-matrix[2, 0], -1.0, 1.0))
+    if abs(matrix[2, 0]) > 1.0 - 1e-12:
+        return np.array([0.0, pitch, np.arctan2(-matrix[0, 1], matrix[1, 1])])
+    return np.array([np.arctan2(matrix[2, 1], matrix[2, 2]), pitch, np.arctan2(matrix[1, 0], matrix[0, 0])])

@@ -1,0 +1,131 @@
+"""Which joints of a model are the rig's: those that turn, that are asked for, and that driven tendons move."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from distal.errors import RigError, did_you_mean
+from distal.rig.mjcf.bodies import joint_name, named
+from distal.rig.mjcf.couplings import Coupled
+from distal.rig.mjcf.loading import mujoco_module
+from distal.rig.mjcf.poses import CROSSED, tendon_slopes
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+def turning_joints(model: mujoco.MjModel, chain: str | None, joints: Sequence[str] | None) -> list[int]:
+    """Return the indices of the joints that turn about one axis, of those that are asked for.
+
+    Args:
+        model: the model.
+        chain: name of a body: only joints of it and of what it carries; None for all.
+        joints: names of joints; None for all.
+
+    Raises:
+        RigError: a name is not there, or nothing turns.
+    """
+    mujoco = mujoco_module()
+    turning = [j for j in range(model.njnt) if int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_HINGE)]
+    if chain is not None:
+        bodies = [model.body(b).name for b in range(model.nbody)]
+        if chain not in bodies:
+            raise RigError(f"no body is called '{chain}'{did_you_mean(chain, bodies)}")
+        inside = {bodies.index(chain)}
+        for b in range(1, model.nbody):
+            if int(model.body_parentid[b]) in inside:
+                inside.add(b)
+        turning = [j for j in turning if int(model.jnt_bodyid[j]) in inside]
+    if joints is not None:
+        names = {joint_name(model, j): j for j in turning} | {model.joint(j).name: j for j in turning}
+        for name in joints:
+            if name not in names:
+                raise RigError(f"no joint that turns is called '{name}'{did_you_mean(name, sorted(names))}")
+        turning = sorted({names[name] for name in joints})
+    if not turning:
+        others = ", ".join(named(model.joint(j).name, f"joint{j}") for j in range(model.njnt))
+        raise RigError(
+            "no joint turns about one axis" + (f" in '{chain}'" if chain else f" ({others or 'none at all'})")
+        )
+    return turning
+
+
+def other_joints(
+    model: mujoco.MjModel, hinges: Sequence[int], driven: Mapping[int, str], turned: Mapping[int, Sequence[int]]
+) -> list[str]:
+    """Return, in words, which joints outside the choice a driven tendon moves too.
+
+    Args:
+        model: the model.
+        hinges: indices of the joints that are asked for.
+        driven: names of the driven tendons by index.
+        turned: which of these joints each of them turns.
+
+    Raises:
+        RigError: one of these joints slides or turns every way.
+    """
+    mujoco = mujoco_module()
+    kinds = {
+        int(mujoco.mjtJoint.mjJNT_SLIDE): (1, "slides"),
+        int(mujoco.mjtJoint.mjJNT_BALL): (3, "turns every way"),
+        int(mujoco.mjtJoint.mjJNT_FREE): (6, "is free"),
+    }
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    slopes, said = np.abs(tendon_slopes(model, data)), list[str]()
+    for t, name in driven.items():
+        for j in (j for j in range(model.njnt) if j not in hinges):
+            dof = int(model.jnt_dofadr[j])
+            width, kind = kinds.get(int(model.jnt_type[j]), (1, None))
+            if slopes[t, dof : dof + width].max() <= CROSSED * max(float(slopes[t].max()), 1e-12):
+                continue
+            if kind is not None:
+                raise RigError(
+                    f"tendon '{name}' moves joint '{joint_name(model, j)}', which {kind}; distal's joints turn"
+                )
+            if turned[t]:
+                said.append(
+                    f"tendon '{name}' also turns '{joint_name(model, j)}', which is held where the model has it"
+                )
+    return said
+
+
+def check_base(model: mujoco.MjModel, first: int, chain: str | None) -> None:
+    """Refuse a chain whose base floats, unless it is asked for.
+
+    Args:
+        model: the model.
+        first: index of the first joint that is kept.
+        chain: what is asked for.
+
+    Raises:
+        RigError: the base floats.
+    """
+    body, free = int(model.jnt_bodyid[first]), int(mujoco_module().mjtJoint.mjJNT_FREE)
+    while body > 0 and chain is None:
+        for j in range(model.njnt):
+            if int(model.jnt_bodyid[j]) == body and int(model.jnt_type[j]) == free:
+                raise RigError(
+                    f"the base floats: joint '{joint_name(model, j)}' is free; with --chain BODY it is held where the "
+                    "model has it"
+                )
+        body = int(model.body_parentid[body])
+
+
+def kept_joints(hinges: Sequence[int], turned: Mapping[int, Sequence[int]], coupled: Sequence[Coupled]) -> list[int]:
+    """Return the joints that tendons turn, and those coupled to one of these.
+
+    Args:
+        hinges: indices of the joints that are asked for.
+        turned: which of these each driven tendon turns.
+        coupled: all couplings.
+    """
+    kept = {hinges[k] for joints in turned.values() for k in joints}
+    for one in coupled:
+        pair = {one.leader, one.follower}
+        if pair & kept and pair <= set(hinges):
+            kept |= pair
+    return sorted(kept)

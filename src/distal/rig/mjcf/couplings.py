@@ -1,0 +1,87 @@
+"""Joints that a model's equalities couple to others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from distal.rig.mjcf.bodies import joint_name
+from distal.rig.mjcf.loading import mujoco_module
+from distal.rig.mjcf.poses import range_of
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+@dataclass(frozen=True)
+class Coupled:
+    """θ_follower = ratio θ_leader + offset.
+
+    Args:
+        leader: index of the joint that leads; it comes before the other.
+        follower: index of the joint that follows.
+        ratio: radians per radian.
+        offset: of the follower where the leader is at zero [rad].
+    """
+
+    leader: int
+    follower: int
+    ratio: float
+    offset: float
+
+
+def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
+    """Return the couplings of joints, and what of the model's equalities is left out, in words.
+
+    MuJoCo: q₁ − q₁₀ = Σ a_k (q₂ − q₂₀)^k; a bent one is replaced by the nearest straight line over the range.
+
+    Args:
+        model: the model.
+    """
+    mujoco = mujoco_module()
+    found, left = list[Coupled](), list[str]()
+    for i in range(model.neq):
+        if not model.eq_active0[i]:
+            continue
+        name = model.equality(i).name or f"number {i}"
+        kind = mujoco.mjtEq(int(model.eq_type[i]))
+        first, second = int(model.eq_obj1id[i]), int(model.eq_obj2id[i])
+        if int(kind) != int(mujoco.mjtEq.mjEQ_JOINT) or second < 0:
+            left.append(f"equality '{name}' ({kind.name.removeprefix('mjEQ_').lower()}): left out")
+            continue
+        zero = [float(model.qpos0[int(model.jnt_qposadr[j])]) for j in (first, second)]
+        low, high = range_of(model, second)
+        angles = np.linspace(low, high, 41)
+        wanted = np.polynomial.Polynomial(model.eq_data[i][:5])(angles - zero[1]) + zero[0]
+        offset, ratio = (float(c) for c in np.polynomial.polynomial.polyfit(angles, wanted, 1))
+        off = float(np.abs(ratio * angles + offset - wanted).max())
+        if abs(ratio) < 1e-9:
+            left.append(f"equality '{name}' holds joint '{joint_name(model, first)}': left out")
+            continue
+        if off > 1e-6:
+            left.append(
+                f"equality '{name}': a straight line, up to {np.rad2deg(off):.1f}° off at '{joint_name(model, first)}'"
+            )
+        if first < second:
+            first, second, ratio, offset = second, first, 1.0 / ratio, -offset / ratio
+        found.append(Coupled(second, first, round(ratio, 9), round(offset, 9) + 0.0))
+    return found, left
+
+
+def kept_range(model: mujoco.MjModel, leader: int, coupled: Sequence[Coupled]) -> tuple[float, float] | None:
+    """Return the range that a joint and those that follow it leave one another, None where there is none.
+
+    Args:
+        model: the model.
+        leader: index of the joint.
+        coupled: all couplings.
+    """
+    ends = [range_of(model, leader)] if model.jnt_limited[leader] else []
+    for one in coupled:
+        if one.leader == leader and model.jnt_limited[one.follower]:
+            low, high = sorted((end - one.offset) / one.ratio for end in range_of(model, one.follower))
+            ends.append((low, high))
+    return (max(low for low, _ in ends), min(high for _, high in ends)) if ends else None

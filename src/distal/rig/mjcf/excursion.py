@@ -1,0 +1,112 @@
+"""The lowest polynomial in the joints' angles that says how a tendon's length changes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+ENOUGH = 0.01
+"""A polynomial is taken where it leaves less of each moment arm than this, as RMS over poses that it was not made with."""
+
+HIGHEST_DEGREE = 5
+
+NEARLY = 1.25
+"""A higher degree that leaves no less than the lower one's error divided by this is not worth its terms."""
+
+KEPT_OUT = 3
+"""One pose in so many is kept to judge by."""
+
+
+@dataclass(frozen=True)
+class Excursion:
+    """How the length of a tendon changes with the angles of joints: Σ c Π θ_j^{n_j}.
+
+    Args:
+        powers: n_j of each term, (n_terms, n_joints).
+        coefficients: c of each term.
+        length_rms: what it leaves of the length, RMS over poses that it was not made with.
+        arm_rms: what it leaves of each joint's moment arm, as a share of the largest, RMS.
+        arm_most: the same, but what 92 % of the poses stay below, of the worst joint: on others it is then 90 %.
+    """
+
+    powers: NDArray[np.int64]
+    coefficients: Floats
+    length_rms: float
+    arm_rms: Floats
+    arm_most: float
+
+    @property
+    def degree(self) -> int:
+        """The highest sum of powers."""
+        return int(self.powers.sum(axis=1).max())
+
+
+def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
+    """Return the lowest polynomial that reaches `ENOUGH`; where none does, the lowest that is nearly the best.
+
+    Lengths and moment arms are fitted together, each as a share of its size, by least squares.
+
+    Args:
+        angles: of the joints that the tendon crosses [rad], (k, n_joints).
+        lengths: of the tendon less that with all of these at zero, (k,).
+        arms: ∂length/∂angle, (k, n_joints).
+    """
+    found = list[Excursion]()
+    for degree in range(1, HIGHEST_DEGREE + 1):
+        found.append(_fitted(_powers(angles.shape[1], degree), angles, lengths, arms))
+        if found[-1].arm_rms.max() <= ENOUGH:
+            return found[-1]
+    least = min(one.arm_rms.max() for one in found)
+    return next(one for one in found if one.arm_rms.max() <= NEARLY * least)
+
+
+def _powers(joints: int, degree: int) -> NDArray[np.int64]:
+    rows = []
+    for d in range(1, degree + 1):
+        rows += [np.bincount(chosen, minlength=joints) for chosen in combinations_with_replacement(range(joints), d)]
+    return np.array(rows)
+
+
+def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    """Return values, (k, n_terms), and slopes of the terms, (k, n_joints, n_terms)."""
+    raised = angles[:, None, :] ** powers[None]
+    slopes = []
+    for j in range(angles.shape[1]):
+        others = np.prod(np.delete(raised, j, axis=2), axis=2)
+        slopes.append(others * powers[:, j] * angles[:, j, None] ** np.maximum(powers[:, j] - 1, 0))
+    return np.prod(raised, axis=2), np.stack(slopes, axis=1)
+
+
+def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
+    size = np.abs(arms).max(axis=0)
+    span = max(float(np.ptp(lengths)), 1e-12)
+    values, slopes = _terms(angles, powers)
+    judged = np.arange(len(angles)) % KEPT_OUT == 0
+    rows = np.vstack([values[~judged] / span, *(slopes[~judged, j] / size[j] for j in range(len(size)))])
+    wanted = np.concatenate([lengths[~judged] / span, *(arms[~judged, j] / size[j] for j in range(len(size)))])
+    coefficients = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+    left = np.abs(np.einsum("kjt,t->kj", slopes[judged], coefficients) - arms[judged]) / size
+    off = values[judged] @ coefficients - lengths[judged]
+    return Excursion(
+        powers,
+        coefficients,
+        float(np.sqrt(np.mean(off**2))),
+        np.sqrt(np.mean(left**2, axis=0)),
+        float(np.quantile(left, 0.92, axis=0).max()),
+    )
+
+
+def sizes(names: Sequence[str], shares: Floats) -> str:
+    """Return what is left of each joint's moment arm in words.
+
+    Args:
+        names: of the joints.
+        shares: what is left of the moment arms.
+    """
+    return ", ".join(f"{100 * share:.2g} % at {name}" for name, share in zip(names, shares))

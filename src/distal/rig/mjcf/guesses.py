@@ -1,0 +1,97 @@
+"""Numbers that a model does not have: what is written instead, and what it is in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A value that the model does not give.
+
+    Args:
+        value: what is written, with a wide std.
+        of: what it is.
+    """
+
+    value: object
+    of: str
+
+
+def plain(raw: object) -> object:
+    """Return a raw description with the guesses' values.
+
+    Args:
+        raw: tables, lists and values.
+    """
+    if isinstance(raw, Guess):
+        return plain(raw.value)
+    if isinstance(raw, dict):
+        return {key: plain(value) for key, value in raw.items()}
+    return [plain(value) for value in raw] if isinstance(raw, list) else raw
+
+
+def guesses(raw: object) -> Iterator[Guess]:
+    """Return the guesses in a raw description.
+
+    Args:
+        raw: tables, lists and values.
+    """
+    if isinstance(raw, Guess):
+        yield raw
+    elif isinstance(raw, (dict, list)):
+        for value in raw.values() if isinstance(raw, dict) else raw:
+            yield from guesses(value)
+
+
+def written(raw: dict[str, object]) -> str:
+    """Return the TOML text of a raw description, each guess with a comment.
+
+    Args:
+        raw: tables, lists and values.
+    """
+    import tomlkit
+
+    document = tomlkit.document()
+    for key, value in raw.items():
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            tables = tomlkit.aot()
+            for one in value:
+                tables.append(_table(one))
+            document.add(key, tables)
+        else:
+            document.add(key, _table(value) if isinstance(value, dict) else tomlkit.item(plain(value)))
+    return tomlkit.dumps(document)
+
+
+def _table(raw: dict[str, object]) -> object:
+    import tomlkit
+    import tomlkit.items
+
+    table = tomlkit.table()
+    for key, value in raw.items():
+        item = tomlkit.item(_inline(plain(value)))
+        if isinstance(item, tomlkit.items.Array) and key == "crossings":
+            item.multiline(True)
+        table.add(key, item)
+        of = list(dict.fromkeys(guess.of for guess in guesses(value)))
+        if of:
+            table[key].comment(f"not in the model: {', '.join(of)}")
+    return table
+
+
+def _inline(value: object) -> object:
+    import tomlkit
+
+    if isinstance(value, dict):
+        table = tomlkit.inline_table()
+        for key, inner in value.items():
+            table.append(key, _inline(inner))
+        return table
+    if isinstance(value, list):
+        array = tomlkit.array()
+        for inner in value:
+            array.append(_inline(inner))
+        return array
+    return value

@@ -1,0 +1,149 @@
+"""A rig from a MuJoCo model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+from distal.errors import RigError
+from distal.rig.files import build_rig
+from distal.rig.mjcf.actuators import driven_tendons
+from distal.rig.mjcf.bodies import Units, described_joints, joint_name
+from distal.rig.mjcf.choice import check_base, kept_joints, other_joints, turning_joints
+from distal.rig.mjcf.couplings import Coupled, couplings, kept_range
+from distal.rig.mjcf.guesses import guesses, plain, written
+from distal.rig.mjcf.loading import load_model, mujoco_module
+from distal.rig.mjcf.poses import over_ranges, turned_by
+from distal.rig.mjcf.springs import joint_springs
+from distal.rig.mjcf.tendons import described_drive, described_sensors, described_tendon
+from distal.rig.rig import Rig
+
+if TYPE_CHECKING:
+    import mujoco
+
+LOOKED_AT = 200
+"""Random poses by which it is found which joints a tendon turns."""
+
+LARGEST_ARM = 1.0
+"""A moment arm above this is no tendon's [m]: the model's unit of length is another."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A rig made from a model.
+
+    Args:
+        rig: the rig.
+        text: its file, with a comment at each number that the model does not have.
+        notes: what was left out, held or fitted, a line each.
+        missing: what the model does not say.
+    """
+
+    rig: Rig
+    text: str
+    notes: tuple[str, ...]
+    missing: tuple[str, ...]
+
+
+def from_mujoco(
+    model: mujoco.MjModel | str | Path,
+    chain: str | None = None,
+    joints: Sequence[str] | None = None,
+    length_unit: float = 1.0,
+) -> Imported:
+    """Return a rig with the joints, links, springs and tendons of a MuJoCo model.
+
+    Only joints that a driven tendon turns, or that are coupled to one of these, are kept; all others are held where the
+    model has them. What MuJoCo says of a tendon's length becomes pulleys, or the lowest polynomial that leaves less than
+    1 % of each moment arm. Angles are those of the model.
+
+    Args:
+        model: the model, or the path of its file.
+        chain: name of a body: only joints of it and of what it carries are kept; None keeps all.
+        joints: names of the joints to keep; None keeps all.
+        length_unit: metres in one unit of length of the model.
+
+    Raises:
+        RigError: no rig can be made of this model; the message names the element.
+    """
+    mujoco_module()
+    title = Path(model).stem if isinstance(model, (str, Path)) else "model"
+    if isinstance(model, (str, Path)):
+        model = load_model(model)
+    title, units = _title(model, title), Units(length_unit)
+    driven, notes = driven_tendons(model)
+    hinges = turning_joints(model, chain, joints)
+    poses = over_ranges(model, hinges, LOOKED_AT)
+    turned = {t: turned_by(poses, t) for t in driven}
+    notes += other_joints(model, hinges, driven, turned)
+    coupled, left = couplings(model)
+    notes += left
+    kept = kept_joints(hinges, turned, coupled)
+    if not kept:
+        where = f" of '{chain}'" if chain is not None else ""
+        raise RigError(f"{title}: no tendon that an actuator pulls turns a joint{where}")
+    check_base(model, kept[0], chain)
+    held = [joint_name(model, j) for j in hinges if j not in kept]
+    if held:
+        notes.append(f"no driven tendon turns {', '.join(held)}: held where the model has them")
+    base, described = described_joints(model, kept, units)
+    springs, left = joint_springs(model, kept, units)
+    notes += left
+    _complete(model, kept, described, springs, [one for one in coupled if {one.leader, one.follower} <= set(kept)])
+    raw: dict[str, object] = {
+        "name": title,
+        "log": {"time": {"column": "time", "unit": "s"}},
+        "base": base,
+        "joints": described,
+        "drives": [described_drive(model, t, name) for t, name in driven.items() if turned[t]],
+    }
+    tendons = []
+    for t, name in driven.items():
+        if turned[t]:
+            tendon, left = described_tendon(model, t, name, [hinges[k] for k in turned[t]], units)
+            tendons.append(tendon)
+            notes += left
+    names = [name for t, name in driven.items() if turned[t]]
+    raw |= {"tendons": tendons, "sensors": described_sensors(names, [joint_name(model, j) for j in kept])}
+    rig = build_rig(cast(dict[str, object], plain(raw)), title)
+    _check_size(rig)
+    missing = tuple(dict.fromkeys(guess.of for guess in guesses(raw)))
+    return Imported(rig, written(raw), tuple(notes), missing)
+
+
+def _title(model: mujoco.MjModel, otherwise: str) -> str:
+    name = bytes(model.names).split(b"\0", 1)[0].decode(errors="replace")
+    return name if name and name != "MuJoCo Model" else otherwise
+
+
+def _complete(
+    model: mujoco.MjModel,
+    kept: Sequence[int],
+    described: Sequence[dict[str, object]],
+    springs: dict[int, dict[str, float]],
+    coupled: Sequence[Coupled],
+) -> None:
+    """Add springs and couplings to the joints; stops of a joint that follows become those of its leader."""
+    for j, raw in zip(kept, described):
+        if j in springs:
+            raw["spring"] = dict(springs[j])
+        ends = kept_range(model, j, coupled)
+        if ends is not None:
+            raw["stops"] = [float(end) for end in ends]
+        for one in coupled:
+            if one.follower == j:
+                raw["coupled"] = {"joint": joint_name(model, one.leader), "ratio": one.ratio, "offset": one.offset}
+                raw.pop("stops", None)
+                raw.pop("initial", None)
+
+
+def _check_size(rig: Rig) -> None:
+    for tendon in rig.tendons:
+        for joint, arm in tendon.arms().items():
+            if abs(arm) > LARGEST_ARM:
+                raise RigError(
+                    f"tendon '{tendon.name}' has a moment arm of {abs(arm):.3g} m at '{joint}': if the model is in "
+                    "millimetres, give --length-unit mm"
+                )

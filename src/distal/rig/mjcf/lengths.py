@@ -1,0 +1,96 @@
+"""Lengths of tendons that a vendor gives, beside those of a rig."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from distal.errors import RigError
+from distal.rig.rig import Rig
+from distal.rig.tendons import Tendon
+
+DIFFERS = 0.05
+"""Moment arms that differ by more than this share are named."""
+
+MOST_ANGLE = 7.0
+"""No joint turns further [rad]: larger angles are degrees."""
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """How a tendon's moment arm at a joint differs from that of a table.
+
+    Args:
+        tendon: its name.
+        joint: its name.
+        rms: of the length's difference over the table [m].
+        arm: of the rig, mean over the table, positive where it pulls to +θ [m].
+        other: of the table, by least squares [m].
+    """
+
+    tendon: str
+    joint: str
+    rms: float
+    arm: float
+    other: float
+
+    @property
+    def differs(self) -> bool:
+        """Whether the arms differ by more than a twentieth of the larger one."""
+        return abs(self.arm - self.other) > DIFFERS * max(abs(self.arm), abs(self.other))
+
+
+def compare_lengths(rig: Rig, table: Mapping[str, ArrayLike]) -> tuple[Disagreement, ...]:
+    """Return how lengths in a table differ from the rig's, by tendon and joint; how the table counts lengths is free.
+
+    Args:
+        rig: the rig.
+        table: angle of each joint [rad] and length of some tendons [m], by name, (k,) each. Joints without a column are
+            at zero.
+
+    Raises:
+        RigError: no tendon or no joint of the rig is in the table, or columns differ in size.
+    """
+    columns = {name: np.asarray(values, dtype=float) for name, values in table.items()}
+    joints = [joint.name for joint in rig.joints if joint.name in columns]
+    tendons = [tendon for tendon in rig.tendons if tendon.name in columns]
+    for kind, found, all_names in (
+        ("joint", joints, [joint.name for joint in rig.joints]),
+        ("tendon", tendons, [tendon.name for tendon in rig.tendons]),
+    ):
+        if not found:
+            raise RigError(f"the table has no column of a {kind}; the rig has {', '.join(all_names)}")
+    if len({values.shape for values in columns.values()}) > 1:
+        raise RigError("the table's columns differ in length")
+    angles = np.column_stack([columns[name] for name in joints])
+    if np.abs(angles).max() > MOST_ANGLE:
+        raise RigError(
+            f"an angle of {np.abs(angles).max():.4g} came; the table's angles are radians, its lengths metres"
+        )
+    found_all = list[Disagreement]()
+    for tendon in tendons:
+        own = np.array([tendon.arms(dict(zip(joints, row))).get(name, 0.0) for row in angles for name in joints])
+        arms = own.reshape(angles.shape).mean(axis=0)
+        sloped = np.column_stack([np.ones(len(angles)), angles])
+        length = columns[tendon.name]
+        slopes = np.linalg.lstsq(sloped, length, rcond=None)[0][1:]
+        ours = np.array([_drawn(tendon, dict(zip(joints, row))) for row in angles])
+        difference = length + ours
+        rms = float(np.std(difference))
+        for name, arm, slope in zip(joints, arms, slopes):
+            if name in tendon.joints or abs(slope) > 1e-6:
+                found_all.append(Disagreement(tendon.name, name, rms, float(arm), float(-slope)))
+    return tuple(found_all)
+
+
+def _drawn(tendon: Tendon, angles: dict[str, float]) -> float:
+    """Return how far a tendon is drawn in from zero to given angles: ∫ Σ arm_j(s θ) θ_j ds, exact up to degree 11."""
+    places, weights = np.polynomial.legendre.leggauss(6)
+    total = 0.0
+    for place, weight in zip((places + 1) / 2, weights / 2):
+        arms = tendon.arms({name: place * angle for name, angle in angles.items()})
+        total += float(weight) * sum(arms.get(name, 0.0) * angle for name, angle in angles.items())
+    return total

@@ -1,0 +1,120 @@
+"""What MuJoCo says of lengths and moment arms of tendons, at poses over the joints' ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.rig.mjcf.loading import mujoco_module
+
+if TYPE_CHECKING:
+    import mujoco
+
+Floats = NDArray[np.float64]
+
+UNLIMITED = (-np.pi / 2, np.pi / 2)
+"""Range of a joint to which the model gives none [rad]."""
+
+CROSSED = 1e-3
+"""A tendon crosses a joint if it turns it by more than this share of what it does to the joint it turns most."""
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Lengths and moment arms at poses, in the units of the model.
+
+    Args:
+        angles: of the joints, (k, n_joints).
+        lengths: of the tendons, (k, n_tendons).
+        arms: ∂length/∂angle, (k, n_tendons, n_joints).
+        wraps: points of each tendon's path, (k, n_tendons): their number changes where it touches a surface or leaves it.
+    """
+
+    angles: Floats
+    lengths: Floats
+    arms: Floats
+    wraps: NDArray[np.int64]
+
+
+def range_of(model: mujoco.MjModel, joint: int) -> tuple[float, float]:
+    """Return the range of a joint [rad], `UNLIMITED` where the model has none.
+
+    Args:
+        model: the model.
+        joint: its index there.
+    """
+    if not model.jnt_limited[joint]:
+        return UNLIMITED
+    low, high = model.jnt_range[joint]
+    return float(low), float(high)
+
+
+def tendon_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
+    """Return ∂length/∂q of all tendons, (n_tendons, n_v); MuJoCo keeps it dense or sparse.
+
+    Args:
+        model: the model.
+        data: with lengths computed.
+    """
+    flat = np.asarray(data.ten_J).ravel()
+    owner = model if hasattr(model, "ten_J_rownnz") else data
+    if owner is data and not mujoco_module().mj_isSparse(model):
+        return flat.reshape(model.ntendon, model.nv).copy()
+    found, columns = np.zeros((model.ntendon, model.nv)), np.ravel(owner.ten_J_colind)
+    for i in range(model.ntendon):
+        first, count = int(owner.ten_J_rowadr[i]), int(owner.ten_J_rownnz[i])
+        found[i, columns[first : first + count]] = flat[first : first + count]
+    return found
+
+
+def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Poses:
+    """Return lengths and moment arms of all tendons at given angles; the other joints stay where the model has them.
+
+    Args:
+        model: the model.
+        joints: indices of the joints.
+        angles: of them [rad], (k, n_joints).
+    """
+    mujoco = mujoco_module()
+    data = mujoco.MjData(model)
+    places = [int(model.jnt_qposadr[j]) for j in joints]
+    speeds = [int(model.jnt_dofadr[j]) for j in joints]
+    lengths, arms, wraps = [], [], []
+    for row in angles:
+        data.qpos[places] = row
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_tendon(model, data)
+        lengths.append(data.ten_length.copy())
+        arms.append(tendon_slopes(model, data)[:, speeds])
+        wraps.append(data.ten_wrapnum.copy())
+    return Poses(angles, np.array(lengths), np.array(arms), np.array(wraps))
+
+
+def over_ranges(model: mujoco.MjModel, joints: Sequence[int], count: int, seed: int = 0) -> Poses:
+    """Return lengths and moment arms at random angles within the joints' ranges.
+
+    Args:
+        model: the model.
+        joints: indices of the joints.
+        count: how many poses.
+        seed: of the random angles.
+    """
+    ends = np.array([range_of(model, j) for j in joints])
+    drawn = np.random.default_rng(seed).uniform(size=(count, len(joints)))
+    return at_poses(model, joints, ends[:, 0] + drawn * (ends[:, 1] - ends[:, 0]))
+
+
+def turned_by(poses: Poses, tendon: int) -> list[int]:
+    """Return which of the joints of some poses a tendon turns.
+
+    Args:
+        poses: over the joints' ranges.
+        tendon: its index in the model.
+    """
+    size = np.abs(poses.arms[:, tendon]).max(axis=0)
+    return [k for k, arm in enumerate(size) if arm > CROSSED * max(float(size.max()), 1e-12)]

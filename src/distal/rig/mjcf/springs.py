@@ -1,0 +1,94 @@
+"""Springs of a model, its joints' own and those that are tendons, as the return spring of a joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.rig.mjcf.bodies import Units, joint_name, named
+from distal.rig.mjcf.poses import at_poses, over_ranges, range_of, turned_by
+
+if TYPE_CHECKING:
+    import mujoco
+
+Floats = NDArray[np.float64]
+
+POINTS = 41
+"""Angles at which a spring's torque is taken."""
+
+
+def spring_tendons(model: mujoco.MjModel) -> list[int]:
+    """Return the indices of the tendons that are springs.
+
+    Args:
+        model: the model.
+    """
+    return [t for t in range(model.ntendon) if float(np.ravel(model.tendon_stiffness[t])[0]) > 0.0]
+
+
+def joint_springs(
+    model: mujoco.MjModel, joints: Sequence[int], units: Units
+) -> tuple[dict[int, dict[str, float]], list[str]]:
+    """Return the raw return spring of each joint that has one, and what is left out, in words.
+
+    The torque of all that pulls at one joint alone is taken over its range and fitted by −(k x + q x² + c x³), x = θ − θ₀.
+
+    Args:
+        model: the model.
+        joints: indices of the joints that are kept.
+        units: of the model.
+    """
+    found, left = dict[int, dict[str, float]](), list[str]()
+    poses = over_ranges(model, joints, 50)
+    crossing = {t: [joints[k] for k in turned_by(poses, t)] for t in spring_tendons(model)}
+    for t, crossed in crossing.items():
+        if len(crossed) > 1:
+            names = ", ".join(joint_name(model, j) for j in crossed)
+            left.append(
+                f"spring '{named(model.tendon(t).name, f'tendon{t}')}' pulls at several joints ({names}): left out"
+            )
+    for j in joints:
+        low, high = range_of(model, j)
+        angles = np.linspace(low, high, POINTS)
+        torque = -float(np.ravel(model.jnt_stiffness[j])[0]) * (
+            angles - float(model.qpos_spring[int(model.jnt_qposadr[j])])
+        )
+        for t in (t for t, crossed in crossing.items() if crossed == [j]):
+            along = at_poses(model, [j], angles[:, None])
+            low_length, high_length = (float(end) for end in np.ravel(model.tendon_lengthspring[t])[:2])
+            length, stiffness = along.lengths[:, t], float(np.ravel(model.tendon_stiffness[t])[0])
+            stretched = np.maximum(length - high_length, 0.0) - np.maximum(low_length - length, 0.0)
+            torque = torque - stiffness * stretched * along.arms[:, t, 0]
+        if np.abs(torque).max() > 0.0:
+            found[j] = _as_spring(angles, torque * units.torque)
+            rms = _left(found[j], angles, torque * units.torque)
+            if rms > 0.05 * np.abs(torque * units.torque).max():
+                left.append(f"springs of joint '{joint_name(model, j)}': a cubic leaves {rms:.2g} N m (RMS)")
+    return found, left
+
+
+def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
+    """Return the spring whose torque over the range is nearest; its stiffness where it is relaxed is not negative."""
+    for degree in (3, 1):
+        fitted = np.polynomial.Polynomial.fit(angles, torque, degree).convert()
+        slope = fitted.deriv()
+        middle = (angles[0] + angles[-1]) / 2
+        roots = [float(root.real) for root in fitted.roots() if abs(root.imag) < 1e-9 and -slope(root.real) > 0.0]
+        if roots:
+            rest = min(roots, key=lambda root: abs(root - middle))
+            second, third = fitted.deriv(2)(rest) / 2, fitted.deriv(3)(rest) / 6 if degree > 2 else 0.0
+            spring = {"stiffness": -slope(rest), "rest_angle": rest, "quadratic": -second, "cubic": -third}
+            return {name: float(f"{value:.6g}") for name, value in spring.items() if value or name == "stiffness"}
+    # pulled the same all over the range: a weak spring far away
+    mean, span = float(np.mean(torque)), float(angles[-1] - angles[0])
+    weak = abs(mean) / (100.0 * span)
+    return {"stiffness": weak, "rest_angle": float(middle + mean / weak)}
+
+
+def _left(spring: dict[str, float], angles: Floats, torque: Floats) -> float:
+    x = angles - spring.get("rest_angle", 0.0)
+    made = -(x * (spring["stiffness"] + x * (spring.get("quadratic", 0.0) + x * spring.get("cubic", 0.0))))
+    return float(np.sqrt(np.mean((made - torque) ** 2)))

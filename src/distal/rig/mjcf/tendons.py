@@ -1,0 +1,124 @@
+"""Tendons of a model with their drives and sensors, as a rig file describes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from distal.rig.mjcf.bodies import Units, joint_name
+from distal.rig.mjcf.excursion import ENOUGH, fit_excursion, sizes
+from distal.rig.mjcf.guesses import Guess
+from distal.rig.mjcf.poses import at_poses, over_ranges, range_of
+
+if TYPE_CHECKING:
+    import mujoco
+
+POSES = 3000
+"""At how many random poses a tendon is looked at."""
+
+SMALLEST_SHARE = 1e-6
+"""Terms that never make more than this share of a tendon's excursion are not written."""
+
+DRIVE_MASS = 0.02
+"""Of a drive that the model does not have [kg]; a filter follows the place that is measured."""
+
+
+def described_drive(model: mujoco.MjModel, tendon: int, name: str) -> dict[str, object]:
+    """Return the raw drive of a tendon; a tendon's `frictionloss` rubs there.
+
+    Args:
+        model: the model.
+        tendon: its index there.
+        name: of the drive.
+    """
+    constant = float(np.ravel(model.tendon_frictionloss[tendon])[0])
+    friction: dict[str, object] = {"load": Guess({"value": 0.05, "std": 0.1}, "friction along the path")}
+    if constant > 0.0:
+        friction = {"constant": constant} | friction
+    return {
+        "name": name,
+        "kind": "slider",
+        "mass": Guess(DRIVE_MASS, "the drive's mass"),
+        "friction": friction,
+        "nominal_force": Guess({"value": "5 N", "std": "5 N"}, "usual force"),
+    }
+
+
+def described_tendon(
+    model: mujoco.MjModel, tendon: int, name: str, joints: Sequence[int], units: Units
+) -> tuple[dict[str, object], list[str]]:
+    """Return a raw tendon, and what its polynomial leaves where that is much, in words.
+
+    What is left of the moment arms on 92 % of the poses is the std of their scale.
+
+    Args:
+        model: the model.
+        tendon: its index there.
+        name: of the tendon and its drive.
+        joints: indices of the joints that it turns.
+        units: of the model.
+    """
+    poses = over_ranges(model, joints, POSES, seed=1)
+    zero = at_poses(model, joints, np.zeros((1, len(joints))))
+    lengths = poses.lengths[:, tendon] - zero.lengths[0, tendon]
+    found = fit_excursion(poses.angles, lengths, poses.arms[:, tendon])
+    names = [joint_name(model, j) for j in joints]
+    std = max(ENOUGH, float(np.ceil(1e3 * found.arm_most)) / 1e3)
+    notes = list[str]()
+    switches = len(np.unique(poses.wraps[:, tendon])) > 1
+    if switches or found.arm_rms.max() > ENOUGH:
+        notes.append(
+            f"tendon '{name}': "
+            + ("its path touches a surface at some angles only; " if switches else "")
+            + f"degree {found.degree} leaves {1e3 * units.length * found.length_rms:.2g} mm RMS, of its moment arms "
+            + sizes(names, found.arm_rms)
+        )
+    if found.degree == 1:
+        crossings: list[object] = []
+        for (k,), slope in zip((np.flatnonzero(row) for row in found.powers), found.coefficients):
+            radius = {"value": abs(float(slope)) * units.length, "std": f"{100 * std:g} %"}
+            side = -1 if slope > 0.0 else 1
+            crossings.append({"joint": names[int(k)], "kind": "pulley", "radius": radius, "side": side})
+    else:
+        reach = np.abs(found.coefficients * np.prod(np.abs(poses.angles).max(axis=0) ** found.powers, axis=1))
+        terms = [
+            {"powers": [int(p) for p in powers], "coefficient": float(f"{-c * units.length:.9g}")}
+            for powers, c, size in zip(found.powers, found.coefficients, reach)
+            if size > SMALLEST_SHARE * np.ptp(lengths)
+        ]
+        ends = [[float(end) for end in range_of(model, j)] for j in joints]
+        scale = {"value": 1.0, "std": std}
+        crossings = [{"kind": "polynomial", "joints": names, "range": ends, "scale": scale, "terms": terms}]
+    raw: dict[str, object] = {
+        "name": name,
+        "drive": name,
+        "stiffness": Guess({"value": "20 N/mm", "std": "50 %"}, "series stiffness"),
+        "pretension": Guess({"value": "1 N", "std": "1 N"}, "tension at zero angle and zero displacement"),
+        "crossings": crossings,
+    }
+    return raw, notes
+
+
+def described_sensors(tendons: Sequence[str], joints: Sequence[str]) -> list[dict[str, object]]:
+    """Return raw sensors: displacement and force of each drive, and an encoder at each joint for learning.
+
+    Args:
+        tendons: names of the drives.
+        joints: names of the joints.
+    """
+    rate = Guess(100.0, "rate of the sensors")
+    made: list[dict[str, object]] = []
+    for name in tendons:
+        for kind, column, unit, noise in (("position", "x", "m", "0.02 mm"), ("force", "u", "N", "0.2 N")):
+            made.append(
+                {"name": f"{column}_{name}", "measures": kind, "of": name, "column": f"{column}_{name}", "unit": unit,
+                 "rate": rate, "noise": Guess(noise, f"noise of a {kind}")}
+            )  # fmt: skip
+    for name in joints:
+        made.append(
+            {"name": f"encoder_{name}", "measures": "angle", "of": name, "column": f"encoder_{name}", "unit": "rad",
+             "rate": rate, "resolution": Guess("0.1 deg", "encoders, which are for learning and comparing only")}
+        )  # fmt: skip
+    return made

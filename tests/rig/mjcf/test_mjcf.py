@@ -1,0 +1,290 @@
+"""A rig from a MuJoCo model turns, weighs and pulls as MuJoCo says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal import Rig, estimate, load_rig, read_log
+from distal.errors import RigError
+from distal.model import Mechanism
+from distal.rig import Imported, build_rig, compare_lengths, from_mujoco, parse_toml
+from tests.rig.mjcf.models import FINGER, written_as_mjcf
+
+mujoco = pytest.importorskip("mujoco")
+
+CHAINS = ("finger-2n", "finger-n-plus-1", "finger-underactuated", "wrist-instrument")
+
+
+def model_of(text: str) -> object:
+    return mujoco.MjModel.from_xml_string(text)
+
+
+@pytest.fixture(scope="module")
+def imported() -> Imported:
+    return from_mujoco(model_of(FINGER))
+
+
+@pytest.fixture(scope="module")
+def rig(imported: Imported) -> Rig:
+    return imported.rig
+
+
+def test_joints_that_driven_tendons_turn_are_kept(imported: Imported, rig: Rig) -> None:
+    assert [joint.name for joint in rig.joints] == ["mcp", "pip", "dip"]
+    assert [tendon.name for tendon in rig.tendons] == ["extensor", "flexor"]
+    assert any("thumb: held" in note for note in imported.notes)
+    assert any("turn_thumb" in note for note in imported.notes)
+
+
+def test_the_file_is_the_rig_and_says_what_is_guessed(imported: Imported) -> None:
+    assert build_rig(parse_toml(imported.text, "file", RigError), "file") == imported.rig
+    for line in imported.text.splitlines():
+        if line.startswith(("stiffness", "pretension", "nominal_force", "mass")):
+            assert "# not in the model" in line
+    assert "series stiffness" in imported.missing
+
+
+def test_moment_arms_on_poses_that_the_fit_has_not_seen(rig: Rig) -> None:
+    model = model_of(FINGER)
+    data, random = mujoco.MjData(model), np.random.default_rng(11)
+    joints = [model.joint(name).id for name in ("mcp", "pip")]
+    off, size = [], []
+    for _ in range(300):
+        angles = {name: random.uniform(*model.joint(name).range) for name in ("mcp", "pip")}
+        for tendon in rig.tendons:
+            arms = [tendon.arms(angles)[name] for name in angles]
+            step = 1e-6
+            for k, j in enumerate(joints):
+                ends = []
+                for sign in (-1, 1):
+                    data.qpos[:] = 0
+                    data.qpos[joints] = list(angles.values())
+                    data.qpos[j] += sign * step
+                    mujoco.mj_forward(model, data)
+                    ends.append(float(data.ten_length[model.tendon(tendon.name).id]))
+                wanted = -(ends[1] - ends[0]) / (2 * step)
+                off.append(arms[k] - wanted)
+                size.append(abs(wanted))
+    assert np.sqrt(np.mean(np.square(off))) < 0.01 * max(size)
+
+
+def test_a_fixed_tendon_is_pulleys(rig: Rig) -> None:
+    flexor = rig.tendons[1]
+    assert flexor.arms() == pytest.approx({"mcp": 8e-3, "pip": 6e-3}, rel=1e-9)
+    assert all(crossing.kind == "pulley" for crossing in flexor.crossings)
+
+
+def test_a_path_that_touches_a_surface_at_some_angles_is_named(imported: Imported) -> None:
+    named = [note for note in imported.notes if "extensor" in note]
+    assert len(named) == 1
+    assert "touches a surface at some angles only" in named[0]
+
+
+def test_a_coupling_follows_the_joint_before_it(rig: Rig) -> None:
+    """The model says pip = 1.25 dip; stops of dip bound pip."""
+    pip, dip = rig.joints[1:]
+    assert dip.coupled is not None
+    assert (dip.coupled.joint, dip.coupled.ratio) == ("pip", pytest.approx(0.8))
+    assert pip.stops == pytest.approx((0.0, 1.5))
+    assert dip.stops is None
+
+
+def test_springs_pull_as_in_the_model(rig: Rig) -> None:
+    """Its own one and the band, over the range of the joint."""
+    model = model_of(FINGER)
+    data, spring = mujoco.MjData(model), rig.joints[1].spring
+    assert spring is not None
+    place, off, size = int(model.joint("pip").qposadr[0]), [], []
+    for angle in np.linspace(0.0, 1.6, 9):
+        data.qpos[:], data.qvel[:] = 0.0, 0.0
+        data.qpos[place] = angle
+        mujoco.mj_forward(model, data)
+        x = angle - spring.rest_angle.value
+        torque = -x * (spring.stiffness.value + x * (spring.quadratic.value + x * spring.cubic.value))
+        size.append(float(data.qfrc_spring[model.joint("pip").dofadr[0]]))
+        off.append(torque - size[-1])
+    assert np.abs(off).max() < 0.03 * np.abs(size).max()
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_a_chain_written_as_a_model_comes_back(name: str) -> None:
+    """Moment arms, and the torque that gravity and the links' motion need, are those of the chain."""
+    chain = load_rig(name)
+    back = from_mujoco(model_of(written_as_mjcf(chain))).rig
+    assert [joint.name for joint in back.joints] == [joint.name for joint in chain.joints]
+    for one, other in zip(back.tendons, chain.tendons):
+        for joint, arm in other.arms().items():
+            assert one.arms()[joint] == pytest.approx(arm, rel=1e-6)
+    for one, other in zip(back.joints, chain.joints):
+        assert one.stops == pytest.approx(other.stops)
+        assert one.damping.value == pytest.approx(other.damping.value)
+        assert (one.spring is None) == (other.spring is None)
+        if one.spring is not None and other.spring is not None:
+            assert one.spring.stiffness.value == pytest.approx(other.spring.stiffness.value, rel=1e-5)
+            assert one.spring.rest_angle.value == pytest.approx(other.spring.rest_angle.value, rel=1e-4)
+
+
+def test_links_move_as_in_mujoco() -> None:
+    """Torques by MuJoCo's inverse dynamics, against the chain of the imported rig, with a tilted base and oblique links."""
+    model = model_of(FINGER)
+    rig = from_mujoco(model, joints=["mcp", "pip"]).rig
+    data, random, mechanism = mujoco.MjData(model), np.random.default_rng(4), Mechanism(rig)
+    assert mechanism.chain is not None
+    for _ in range(5):
+        angles = random.uniform(0.0, 1.0, 2)
+        data.qpos[:], data.qvel[:], data.qacc[:] = 0.0, 0.0, 0.0
+        dofs = [int(model.joint(name).dofadr[0]) for name in ("mcp", "pip")]
+        data.qpos[dofs] = angles
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(weight_of(mechanism, angles), data.qfrc_bias[dofs], rtol=2e-3, atol=1e-7)
+
+
+def weight_of(mechanism: Mechanism, angles: np.ndarray) -> np.ndarray:
+    """Return the torque that holds the links against gravity, by the slope of their potential energy."""
+    rig = mechanism.rig
+
+    def energy(at: np.ndarray) -> float:
+        total, gravity = 0.0, frame_of(rig).T @ np.array(rig.base.gravity)
+        turned, place = np.eye(3), np.zeros(3)
+        for joint, angle in zip(rig.joints, at):
+            assert joint.link is not None
+            place = place + turned @ np.array(joint.offset)
+            turned = turned @ rotation(np.array(joint.axis), angle)
+            total -= joint.link.mass.value * gravity @ (place + turned @ np.array(joint.link.centre))
+        return float(total)
+
+    step = 1e-5 * np.eye(len(angles))
+    return np.array([(energy(angles + d) - energy(angles - d)) / 2e-5 for d in step])
+
+
+def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def frame_of(rig: Rig) -> np.ndarray:
+    roll, pitch, yaw = rig.base.orientation
+    x, y, z = np.eye(3)
+    return rotation(z, yaw) @ rotation(y, pitch) @ rotation(x, roll)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "stem"), [("finger-2n", "finger2N"), ("finger-n-plus-1", "finger_n1")])
+def test_the_same_estimates_by_an_imported_chain(data: Path, name: str, stem: str) -> None:
+    """What a model holds is taken from it, all else from the shipped rig: angles within 0.02° of those of that rig."""
+    chain = load_rig(name)
+    back = from_mujoco(model_of(written_as_mjcf(chain))).rig.model_dump()
+    raw = chain.model_dump()
+    for mine, theirs in zip(raw["joints"], back["joints"]):
+        mine |= {key: theirs[key] for key in ("axis", "offset", "link", "inertia", "damping", "spring", "stops")}
+    for mine, theirs in zip(raw["tendons"], back["tendons"]):
+        for crossing, other in zip(mine["crossings"], theirs["crossings"]):
+            crossing["radius"]["value"] = other["radius"]["value"]
+    raw["base"] = back["base"]
+    log = read_log(data / "finger" / f"{stem}_servo.csv", chain, data / "finger" / f"{stem}_servo.truth.csv")
+    one, other = estimate(log, chain), estimate(log, build_rig(raw, name))
+    assert np.rad2deg(np.abs(one.angles - other.angles).max()) < 0.02
+
+
+def changed(old: str, new: str) -> object:
+    assert old in FINGER
+    return model_of(FINGER.replace(old, new))
+
+
+def test_a_muscle_is_named() -> None:
+    model = changed(
+        '<motor name="pull flexor" tendon="flexor" gear="-1"/>', '<muscle name="brachialis" tendon="flexor"/>'
+    )
+    with pytest.raises(RigError, match="actuator 'brachialis' is a muscle"):
+        from_mujoco(model)
+
+
+def test_a_base_that_floats_is_named_unless_the_chain_is_asked_for() -> None:
+    model = changed('<geom size="0.01"/>', '<geom size="0.01"/><freejoint name="root"/>')
+    with pytest.raises(RigError, match="the base floats: joint 'root' is free; with --chain"):
+        from_mujoco(model)
+    assert len(from_mujoco(model, chain="proximal").rig.joints) == 3
+
+
+def test_a_joint_that_slides_is_named() -> None:
+    model = changed('<joint name="pip"', '<joint type="slide" name="pip"')
+    with pytest.raises(RigError, match="moves joint 'pip', which slides; distal's joints turn"):
+        from_mujoco(model)
+
+
+def test_a_model_without_driven_tendons_is_named() -> None:
+    with pytest.raises(RigError, match="no actuator pulls one of the model's 3 tendons"):
+        from_mujoco(changed('<position name="pull extensor" tendon="extensor" kp="100"/>\n    '
+                            '<motor name="pull flexor" tendon="flexor" gear="-1"/>', ""))  # fmt: skip
+    with pytest.raises(RigError, match="the model has no tendon"):
+        from_mujoco(model_of("<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"))
+
+
+def test_without_actuators_all_tendons_but_springs_have_drives() -> None:
+    start, end = FINGER.index("<actuator>"), FINGER.index("</actuator>") + len("</actuator>")
+    found = from_mujoco(model_of(FINGER[:start] + FINGER[end:]))
+    assert [drive.name for drive in found.rig.drives] == ["extensor", "flexor"]
+    assert any("no actuator" in note for note in found.notes)
+
+
+def test_a_name_that_is_not_there() -> None:
+    with pytest.raises(RigError, match="no body is called 'proximl'; did you mean 'proximal'"):
+        from_mujoco(model_of(FINGER), chain="proximl")
+    with pytest.raises(RigError, match="no joint that turns is called 'pipp'; did you mean 'pip'"):
+        from_mujoco(model_of(FINGER), joints=["pipp"])
+
+
+def test_millimetres_are_seen_and_taken() -> None:
+    """Lengths a thousand times, moments of inertia, damping, stiffness and friction a million times as large."""
+    chain = load_rig("finger-2n")
+    metres = from_mujoco(model_of(written_as_mjcf(chain))).rig
+    spec = mujoco.MjSpec.from_string(written_as_mjcf(chain))
+    for body in spec.bodies[1:]:
+        body.pos, body.ipos, body.inertia = 1e3 * body.pos, 1e3 * body.ipos, 1e6 * body.inertia
+    for joint in spec.joints:
+        joint.armature, joint.frictionloss = 1e6 * joint.armature, 1e6 * joint.frictionloss
+        joint.damping = 1e6 * np.asarray(joint.damping)
+    text = spec.to_xml()
+    for tendon in chain.tendons:
+        for arm in tendon.arms().values():
+            text = text.replace(f'coef="{-arm:g}"', f'coef="{-1e3 * arm:g}"')
+    with pytest.raises(RigError, match="has a moment arm of 8 m at 'mcp': if the model is in millimetres"):
+        from_mujoco(model_of(text))
+    found = from_mujoco(model_of(text), length_unit=1e-3).rig
+    for one, other in zip(found.joints, metres.joints):
+        assert one.inertia.value == pytest.approx(other.inertia.value, rel=1e-4)
+        assert one.damping.value == pytest.approx(other.damping.value, rel=1e-4)
+        assert one.offset == pytest.approx(other.offset, rel=1e-5)
+        assert one.link is not None
+        assert other.link is not None
+        assert one.link.inertia == pytest.approx(other.link.inertia, rel=1e-4)
+    assert found.tendons[0].arms() == pytest.approx(metres.tendons[0].arms(), rel=1e-4)
+
+
+def test_meshes_that_are_not_there_are_left_out(tmp_path: Path) -> None:
+    text = FINGER.replace("<worldbody>", '<asset><mesh name="m" file="m.stl"/></asset><worldbody>')
+    path = tmp_path / "finger.xml"
+    path.write_text(text.replace('<geom size="0.01"/>', '<geom type="mesh" mesh="m"/>'))
+    assert len(from_mujoco(path).rig.joints) == 3
+    path.write_text("<mujoco><worldbody><body></worldbody></mujoco>")
+    with pytest.raises(RigError, match=r"finger\.xml: MuJoCo does not take it: XML"):
+        from_mujoco(path)
+    with pytest.raises(RigError, match="there is no such file"):
+        from_mujoco(tmp_path / "none.xml")
+
+
+def test_a_vendors_lengths(rig: Rig) -> None:
+    """Constant moment arms: the joint at which they differ is named, however lengths are counted."""
+    angles = np.random.default_rng(5).uniform(0, 1, (100, 2))
+    table = {"mcp": angles[:, 0], "pip": angles[:, 1], "flexor": 0.3 - angles @ [8e-3, 9e-3]}
+    mcp, pip = compare_lengths(rig, table)
+    assert (mcp.joint, mcp.differs, mcp.other) == ("mcp", False, pytest.approx(8e-3))
+    assert (pip.joint, pip.differs, pip.arm, pip.other) == ("pip", True, pytest.approx(6e-3), pytest.approx(9e-3))
+    assert pip.rms == pytest.approx(3e-3 * np.std(angles[:, 1]))
+    with pytest.raises(RigError, match="no column of a tendon; the rig has extensor, flexor"):
+        compare_lengths(rig, {"mcp": [0.0]})
+    with pytest.raises(RigError, match="an angle of 90 came; the table's angles are radians"):
+        compare_lengths(rig, {"mcp": [90.0], "flexor": [0.0]})
