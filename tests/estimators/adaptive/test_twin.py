@@ -53,6 +53,10 @@ TEXTBOOK = {
     "a factor of one tendon": (sliders({"tendons.0.stiffness": {"value": 806.0, "std": 201.5}}), ()),
     "linearity": (sliders(rigs.LINEARITY), ()),
     "beyond its travel": (sliders(rigs.LINEARITY, {"drives.0.stops": [0.0, 2e-3]}), ("at a stop",)),
+    "stops of the joint": (
+        sliders({"joints.0.stops": [-0.02, 0.02], "joints.0.stop_stiffness": 5.0}),
+        ("deep in a stop",),
+    ),
     "near stops": (sliders(rigs.NEAR_STOPS), ("at a stop",)),
     "linearity of a capstan": (capstan({"sensors.motor_angle.linearity": 0.01, "drives.0.nominal_force": 0.05}), ()),
     "place": (sliders(rigs.STOPS, without=NO_PLACE), ("friction of a lost drive",)),

@@ -34,6 +34,7 @@ PATH, BIASES = TEXTBOOK["path"][0], TEXTBOOK["biases with a reference"][0]
 BIASED_PLAY = rigs.capstan(rigs.HYSTERESIS, ERROR, TORQUE_BIAS)
 STOPS = TEXTBOOK["near stops"][0]
 TORQUE, LINEARITY = TEXTBOOK["external torque"][0], TEXTBOOK["linearity"][0]
+JOINT_STOPS = TEXTBOOK["stops of the joint"][0]
 HARD_JUMP = replace(NONE, **GUARDS["a real jump"][1])
 
 MISTAKES: dict[str, tuple[Any, str, str, str, Any, Robustness, float]] = {
@@ -54,6 +55,8 @@ MISTAKES: dict[str, tuple[Any, str, str, str, Any, Robustness, float]] = {
     "the low stop": (twin_update, "near_stop", "not low + wrong < s < high", "not s < high", STOPS, NONE, 0),
     "the high stop": (twin_update, "near_stop", "< s < high - wrong", "< s", STOPS, NONE, 0),
     "margin at the stops": (twin_update, "near_stop", "sensor.linearity + 2", "2", STOPS, NONE, 0),
+    "depth in the high stop": (twin_update, "update", "twin.m[j] - high", "high - twin.m[j]", JOINT_STOPS, NONE, 0),
+    "depth in the low stop": (twin_update, "update", "low - twin.m[j]", "-1.0", JOINT_STOPS, NONE, 0),
     "bias of a force": (twin_update, "force_row", "- added - offset", "- added + offset", BIASES, NONE, 0),
     "slope of a force's bias": (twin_update, "force_row", "- added_x - bias_x", "- added_x + bias_x", BIASES, NONE, 0),
     "offset of a tension": (

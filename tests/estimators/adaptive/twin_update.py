@@ -86,6 +86,12 @@ def update(twin: Twin, dt: float, z: Floats, mask: Floats, tracked: list[Tracked
         if twin.m[i] < state.lowest:
             twin.taken["kept above the lowest"] += 1
             twin.m[i] = state.lowest  # (27)
+    for j, joint in enumerate(twin.rig.joints):
+        if joint.stops is not None:
+            low, high = joint.stops
+            depth = max(low - twin.m[j], twin.m[j] - high, 0.0)
+            twin.taken["deep in a stop"] += depth**2 > twin.P[j, j]
+            twin.P[j, j] = max(twin.P[j, j], depth**2)  # (27b)
     return innovations, variances
 
 

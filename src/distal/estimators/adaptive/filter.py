@@ -99,6 +99,13 @@ def corrected(states: StateVector, arguments: list[MatrixNode], loops: bool) -> 
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
             mean[at] = ca.fmax(mean[at], lowest)  # (27)
+    names = states.context.mechanism.parameters.names
+    for j, joint in enumerate(states.context.mechanism.rig.joints):
+        if joint.stops is not None:
+            low, high = (p[names.index(f"joints.{j}.stops.{end}")] for end in ("low", "high"))
+            depth = ca.fmax(ca.fmax(mean[j] - high, low - mean[j]), 0)
+            # how deep a joint sits in its stop is known no better than the depth
+            covariance[j, j] = ca.fmax(covariance[j, j], depth * depth)  # (27b)
     return _Step(mean, covariance, ca.vertcat(*kept), y, before.state, before.covariance, before.transition)
 
 
