@@ -14,7 +14,8 @@ FINGER = """
       <body name="proximal" pos="0.01 0 0">
         <inertial pos="0.02 0 0.001" mass="0.015" diaginertia="1e-6 2e-6 3e-6"/>
         <joint name="mcp" axis="0 1 0" range="-0.3 1.5" armature="2e-6" damping="1e-3" frictionloss="2e-3"/>
-        <geom name="knuckle" type="cylinder" size="0.006 0.01" quat="0.7071 0.7071 0 0" contype="0" conaffinity="0" mass="0"/>
+        <geom name="knuckle" type="cylinder" size="0.006 0.01" quat="0.7071 0.7071 0 0"
+              contype="0" conaffinity="0" mass="0"/>
         <site name="side" pos="0 0 0.02"/>
         <site name="b" pos="0.02 0 0.008"/>
         <body name="middle" pos="0.045 0 0">
