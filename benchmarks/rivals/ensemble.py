@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from distal.estimators import Belief, Innovation, KernelEstimator, Robustness, channels_of
 from distal.estimators.adaptive import FilterContext, StateVector
+from distal.estimators.adaptive.context import LONGEST_SUBSTEP
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_place, tracking
-from distal.estimators.adaptive.estimator import LONGEST_SUBSTEP
 from distal.estimators.adaptive.measurement import Row, rows_of
 from distal.estimators.adaptive.states.external_torque import ExternalTorque
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared

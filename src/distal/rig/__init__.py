@@ -40,6 +40,7 @@ from distal.rig.mjcf import Imported, compare_lengths, from_mujoco
 from distal.rig.naming import in_words, named, part_at
 from distal.rig.numbers import Number, is_arm, known_to_a_factor, number
 from distal.rig.overrides import ALL, parse_assignment, set_value
+from distal.rig.parts import Part, independent_parts
 from distal.rig.plausibility import doubts
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import LogFormat, Rig, Stepping, parameters_below
@@ -81,6 +82,7 @@ __all__ = [
     "Meeting",
     "Number",
     "Parameter",
+    "Part",
     "Path",
     "Pinned",
     "Polynomial",
@@ -107,6 +109,7 @@ __all__ = [
     "from_mujoco",
     "gain_of",
     "in_words",
+    "independent_parts",
     "is_arm",
     "known_to_a_factor",
     "load_rig",

@@ -12,7 +12,7 @@ from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.adaptive.travel import travel
 from distal.estimators.channels import Channels, sensor_for
 from distal.expressions import Scalar, Vector
-from distal.model import Mechanism, joint_frequency
+from distal.model import RESOLUTION, Mechanism, joint_frequency
 from distal.rig import Sensor, gain_of, step_of
 
 MOST_TRAVELS = 20.0
@@ -24,6 +24,18 @@ FOLLOWS = 2.0
 
 SETTLES = 30.0
 """With so many radians of it in one interval a joint's own oscillation is over: following it would take 50 sub-steps."""
+
+LONGEST_SUBSTEP = 2.5e-3
+"""Longest sub-step of the joints alone [s]: their own modes are slow (docs/results/numerics.md)."""
+
+CHAIN_RESOLUTION = 1.5
+"""The same as `RESOLUTION` for chains: no sensor sees their fastest mode (docs/explanation/numerics.md)."""
+
+MOST_JOINT_SUBSTEPS = 50
+"""More sub-steps than this would cost more than they bring: a stiffer joint follows its tendons."""
+
+SETTLING_SUBSTEPS = 8
+"""Where the joints come to rest within an interval, they do so at so many places of the drives along it."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +76,20 @@ class FilterContext:
     def joints_settle(self) -> bool:
         """Whether the joints come to rest within one interval: it is long against their own oscillation."""
         return joint_frequency(self.mechanism) * self.channels.interval > SETTLES
+
+    def substeps(self, resolution: float | None) -> int:
+        """Return the sub-steps of the joints in one interval.
+
+        Args:
+            resolution: largest product of sub-step and a joint's own frequency; None for `RESOLUTION`, of a chain
+                `CHAIN_RESOLUTION`.
+        """
+        mechanism = self.mechanism
+        if resolution is None:
+            resolution = RESOLUTION if mechanism.chain is None or mechanism.n_joints == 1 else CHAIN_RESOLUTION
+        longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
+        needed = min(max(1, int(np.ceil(self.channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
+        return SETTLING_SUBSTEPS if self.joints_settle else needed
 
     def position_sensor(self, drive: int) -> Sensor | None:
         """Return the sensor of a drive's position, or None.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
+from distal.estimators.adaptive.apart import parts_of
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_place
 from distal.estimators.adaptive.filter import adaptive_function, adaptive_layout
@@ -26,26 +27,14 @@ from distal.expressions import Scalar
 from distal.kernels import Kernel
 from distal.kernels.mask import is_read
 from distal.logs import frozen
-from distal.model import RESOLUTION, Mechanism, joint_frequency
+from distal.model import Mechanism
 from distal.regression import first_memory, numbers_of, reporting_function
 from distal.rig import Affine, Contact, Discrepancy, LearnedMap, Rig, Sensor
 
 Floats = NDArray[np.float64]
 
-LONGEST_SUBSTEP = 2.5e-3
-"""Longest sub-step of the joints alone [s]: their own modes are slow (docs/results/numerics.md)."""
-
-CHAIN_RESOLUTION = 1.5
-"""The same as `RESOLUTION` for chains: no sensor sees their fastest mode (docs/explanation/numerics.md)."""
-
 MOST_SCALARS = 24
 """With more states than this the update stays a function of matrices: as fast, and built in seconds."""
-
-MOST_JOINT_SUBSTEPS = 50
-"""More sub-steps than this would cost more than they bring: a stiffer joint follows its tendons."""
-
-SETTLING_SUBSTEPS = 8
-"""Where the joints come to rest within an interval, they do so at so many places of the drives along it."""
 
 
 @lru_cache(maxsize=32)
@@ -57,22 +46,12 @@ def _state_vector(
     return StateVector(FilterContext(mechanism, channels_of(rig, "adaptive", references), guards), kinds)
 
 
-def _substeps(context: FilterContext, resolution: float | None) -> int:
-    """Return the sub-steps of the joints in one interval."""
-    mechanism = context.mechanism
-    if resolution is None:
-        resolution = RESOLUTION if mechanism.chain is None or mechanism.n_joints == 1 else CHAIN_RESOLUTION
-    longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
-    needed = min(max(1, int(np.ceil(context.channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
-    return SETTLING_SUBSTEPS if context.joints_settle else needed
-
-
 def _structure(states: StateVector, resolution: float | None) -> tuple[object, ...]:
     """Return what two rigs have in common whose filters can share a kernel, as far as the states and the steps say it."""
     context = states.context
     declared = tuple(context.declares_friction(i) for i in range(context.n_drives))
     numbers, follow = context.mechanism.parameters.names, context.joints_follow
-    return states.names, numbers, context.channels.names, declared, follow, _substeps(context, resolution)
+    return states.names, numbers, context.channels.names, declared, follow, context.substeps(resolution)
 
 
 class AdaptiveFilter(KernelEstimator):
@@ -113,13 +92,13 @@ class AdaptiveFilter(KernelEstimator):
         guards = Robustness.usual(len(rig.joints)) if robustness is None else robustness
         self._states = _state_vector(rig, tuple(references), tuple(inputs), guards, tuple(kinds))
         mechanism, self._resolution = self._states.context.mechanism, resolution
-        self._count = _substeps(self._states.context, resolution)
+        self._count = self._states.context.substeps(resolution)
         # a smoother goes back over the filter's own states
         learned = () if trace else (rig.discrepancy if line is None else line, rig.contact)
         self._maps = tuple(one for one in learned if one is not None)
         self._check_maps(channels)
         numbers = [mechanism.parameters.values, *(numbers_of(one) for one in self._maps)]
-        function = self._reporting(adaptive_function(self._states, self._count, self._as_matrices, trace))
+        function = self._reporting(adaptive_function(self._states, resolution, self._as_matrices, trace))
         super().__init__(
             name,
             rig,
@@ -133,8 +112,9 @@ class AdaptiveFilter(KernelEstimator):
 
     @property
     def _as_matrices(self) -> bool:
-        """Whether the update stays a function of matrices: it is faster where there are many states."""
-        return len(self._states) > MOST_SCALARS
+        """Whether the update stays a function of matrices: it is faster where a part has many states."""
+        largest = max((len(part.states) for part in parts_of(self._states)), default=len(self._states))
+        return largest > MOST_SCALARS
 
     def _check_maps(self, channels: Channels) -> None:
         read = channels.names[: len(channels.names) - len(channels.angles)]
@@ -171,7 +151,7 @@ class AdaptiveFilter(KernelEstimator):
 
     def export_function(self) -> ca.Function:
         """Return (carry, x, p) → (carry⁺, y) in the form for small memories: matrices as loops, the same numbers."""
-        return self._reporting(adaptive_function(self._states, self._count, loops=True))
+        return self._reporting(adaptive_function(self._states, self._resolution, loops=True))
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.

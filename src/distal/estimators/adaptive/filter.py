@@ -11,6 +11,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from distal.estimators.adaptive.apart import parts_of, side_by_side
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, tracking
 from distal.estimators.adaptive.following import follow
 from distal.estimators.adaptive.interval import Interval, Prediction
@@ -35,22 +36,32 @@ def adaptive_layout(states: int, drives: int) -> Layout:
 
 
 @lru_cache(maxsize=32)
-def adaptive_function(states: StateVector, count: int, loops: bool = False, trace: bool = False) -> ca.Function:
+def adaptive_function(
+    states: StateVector, resolution: float | None = None, loops: bool = False, trace: bool = False
+) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of the displacement-driven filter; y = (innovations, variances).
 
     Args:
         states: the state vector.
-        count: sub-steps per interval.
+        resolution: of the joints' motion; see `FilterContext.substeps`.
         loops: keep matrices as matrices, for small memories; else the update is one function of scalars, which is faster.
         trace: append the predicted mean, its covariance and the transition to y, for smoothing.
     """
     n, nd, context = len(states), states.context.n_drives, states.context
+    parts = parts_of(states)
+    if parts:
+        filters = [adaptive_function(part.states, resolution, loops, trace) for part in parts]
+        sizes = n, nd, context.width, len(context.channels.compared)
+        numbers = len(context.mechanism.parameters)
+        return side_by_side(parts, filters, adaptive_layout, sizes, numbers, trace)
     layout = adaptive_layout(n, nd)
     carry, x = ca.MX.sym("carry", layout.size), ca.MX.sym("x", context.width)
     p = ca.MX.sym("p", len(context.mechanism.parameters))
     mean, covariance, memory, forces = (layout.part(carry, name) for name in ("mean", "covariance", "drives", "forces"))
     tracks = tracking(states)(mean, memory, x, p)  # (1) to (6)
-    motion = moved(states, count, mean, covariance, Interval(tracks, memory, x, p))  # (7) to (10)
+    motion = moved(
+        states, context.substeps(resolution), mean, covariance, Interval(tracks, memory, x, p)
+    )  # (7) to (10)
     arguments = [mean, covariance, *_parts(motion), tracks, memory, forces, x, p]
     step = corrected(states, arguments, loops=True) if loops else _Step(*_scalars(states, arguments)(*arguments))
     remembered = Tracks(tracks, nd).memory

@@ -1,0 +1,191 @@
+"""One filter of parts that move without one another: each part's own filter, side by side in one kernel.
+
+The covariance between parts is zero and stays so; what one part costs, and what its sensors say, does not touch the others.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators.adaptive.drive_tracking import MEMORY
+from distal.estimators.adaptive.states.vector import StateVector
+from distal.estimators.channels import Channels
+from distal.expressions import MatrixNode, VectorNode
+from distal.kernels import Layout
+from distal.model import Mechanism
+from distal.rig import Part, Sensor, independent_parts
+
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Apart:
+    """A part of a rig with its own state vector, and where its numbers stand in those of the whole.
+
+    Args:
+        states: its state vector.
+        at: of its states, (n,).
+        drives: of its drives.
+        inputs: of its inputs x = (dt, values, mask).
+        numbers: of its model's parameters.
+        compared: of its innovations.
+    """
+
+    states: StateVector
+    at: Indices
+    drives: Indices
+    inputs: Indices
+    numbers: Indices
+    compared: Indices
+
+
+@lru_cache(maxsize=32)
+def parts_of(states: StateVector) -> tuple[Apart, ...]:
+    """Return the parts of a filter that do not touch each other; none where there is only one.
+
+    Args:
+        states: of the whole rig.
+    """
+    context = states.context
+    parameters = context.mechanism.parameters
+    parts = independent_parts(context.mechanism.rig)
+    if len(parts) == 1 or parameters.inside:
+        return ()
+    found = tuple(_apart(states, part) for part in parts)
+    # a state that two parts have in common, or that neither has, would tie them
+    covered = np.sort(np.concatenate([one.at for one in found]))
+    return found if np.array_equal(covered, np.arange(len(states))) else ()
+
+
+def _apart(states: StateVector, part: Part) -> Apart:
+    context, whole = states.context, states.context.mechanism.parameters
+    inputs = [name for name in whole.inputs if name in _paths(part, whole.inputs)]
+    own_inputs = _paths(part, inputs)
+    mechanism = Mechanism(part.rig, tuple(own_inputs[name] for name in inputs), remembers=True)
+    channels = _channels(part, context.channels)
+    own = StateVector(replace(context, mechanism=mechanism, channels=channels), states.kinds)
+    keys, every = _keys(states), list(context.channels.names)
+    values = np.array([every.index(name) for name in channels.names], dtype=np.intp)
+    told = [sensor.name for sensor in context.channels.compared]
+    return Apart(
+        own,
+        np.array([keys.index(key) if key in keys else -1 for key in _keys(own)], dtype=np.intp),
+        np.array(part.indices["drives"], dtype=np.intp),
+        np.concatenate([[0], 1 + values, 1 + len(every) + values]).astype(np.intp),
+        np.array([whole.names.index(part.whole_path(name)) for name in mechanism.parameters.names], dtype=np.intp),
+        np.array([told.index(sensor.name) for sensor in channels.compared], dtype=np.intp),
+    )
+
+
+def _keys(states: StateVector) -> list[tuple[object, str, int]]:
+    """Return for each state its kind, what it is of, and which of several of that kind it is."""
+    said, keys = Counter[tuple[object, str]](), list[tuple[object, str, int]]()
+    for kind, part in zip(states.state_kinds, states.state_parts):
+        keys.append((kind, part, said[kind, part]))
+        said[kind, part] += 1
+    return keys
+
+
+def _paths(part: Part, wanted: Sequence[str]) -> dict[str, str]:
+    """Return path in the whole rig → path in the part, of those that are about the part."""
+    found = {}
+    for path in wanted:
+        kind, _, rest = path.partition(".")
+        index, _, rest = rest.partition(".")
+        if kind not in part.indices:
+            found[path] = path
+        elif int(index) in part.indices[kind]:
+            found[path] = f"{kind}.{part.indices[kind].index(int(index))}.{rest}"
+    return found
+
+
+@dataclass(frozen=True)
+class _PartOfChannels(Channels):
+    """The sensors of a part; its nominal interval is that of the whole."""
+
+    whole: float = 0.0
+
+    @property
+    def interval(self) -> float:
+        """Interval of the fastest sensor of the whole rig [s]."""
+        return self.whole
+
+
+def _channels(part: Part, channels: Channels) -> Channels:
+    names = {sensor.name for sensor in part.rig.sensors}
+    joints = {joint.name for joint in part.rig.joints}
+
+    def own(sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
+        return tuple(sensor for sensor in sensors if sensor.name in names)
+
+    angles = tuple(sensor for sensor in channels.angles if sensor.of in joints)
+    return _PartOfChannels(
+        own(channels.positions), own(channels.forces), own(channels.tensions), angles, channels.interval
+    )
+
+
+def side_by_side(
+    parts: Sequence[Apart],
+    filters: Sequence[ca.Function],
+    layouts: Callable[[int, int], Layout],
+    sizes: tuple[int, int, int, int],
+    numbers: int,
+    trace: bool,
+) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y) of the whole, whose parts' filters are given.
+
+    Args:
+        parts: the parts.
+        filters: of the parts, (carry, x, p) → (carry⁺, y) each.
+        layouts: (states, drives) → layout of a carry.
+        sizes: number of states, drives, inputs and innovations of the whole.
+        numbers: of its parameters.
+        trace: whether the predicted mean, its covariance and the transition stand behind y.
+    """
+    n, nd, width, m = sizes
+    layout = layouts(n, nd)
+    carry, x, p = ca.MX.sym("carry", layout.size), ca.MX.sym("x", width), ca.MX.sym("p", numbers)
+    whole = {
+        name: np.arange(layout[name].start, layout[name].stop) for name in ("mean", "covariance", "drives", "forces")
+    }
+    carries, outputs = list[VectorNode](), list[VectorNode]()
+    to_carry, to_y = list[Indices](), list[Indices]()
+    traced = n + 2 * n * n
+    for part, each in zip(parts, filters):
+        # matrices stand column by column
+        square = (part.at[None, :] * n + part.at[:, None]).ravel(order="F")
+        memory = (MEMORY * part.drives[:, None] + np.arange(MEMORY)).ravel()
+        own = np.concatenate(
+            [whole["mean"][part.at], whole["covariance"][square], whole["drives"][memory], whole["forces"][part.drives]]
+        )
+        after, y = each(_taken(carry, own), _taken(x, part.inputs), _taken(p, part.numbers))
+        carries.append(after)
+        outputs.append(y)
+        to_carry.append(own)
+        places = [part.compared, m + part.compared]
+        if trace:
+            places += [2 * m + part.at, 2 * m + n + square, 2 * m + n + n * n + square]
+        to_y.append(np.concatenate(places))
+    following = _placed(carries, to_carry, layout.size)
+    y = _placed(outputs, to_y, 2 * m + (traced if trace else 0))
+    return ca.Function("adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+
+
+def _taken(vector: VectorNode, at: Indices) -> VectorNode:
+    return vector[at.tolist()]
+
+
+def _placed(parts: Sequence[MatrixNode], places: Sequence[Indices], size: int) -> VectorNode:
+    """Return a vector with numbers at their places, zero elsewhere."""
+    order = np.concatenate(places)
+    from_parts = np.full(size, len(order))
+    from_parts[order] = np.arange(len(order))
+    joined: VectorNode = ca.vertcat(*parts, 0.0)
+    return joined[from_parts.tolist()]

@@ -1,0 +1,98 @@
+"""Which parts of a rig move without one another: the fingers of a hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from distal.rig.chain import BASE
+from distal.rig.rig import Rig
+
+KINDS = ("joints", "drives", "tendons", "sensors")
+"""What a rig has several of."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Joints that move one another, with all that pulls and measures them.
+
+    Args:
+        rig: the part as a rig of its own.
+        indices: kind → where each of its joints, drives, tendons and sensors stands in the whole rig.
+    """
+
+    rig: Rig
+    indices: dict[str, tuple[int, ...]]
+
+    def whole_path(self, path: str) -> str:
+        """Return the path in the whole rig of a number of the part; both have indices of parts in them.
+
+        Args:
+            path: in the part.
+        """
+        kind, _, rest = path.partition(".")
+        if kind not in self.indices:
+            return path
+        index, _, rest = rest.partition(".")
+        return f"{kind}.{self.indices[kind][int(index)]}.{rest}"
+
+
+def independent_parts(rig: Rig) -> tuple[Part, ...]:
+    """Return the parts of a rig that share no link, tendon, drive, coupling or common error; one if all is one.
+
+    A rig with maps learned from logs stays whole.
+
+    Args:
+        rig: the whole.
+    """
+    joints = [joint.name for joint in rig.joints]
+    group = {name: name for name in joints}
+
+    def root(name: str) -> str:
+        while group[name] != name:
+            name = group[name]
+        return name
+
+    def join(names: list[str]) -> None:
+        for name in names[1:]:
+            group[root(name)] = root(names[0])
+
+    for i, joint in enumerate(rig.joints):
+        parent = rig.parent_of(i)
+        join([joint.name, *([joints[parent]] if parent is not None else [])])
+        join([joint.name, *([joint.coupled.joint] if joint.coupled is not None else [])])
+    for drive in rig.drives:
+        join([name for tendon in rig.tendons if tendon.drive == drive.name for name in tendon.joints])
+    for sharing in rig.sharing().values():
+        join([name for path in sharing for name in _joints_of(rig, path)])
+    roots = list(dict.fromkeys(root(name) for name in joints))
+    if len(roots) == 1 or rig.affine is not None or rig.discrepancy is not None or rig.contact is not None:
+        return (Part(rig, {kind: tuple(range(len(getattr(rig, kind)))) for kind in KINDS}),)
+    return tuple(_part(rig, [name for name in joints if root(name) == one]) for one in roots)
+
+
+def _joints_of(rig: Rig, path: str) -> list[str]:
+    """Return the joints that a number is about, or that what it is about moves."""
+    kind, index = path.split(".")[:2]
+    part = getattr(rig, kind)[int(index)]
+    if kind == "joints":
+        return [part.name]
+    if kind == "tendons":
+        return list(part.joints)
+    return [name for tendon in rig.tendons if tendon.drive == part.name for name in tendon.joints]
+
+
+def _part(rig: Rig, names: list[str]) -> Part:
+    tendons = [t for t, tendon in enumerate(rig.tendons) if tendon.joints[0] in names]
+    drives = [d for d, drive in enumerate(rig.drives) if any(rig.tendons[t].drive == drive.name for t in tendons)]
+    joints = [j for j, joint in enumerate(rig.joints) if joint.name in names]
+    measured = {"angle": names, "tension": [rig.tendons[t].name for t in tendons]}
+    own = [rig.drives[d].name for d in drives]
+    sensors = [s for s, sensor in enumerate(rig.sensors) if sensor.of in measured.get(sensor.measures, own)]
+    placed = []
+    for j in joints:
+        parent = rig.parent_of(j)
+        placed.append(rig.joints[j].model_copy(update={"parent": BASE if parent is None else rig.joints[parent].name}))
+    chosen = {"joints": joints, "drives": drives, "tendons": tendons, "sensors": sensors}
+    parts = {kind: tuple(getattr(rig, kind)[i] for i in indices) for kind, indices in chosen.items()}
+    parts["joints"] = tuple(placed)
+    return Part(rig.model_copy(update=parts), {kind: tuple(indices) for kind, indices in chosen.items()})
