@@ -24,8 +24,8 @@ def test_a_joint_is_in_its_stop_until_it_has_left_it() -> None:
     angles = np.array([inside, 0.4 - 0.5 * margin, 0.41, inside, inside, inside, inside, np.nan])
     expected = np.array([False, True, True, True, True, False, False, False])
     assert pytest.approx(0.05) == AFTER_STOP  # two samples of 50 Hz, and a half
-    np.testing.assert_array_equal(in_stops(times, angles[:, None], rig), expected)
-    np.testing.assert_array_equal(in_stops(times, -angles[:, None] + 0.1, rig), expected)
+    np.testing.assert_array_equal(in_stops(times, angles[:, None], rig)[:, 0], expected)
+    np.testing.assert_array_equal(in_stops(times, -angles[:, None] + 0.1, rig)[:, 0], expected)
     free = rig.with_values({"joints.0.stops": None})
     assert not in_stops(times, angles[:, None], free).any()
 
@@ -35,7 +35,7 @@ def test_forces_in_a_stop_are_not_compared() -> None:
     log = logs_of(start_rig(), drawn_plant(3)[0], 3, ("ramps",), 4.0)[0]
     theta = log.truth["theta"]
     rig = start_rig().with_values({"joints.0.stops": [float(np.quantile(theta, q)) for q in (0.2, 0.8)]})
-    stopped = in_stops(log.time, theta[:, None], rig)
+    stopped = in_stops(log.time, theta[:, None], rig)[:, 0]
     assert 0.05 < stopped.mean() < 0.95
     pushed = {
         name: np.where(stopped, values + 50.0, values) if name.startswith("u") else values

@@ -22,8 +22,8 @@ from tests.study.plans import RAW, small
 
 pytest.importorskip("pyarrow")
 
-MANY = 100
-"""Designs of a study of five chunks: with two seeds 24 of them are one. It must go on for long after the first."""
+MANY = 50
+"""Designs of a study of several chunks: with two seeds 24 of them are one."""
 
 
 CHANGES = {"designs": MANY, "estimator": "inextensible"}
@@ -142,7 +142,12 @@ main()
 
 def command(*arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-c", COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", COMMAND, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # a shell may run tests with SIGINT ignored, which is inherited
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
 
 

@@ -50,6 +50,10 @@ def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
     )
 
 
+LEAST_FREE = 0.1
+"""A joint that is off its stops for less than this share of a log is judged in them too."""
+
+
 def filtered(
     logs: Sequence[Log],
     rigs: Sequence[Rig],
@@ -162,7 +166,10 @@ def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None, usable: ND
         # where the joint begins is not known yet: that is no error of the model
         truths = np.where(early[:, None], np.nan, truths)
     if homing is None:
-        truths = np.where(in_stops(log.time, truths, runner.rig)[:, None], np.nan, truths)
+        stopped = in_stops(log.time, truths, runner.rig)
+        # one that hardly leaves its stops would be left without a truth
+        moves = (np.isfinite(truths) & ~stopped).mean(axis=0) >= LEAST_FREE
+        truths = np.where(stopped & moves, np.nan, truths)
     return plain_samples(runner, start, log, unaided, truths)
 
 

@@ -102,9 +102,11 @@ class FitFilter:
         proximal = samples_of(log, runner.channels[: -len(self.references)], "fit")
         known = true_angles(log, joints)
         truth = np.full((len(log), len(joints)), np.nan) if known is None else known
-        samples = np.column_stack([proximal, truth[:, [joints.index(sensor.of) for sensor in self.references]]])
+        read = [joints.index(sensor.of) for sensor in self.references]
         # how a joint rests in a stop is the stop's own affair: what is read there teaches nothing of the rest
-        samples[in_stops(log.time, truth, self.rig), runner.bridged :] = np.nan
+        stopped = in_stops(log.time, truth, self.rig)
+        samples = np.column_stack([proximal, np.where(stopped, np.nan, truth)[:, read]])
+        samples[stopped.all(axis=1), runner.bridged :] = np.nan
         times, fine, own = refined(log.time, samples, runner.bridged, self.steps)
         rows, last = runner.rows(np.diff(times, prepend=times[0]), fine)
         return Data(log, samples, rows, last[own])

@@ -17,20 +17,20 @@ AFTER_STOP = 0.05
 
 
 def in_stops(times: Floats, truth: Floats, rig: Rig) -> NDArray[np.bool_]:
-    """Return which samples a joint is in one of its stops, or has just left it, by its known angle, (k,).
+    """Return where each joint is in one of its stops, or has just left it, by its known angle, (k, n_joints).
 
     Args:
         times: stamps [s], (k,).
         truth: angles of the joints [rad], NaN where not known, (k, n_joints).
         rig: the description.
     """
-    found = np.zeros(len(times), dtype=bool)
-    for joint, angles in zip(rig.joints, truth.T):
+    found = np.zeros(truth.shape, dtype=bool)
+    for j, (joint, angles) in enumerate(zip(rig.joints, truth.T)):
         if joint.stops is not None:
             doubts = [sensor.bias.filter_std for sensor in rig.sensors_of("angle") if sensor.of == joint.name]
             margin = NEAR_STOP + 2.0 * max(doubts, default=0.0)
             low, high = joint.stops
             with np.errstate(invalid="ignore"):
-                found |= (angles < low + margin) | (angles > high - margin)
-    last = np.maximum.accumulate(np.where(found, times, -np.inf))
-    return times - last <= AFTER_STOP
+                found[:, j] = (angles < low + margin) | (angles > high - margin)
+    last = np.maximum.accumulate(np.where(found, times[:, None], -np.inf), axis=0)
+    return times[:, None] - last <= AFTER_STOP

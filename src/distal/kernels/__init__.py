@@ -6,12 +6,14 @@ from distal.kernels.in_order import in_order
 from distal.kernels.kernel import Evaluation, Kernel
 from distal.kernels.lanes import LaneKernel, lanes_here
 from distal.kernels.layout import Layout, carry_layout, covariance_of, mean_of, variances_of
+from distal.kernels.places import Indices, placed, taken
 from distal.kernels.probe import probe
 
 __all__ = [
     "CompileError",
     "Compiler",
     "Evaluation",
+    "Indices",
     "Kernel",
     "LaneKernel",
     "Layout",
@@ -23,6 +25,8 @@ __all__ = [
     "in_order",
     "lanes_here",
     "mean_of",
+    "placed",
     "probe",
+    "taken",
     "variances_of",
 ]

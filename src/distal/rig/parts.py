@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from distal.rig.chain import BASE
@@ -34,6 +35,22 @@ class Part:
             return path
         index, _, rest = rest.partition(".")
         return f"{kind}.{self.indices[kind][int(index)]}.{rest}"
+
+    def own_paths(self, paths: Sequence[str]) -> tuple[str, ...]:
+        """Return the paths in the part of those numbers of the whole rig that it has.
+
+        Args:
+            paths: in the whole rig, with indices.
+        """
+        found = []
+        for path in paths:
+            kind, _, rest = path.partition(".")
+            index, _, rest = rest.partition(".")
+            if kind not in self.indices:
+                found.append(path)
+            elif int(index) in self.indices[kind]:
+                found.append(f"{kind}.{self.indices[kind].index(int(index))}.{rest}")
+        return tuple(found)
 
 
 def independent_parts(rig: Rig) -> tuple[Part, ...]:

@@ -14,6 +14,7 @@ from distal.errors import ScenarioError
 from distal.expressions import Scalar
 from distal.kernels import Kernel
 from distal.model import Mechanism, interval_step
+from distal.simulation.apart import parts_of_plant, plants_apart
 from distal.simulation.inputs import BodyInputs
 
 Floats = NDArray[np.float64]
@@ -31,6 +32,9 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
         count: sub-steps per interval.
     """
     n, rubbing, nx = mechanism.n_bodies, hysteretic(mechanism), len(mechanism.parameters.inside)
+    parts = parts_of_plant(mechanism)
+    if parts:
+        return plants_apart(mechanism, parts, lambda part: plant_function(part, count), rubbing)
     step = interval_step(mechanism, count, with_servo=True)
     q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
     tensions = ca.Function("tensions", [q, v, mechanism.parameters.symbols], [mechanism.tensions(q, v)])

@@ -12,17 +12,14 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from distal.estimators.adaptive.drive_tracking import MEMORY
 from distal.estimators.adaptive.states.vector import StateVector
 from distal.estimators.channels import Channels
-from distal.expressions import MatrixNode, VectorNode
-from distal.kernels import Layout
+from distal.expressions import VectorNode
+from distal.kernels import Indices, Layout, placed, taken
 from distal.model import Mechanism
 from distal.rig import Part, Sensor, independent_parts
-
-Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -66,9 +63,7 @@ def parts_of(states: StateVector) -> tuple[Apart, ...]:
 
 def _apart(states: StateVector, part: Part) -> Apart:
     context, whole = states.context, states.context.mechanism.parameters
-    inputs = [name for name in whole.inputs if name in _paths(part, whole.inputs)]
-    own_inputs = _paths(part, inputs)
-    mechanism = Mechanism(part.rig, tuple(own_inputs[name] for name in inputs), remembers=True)
+    mechanism = Mechanism(part.rig, part.own_paths(whole.inputs), remembers=True)
     channels = _channels(part, context.channels)
     own = StateVector(replace(context, mechanism=mechanism, channels=channels), states.kinds)
     keys, every = _keys(states), list(context.channels.names)
@@ -91,19 +86,6 @@ def _keys(states: StateVector) -> list[tuple[object, str, int]]:
         keys.append((kind, part, said[kind, part]))
         said[kind, part] += 1
     return keys
-
-
-def _paths(part: Part, wanted: Sequence[str]) -> dict[str, str]:
-    """Return path in the whole rig → path in the part, of those that are about the part."""
-    found = {}
-    for path in wanted:
-        kind, _, rest = path.partition(".")
-        index, _, rest = rest.partition(".")
-        if kind not in part.indices:
-            found[path] = path
-        elif int(index) in part.indices[kind]:
-            found[path] = f"{kind}.{part.indices[kind].index(int(index))}.{rest}"
-    return found
 
 
 @dataclass(frozen=True)
@@ -165,7 +147,7 @@ def side_by_side(
         own = np.concatenate(
             [whole["mean"][part.at], whole["covariance"][square], whole["drives"][memory], whole["forces"][part.drives]]
         )
-        after, y = each(_taken(carry, own), _taken(x, part.inputs), _taken(p, part.numbers))
+        after, y = each(taken(carry, own), taken(x, part.inputs), taken(p, part.numbers))
         carries.append(after)
         outputs.append(y)
         to_carry.append(own)
@@ -173,19 +155,6 @@ def side_by_side(
         if trace:
             places += [2 * m + part.at, 2 * m + n + square, 2 * m + n + n * n + square]
         to_y.append(np.concatenate(places))
-    following = _placed(carries, to_carry, layout.size)
-    y = _placed(outputs, to_y, 2 * m + (traced if trace else 0))
+    following = placed(carries, to_carry, layout.size)
+    y = placed(outputs, to_y, 2 * m + (traced if trace else 0))
     return ca.Function("adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
-
-
-def _taken(vector: VectorNode, at: Indices) -> VectorNode:
-    return vector[at.tolist()]
-
-
-def _placed(parts: Sequence[MatrixNode], places: Sequence[Indices], size: int) -> VectorNode:
-    """Return a vector with numbers at their places, zero elsewhere."""
-    order = np.concatenate(places)
-    from_parts = np.full(size, len(order))
-    from_parts[order] = np.arange(len(order))
-    joined: VectorNode = ca.vertcat(*parts, 0.0)
-    return joined[from_parts.tolist()]

@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from distal.errors import RigError
 
+if TYPE_CHECKING:
+    import mujoco
 
-def mujoco_module() -> Any:
+
+def mujoco_module() -> ModuleType:
     """Return the module `mujoco`.
 
     Raises:
         RigError: it is not installed.
     """
     try:
-        import mujoco
+        return importlib.import_module("mujoco")
     except ImportError:
         raise RigError("models of MuJoCo need the package 'mujoco': pip install 'distal[mujoco]'") from None
-    return mujoco
 
 
-def load_model(path: str | Path) -> Any:
+def load_model(path: str | Path) -> mujoco.MjModel:
     """Load a MuJoCo model from an XML file; meshes that are not there are left out, since they only draw it.
 
     Args:
@@ -31,18 +35,18 @@ def load_model(path: str | Path) -> Any:
     Raises:
         RigError: the package is missing, or MuJoCo does not take the file.
     """
-    mujoco, path = mujoco_module(), Path(path)
+    package, path = mujoco_module(), Path(path)
     if not path.is_file():
         raise RigError(f"{path}: there is no such file")
     try:
-        return mujoco.MjModel.from_xml_path(str(path))
+        return package.MjModel.from_xml_path(str(path))
     except Exception as problem:
         if not re.search(r"opening file|mesh|texture|hfield", str(problem), re.IGNORECASE):
             raise RigError(f"{path}: MuJoCo does not take it: {_one_line(problem)}") from None
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = package.MjSpec.from_file(str(path))
         for geom in list(spec.geoms):
-            if geom.type in (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD):
+            if geom.type in (package.mjtGeom.mjGEOM_MESH, package.mjtGeom.mjGEOM_SDF, package.mjtGeom.mjGEOM_HFIELD):
                 spec.delete(geom)
         for kind in ("materials", "textures", "meshes", "hfields", "skins"):
             for one in list(getattr(spec, kind)):
