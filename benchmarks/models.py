@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from benchmarks.report import table
 from distal import Log, Rig, estimate, fit
 from distal.errors import DistalError
-from distal.rig import Imported, from_mujoco
+from distal.rig import Imported, Tendon, from_mujoco
 from distal.rig.mjcf import load_model
-from distal.rig.mjcf.poses import over_ranges
+from distal.rig.mjcf.poses import at_poses, over_ranges, tendon_slopes
 
 Floats = NDArray[np.float64]
 
@@ -38,14 +38,21 @@ HANDS = {
 STEP, PERIOD, SECONDS = 1e-4, 0.01, 12.0
 
 
-def imported(folders: list[Path]) -> Iterator[list[str]]:
-    """Return a row for each model: what it became, or why not."""
+def imported(folders: list[Path]) -> list[list[str]]:
+    """Return a row for each thing that models with tendons become: a rig, or a line that names why not."""
+    rows: dict[str, list[str]] = {}
     for path in sorted(each for folder in folders for each in folder.rglob("*.xml")):
         try:
             rig = from_mujoco(path).rig
-            yield [path.name, f"{len(rig.joints)} joints, {len(rig.tendons)} tendons"]
+            said = f"{len(rig.joints)} joints, {len(rig.tendons)} tendons"
         except DistalError as problem:
-            yield [path.name, str(problem).removeprefix(f"{path}: ")[:110]]
+            said = str(problem).removeprefix(f"{path}: ").removeprefix("MuJoCo does not take it: ")[:90]
+            if said.startswith(("XML Error: Unrecognized XML model type", "the model has no tendon")):
+                said = "a part of other files" if "Unrecognized" in said else "the model has no tendon"
+        rows.setdefault(said, []).append(path.stem)
+    return [
+        [", ".join(files) if len(files) < 4 else f"{len(files)}, as {files[0]}", said] for said, files in rows.items()
+    ]
 
 
 def found(folders: list[Path], name: str) -> tuple[Imported, mujoco.MjModel]:
@@ -80,22 +87,17 @@ def tendons(folders: list[Path]) -> Iterator[list[str]]:
             ]
 
 
-def length_rms(tendon, names, angles, lengths, model, joints, t) -> float:  # type: ignore[no-untyped-def]
+def length_rms(
+    tendon: Tendon, names: list[str], angles: Floats, lengths: Floats, model: mujoco.MjModel, joints: list[int], t: int
+) -> float:
     """Return what is left of a tendon's length [m], RMS, by the arms along straight ways from zero."""
-    zero = over_ranges(model, joints, 1, seed=0)
-    data = mujoco.MjData(model)
-    data.qpos[[int(model.jnt_qposadr[j]) for j in joints]] = 0.0
-    mujoco.mj_forward(model, data)
-    del zero
+    home = at_poses(model, joints, np.zeros((1, len(joints)))).lengths[0, t]
     places, weights = np.polynomial.legendre.leggauss(8)
     drawn = []
     for row in angles:
-        total = 0.0
-        for place, weight in zip((places + 1) / 2, weights / 2):
-            arms = tendon.arms(dict(zip(names, place * row)))
-            total += weight * sum(arms.get(name, 0.0) * angle for name, angle in zip(names, row))
-        drawn.append(total)
-    return float(np.sqrt(np.mean((lengths - data.ten_length[t] + np.array(drawn)) ** 2)))
+        arms = [tendon.arms(dict(zip(names, place * row))) for place in (places + 1) / 2]
+        drawn.append(sum(w / 2 * sum(a.get(n, 0.0) * q for n, q in zip(names, row)) for w, a in zip(weights, arms)))
+    return float(np.sqrt(np.mean((lengths - home + np.array(drawn)) ** 2)))
 
 
 @dataclass(frozen=True)
@@ -164,7 +166,7 @@ def recorded(of: Plant, rig: Rig, seed: int) -> Log:
     slopes = np.zeros((n, model.nv))
     for i in range(round(SECONDS / STEP) + 1):
         u = np.array([np.interp(i * STEP, knots, forces[:, k]) for k in range(n)])
-        slopes[:] = dense(model, data)[of.tendons]
+        slopes[:] = tendon_slopes(model, data)[of.tendons]
         x = data.qpos[[int(model.jnt_qposadr[model.dof_jntid[d]]) for d in of.drives]]
         tension = np.maximum(of.pretension + of.stiffness * (x + data.ten_length[of.tendons] - zero), 0.0)
         data.qfrc_applied[:] = -slopes.T @ tension
@@ -184,13 +186,6 @@ def recorded(of: Plant, rig: Rig, seed: int) -> Log:
     channels |= {f"encoder_{joint.name}": read[:, k] for k, joint in enumerate(rig.joints)}
     truth = {f"theta_{joint.name}": angles[:, k] for k, joint in enumerate(rig.joints)}
     return Log(values[:, 0], channels, truth, "MuJoCo")
-
-
-def dense(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
-    """Return ∂length/∂q of all tendons."""
-    from distal.rig.mjcf.poses import tendon_slopes
-
-    return tendon_slopes(model, data)
 
 
 def estimates(folders: list[Path], plants: int) -> Iterator[list[str]]:
@@ -240,7 +235,7 @@ def main() -> None:
             rows.append(row)
         table("models-estimates", "RMS error [°], mean over joints (inside the band [%])", columns, rows)
     else:
-        table("models", "models", ["file", "becomes"], list(imported(given.folders)))
+        table("models", "models", ["files", "become"], imported(given.folders))
 
 
 if __name__ == "__main__":
