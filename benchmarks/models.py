@@ -46,9 +46,9 @@ def imported(folders: list[Path]) -> list[list[str]]:
             rig = from_mujoco(path).rig
             said = f"{len(rig.joints)} joints, {len(rig.tendons)} tendons"
         except DistalError as problem:
-            said = str(problem).removeprefix(f"{path}: ").removeprefix("MuJoCo does not take it: ")[:90]
-            if said.startswith(("XML Error: Unrecognized XML model type", "the model has no tendon")):
-                said = "a part of other files" if "Unrecognized" in said else "the model has no tendon"
+            said = str(problem).removeprefix(f"{path}: ")
+            if said.startswith("MuJoCo does not take it"):
+                said = "MuJoCo does not take the file; most are parts that others include"
         rows.setdefault(said, []).append(path.stem)
     return [
         [", ".join(files) if len(files) < 4 else f"{len(files)}, as {files[0]}", said] for said, files in rows.items()
