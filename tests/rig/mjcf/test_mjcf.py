@@ -127,8 +127,8 @@ def test_a_chain_written_as_a_model_comes_back(name: str) -> None:
             assert one.spring.rest_angle.value == pytest.approx(other.spring.rest_angle.value, rel=1e-4)
 
 
-def test_links_move_as_in_mujoco() -> None:
-    """Torques by MuJoCo's inverse dynamics, against the chain of the imported rig, with a tilted base and oblique links."""
+def test_links_weigh_as_in_mujoco() -> None:
+    """Torques by MuJoCo at rest against the weight of the imported links, with a tilted base."""
     model = model_of(FINGER)
     rig = from_mujoco(model, joints=["mcp", "pip"]).rig
     data, random, mechanism = mujoco.MjData(model), np.random.default_rng(4), Mechanism(rig)
@@ -140,6 +140,38 @@ def test_links_move_as_in_mujoco() -> None:
         data.qpos[dofs] = angles
         mujoco.mj_forward(model, data)
         np.testing.assert_allclose(weight_of(mechanism, angles), data.qfrc_bias[dofs], rtol=2e-3, atol=1e-7)
+
+
+def test_links_are_as_heavy_to_turn_as_in_mujoco() -> None:
+    """The inertia matrix by the links' masses, moments and places; products of inertia are left out, here below 1 %."""
+    model = model_of(FINGER)
+    rig, data, random = from_mujoco(model, joints=["mcp", "pip"]).rig, mujoco.MjData(model), np.random.default_rng(6)
+    dofs = [int(model.joint(name).dofadr[0]) for name in ("mcp", "pip")]
+    for _ in range(5):
+        angles = random.uniform(0.0, 1.0, 2)
+        data.qpos[:] = 0.0
+        data.qpos[dofs] = angles
+        mujoco.mj_forward(model, data)
+        whole = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, whole)
+        np.testing.assert_allclose(inertia_of(rig, angles), whole[np.ix_(dofs, dofs)], rtol=0.01)
+
+
+def inertia_of(rig: Rig, angles: np.ndarray) -> np.ndarray:
+    """Return Σ m Jᵀ J + J_ωᵀ I J_ω over the links, and the armatures."""
+    turned, place, axes, anchors = np.eye(3), np.zeros(3), list[np.ndarray](), list[np.ndarray]()
+    total = np.diag([joint.inertia.value for joint in rig.joints])
+    for joint, angle in zip(rig.joints, angles):
+        assert joint.link is not None
+        place = place + turned @ np.array(joint.offset)
+        axes.append(turned @ np.array(joint.axis))
+        anchors.append(place)
+        turned = turned @ rotation(np.array(joint.axis), angle)
+        centre, moments = place + turned @ np.array(joint.link.centre), np.diag(joint.link.inertia)
+        moved = np.array([np.cross(axis, centre - at) for axis, at in zip(axes, anchors)] + [np.zeros(3)] * 2)[:2].T
+        spun = np.array([*axes, *[np.zeros(3)] * 2])[:2].T
+        total = total + joint.link.mass.value * moved.T @ moved + spun.T @ turned @ moments @ turned.T @ spun
+    return total
 
 
 def weight_of(mechanism: Mechanism, angles: np.ndarray) -> np.ndarray:
@@ -274,6 +306,8 @@ def test_meshes_that_are_not_there_are_left_out(tmp_path: Path) -> None:
         from_mujoco(path)
     with pytest.raises(RigError, match="there is no such file"):
         from_mujoco(tmp_path / "none.xml")
+    with pytest.raises(RigError, match=r"takes a mujoco\.MjModel or the path of its file, int came"):
+        from_mujoco(3)  # type: ignore[arg-type]
 
 
 def test_a_vendors_lengths(rig: Rig) -> None:

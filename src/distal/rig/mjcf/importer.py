@@ -68,7 +68,9 @@ def from_mujoco(
     Raises:
         RigError: no rig can be made of this model; the message names the element.
     """
-    mujoco_module()
+    package = mujoco_module()
+    if not isinstance(model, (str, Path, package.MjModel)):
+        raise RigError(f"from_mujoco takes a mujoco.MjModel or the path of its file, {type(model).__name__} came")
     title = Path(model).stem if isinstance(model, (str, Path)) else "model"
     if isinstance(model, (str, Path)):
         model = load_model(model)
