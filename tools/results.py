@@ -170,7 +170,6 @@ TABLES: dict[str, Callable[[], str]] = {
             "control-hours",
             "models-tendons",
             "models-estimates",
-            "models",
             "fit-mujoco",
             "hysteresis",
             "float-errors",
