@@ -47,7 +47,7 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
         left.append("the model has no actuator: each tendon that is no spring has a drive")
     if not found:
         raise RigError(
-            f"no actuator pulls a tendon: the model has {model.ntendon}, and its {model.nu} actuators are on joints or bodies"
+            f"no actuator pulls a tendon: the model has {model.ntendon}, and its {model.nu} actuators are on joints"
         )
     if elsewhere:
         left.append(f"actuators that pull no tendon: {', '.join(elsewhere)}")
