@@ -248,9 +248,7 @@ def test_a_joint_that_slides_is_named() -> None:
 
 
 def test_a_model_without_driven_tendons_is_named() -> None:
-    with pytest.raises(
-        RigError, match="no actuator pulls a tendon: the model has 3, and its 1 actuators are on"
-    ):
+    with pytest.raises(RigError, match="no actuator pulls a tendon: the model has 3, and its 1 actuators are on"):
         from_mujoco(changed('<position name="pull extensor" tendon="extensor" kp="100"/>\n    '
                             '<motor name="pull flexor" tendon="flexor" gear="-1"/>', ""))  # fmt: skip
     with pytest.raises(RigError, match="the model has no tendon"):
