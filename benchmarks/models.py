@@ -4,6 +4,7 @@
 `gymnasium-robotics`, `myo_sim`). `--tendons` compares lengths and moment arms with MuJoCo on 1,000 fresh poses;
 `--estimates` runs a plant in MuJoCo, to which drives, series stiffness, friction along the path and pre-tension are added,
 and estimates with the rig as it came and after a fit to three logs with encoders. Plants share no code with `distal.model`.
+`--hands` times a hand of five fingers beside one.
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from tests.hands import hand
 
 from benchmarks.report import table
-from distal import Log, Rig, estimate, fit
+from distal import LiveEstimator, Log, Rig, estimate, fit
 from distal.errors import DistalError
+from distal.estimators import make_estimator
 from distal.rig import Imported, Tendon, from_mujoco
 from distal.rig.mjcf import load_model
 from distal.rig.mjcf.poses import at_poses, over_ranges, tendon_slopes
@@ -216,15 +219,42 @@ def scored(logs: list[Log], rig: Rig, by: str) -> str:
     return f"{np.rad2deg(np.mean(errors)):.2f} ({100 * np.mean(inside):.0f})"
 
 
+def hands() -> list[list[str]]:
+    """Return a row for one finger and for five in one rig: microseconds of a compiled step, and of one live from Python."""
+    rows = []
+    for count in (1, 5):
+        rig = hand(["finger-underactuated"] * count)
+        runner, live = make_estimator("adaptive", rig), LiveEstimator(rig)
+        sample = np.array([0.2 if name.endswith("phi_flexor") else 0.02 for name in live.channels])
+        loop, best = runner.kernel.loop(runner.numbers), [np.inf, np.inf]
+        loop.carry[:] = runner.initial(0.0, sample).carry
+        loop.x[:] = [0.005, *sample, *np.ones(len(sample))]
+        live.step(0.0, sample)
+        for _ in range(30):
+            began = time.perf_counter()
+            for _ in range(500):
+                loop.step()
+            between = time.perf_counter()
+            for _ in range(500):
+                live.step(live.time + 0.005, sample)
+            spent = between - began, time.perf_counter() - between
+            best = [min(old, new / 500 * 1e6) for old, new in zip(best, spent)]
+        rows.append([str(count), *(f"{us:.1f}" for us in best)])
+    return rows
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.models", description=__doc__)
-    parser.add_argument("folders", nargs="+", type=Path, help="with models")
+    parser.add_argument("folders", nargs="*", type=Path, help="with models")
     parser.add_argument("--tendons", action="store_true")
     parser.add_argument("--estimates", type=int, metavar="PLANTS")
+    parser.add_argument("--hands", action="store_true")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
-    if given.tendons:
+    if given.hands:
+        table("models-hands", "fingers side by side", ["fingers", "compiled step [µs]", "live step [µs]"], hands())
+    elif given.tendons:
         columns = ["model", "tendon", "length, RMS [mm]", "arms, worst RMS [%]", "its std [%]", "poses within it [%]"]
         table("models-tendons", "tendons on 1,000 fresh poses", columns, list(tendons(given.folders)))
     elif given.estimates:

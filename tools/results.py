@@ -170,6 +170,7 @@ TABLES: dict[str, Callable[[], str]] = {
             "control-hours",
             "models-tendons",
             "models-estimates",
+            "models-hands",
             "fit-mujoco",
             "hysteresis",
             "float-errors",

@@ -155,6 +155,9 @@ def side_by_side(
         if trace:
             places += [2 * m + part.at, 2 * m + n + square, 2 * m + n + n * n + square]
         to_y.append(np.concatenate(places))
-    following = placed(carries, to_carry, layout.size)
+    # what stands between parts is zero and stays as it is
+    following = ca.MX(carry)
+    for after, own in zip(carries, to_carry):
+        following[own.tolist()] = after
     y = placed(outputs, to_y, 2 * m + (traced if trace else 0))
     return ca.Function("adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
