@@ -169,7 +169,6 @@ TABLES: dict[str, Callable[[], str]] = {
             "control-seconds",
             "control-hours",
             "models-tendons",
-            "models-estimates",
             "models-hands",
             "fit-mujoco",
             "hysteresis",
