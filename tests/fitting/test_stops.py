@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from distal import load_rig
+from distal import Log, Rig, load_rig, simulate
 from distal.fitting import Options
+from distal.fitting.map_samples import filtered
 from distal.fitting.numbers import problem_of
 from distal.fitting.stops import AFTER_STOP, NEAR_STOP, in_stops
+from distal.simulation import Scenario
 from tests.fitting.helpers import drawn_plant, logs_of, start_rig
 
 STOPS = (-0.3, 0.4)
@@ -48,3 +50,29 @@ def test_forces_in_a_stop_are_not_compared() -> None:
     ]
     assert np.isfinite(costs[0])
     assert costs[1] == pytest.approx(costs[0], rel=1e-12)
+
+
+def test_a_joint_in_its_stop_does_not_silence_its_neighbours() -> None:
+    """Of three joints one rests in its stop all the time: forces stay, its own angle is left out, it keeps a truth."""
+    rig, log = finger_with_a_stopped_joint()
+    problem = problem_of([log], rig, Options(compiled=False, workers=1))
+    later, runner = problem.data[0].samples[1:], problem.filter.runner
+    read = {name: later[:, k] for k, name in enumerate(runner.channels)}
+    force = next(sensor.name for sensor in rig.sensors_of("force"))
+    assert np.isfinite(read[force]).all()
+    angles = {sensor.of: read[sensor.name] for sensor in problem.filter.references}
+    assert np.isnan(angles["dip"]).all()
+    assert np.isfinite(angles["mcp"]).mean() > 0.5
+    found, refused = filtered([log], [rig], None, False)
+    assert not refused
+    known = np.isfinite(found[0].targets).mean(axis=0)
+    assert known.min() > 0.5
+
+
+def finger_with_a_stopped_joint() -> tuple[Rig, Log]:
+    """Return the underactuated finger with a motion in which its last joint never leaves a stop."""
+    rig = load_rig("finger-underactuated").with_values({"sensors.*.rate": 50.0})
+    drives = {"flexor": {"torque": [["0 s", "20 mN m"], ["2 s", "60 mN m"], ["4 s", "20 mN m"]]}}
+    log = simulate(rig, Scenario(rig="finger", name="finger", duration=4.0, drives=drives), 1)
+    lowest = float(log.truth["theta_dip"].max())
+    return rig.with_values({"joints.dip.stops": [lowest + 0.01, lowest + 1.0]}), log

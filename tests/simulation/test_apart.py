@@ -31,5 +31,8 @@ def test_each_part_moves_as_if_it_were_alone(fingers: tuple[str, str]) -> None:
             np.testing.assert_allclose(whole.truth[f"theta_{joint.name}"], alone.truth[column], rtol=0, atol=1e-9)
         for drive in part.rig.drives:
             np.testing.assert_allclose(
+                whole.truth[f"force_{drive.name}"], alone.truth[f"force_{drive.name}"], rtol=0, atol=1e-8
+            )
+            np.testing.assert_allclose(
                 whole.truth[f"position_{drive.name}"], alone.truth[f"position_{drive.name}"], rtol=0, atol=1e-10
             )

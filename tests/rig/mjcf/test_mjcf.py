@@ -10,7 +10,7 @@ import pytest
 from distal import Rig, estimate, load_rig, read_log
 from distal.errors import RigError
 from distal.model import Mechanism
-from distal.rig import Imported, build_rig, compare_lengths, from_mujoco, parse_toml
+from distal.rig import Imported, Joint, build_rig, compare_lengths, from_mujoco, parse_toml
 from tests.rig.mjcf.models import FINGER, written_as_mjcf
 
 mujoco = pytest.importorskip("mujoco")
@@ -92,10 +92,20 @@ def test_a_coupling_follows_the_joint_before_it(rig: Rig) -> None:
     assert dip.stops is None
 
 
-def test_springs_pull_as_in_the_model(rig: Rig) -> None:
-    """Its own one and the band, over the range of the joint."""
-    model = model_of(FINGER)
-    data, spring = mujoco.MjData(model), rig.joints[1].spring
+def test_a_coupling_with_an_offset_is_turned_round() -> None:
+    """pip = 0.1 + 1.25 dip, so dip = 0.8 pip − 0.08, and dip's stop at 0.9 rad is pip's at 1.225."""
+    model = model_of(FINGER.replace("0 1.25 0 0 0", "0.1 1.25 0 0 0").replace('range="-0.1 1.2"', 'range="-0.1 0.9"'))
+    pip, dip = from_mujoco(model).rig.joints[1:]
+    assert dip.coupled is not None
+    assert (dip.coupled.ratio, dip.coupled.offset) == (pytest.approx(0.8), pytest.approx(-0.08))
+    assert pip.stops == pytest.approx((0.0, 1.225))
+
+
+@pytest.mark.parametrize("length", ["0.02", "0.05", "0.03 0.04"], ids=["pulls", "pushes", "does both"])
+def test_springs_pull_as_in_the_model(length: str) -> None:
+    """Its own one and the band, over the range of the joint; a band that is shorter than its rest length pushes."""
+    model = model_of(FINGER.replace('springlength="0.02"', f'springlength="{length}"'))
+    data, spring = mujoco.MjData(model), from_mujoco(model).rig.joints[1].spring
     assert spring is not None
     place, off, size = int(model.joint("pip").qposadr[0]), [], []
     for angle in np.linspace(0.0, 1.6, 9):
@@ -290,10 +300,17 @@ def test_millimetres_are_seen_and_taken() -> None:
         assert one.inertia.value == pytest.approx(other.inertia.value, rel=1e-4)
         assert one.damping.value == pytest.approx(other.damping.value, rel=1e-4)
         assert one.offset == pytest.approx(other.offset, rel=1e-5)
+        assert rubbing(one) == pytest.approx(rubbing(other), rel=1e-4)
         assert one.link is not None
         assert other.link is not None
         assert one.link.inertia == pytest.approx(other.link.inertia, rel=1e-4)
     assert found.tendons[0].arms() == pytest.approx(metres.tendons[0].arms(), rel=1e-4)
+
+
+def rubbing(joint: Joint) -> float:
+    """Return the friction of an axle without any tension [N m]."""
+    assert joint.friction is not None
+    return joint.friction.coefficient.value * joint.friction.radius.value * joint.friction.preload.value
 
 
 def test_meshes_that_are_not_there_are_left_out(tmp_path: Path) -> None:

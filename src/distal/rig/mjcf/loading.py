@@ -23,7 +23,7 @@ def mujoco_module() -> ModuleType:
     try:
         return importlib.import_module("mujoco")
     except ImportError:
-        raise RigError("models of MuJoCo need the package 'mujoco': pip install 'distal[mujoco]'") from None
+        raise RigError("models of MuJoCo need the package 'mujoco': pip install '.[mujoco]'") from None
 
 
 def load_model(path: str | Path) -> mujoco.MjModel:
