@@ -137,6 +137,18 @@ def test_a_chain_written_as_a_model_comes_back(name: str) -> None:
             assert one.spring.rest_angle.value == pytest.approx(other.spring.rest_angle.value, rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    "turned", ["0.8 0.2 0.5 0.1", "0.66446302 -0.24184476 0.66446302 0.24184476"], ids=["obliquely", "by 90°"]
+)
+def test_the_base_is_turned_as_in_the_model(turned: str) -> None:
+    """Roll, pitch and yaw of the body that carries the first joint, also where pitch is 90° and roll is free."""
+    model = model_of(FINGER.replace("0.8 0.2 0.5 0.1", turned))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    wanted = data.xmat[model.body("proximal").id].reshape(3, 3)
+    np.testing.assert_allclose(frame_of(from_mujoco(model).rig), wanted, atol=1e-6)
+
+
 def test_links_weigh_as_in_mujoco() -> None:
     """Torques by MuJoCo at rest against the weight of the imported links, with a tilted base."""
     model = model_of(FINGER)
@@ -305,6 +317,17 @@ def test_millimetres_are_seen_and_taken() -> None:
         assert other.link is not None
         assert one.link.inertia == pytest.approx(other.link.inertia, rel=1e-4)
     assert found.tendons[0].arms() == pytest.approx(metres.tendons[0].arms(), rel=1e-4)
+
+
+def test_friction_of_a_tendon_is_that_of_its_drive_in_the_models_unit_of_force() -> None:
+    """With lengths in millimetres, kg mm/s² is a thousandth of a newton."""
+    model = model_of(FINGER.replace('<fixed name="flexor">', '<fixed name="flexor" frictionloss="300">'))
+    for length_unit, wanted in ((1.0, 300.0), (1e-3, 0.3)):
+        extensor, flexor = from_mujoco(model, length_unit=length_unit).rig.drives
+        assert flexor.friction is not None
+        assert extensor.friction is not None
+        assert flexor.friction.constant.value == pytest.approx(wanted)
+        assert extensor.friction.constant.value == 0.0
 
 
 def rubbing(joint: Joint) -> float:

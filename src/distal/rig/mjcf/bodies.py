@@ -36,6 +36,11 @@ class Units:
     length: float = 1.0
 
     @property
+    def force(self) -> float:
+        """Newtons in one unit of force."""
+        return self.length
+
+    @property
     def torque(self) -> float:
         """Newton metres in one unit of torque."""
         return self.length**2

@@ -99,7 +99,7 @@ def from_mujoco(
         "log": {"time": {"column": "time", "unit": "s"}},
         "base": base,
         "joints": described,
-        "drives": [described_drive(model, t, name) for t, name in driven.items() if turned[t]],
+        "drives": [described_drive(model, t, name, units) for t, name in driven.items() if turned[t]],
     }
     tendons = []
     for t, name in driven.items():

@@ -25,15 +25,16 @@ DRIVE_MASS = 0.02
 """Of a drive that the model does not have [kg]; a filter follows the place that is measured."""
 
 
-def described_drive(model: mujoco.MjModel, tendon: int, name: str) -> dict[str, object]:
+def described_drive(model: mujoco.MjModel, tendon: int, name: str, units: Units) -> dict[str, object]:
     """Return the raw drive of a tendon; a tendon's `frictionloss` rubs there.
 
     Args:
         model: the model.
         tendon: its index there.
         name: of the drive.
+        units: of the model.
     """
-    constant = float(np.ravel(model.tendon_frictionloss[tendon])[0])
+    constant = float(np.ravel(model.tendon_frictionloss[tendon])[0]) * units.force
     friction: dict[str, object] = {"load": Guess({"value": 0.05, "std": 0.1}, "friction along the path")}
     if constant > 0.0:
         friction = {"constant": constant} | friction
