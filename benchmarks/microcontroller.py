@@ -100,7 +100,7 @@ def in_casadis_c(rig: Rig, estimator: str) -> Exported:
     """
     made = c_filter(rig, estimator, True, "filter")
     runner = make_estimator(estimator, rig, compiled=False)
-    functions = runner.prior_function(), runner.export_function()
+    functions = runner.prior_function(), runner.kernel.function
     emitter = Emitter(Plain(True))
     names = emitter.add(functions[0]), emitter.add(functions[1], in_place=True)
     assert emitter.text in made.source

@@ -17,8 +17,8 @@ from distal.estimators.adaptive.measurement import row_functions
 from distal.estimators.adaptive.motion import Moved, moved
 from distal.estimators.adaptive.play import play
 from distal.estimators.adaptive.prediction import predicted, revert
-from distal.estimators.adaptive.update import comparison_function, reduced, weights
-from distal.estimators.kalman import symmetric
+from distal.estimators.adaptive.update import comparison_function, weights
+from distal.estimators.kalman import Downdate, along, symmetric
 from distal.kernels import Kernel
 from distal.rig import Rig
 
@@ -104,7 +104,7 @@ def iterated_update(
         interval: with its sample.
         updates: how often each row is linearised.
     """
-    prior, covariance = prediction.state, prediction.covariance
+    prior, covariance = prediction.state, Downdate(prediction.covariance)
     tracks, x, p = interval.tracks, interval.x, interval.p
     rows, table = row_functions(states)
     mean, kept, innovations, spreads = ca.MX(prior), list(memory), list[Any](), list[Any]()
@@ -114,15 +114,15 @@ def iterated_update(
         for _ in range(updates):
             values, *slopes = table(point, tracks, rates, x, p)
             slope, limit_slope, asymmetry_slope = own = slopes[3 * k : 3 * k + 3]
-            ahead = [ca.mtimes(covariance, each) for each in own]
-            since = [_along(each, mean - point) for each in own]
-            numbers = ca.vertcat(*since, _along(slope, ahead[0]), _along(limit_slope, ahead[1]), remembered)
+            ahead = [covariance.times(each) for each in own]
+            since = [along(each, mean - point) for each in own]
+            numbers = ca.vertcat(*since, along(slope, ahead[0]), along(limit_slope, ahead[1]), remembered)
             innovation, own_variance, after, by_limit, by_asymmetry, counts = compare(
                 values[5 * k : 5 * k + 5], numbers, tracks, x, p
             )
             across = by_limit * ahead[1] + by_asymmetry * ahead[2] - ahead[0]
-            spread = by_limit * _along(limit_slope, across) + by_asymmetry * _along(asymmetry_slope, across)
-            spread += own_variance - _along(slope, across)
+            spread = by_limit * along(limit_slope, across) + by_asymmetry * along(asymmetry_slope, across)
+            spread += own_variance - along(slope, across)
             weight, root, shown = weigh(spread, innovation, values[5 * k + 4], counts)
             change = (weight * innovation) * across
             point = mean + change
@@ -130,16 +130,11 @@ def iterated_update(
         for at, share in shares.items():
             change[at] *= share
         if row.drive is not None:
-            kept[row.drive] = after + _along(slope, change) if states.context.declares_friction(row.drive) else after
+            kept[row.drive] = after + along(slope, change) if states.context.declares_friction(row.drive) else after
         mean = mean + change
-        covariance = reduced(shares, covariance, root * across, loops=False)
+        covariance.take(root * across, shares)
         innovations.append(shown)
         spreads.append(spread)
     measured = [k for k, row in enumerate(rows) if row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
-    return mean, covariance, kept, y
-
-
-def _along(slope: Any, values: Any) -> Any:
-    """Return a slope times a vector."""
-    return ca.mtimes(slope.T, values) if slope.nnz() else ca.MX(0)
+    return mean, covariance.matrix(loops=False), kept, y

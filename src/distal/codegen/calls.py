@@ -17,7 +17,7 @@ def call(work: Workspace, step: Step) -> list[str]:
         CodeError: the called function has an operation that has no C here.
     """
     called = step.node.which_function()
-    written = work.written(called)
+    written = work.written(called, False)
     work.cost.operations += written.cost.operations
     work.cost.library.update(written.cost.library)
     results = []

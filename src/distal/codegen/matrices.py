@@ -43,7 +43,7 @@ def write_matrices(
     in_place: bool,
     dialect: Dialect,
     index: str,
-    written: Callable[[ca.Function], Written],
+    written: Callable[[ca.Function, bool], Written],
 ) -> Written:
     """Return a function of matrices as C.
 

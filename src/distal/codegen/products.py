@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import casadi as ca
 
 from distal.codegen.memory import Value
 from distal.codegen.operations import CodeError
 from distal.codegen.workspace import Step, Workspace
+
+COLUMNS_TOGETHER = 4
+"""So many columns of a dense product are summed together: each number of the left factor is then read once for all."""
+
+LARGEST_INLINE = 200
+"""A product with more multiplications than this is a function of its own."""
+
+PRODUCT = "product"
 
 UNROLLED_PRODUCT = 8
 """A sparse factor of at most so many numbers is written number by number."""
@@ -28,18 +38,36 @@ def product(work: Workspace, step: Step) -> list[str]:
     if not x.is_dense() and not y.is_dense():
         raise CodeError("the product of two sparse matrices has no C here")
     rows, inner, columns = x.size1(), x.size2(), y.size2()
+    multiplications = min(int(x.nnz()) * columns, rows * int(y.nnz()))
+    if multiplications > LARGEST_INLINE and work.flow.function.name() != PRODUCT:
+        return _called(work, step, _product(*(tuple(each.sparsity().compress()) for each in (x, y))))
+    work.cost.operations += 2 * multiplications
     if x.is_dense() and y.is_dense():
-        work.cost.operations += 2 * rows * inner * columns
         return _dense(work, step, rows, inner, columns)
     if y.is_dense():
         at = _triplets(x.sparsity())
-        work.cost.operations += 2 * len(at[0]) * columns
         return _sparse_left(work, step, (rows, inner, columns), *at)
     at = _triplets(y.sparsity())
-    work.cost.operations += 2 * len(at[0]) * rows
     if len(at[0]) <= UNROLLED_PRODUCT:
         return _sparse_right_unrolled(work, step, rows, columns, list(zip(*at)))
     return _sparse_right(work, step, rows, columns, *at)
+
+
+@lru_cache(maxsize=1024)
+def _product(left: tuple[int, ...], right: tuple[int, ...]) -> ca.Function:
+    """Return (z, x, y) → z + x y, once for each pair of sparsities, which are given as CasADi compresses them."""
+    x, y = (ca.MX.sym(name, ca.Sparsity.compressed(each)) for name, each in (("x", left), ("y", right)))
+    z = ca.MX.sym("z", x.size1(), y.size2())
+    return ca.Function(PRODUCT, [z, x, y], [ca.mac(x, y, z)])
+
+
+def _called(work: Workspace, step: Step, function: ca.Function) -> list[str]:
+    """z + x y by a function of its own: of its arguments, unlike of parts of scratch, C knows that they do not overlap."""
+    written = work.written(function, True)
+    work.cost.operations += written.cost.operations
+    to, lines = work.placement.over_the_first(step.k)
+    addresses = ", ".join(work.memory.address(value) for value in (to, *step.inputs[1:]))
+    return [*lines, f"  {written.name}({addresses});"]
 
 
 def rank_one(work: Workspace, step: Step) -> list[str]:
@@ -80,17 +108,29 @@ def dot(work: Workspace, step: Step) -> list[str]:
 
 
 def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> list[str]:
-    """z + x y, both dense: each number of the result is one sum."""
-    _, x, y = step.inputs
-    at, dialect = work.memory.at, work.memory.dialect
+    """z + x y, both dense: each number of the result is one sum, those of a few columns are taken together."""
+    (_, x, y), memory = step.inputs, work.memory
     to, lines, zero = _begun(work, step)
-    start = dialect.constant(0.0) if zero else at(to, f"i + {rows} * j")
-    total = (
-        f"{dialect.type} s = {start}; for (k = 0; k < {inner}; ++k) "
-        f"s += {at(x, f'i + {rows} * k')} * {at(y, f'k + {inner} * j')}; "
-        f"{at(to, f'i + {rows} * j')} = s;"
-    )
-    return [*lines, f"  for (j = 0; j < {columns}; ++j) for (i = 0; i < {rows}; ++i) {{ {total} }}"]
+    for first, end in _ranges(columns):
+        together = range(min(COLUMNS_TOGETHER, end - first))
+        # index in the result and in the right factor, for each of the columns that are summed together
+        at, of = ([_sum(i, n * (first + c)) + f" + {n} * j" for c in together] for i, n in (("i", rows), ("k", inner)))
+        starts = [memory.dialect.constant(0.0) if zero else memory.at(to, at[c]) for c in together]
+        sums = ", ".join(f"s{c} = {start}" for c, start in enumerate(starts))
+        terms = " ".join(f"s{c} += e * {memory.at(y, of[c])};" for c in together)
+        ends = " ".join(f"{memory.at(to, at[c])} = s{c};" for c in together)
+        kind = memory.dialect.type
+        lines.append(
+            f"  for (j = 0; j < {end - first}; j += {len(together)}) for (i = 0; i < {rows}; ++i) {{ {kind} {sums}; "
+            f"for (k = 0; k < {inner}; ++k) {{ const {kind} e = {memory.at(x, f'i + {rows} * k')}; {terms} }} {ends} }}"
+        )
+    return lines
+
+
+def _ranges(columns: int) -> list[tuple[int, int]]:
+    """Return the columns that are summed a few together, and those that are left."""
+    whole = columns - columns % min(COLUMNS_TOGETHER, columns)
+    return [(0, whole)] + ([(whole, columns)] if whole < columns else [])
 
 
 def _sparse_left(

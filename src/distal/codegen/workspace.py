@@ -71,7 +71,7 @@ class Workspace:
         flow: what reads and makes what.
         memory: where numbers lie.
         placement: where each result goes.
-        written: writes a function that is called, unless it is there already.
+        written: writes a function that is called, unless it is there already; in place, if its first input is changed.
         in_place: the first input and the first output are one array, ``state``.
         cost: so far.
     """
@@ -79,7 +79,7 @@ class Workspace:
     flow: Dataflow
     memory: Memory
     placement: Placement
-    written: Callable[[ca.Function], Written]
+    written: Callable[[ca.Function, bool], Written]
     in_place: bool
     cost: Cost = field(default_factory=Cost)
 

@@ -162,10 +162,6 @@ class KernelEstimator:
         """
         raise EstimationError(f"{self.name} cannot be exported; adaptive, ekf and ekf-2008 can")
 
-    def export_function(self) -> ca.Function:
-        """Return (carry, x, p) → (carry⁺, y) in the form for small memories: matrices as loops, the same numbers."""
-        return self.kernel.function
-
     def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
         """Return the belief after a sample, and its innovation.
 

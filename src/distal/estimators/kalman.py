@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import casadi as ca
 
-from distal.expressions import Expression, Matrix, MatrixNode, Vector, VectorNode
+from distal.expressions import Expression, Matrix, MatrixNode, ScalarNode, Vector, VectorNode
 
 
 def symmetric(entries: Expression) -> Expression:
@@ -12,15 +14,69 @@ def symmetric(entries: Expression) -> Expression:
     return ca.tril2symm(ca.tril(entries))
 
 
-def lowered(covariance: MatrixNode, gain: VectorNode, loops: bool) -> MatrixNode:
-    """Return P − g gᵀ, symmetric: with g = P hᵀ/√S the update with the optimal gain K = P hᵀ/S.
+class Downdate:
+    """A covariance less what scalar updates have taken, P − Σ g gᵀ + Σ k kᵀ, written out once after the last of them.
+
+    With g = P hᵀ/√S an update with the optimal gain K = P hᵀ/S takes g gᵀ. A state that takes only a share κ of its gain
+    keeps k kᵀ of that, k = (1 − κ) g. Until `matrix` is asked for, P is only multiplied by the slopes of later updates: it
+    is read and written once, not once for each.
 
     Args:
-        covariance: P, (n, n).
-        gain: g, (n,).
-        loops: as a rank-one change in place, else as a product of which the lower triangle is taken.
+        covariance: P before the first update, (n, n).
     """
-    return ca.rank1(covariance, -1, gain, gain) if loops else symmetric(covariance - ca.mtimes(gain, gain.T))
+
+    def __init__(self, covariance: MatrixNode) -> None:
+        self._before = covariance
+        self._gains: list[VectorNode] = []
+        self._kept: list[tuple[tuple[int, ...], VectorNode]] = []
+
+    def times(self, slope: VectorNode) -> VectorNode:
+        """Return the covariance, as it is now, times a slope.
+
+        Args:
+            slope: hᵀ, (n,), sparse.
+        """
+        ahead = ca.mtimes(self._before, slope)
+        if not slope.nnz():
+            return ahead
+        for gain, (at, kept) in zip(self._gains, self._kept):
+            ahead = ca.rank1(ahead, -along(slope, gain), gain, 1)
+            own = slope[list(at)]
+            if own.nnz():
+                ahead[list(at)] += along(own, kept) * kept
+        return ahead
+
+    def take(self, gain: VectorNode, shares: Mapping[int, float]) -> None:
+        """Take what one update tells.
+
+        Args:
+            gain: g, (n,); zero for an update that does not count.
+            shares: κ of each state that does not take all of its gain.
+        """
+        at = list(shares)
+        self._gains.append(gain)
+        self._kept.append((tuple(at), gain[at] * ca.DM([1.0 - share for share in shares.values()])))
+
+    def matrix(self) -> MatrixNode:
+        """Return the covariance, symmetric: products of the same two numbers are added in the same order on both sides."""
+        if not self._gains:
+            return self._before
+        gains = ca.horzcat(*self._gains)
+        after = ca.mac(gains, -gains.T, self._before)
+        for at in dict.fromkeys(at for at, _ in self._kept if at):
+            kept = ca.horzcat(*(each for own, each in self._kept if own == at))
+            after[list(at), list(at)] += ca.mtimes(kept, kept.T)
+        return after
+
+
+def along(slope: VectorNode, values: VectorNode) -> ScalarNode:
+    """Return a slope times a vector.
+
+    Args:
+        slope: sparse, (n,).
+        values: (n,).
+    """
+    return ca.mtimes(slope.T, values) if slope.nnz() else ca.MX(0)
 
 
 def predict_covariance(

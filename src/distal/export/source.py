@@ -82,7 +82,7 @@ def c_filter(rig: Rig, estimator: str = "adaptive", single: bool = False, name: 
     """
     runner = make_estimator(estimator, rig, compiled=False)
     name = checked_name(name if name is not None else c_name(f"{rig.name}_{estimator}"))
-    prior, step = runner.prior_function(), runner.export_function()
+    prior, step = runner.prior_function(), runner.kernel.function
     emitter = Emitter(Plain(single))
     try:
         begin, advance = emitter.add(prior), emitter.add(step, in_place=True)

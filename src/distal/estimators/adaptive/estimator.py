@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators.adaptive.apart import parts_of
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_place
 from distal.estimators.adaptive.filter import adaptive_function, adaptive_layout
@@ -32,9 +31,6 @@ from distal.regression import first_memory, numbers_of, reporting_function
 from distal.rig import Affine, Contact, Discrepancy, LearnedMap, Rig, Sensor
 
 Floats = NDArray[np.float64]
-
-MOST_SCALARS = 24
-"""With more states than this the update stays a function of matrices: as fast, and built in seconds."""
 
 
 @lru_cache(maxsize=32)
@@ -98,7 +94,7 @@ class AdaptiveFilter(KernelEstimator):
         self._maps = tuple(one for one in learned if one is not None)
         self._check_maps(channels)
         numbers = [mechanism.parameters.values, *(numbers_of(one) for one in self._maps)]
-        function = self._reporting(adaptive_function(self._states, resolution, self._as_matrices, trace))
+        function = self._reporting(adaptive_function(self._states, resolution, trace))
         super().__init__(
             name,
             rig,
@@ -109,12 +105,6 @@ class AdaptiveFilter(KernelEstimator):
             measured=tuple(sensor.name for sensor in channels.compared),
         )
         self.report = Report.behind(2 * len(self.measured), [self._reported(one) for one in self._maps])
-
-    @property
-    def _as_matrices(self) -> bool:
-        """Whether the update stays a function of matrices: it is faster where a part has many states."""
-        largest = max((len(part.states) for part in parts_of(self._states)), default=len(self._states))
-        return largest > MOST_SCALARS
 
     def _check_maps(self, channels: Channels) -> None:
         read = channels.names[: len(channels.names) - len(channels.angles)]
@@ -148,10 +138,6 @@ class AdaptiveFilter(KernelEstimator):
         maps = [(one, self._reported(one), isinstance(one, Discrepancy)) for one in self._maps]
         context = self._states.context
         return reporting_function(function, maps, len(context.channels.names), self.places, context.n_joints)
-
-    def export_function(self) -> ca.Function:
-        """Return (carry, x, p) → (carry⁺, y) in the form for small memories: matrices as loops, the same numbers."""
-        return self._reporting(adaptive_function(self._states, self._resolution, loops=True))
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.

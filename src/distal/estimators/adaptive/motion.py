@@ -23,21 +23,35 @@ from distal.model import Kick, responses
 class Moved:
     """The joints after an interval, symbolic.
 
+    They move with fewer numbers than there are states: their own motion, the states that enter the model, and the places of
+    the drives. What changes a drive's place alone, such as its sensor's curve, moves the joints as the place does.
+
     Args:
         angles: θ, (n_joints,).
         speeds: ω, (n_joints,).
-        angle_slopes: ∂θ/∂(state, places), (n_joints, n + n_drives).
-        speed_slopes: ∂ω/∂(state, places), (n_joints, n + n_drives).
+        slopes: of θ and ω by the numbers that they move with, transposed, (numbers, 2 n_joints).
+        chosen: which states are among these numbers; the drives' places come behind them.
+        places: which states change a drive's place, and its slopes by these, of each drive.
         rest: variance that an uncertain torque adds to ω beyond its slope, (n_joints,).
         rates: mean speed of each drive over the interval, (n_drives,).
     """
 
     angles: VectorNode
     speeds: VectorNode
-    angle_slopes: MatrixNode
-    speed_slopes: MatrixNode
+    slopes: MatrixNode
+    chosen: list[int]
+    places: list[tuple[list[int], VectorNode]]
     rest: VectorNode
     rates: VectorNode
+
+    def across(self, matrix: MatrixNode) -> MatrixNode:
+        """Return a matrix times the slopes of what the joints move with by the states, transposed, (k, numbers).
+
+        Args:
+            matrix: (k, n).
+        """
+        by_place = [ca.mtimes(matrix[:, at], slopes) if at else ca.MX(matrix.size1(), 1) for at, slopes in self.places]
+        return ca.horzcat(matrix[:, self.chosen], *map(ca.densify, by_place))
 
 
 def moved(states: StateVector, count: int, mean: VectorNode, covariance: MatrixNode, interval: Interval) -> Moved:
@@ -52,9 +66,9 @@ def moved(states: StateVector, count: int, mean: VectorNode, covariance: MatrixN
     """
     context, memory, tracks, x, p = states.context, interval.memory, interval.tracks, interval.x, interval.p
     nj, acting = context.n_joints, _acting(states)
-    starts, rates, torques, places, *constant = _interval(states, count)(mean, covariance, memory, tracks, x, p)
+    starts, rates, torques, values, *constant = _interval(states, count)(mean, covariance, memory, tracks, x, p)
     step, h = _substep(states), x[0] / count
-    mechanism, identity = context.mechanism, ca.DM.eye(2 * nj + len(acting) + context.n_drives)
+    mechanism, numbers = context.mechanism, 2 * nj + len(acting) + context.n_drives
     angles, speeds, own = mean[:nj], mean[nj : 2 * nj], ca.DM.eye(nj)
     if len(mechanism.free) < nj:
         # coupled joints are where the others say, from the start
@@ -62,13 +76,23 @@ def moved(states: StateVector, count: int, mean: VectorNode, covariance: MatrixN
         own[:, mechanism.free] = mechanism.spread
         angles, speeds = ca.mtimes(own, angles) + mechanism.offsets, ca.mtimes(own, speeds)
     q, v = ca.vertcat(angles, starts), ca.vertcat(speeds, rates)
-    angle_slopes, speed_slopes = (ca.MX(ca.densify(ca.mtimes(own, identity[i * nj : (i + 1) * nj, :]))) for i in (0, 1))
+    by_angle, by_speed = (ca.DM(numbers, nj) for _ in range(2))
+    by_angle[:nj, :] = by_speed[nj : 2 * nj, :] = own.T
+    of_angles, of_speeds = ca.MX(ca.densify(by_angle)), ca.MX(ca.densify(by_speed))
     rest = ca.MX(ca.DM.zeros(nj))
     for _ in range(count):
-        q, v, angle_slopes, speed_slopes, added = step(q, v, torques, h, angle_slopes, speed_slopes, *constant, p)
+        q, v, by_angle, by_speed, added_slopes, added = step(q, v, torques, h, *constant, p)
+        of_speeds = ca.mac(of_angles, by_angle, ca.mac(of_speeds, by_speed, added_slopes))
+        of_angles = of_angles + h * of_speeds
+        if len(mechanism.free) < nj:
+            of_angles = ca.mtimes(of_angles[:, mechanism.free], mechanism.spread.T)
         rest = rest + added
-    angle_slopes, speed_slopes = _by_state(states)(angle_slopes, speed_slopes, places)
-    return Moved(q[:nj], v[:nj], angle_slopes, speed_slopes, rest, rates)
+    patterns, places, first = _place_slopes(states), list[tuple[list[int], VectorNode]](), 0
+    for i in range(context.n_drives):
+        at = [int(k) for k in patterns[i, :].sparsity().get_triplet()[1]]
+        places.append((at, values[first : first + len(at)]))
+        first += len(at)
+    return Moved(q[:nj], v[:nj], ca.horzcat(of_angles, of_speeds), [*range(2 * nj), *acting], places, rest, rates)
 
 
 def _acting(states: StateVector) -> list[int]:
@@ -79,36 +103,10 @@ def _acting(states: StateVector) -> list[int]:
     return sorted({int(i) for i in columns if i >= 2 * nj})
 
 
-def _by_state(states: StateVector) -> ca.Function:
-    """Return (S_θ, S_ω, S_drives) → slopes with respect to all states and to what the places err by themselves.
-
-    What changes a drive's place alone, such as its sensor's curve, moves the joints as the place does: it takes no part in
-    the sub-steps.
-    """
-    n, nd, nj, acting = len(states), states.context.n_drives, states.context.n_joints, _acting(states)
-    count = 2 * nj + len(acting)
-    both = [ca.SX.sym(name, nj, count + nd) for name in ("S_theta", "S_omega")]
-    places, whole = _place_slopes(states), list[Matrix]()
-    values = ca.SX.sym("S_drives", places.nnz())
-    slopes = ca.SX(places.sparsity(), values)
-    for each in both:
-        result = ca.mtimes(each[:, count:], slopes)
-        result[:, : 2 * nj] += each[:, : 2 * nj]
-        if acting:
-            result[:, acting] += each[:, 2 * nj : count]
-        for i in range(nd):
-            if states.context.position_sensor(i) is not None:
-                result[:, n + i] = each[:, count + i]
-        whole.append(ca.densify(result))
-    return ca.Function("by_state", [*both, values], whole)
-
-
 def _place_slopes(states: StateVector) -> Matrix:
-    """Return the pattern of ∂(places of the drives)/∂(state, what they err by themselves), (n_drives, n + n_drives)."""
-    n, nd = len(states), states.context.n_drives
-    mean, reading = ca.SX.sym("mean", n), ca.SX.sym("reading", nd)
-    slopes = [ca.jacobian(states.place(i, reading[i], mean), mean) for i in range(nd)]
-    return ca.horzcat(ca.vertcat(*slopes), ca.SX(nd, nd))
+    """Return the pattern of ∂(places of the drives)/∂state, (n_drives, n)."""
+    mean, reading = ca.SX.sym("mean", len(states)), ca.SX.sym("reading", states.context.n_drives)
+    return ca.vertcat(*(ca.jacobian(states.place(i, reading[i], mean), mean) for i in range(states.context.n_drives)))
 
 
 def _interval(states: StateVector, count: int) -> ca.Function:
@@ -131,8 +129,7 @@ def _interval(states: StateVector, count: int) -> ca.Function:
         measured = context.position_sensor(i) is not None
         rates.append(ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0) if measured else ca.SX(0))
         slopes.append(ca.jacobian(last, mean))
-    places = ca.vertcat(*slopes)
-    values = ca.vertcat(*(places.nz[k] for k in range(places.nnz()))) if places.nnz() else ca.SX(0, 1)
+    values = ca.vertcat(*(slope.nz[k] for slope in slopes for k in range(slope.nnz())), ca.SX(0, 1))
     parameters, h = states.parameters(mean), ca.SX.sym("h")
     respond = ca.Function("responses", [h, p], [responses(mechanism, h, h, rebounds=False)])
     torques, spreads = states.torques(mean), []
@@ -168,8 +165,8 @@ def _responding(states: StateVector) -> list[int]:
 def _substep(states: StateVector) -> ca.Function:
     """Return one sub-step of the joints with its slopes, the drives moving as they were measured to.
 
-    (q, v, τ, h, S_θ, S_ω, σ_τ, p, response, …, the rig's own p) → (q⁺, v⁺, S_θ⁺, S_ω⁺, variance added to ω). Slopes
-    are with respect to the joints' motion, the states that enter the model (`_acting`), and the places of the drives.
+    (q, v, τ, h, σ_τ, p, response, …, the rig's own p) → (q⁺, v⁺, ∂ω⁺/∂θ, ∂ω⁺/∂ω, slopes of ω⁺ by all else that the
+    joints move with, variance added to ω); slopes are transposed.
     """
     context, nd, nj = states.context, states.context.n_drives, states.context.n_joints
     mechanism, p, acting = context.mechanism, context.mechanism.parameters.symbols, _acting(states)
@@ -177,25 +174,22 @@ def _substep(states: StateVector) -> ca.Function:
     q, v, torques, spreads = (ca.SX.sym(name, k) for name, k in (("q", nb), ("v", nb), ("tau", nj), ("s_tau", nj)))
     response, h, state = ca.SX.sym("response", nb, 4), ca.SX.sym("h"), ca.SX.sym("state", len(states))
     given = ca.SX.sym("given", p.numel())
-    angle_slopes, speed_slopes = ca.SX.sym("S_theta", nj, count + nd), ca.SX.sym("S_omega", nj, count + nd)
     kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), response, h, h)
     torque_slopes = ca.jacobian(states.torques(state), state)
     pushed = sorted({int(j) for j in torque_slopes.sparsity().row()})
     step = moving(context, kick, torques, spreads, pushed, list(doubted_frictions(states)))
-    along = ca.mtimes(step.by_place[:, :nj], angle_slopes) + ca.mtimes(step.by_speed, speed_slopes)
-    along[:, count:] += step.by_place[:, nj:]
+    along = ca.SX(nj, count + nd)
+    along[:, count:] = step.by_place[:, nj:]
     if acting:
         along[:, 2 * nj : count] += ca.mtimes(step.by_parameter, _parameter_slopes(states, given)[:, acting])
         along[:, 2 * nj : count] += ca.mtimes(step.by_torque, torque_slopes[:, acting])
-    arguments = [q, v, torques, h, angle_slopes, speed_slopes, spreads, p, response]
+    arguments = [q, v, torques, h, spreads, p, response]
     responding = _responding(states)
     if responding:
         arguments.append(ca.SX.sym("S_response", 2 * nj, len(responding)))
         at = [2 * nj + acting.index(i) for i in responding]
         along[:, at] += ca.mtimes(step.by_response, arguments[-1])
-    free, spread = mechanism.free, mechanism.spread
-    turned = ca.mtimes(spread, (angle_slopes + h * along)[free, :])
-    outputs = [step.q, step.v, turned, along, step.rest]
+    outputs = [step.q, step.v, step.by_place[:, :nj].T, step.by_speed.T, along.T, step.rest]
     return ca.Function("substep", [*arguments, given], ca.cse([ca.densify(entry) for entry in outputs]))
 
 

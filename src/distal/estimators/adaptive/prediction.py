@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import casadi as ca
 
 from distal.estimators.adaptive.context import FilterContext
@@ -31,19 +29,14 @@ def predicted(
     """
     context, n, x = states.context, len(states), interval.x
     nj = context.n_joints
-    slopes = [s[j, :] for s in (moved.angle_slopes, moved.speed_slopes) for j in range(nj)]
-    ahead = [ca.mtimes(covariance, slope[:, :n].T) for slope in slopes]
-    pairs = [(i, j) for i in range(2 * nj) for j in range(i, 2 * nj)]
-    products = ca.vertcat(*(ca.mtimes(slopes[i][:, :n], ahead[j]) for i, j in pairs))
-    places = ca.vertcat(*(slope[:, n:].T for slope in slopes))
-    corner = _corner(context, pairs)(products, places, moved.rest, interval.tracks, interval.memory, x, interval.p)
+    ahead = ca.mtimes(moved.across(covariance), moved.slopes)
+    products = ca.mtimes(moved.across(ahead.T), moved.slopes)
+    places = moved.slopes[len(moved.chosen) :, :]
+    corner = _corner(context)(products, places, moved.rest, interval.tracks, interval.memory, x, interval.p)
     after = ca.MX(covariance)
-    for k, column in enumerate(ahead):
-        set_row(after, k, column, column[k])
-    for at, (i, j) in enumerate(pairs):
-        after[i, j] = corner[at]
-        if i != j:
-            after[j, i] = corner[at]
+    for k in range(2 * nj):
+        set_row(after, k, ahead[:, k], ahead[k, k])
+    after[: 2 * nj, : 2 * nj] = corner
     state = ca.MX(mean)
     for j in range(nj):
         state[j], state[nj + j] = moved.angles[j], moved.speeds[j]
@@ -55,32 +48,33 @@ def predicted(
     return state, after
 
 
-def _corner(context: FilterContext, pairs: Sequence[tuple[int, int]]) -> ca.Function:
+def _corner(context: FilterContext) -> ca.Function:
     """Return (M P Mᵀ, S_drives, rest, tracks, memory, x, p) → the covariance of angles and speeds, with what is added.
 
     Places err by their variances, unknown torques and unmodelled ones shake the speeds, lost places may have been followed.
     """
     nj, nd = context.n_joints, context.n_drives
-    products, of_places = ca.SX.sym("products", len(pairs)), ca.SX.sym("S_drives", 2 * nj * nd)
+    products, of_places = ca.SX.sym("products", 2 * nj, 2 * nj), ca.SX.sym("S_drives", nd, 2 * nj)
     rest, vector = ca.SX.sym("rest", nj), ca.SX.sym("tracks", Tracks.size(nd))
     memory, x = ca.SX.sym("memory", MEMORY * nd), ca.SX.sym("x", context.width)
-    variances, entries = Tracks(vector, nd).variances, []
+    variances, corner = Tracks(vector, nd).variances, ca.SX(2 * nj, 2 * nj)
+    read = [k for k in range(nd) if context.position_sensor(k) is not None]
     # to the angles and to the speeds of the joints that are free; coupled ones err as these
     free, spread = context.mechanism.free, context.mechanism.spread
     added = (
         [followed_variance(context, j, vector, memory) + context.robustness.angle_walk**2 * x[0] for j in free],
         [rest[j] + context.unmodelled(j) ** 2 * x[0] for j in free],
     )
-    for at, (i, j) in enumerate(pairs):
-        one, other = (of_places[k * nd : (k + 1) * nd] for k in (i, j))
-        entry = products[at] + ca.sum1(one * other * variances)
-        if (i < nj) == (j < nj):
-            entry += sum(
-                (spread[i % nj, k] * spread[j % nj, k] * added[i // nj][k] for k in range(len(free))), ca.SX(0)
-            )
-        entries.append(entry)
+    for i in range(2 * nj):
+        for j in range(i, 2 * nj):
+            entry = products[i, j] + sum((of_places[k, i] * of_places[k, j] * variances[k] for k in read), ca.SX(0))
+            if (i < nj) == (j < nj):
+                entry += sum(
+                    (spread[i % nj, k] * spread[j % nj, k] * added[i // nj][k] for k in range(len(free))), ca.SX(0)
+                )
+            corner[i, j] = corner[j, i] = entry
     arguments = [products, of_places, rest, vector, memory, x, context.mechanism.parameters.symbols]
-    return ca.Function("corner", arguments, ca.cse([ca.densify(ca.vertcat(*entries))]))
+    return ca.Function("corner", arguments, ca.cse([ca.densify(corner)]))
 
 
 def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory: Vector) -> Scalar:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
@@ -13,7 +13,7 @@ from distal.estimators.adaptive.measurement import Row, row_functions
 from distal.estimators.adaptive.robustness import Robustness, robust_variance
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
-from distal.estimators.kalman import lowered
+from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
 from distal.kernels.mask import is_there, share_used
 
@@ -24,12 +24,11 @@ def updated(
     rates: VectorNode,
     memory: Sequence[ScalarNode],
     interval: Interval,
-    loops: bool,
 ) -> tuple[VectorNode, MatrixNode, list[ScalarNode], VectorNode]:
     """Return mean, covariance, what is remembered of each drive's force, and (innovations, variances) after a sample.
 
     For each row with slope a of what is expected: ν, S = a P aᵀ + R, S' by `robust_variance`, x⁺ = x + P aᵀ ν/S',
-    P⁺ = P − P aᵀ a P/S': equations (22) to (26).
+    P⁺ = P − P aᵀ a P/S', but where states take a share of the gain only: equations (22) to (26).
 
     Args:
         states: the state vector.
@@ -37,18 +36,17 @@ def updated(
         rates: mean speed of each drive over the interval.
         memory: what is remembered of each drive's force; see `Comparison`.
         interval: with its sample.
-        loops: whether this stays a function of matrices.
     """
-    prior, covariance = prediction.state, prediction.covariance
+    prior, covariance = prediction.state, Downdate(prediction.covariance)
     tracks, x, p = interval.tracks, interval.x, interval.p
     rows, table = row_functions(states)
     values, *slopes = table(prior, tracks, rates, x, p)
     mean, kept, innovations, spreads = prior, list(memory), list[ScalarNode](), list[ScalarNode]()
     for k, row in enumerate(rows):
         slope, limit_slope, asymmetry_slope = own = slopes[3 * k : 3 * k + 3]
-        ahead = [ca.mtimes(covariance, each) for each in own]
-        since = [_along(each, mean - prior) for each in own]
-        numbers = ca.vertcat(*since, _along(slope, ahead[0]), _along(limit_slope, ahead[1]))
+        ahead, moved = [covariance.times(each) for each in own], mean - prior
+        since = [along(each, moved) for each in own]
+        numbers = ca.vertcat(*since, along(slope, ahead[0]), along(limit_slope, ahead[1]))
         remembered = ca.MX(0) if row.drive is None else kept[row.drive]
         innovation, own_variance, after, by_limit, by_asymmetry, counts = comparison_function(states, row)(
             values[5 * k : 5 * k + 5], ca.vertcat(numbers, remembered), tracks, x, p
@@ -56,50 +54,26 @@ def updated(
         across = -ahead[0]
         for share, each, there in ((by_limit, ahead[1], limit_slope), (by_asymmetry, ahead[2], asymmetry_slope)):
             across = across + share * each if there.nnz() else across
-        spread = -_along(slope, across)
-        spread += by_limit * _along(limit_slope, across) + by_asymmetry * _along(asymmetry_slope, across)
+        spread = -along(slope, across)
+        spread += by_limit * along(limit_slope, across) + by_asymmetry * along(asymmetry_slope, across)
         weight, root, shown = weights(states.context.robustness, row.trusted)(
             spread + own_variance, innovation, values[5 * k + 4], counts
         )
         change = (weight * innovation) * across
         shares = states.gain_shares(row.drive, row.trusted)
-        for at, share in shares.items():
-            change[at] *= share
+        if shares:
+            change[list(shares)] *= ca.DM(list(shares.values()))
         if row.drive is not None:
             # a mean residual moves with the state; a time does not
             declared = states.context.declares_friction(row.drive)
-            kept[row.drive] = after + _along(slope, change) if declared else after
+            kept[row.drive] = after + along(slope, change) if declared else after
         mean = mean + change
-        covariance = reduced(shares, covariance, root * across, loops)
+        covariance.take(root * across, shares)
         innovations.append(shown)
         spreads.append(spread + own_variance)
     measured = [k for k, row in enumerate(rows) if row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
-    return mean, covariance, kept, y
-
-
-def reduced(shares: Mapping[int, float], covariance: MatrixNode, root: VectorNode, loops: bool) -> MatrixNode:
-    """Return the covariance after a row (25): states that take a share κ of the gain keep what they do not learn.
-
-    With g = P Aᵀ/√S' and K = κ g/√S', (25) is P_ij − g_i g_j + (1 − κ_i) g_i (1 − κ_j) g_j.
-
-    Args:
-        shares: κ of each state that does not take all of the gain.
-        covariance: before.
-        root: g; zero for a row that does not count.
-        loops: whether this stays a function of matrices.
-    """
-    after = lowered(covariance, root, loops)
-    if shares:
-        at = list(shares)
-        kept = root[at] * ca.DM([1.0 - share for share in shares.values()])
-        after[at, at] += ca.mtimes(kept, kept.T)
-    return after
-
-
-def _along(slope: VectorNode, values: VectorNode) -> ScalarNode:
-    """Return a slope times a vector."""
-    return ca.mtimes(slope.T, values) if slope.nnz() else ca.MX(0)
+    return mean, covariance.matrix(), kept, y
 
 
 def comparison_function(states: StateVector, row: Row) -> ca.Function:
