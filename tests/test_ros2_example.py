@@ -1,26 +1,30 @@
-"""The example node, with stand-ins for rclpy and its messages: what it reads, what it publishes."""
+"""The example node: what it reads, what it publishes, in messages of ROS 2's own definitions; `rclpy` has a stand-in."""
 
 from __future__ import annotations
 
 import importlib.util
 import sys
 import types
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from distal import Log, estimate, load_rig, scenario_rig, simulate
+from distal import LiveEstimator, Log, estimate, load_rig, scenario_rig, simulate
+from distal.rig import log_factor
 from distal.simulation import build_scenario
 
+rosbags = pytest.importorskip("rosbags.typesys")
+
 NODE = Path(__file__).parents[1] / "examples" / "ros2" / "distal_ros" / "distal_ros" / "node.py"
+STORE = rosbags.get_typestore(rosbags.Stores.ROS2_HUMBLE)
+START = 1_700_000_000_000_000_000
 
 
-class StandIn:
-    """Any object with any members."""
-
-    OK, WARN, ERROR = 0, 1, 2
+class Message:
+    """An object with members that are set, as a message is before it is complete."""
 
     def __init__(self, **members: Any) -> None:
         self.__dict__.update(members)
@@ -28,41 +32,82 @@ class StandIn:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
-        self.__dict__[name] = StandIn()
+        self.__dict__[name] = Message()
         return self.__dict__[name]
 
 
-class Node(StandIn):
+def wire(kind: str, message: Message) -> Any:
+    """Return a message after it was serialized and read again by its definition; what is not set is empty."""
+    return STORE.deserialize_cdr(STORE.serialize_cdr(typed(kind, message), kind), kind)
+
+
+def typed(kind: str, message: Message) -> Any:
+    """Return a message of its own type; fields that the type does not have are an error."""
+    fields = dict(STORE.get_msgdef(kind).fields)
+    unknown = set(vars(message)) - set(fields) - {"__msgtype__"}
+    assert not unknown, f"{kind} has no {unknown}"
+    return STORE.types[kind](**{name: filled(node, vars(message).get(name)) for name, node in fields.items()})
+
+
+def filled(node: Any, value: Any) -> Any:
+    """Return a field's value in the type of its definition."""
+    sort, of = node[0].name, node[1]
+    if sort == "NAME":
+        return typed(of, value if value is not None else Message())
+    if sort == "BASE":
+        if of[0] == "string":
+            return "" if value is None else value
+        return 0 if value is None else value
+    (inner, what), _ = of
+    values = [] if value is None else value
+    if inner.name == "BASE" and what[0] != "string":
+        return np.array(values, dtype=what[0])
+    return [filled((inner, what), one) for one in values]
+
+
+class Node:
+    """The stand-in of `rclpy.node.Node`."""
+
     parameters: dict[str, Any] = {}  # noqa: RUF012
 
     def __init__(self, name: str) -> None:
-        super().__init__(sent=[], messages=[])
+        self.sent: list[tuple[str, Any]] = []
+        self.messages: list[str] = []
+        self.calls: dict[str, Callable[[Any], None]] = {}
 
-    def declare_parameter(self, name: str, default: Any) -> StandIn:
-        return StandIn(value=self.parameters.get(name, default))
+    def declare_parameter(self, name: str, default: Any) -> Any:
+        return Message(value=self.parameters.get(name, default))
 
-    def create_publisher(self, kind: type, topic: str, depth: int) -> StandIn:
-        return StandIn(publish=lambda message: self.sent.append((topic, message)))
+    def create_publisher(self, kind: Any, topic: str, depth: int) -> Any:
+        return Message(publish=lambda message: self.sent.append((topic, wire(kind.kind, message))))
 
-    def create_subscription(self, kind: type, topic: str, call: Any, depth: int) -> None:
-        self.call = call
+    def create_subscription(self, kind: Any, topic: str, call: Callable[[Any], None], depth: int) -> None:
+        self.calls[topic] = call
 
-    def get_logger(self) -> StandIn:
-        return StandIn(info=self.messages.append, warning=self.messages.append)
+    def get_logger(self) -> Any:
+        return Message(info=self.messages.append, warning=self.messages.append)
+
+
+def message_class(kind: str) -> type:
+    """Return a class as the generated Python of a message, with its constants."""
+    constants = {name: value for name, value in vars(STORE.types[kind]).items() if name.isupper()}
+    return type(kind.rsplit("/", 1)[-1], (Message,), {"kind": kind, **constants})
 
 
 @pytest.fixture
-def node(monkeypatch: pytest.MonkeyPatch) -> Any:
-    modules = {
+def started(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
+    """Return what starts a node with parameters."""
+    modules: dict[str, dict[str, Any]] = {
         "rclpy": {},
         "rclpy.executors": {"ExternalShutdownException": RuntimeError},
         "rclpy.node": {"Node": Node},
         "sensor_msgs": {},
+        "sensor_msgs.msg": {"JointState": message_class("sensor_msgs/msg/JointState")},
         "diagnostic_msgs": {},
-    }
-    modules |= {
-        "sensor_msgs.msg": {"JointState": StandIn},
-        "diagnostic_msgs.msg": {"DiagnosticStatus": StandIn, "KeyValue": StandIn},
+        "diagnostic_msgs.msg": {
+            name: message_class(f"diagnostic_msgs/msg/{name}")
+            for name in ("DiagnosticArray", "DiagnosticStatus", "KeyValue")
+        },
     }
     for name, members in modules.items():
         made = types.ModuleType(name)
@@ -73,8 +118,22 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Any:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    monkeypatch.setattr(Node, "parameters", {"rig": "capstan-joint", "motor": "m1"})
-    return module.EstimateNode()
+
+    def start(**parameters: Any) -> Any:
+        monkeypatch.setattr(Node, "parameters", parameters)
+        return module.EstimateNode()
+
+    return start
+
+
+def states(time: float, names: list[str], position: list[float], effort: list[float]) -> Any:
+    """Return a message as it comes off the wire."""
+    at = START + round(time * 1e9)
+    stamp = Message(sec=at // 10**9, nanosec=at % 10**9)
+    return wire(
+        "sensor_msgs/msg/JointState",
+        Message(header=Message(stamp=stamp), name=names, position=position, effort=effort),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -84,23 +143,56 @@ def log() -> Log:
     return simulate(scenario_rig(scenario), scenario)
 
 
-def test_it_publishes_what_estimate_gives(node: Any, log: Log) -> None:
+def test_it_publishes_what_estimate_gives(started: Callable[..., Any], log: Log) -> None:
+    node = started(rig="capstan-joint", names=["m1:motor"])
     for k, time in enumerate(log.time):
-        at = round((1.7e9 + time) * 1e9)
-        stamp = StandIn(sec=at // 10**9, nanosec=at % 10**9)
         position, effort = log.channels["motor_angle"][k], log.channels["motor_torque"][k]
-        node.call(
-            StandIn(header=StandIn(stamp=stamp), name=["other", "m1"], position=[9.0, position], effort=[9.0, effort])
-        )
+        node.calls["motor_states"](states(time, ["other", "m1"], [9.0, position], [9.0, effort]))
     angles = [message.position[0] for topic, message in node.sent if topic == "joint_estimate"]
-    words = {message.message for topic, message in node.sent if topic == "joint_health"}
+    stds, words = [], set()
+    for topic, message in node.sent:
+        if topic == "joint_health":
+            words.add(message.status[0].message)
+            stds.append(float({pair.key: pair.value for pair in message.status[0].values}["std of jaw [rad]"]))
+    expected = estimate(log, load_rig("capstan-joint"))
     assert words == {"ok"}
-    np.testing.assert_allclose(angles, estimate(log, load_rig("capstan-joint")).theta, atol=1e-5)
+    np.testing.assert_allclose(angles, expected.theta, atol=1e-5)
+    np.testing.assert_allclose(stds, expected.theta_std, rtol=1e-2)
+    assert not any(len(message.effort) for topic, message in node.sent if topic == "joint_estimate")
 
 
-def test_what_it_cannot_read_is_said_not_raised(node: Any, log: Log) -> None:
-    for name, position in ((["m1"], []), (["nobody"], [1.0]), ([], [])):
-        stamp = StandIn(sec=1, nanosec=0)
-        node.call(StandIn(header=StandIn(stamp=stamp), name=name, position=position, effort=[]))
-    assert [message.message for _, message in node.sent] == ["bad"] * 3
-    assert any("['m1'] expected in one message, ['nobody'] came" in text for text in node.messages)
+def test_a_hand_from_two_topics_is_one_message_of_all_joints(started: Callable[..., Any]) -> None:
+    rig = load_rig("hand")
+    node = started(rig="hand", topics=["/thumb", "/fingers"])
+    drives = [drive.name for drive in rig.drives]
+    for k in range(10):
+        # the second topic comes a millisecond later, at 100 Hz, and not at all with the last sample
+        for topic, names, late in (("/thumb", drives[:2], 0.0), ("/fingers", drives[2:], 1e-3)):
+            if k < 9 or topic == "/thumb":
+                node.calls[topic](states(k / 100 + late, names, [40.0 + k] * len(names), [60.0] * len(names)))
+    node.calls["/thumb"](states(0.1, drives[:2], [50.0] * 2, [60.0] * 2))
+    made = [message for topic, message in node.sent if topic == "joint_estimate"]
+    words = [message.status[0].message for topic, message in node.sent if topic == "joint_health"]
+    assert len(made) == 10
+    assert set(words[1:9]) <= {"ok", "untested"}
+    assert all(list(message.name) == [joint.name for joint in rig.joints] for message in made)
+    assert [message.header.stamp.nanosec for message in made] == [k * 10_000_000 for k in range(10)]
+    fed = {sensor.name: sensor for sensor in rig.sensors}
+    live = LiveEstimator(rig)
+    for k in range(10):
+        raw = np.array([40.0 + k if fed[name].measures == "position" else 60.0 for name in live.channels])
+        factors = np.array([fed[name].sign * log_factor(fed[name]) for name in live.channels])
+        absent = np.array([k == 9 and not fed[name].of.startswith("thumb") for name in live.channels])
+        angles = live.step(k / 100, np.where(absent, np.nan, raw * factors))
+        np.testing.assert_allclose(made[k].position, angles, atol=1e-6)
+
+
+def test_what_it_cannot_read_is_said_not_raised(started: Callable[..., Any]) -> None:
+    node = started(rig="capstan-joint")
+    for k, (names, position) in enumerate(((["motor"], []), (["nobody"], [1.0]), ([], []))):
+        node.calls["motor_states"](states(1.0 + k, names, position, []))
+    words = [message.status[0].message for topic, message in node.sent if topic == "joint_health"]
+    assert words == ["bad"] * 3
+    assert any("['motor'] expected in a message, ['nobody'] came" in text for text in node.messages)
+    with pytest.raises(ValueError, match=r"each is name:drive, and the rig has the drives \['motor'\]"):
+        started(rig="capstan-joint", names=["m1:nobody"])

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from distal.export import export_c
     from distal.fitting import Fit, fit, learn_affine, learn_contact, learn_discrepancy, observability
     from distal.homing import at_known_angle
-    from distal.logs import Log, read_log, write_log
+    from distal.logs import Log, from_mujoco, read_log, write_log
     from distal.results import Estimate, plot_estimates
     from distal.rig import Rig, load_rig, shipped_rigs
     from distal.run import LiveEstimator, Monitor, estimate, estimate_batch, log_health, smooth
@@ -41,6 +41,7 @@ __all__ = [
     "estimate_batch",
     "export_c",
     "fit",
+    "from_mujoco",
     "learn_affine",
     "learn_contact",
     "learn_discrepancy",
@@ -67,7 +68,7 @@ _NAMES = {
     "export": ("export_c",),
     "fitting": ("Fit", "fit", "learn_affine", "learn_contact", "learn_discrepancy", "observability"),
     "homing": ("at_known_angle",),
-    "logs": ("Log", "read_log", "write_log"),
+    "logs": ("Log", "from_mujoco", "read_log", "write_log"),
     "results": ("Estimate", "plot_estimates"),
     "rig": ("Rig", "load_rig", "shipped_rigs"),
     "run": ("LiveEstimator", "Monitor", "estimate", "estimate_batch", "log_health", "smooth"),

@@ -99,3 +99,17 @@ def test_how_many_samples_count_as_one() -> None:
     for rho in (0.5, 0.9):
         errors = lfilter([1.0], [1.0, -rho], white)
         assert correlated_samples(errors) == pytest.approx((1 + rho) / (1 - rho), rel=0.1)
+
+
+def test_columns_that_are_nearly_the_same_leave_a_covariance() -> None:
+    """Two columns that differ by less than XᵀX is rounded: positive semidefinite, and the same fitted angles."""
+    rng = np.random.default_rng(6)
+    for _ in range(30):
+        x = rng.normal(size=(200, 4))
+        twins = x[:, :2] + 10.0 ** rng.uniform(-9, -5, 2) * rng.normal(size=(200, 2))
+        y = x @ np.array([1.0, -0.5, 0.2, 0.0]) + 0.01 * rng.normal(size=200)
+        found = line(np.column_stack([x, twins]), y)
+        size = np.sqrt(np.diag(found.covariance))
+        assert np.linalg.eigvalsh(found.covariance / np.outer(size, size)).min() > -1e-9
+        np.testing.assert_array_equal(found.covariance, found.covariance.T)
+        assert found.std < 0.012

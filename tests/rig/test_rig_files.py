@@ -27,6 +27,7 @@ def test_shipped_rigs_load() -> None:
         "finger-2n",
         "finger-n-plus-1",
         "finger-underactuated",
+        "hand",
         "wrist-instrument",
     }
     for name in shipped_rigs():

@@ -12,7 +12,7 @@ from distal.codegen.workspace import Written
 
 
 class Emitter:
-    """Writes CasADi functions as static C functions, each once.
+    """Writes CasADi functions as static C functions, each once, and those with the same text once too.
 
     Args:
         dialect: how numbers are written.
@@ -24,6 +24,7 @@ class Emitter:
         self.functions: dict[str, Written] = {}
         self._names: dict[tuple[int, bool], str] = {}
         self._taken: set[str] = set()
+        self._alike: dict[str, str] = {}
         self._kept: list[ca.Function] = []  # a function's hash is its address: it must not be given to another one
 
     @property
@@ -54,9 +55,14 @@ class Emitter:
             written = write_scalars(function, name, in_place, self.dialect)
         else:
             written = write_matrices(function, name, in_place, self.dialect, self._index, self._written)
-        self.functions[name] = written
-        self._names[key] = name
         self._kept.append(function)
+        # parts of a rig that are built alike are one function, called with the numbers of each
+        alike = self._alike.setdefault(written.text.replace(f" {name}(", " (", 1), name)
+        self._names[key] = alike
+        if alike != name:
+            self._taken.remove(name)
+            return self.functions[alike]
+        self.functions[name] = written
         return written
 
     def _free_name(self, name: str) -> str:

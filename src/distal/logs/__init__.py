@@ -8,6 +8,7 @@ from distal.logs.headers import header
 from distal.logs.log import LARGEST_READING, Log, check_stamps, frozen
 from distal.logs.memory import MEMORY_VARIABLE, size_of
 from distal.logs.messages import MessageReader
+from distal.logs.mujoco_recorder import MujocoRecorder, from_mujoco
 from distal.logs.output import check_writable, write_together, write_whole
 from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_SCHEMA, SAMPLE_TOPIC, Recorder, estimate_schema
 from distal.logs.recordings import is_recording, open_recording
@@ -28,6 +29,7 @@ __all__ = [
     "Frame",
     "Log",
     "MessageReader",
+    "MujocoRecorder",
     "Output",
     "Recorder",
     "Source",
@@ -41,6 +43,7 @@ __all__ = [
     "da_vinci_grasper",
     "estimate_schema",
     "file_of",
+    "from_mujoco",
     "frozen",
     "header",
     "is_recording",

@@ -69,7 +69,7 @@ def line(design: Floats, angles: Floats) -> Line:
         angles: y [rad], (k,).
     """
     k, n = design.shape
-    inverse = np.asarray(np.linalg.pinv(design.T @ design), dtype=np.float64)
+    inverse = _inverse(design.T @ design)
     coefficients = inverse @ (design.T @ angles)
     residuals = angles - design @ coefficients
     correlated = correlated_samples(residuals)
@@ -77,6 +77,16 @@ def line(design: Floats, angles: Floats) -> Line:
     freedom = max(k / correlated - n, 1.0)
     std = max(float(np.sqrt(np.mean(residuals**2) * (freedom + n) / freedom)), SMALLEST_RESIDUAL)
     return Line(coefficients, std**2 * correlated * inverse, std, correlated, freedom)
+
+
+def _inverse(gram: Floats) -> Floats:
+    """Return the pseudoinverse of XᵀX, positive semidefinite: directions that rounding may have made are left out."""
+    size = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+    kept = values > ROUNDED * values[-1]
+    root = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
+    inverse: Floats = root @ root.T
+    return inverse
 
 
 def updated(
@@ -134,6 +144,9 @@ def independent(values: Floats, noise: Floats) -> NDArray[np.bool_]:
         kept[i] = own > max(ABOVE_NOISE * noise[i], RANK * size)
     return kept
 
+
+ROUNDED = 1e-12
+"""Eigenvalues of XᵀX, its columns of size one, below this share of the largest are sums of rounding errors."""
 
 ABOVE_NOISE = 1.5
 """A sensor is used where what it alone tells has this many standard deviations of its noise."""

@@ -8,8 +8,7 @@ def generate_launch_description():
             Node(
                 package="distal_ros",
                 executable="estimate",
-                parameters=[{"rig": "capstan-joint", "motor": "motor"}],
-                remappings=[("motor_states", "/joint_states")],
+                parameters=[{"rig": "capstan-joint", "topics": ["/joint_states"], "names": ["motor_1:motor"]}],
             )
         ]
     )

@@ -1,7 +1,20 @@
 """A rig from a MuJoCo model: joints and links as they are there, tendons by what MuJoCo says of their lengths."""
 
+from distal.rig.mjcf.actuators import tendon_name
+from distal.rig.mjcf.bodies import joint_name
 from distal.rig.mjcf.importer import Imported, from_mujoco
 from distal.rig.mjcf.lengths import Disagreement, compare_lengths
-from distal.rig.mjcf.loading import load_model
+from distal.rig.mjcf.loading import load_model, mujoco_module
+from distal.rig.mjcf.poses import rest_lengths
 
-__all__ = ["Disagreement", "Imported", "compare_lengths", "from_mujoco", "load_model"]
+__all__ = [
+    "Disagreement",
+    "Imported",
+    "compare_lengths",
+    "from_mujoco",
+    "joint_name",
+    "load_model",
+    "mujoco_module",
+    "rest_lengths",
+    "tendon_name",
+]

@@ -50,7 +50,9 @@ class Excursion:
 def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
     """Return the lowest polynomial that reaches `ENOUGH`; where none does, the lowest that is nearly the best.
 
-    Lengths and moment arms are fitted together, each as a share of its size, by least squares.
+    Lengths and moment arms are fitted together, each as a share of its size, by least squares. Of the terms of a degree,
+    those are taken that are needed for this: each time the one that explains most of what is left (orthogonal matching
+    pursuit: Pati, Rezaiifar, Krishnaprasad, Asilomar 1993).
 
     Args:
         angles: of the joints that the tendon crosses [rad], (k, n_joints).
@@ -61,9 +63,28 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
     for degree in range(1, HIGHEST_DEGREE + 1):
         found.append(_fitted(_powers(angles.shape[1], degree), angles, lengths, arms))
         if found[-1].arm_rms.max() <= ENOUGH:
-            return found[-1]
-    least = min(one.arm_rms.max() for one in found)
-    return next(one for one in found if one.arm_rms.max() <= NEARLY * least)
+            return _shortened(found[-1], ENOUGH, angles, lengths, arms)
+    enough = NEARLY * min(one.arm_rms.max() for one in found)
+    lowest = next(one for one in found if one.arm_rms.max() <= enough)
+    return _shortened(lowest, enough, angles, lengths, arms)
+
+
+def _shortened(whole: Excursion, enough: float, angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
+    """Return a polynomial with as few terms as leave no more than `enough` of each moment arm."""
+    rows, wanted = _equations(whole.powers, angles, lengths, arms)
+    directions = rows / np.linalg.norm(rows, axis=0)
+    chosen, left = list[int](), wanted
+    while len(chosen) < len(whole.powers):
+        gains = np.abs(left @ directions)
+        gains[chosen] = -1.0
+        chosen.append(int(gains.argmax()))
+        left = wanted - rows[:, chosen] @ np.linalg.lstsq(rows[:, chosen], wanted, rcond=None)[0]
+        # a joint without a term has all of its moment arm left: no need to fit anew
+        if np.all(whole.powers[chosen].any(axis=0)):
+            shorter = _fitted(whole.powers[sorted(chosen)], angles, lengths, arms)
+            if shorter.arm_rms.max() <= enough:
+                return shorter
+    return whole
 
 
 def _powers(joints: int, degree: int) -> NDArray[np.int64]:
@@ -83,16 +104,27 @@ def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
     return np.prod(raised, axis=2), np.stack(slopes, axis=1)
 
 
+def _judged(angles: Floats) -> NDArray[np.bool_]:
+    """Return which poses are kept to judge by."""
+    kept: NDArray[np.bool_] = np.arange(len(angles)) % KEPT_OUT == 0
+    return kept
+
+
+def _equations(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats) -> tuple[Floats, Floats]:
+    """Return rows and right sides of the least squares: lengths and moment arms of the poses that are not kept."""
+    used, size, span = ~_judged(angles), np.abs(arms).max(axis=0), max(float(np.ptp(lengths)), 1e-12)
+    values, slopes = _terms(angles[used], powers)
+    rows = np.vstack([values / span, *(slopes[:, j] / size[j] for j in range(len(size)))])
+    return rows, np.concatenate([lengths[used] / span, *(arms[used, j] / size[j] for j in range(len(size)))])
+
+
 def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
-    size = np.abs(arms).max(axis=0)
-    span = max(float(np.ptp(lengths)), 1e-12)
-    values, slopes = _terms(angles, powers)
-    judged = np.arange(len(angles)) % KEPT_OUT == 0
-    rows = np.vstack([values[~judged] / span, *(slopes[~judged, j] / size[j] for j in range(len(size)))])
-    wanted = np.concatenate([lengths[~judged] / span, *(arms[~judged, j] / size[j] for j in range(len(size)))])
-    coefficients = np.linalg.lstsq(rows, wanted, rcond=None)[0]
-    left = np.abs(np.einsum("kjt,t->kj", slopes[judged], coefficients) - arms[judged]) / size
-    off = values[judged] @ coefficients - lengths[judged]
+    rows, wanted = _equations(powers, angles, lengths, arms)
+    coefficients: Floats = np.linalg.lstsq(rows, wanted, rcond=None)[0].astype(np.float64)
+    kept = _judged(angles)
+    values, slopes = _terms(angles[kept], powers)
+    left: Floats = np.abs(np.einsum("kjt,t->kj", slopes, coefficients) - arms[kept]) / np.abs(arms).max(axis=0)
+    off = values @ coefficients - lengths[kept]
     return Excursion(
         powers,
         coefficients,

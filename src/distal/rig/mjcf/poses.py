@@ -95,6 +95,17 @@ def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Po
     return Poses(angles, np.array(lengths), np.array(arms), np.array(wraps))
 
 
+def rest_lengths(model: mujoco.MjModel, joints: Sequence[int]) -> Floats:
+    """Return the lengths of all tendons with some joints at zero: from there a drive's displacement counts, (n_tendons,).
+
+    Args:
+        model: the model.
+        joints: indices of the joints; the others stay where the model has them.
+    """
+    lengths: Floats = at_poses(model, joints, np.zeros((1, len(joints)))).lengths[0]
+    return lengths
+
+
 def over_ranges(model: mujoco.MjModel, joints: Sequence[int], count: int, seed: int = 0) -> Poses:
     """Return lengths and moment arms at random angles within the joints' ranges.
 

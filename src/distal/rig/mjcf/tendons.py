@@ -10,7 +10,7 @@ import numpy as np
 from distal.rig.mjcf.bodies import Units, joint_name
 from distal.rig.mjcf.excursion import ENOUGH, fit_excursion, sizes
 from distal.rig.mjcf.guesses import Guess
-from distal.rig.mjcf.poses import at_poses, over_ranges, range_of
+from distal.rig.mjcf.poses import over_ranges, range_of, rest_lengths
 
 if TYPE_CHECKING:
     import mujoco
@@ -62,8 +62,7 @@ def described_tendon(
         units: of the model.
     """
     poses = over_ranges(model, joints, POSES, seed=1)
-    zero = at_poses(model, joints, np.zeros((1, len(joints))))
-    lengths = poses.lengths[:, tendon] - zero.lengths[0, tendon]
+    lengths = poses.lengths[:, tendon] - rest_lengths(model, joints)[tendon]
     found = fit_excursion(poses.angles, lengths, poses.arms[:, tendon])
     names = [joint_name(model, j) for j in joints]
     std = max(ENOUGH, float(np.ceil(1e3 * found.arm_most)) / 1e3)

@@ -1,0 +1,178 @@
+"""A log of a simulation that a user steps with MuJoCo."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import nan
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from distal.errors import LogError
+from distal.logs.log import Log
+from distal.logs.truth import TruthKind, TruthSource
+from distal.rig import Rig, Sensor, angle_names
+from distal.rig.mjcf import joint_name, mujoco_module, rest_lengths, tendon_name
+
+if TYPE_CHECKING:
+    import mujoco
+
+EARLY = 1e-9
+"""A sample that is due within this time [s] is taken: sums of time steps are rounded."""
+
+Reader = Callable[[], float]
+
+
+class MujocoRecorder:
+    """What the sensors of a rig read in a simulation, a row at a time; made by `from_mujoco`.
+
+    Args:
+        model: the model.
+        data: its state, which the user steps.
+        rig: its sensors are read; its joints are the model's by name.
+        length_unit: metres in one unit of length of the model.
+
+    Raises:
+        LogError: the model lacks a joint of the rig.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float = 1.0) -> None:
+        self._model, self._data, self._rig = model, data, rig
+        # after a step MuJoCo's lengths and forces are those before it: they are computed anew, beside the user's
+        self._now = now = mujoco_module().MjData(model)
+        joints = {joint_name(model, j): j for j in range(model.njnt)}
+        names = [joint.name for joint in rig.joints]
+        missing = [name for name in names if name not in joints]
+        if missing:
+            raise LogError(f"the model has no joint {', '.join(missing)}; its joints are {', '.join(joints)}")
+        places = [int(model.jnt_qposadr[joints[name]]) for name in names]
+        self._angles = {name: _entry(now, place) for name, place in zip(angle_names(names), places)}
+        of_joints = dict(zip(names, self._angles.values()))
+        self._readers: dict[str, Reader | None] = {
+            sensor.name: _own_sensor(model, now, sensor, length_unit)
+            or (of_joints[sensor.of] if sensor.measures == "angle" else None)
+            or _of_drive(model, now, rig, sensor, length_unit)
+            for sensor in rig.sensors
+        }
+        self._due = dict.fromkeys(self._readers, -np.inf)
+        self._times: list[float] = []
+        self._rows: list[list[float]] = []
+        self._truth: list[list[float]] = []
+
+    def record(self, values: Mapping[str, float] | None = None) -> None:
+        """Add a row if a sensor is due at the time of the simulation, by its rate; call it after each step.
+
+        Args:
+            values: by name of a sensor, SI: what the loop itself knows, such as the place of a drive that the model does
+                not have. They stand instead of what is read from MuJoCo.
+
+        Raises:
+            LogError: time goes back, a name is unknown, or neither MuJoCo nor `values` has what a sensor reads.
+        """
+        time, given = float(self._data.time), dict(values or {})
+        unknown = sorted(set(given) - set(self._readers))
+        if unknown:
+            raise LogError(f"no sensor is called {', '.join(unknown)}; the rig has {', '.join(self._readers)}")
+        lacking = [name for name, reader in self._readers.items() if reader is None and name not in given]
+        if lacking:
+            raise LogError(
+                f"what do {', '.join(lacking)} read? The model has neither sensors of these names nor tendons with "
+                "an actuator that are called as their drives; give record() their values"
+            )
+        if self._times and time < self._times[-1]:
+            raise LogError(f"time went back from {self._times[-1]:g} s to {time:g} s; a reset needs a new recorder")
+        due = {sensor.name for sensor in self._rig.sensors if time >= self._due[sensor.name] - EARLY}
+        if not due:
+            return
+        rates = {sensor.name: sensor.rate for sensor in self._rig.sensors}
+        for name in due:
+            # where steps are longer than the interval, each of them is a sample
+            was = max(self._due[name], time - 1.0 / rates[name]) if self._times else time
+            self._due[name] = was + 1.0 / rates[name]
+        package = mujoco_module()
+        package.mj_copyData(self._now, self._model, self._data)
+        package.mj_forward(self._model, self._now)
+        self._times.append(time)
+        self._rows.append([self._read(name, given) if name in due else nan for name in self._readers])
+        self._truth.append([read() for read in self._angles.values()])
+
+    def _read(self, name: str, given: Mapping[str, float]) -> float:
+        reader = self._readers[name]
+        return float(given[name]) if name in given or reader is None else reader()
+
+    def log(self) -> Log:
+        """Return what was recorded so far, with the joints' angles as truth.
+
+        Raises:
+            LogError: nothing was recorded.
+        """
+        if not self._times:
+            raise LogError("nothing was recorded; call record() after each step of the simulation")
+        columns = dict(zip(self._readers, np.array(self._rows).T))
+        truth = dict(zip(self._angles, np.array(self._truth).T))
+        return Log(np.array(self._times), columns, truth, "MuJoCo", TruthSource(TruthKind.SIMULATION, "the simulation"))
+
+
+def from_mujoco(model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float = 1.0) -> MujocoRecorder:
+    """Return a recorder of what the rig's sensors read in a simulation loop of one's own, without their errors.
+
+    A sensor of the model that is called as a sensor of the rig is read as it is. Else an angle is that of the joint, the
+    displacement of a drive is what its tendon is shorter than with all joints at zero, and its force is that of the
+    actuator on this tendon.
+
+    Args:
+        model: the model.
+        data: its state, which the loop steps.
+        rig: see `distal.rig.from_mujoco` for one made from the model.
+        length_unit: metres in one unit of length of the model.
+
+    Raises:
+        LogError: these are no model and state of MuJoCo, or the model lacks a joint of the rig.
+    """
+    package = mujoco_module()
+    if not isinstance(model, package.MjModel) or not isinstance(data, package.MjData):
+        raise LogError(
+            f"from_mujoco takes mujoco.MjModel and mujoco.MjData, {type(model).__name__} and {type(data).__name__} came; "
+            "a rig is made from a model by distal.rig.from_mujoco"
+        )
+    return MujocoRecorder(model, data, rig, length_unit)
+
+
+def _entry(data: mujoco.MjData, place: int) -> Reader:
+    return lambda: float(data.qpos[place])
+
+
+def _own_sensor(model: mujoco.MjModel, data: mujoco.MjData, sensor: Sensor, length_unit: float) -> Reader | None:
+    """Return what reads the model's sensor of the same name, or None."""
+    index = next((i for i in range(model.nsensor) if model.sensor(i).name == sensor.name), None)
+    if index is None:
+        return None
+    at = int(model.sensor_adr[index])
+    unit = {"m": length_unit, "N": length_unit, "N m": length_unit**2, "rad": 1.0}[sensor.si]
+    return lambda: unit * float(data.sensordata[at])
+
+
+def _of_drive(
+    model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, sensor: Sensor, length_unit: float
+) -> Reader | None:
+    """Return what reads a drive's displacement or force, or a tension, off its tendon; None where it is not there."""
+    drive = next((one for one in rig.drives if one.name == sensor.of), None)
+    pulled = [t.name for t in rig.tendons if t.name == sensor.of or (drive is not None and t.drive == drive.name)]
+    tendons = {tendon_name(model, t): t for t in range(model.ntendon)}
+    index = tendons.get(pulled[0]) if len(pulled) == 1 else None
+    if index is None:
+        return None
+    lever = drive.radius.value if drive is not None and drive.kind == "capstan" else 1.0
+    if sensor.measures == "position":
+        names = [joint.name for joint in rig.joints]
+        rest = rest_lengths(model, [j for j in range(model.njnt) if joint_name(model, j) in names])[index]
+        return lambda: length_unit * float(rest - data.ten_length[index]) / lever
+    kind = int(mujoco_module().mjtTrn.mjTRN_TENDON)
+    at = [
+        a for a in range(model.nu) if (int(model.actuator_trntype[a]), int(model.actuator_trnid[a][0])) == (kind, index)
+    ]
+    if not at:
+        return None
+    # an actuator's force lengthens its tendon; a drive's shortens it
+    gears = -model.actuator_gear[at, 0] * length_unit * lever
+    return lambda: float(gears @ data.actuator_force[at])
