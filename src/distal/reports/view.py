@@ -1,8 +1,9 @@
-"""An interactive page on a log: angle, error, innovations, forces and health, to zoom into and to point at."""
+"""An interactive page on a log: the chain as it moves; angle, error, innovations, forces and health to zoom into."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 
 from distal.errors import OutputError
 from distal.logs import Log, shown, write_whole
-from distal.reports.page import page, paragraph, picture
+from distal.reports.moving import moving_chain
+from distal.reports.page import html_table, page, paragraph, picture
 from distal.reports.rig_drawing import rig_svg
 from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, HEALTH_COLOURS, SOFT, Estimate, from_start, time_label
 from distal.rig import Rig
@@ -92,10 +94,35 @@ def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, said: Se
     made.update_yaxes(type="category", range=[-0.7, kinds - 0.3], row=last, col=1)
     curves = made.to_html(include_plotlyjs=True, full_html=False, config=PAGE)
     lines = [*said, *([f"Drawn is one sample of {step}."] if step > 1 else [])]
-    words_of = "; ".join(estimate.in_words(joint) for joint in range(joints))
+    words_of = estimate.in_words() if joints == 1 else f"{estimate.estimator}: {joints} joints"
     drawing = picture(rig_svg(rig), "The rig to scale; circles are its sensors.")
-    write_whole(path, page(shown(Path(log.source).name), words_of, [drawing, *map(paragraph, lines), curves]))
+    moving, script = moving_chain(estimate, log, rig)
+    parts = [
+        *map(paragraph, lines),
+        *([_summary(estimate)] if joints > 1 else []),
+        f"<div class='beside'>{moving}<div>{curves}</div></div>",
+        script,
+        drawing,
+    ]
+    write_whole(path, page(shown(Path(log.source).name), words_of, parts))
     return Path(path)
+
+
+def _summary(estimate: Estimate) -> str:
+    """Return a table with a row for each joint: range, band, and error where the truth is known."""
+    rows = []
+    for row in estimate.summary():
+        error, inside = row["RMS error [deg]"], row["inside band"]
+        rows.append(
+            [
+                escape(str(row["joint"])),
+                f"{row['least [deg]']:.2f}° to {row['greatest [deg]']:.2f}°",
+                f"±{row['median band [deg]']:.2f}°",
+                "" if error is None else f"{error:.2f}°",
+                "" if inside is None else f"{100 * inside:.0f} %",
+            ]
+        )
+    return html_table(["joint", "angle", "95 % band, median", "RMS error", "inside"], rows, range(1, 5))
 
 
 def check_plotly() -> None:

@@ -1,0 +1,167 @@
+"""The chain of a log as it moves: links, the band of each angle as a fan, tendons coloured by their tension."""
+
+from __future__ import annotations
+
+import json
+from html import escape
+from importlib import resources
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.logs import Log
+from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, FAINT, INK, SOFT, WHITE, Estimate, from_start
+from distal.rig import Rig
+
+Floats = NDArray[np.float64]
+
+MOST_FRAMES = 6_000
+"""Of a longer log every second, third, … sample is a frame."""
+
+LENGTHS = 2.6
+"""Length of a link that the rig does not describe, in the largest moment arm."""
+
+CIVIDIS = ((0, 34, 78), (66, 78, 108), (124, 123, 120), (187, 172, 108), (255, 233, 69))
+"""Colours of a tension from zero to the largest (Nuñez, Anderton, Renslow, PLOS ONE 13, 2018)."""
+
+OBLIQUE = ((0.83, 0.56, 0.0), (-0.19, 0.28, 0.94))
+"""What points right and up in the picture of a chain whose axes are not parallel."""
+
+
+def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
+    """Return the HTML of a picture of the chain that is played and scrubbed, and what moves it, to stand behind the curves.
+
+    Args:
+        estimate: of the log.
+        log: the log.
+        rig: the description.
+    """
+    step = max(1, -(-len(log) // MOST_FRAMES))
+    some, time = slice(None, None, step), from_start(estimate.time)
+    links = _links(rig)
+    tendons = [
+        {"name": name, "crossings": crossings, "tension": None if values is None else _numbers(values[some], 2)}
+        for name, crossings, values in _tendons(rig, log)
+    ]
+    told = [value for tendon in tendons for value in tendon["tension"] or () if value is not None]
+    data = {
+        "time": _numbers(time[some] - time[0], 4),
+        "from": float(time[0]),
+        "angles": [_numbers(each, 4) for each in estimate.angles[some].T],
+        "halves": [_numbers(BAND * each, 4) for each in estimate.angle_stds[some].T],
+        "truths": None if estimate.truths is None else [_numbers(each, 4) for each in estimate.truths[some].T],
+        "joints": [
+            {"parent": _parent(rig, j), "offset": joint.offset, "axis": joint.axis, "link": list(links[j])}
+            for j, joint in enumerate(rig.joints)
+        ],
+        "tendons": tendons,
+        "most": max(told, default=0.0),
+        "ramp": CIVIDIS,
+        "view": _view(rig),
+        "colours": {
+            "ink": BLACK, "soft": SOFT, "faint": FAINT, "paper": WHITE, "estimate": COLOURS[0],
+            "band": COLOURS[0] + f"{round(255 * BAND_ALPHA):02x}",
+        },
+    }  # fmt: skip
+    ramp = ", ".join(f"rgb{colour}" for colour in CIVIDIS)
+    scale = (
+        f"<span style='white-space:nowrap'>tension 0 <span style='display:inline-block;width:6rem;height:.7rem;"
+        f"background:linear-gradient(to right, {ramp})'></span> {data['most']:.3g} N</span>"
+        if told
+        else ""
+    )
+    rows = "".join(f"<tr><td>{escape(joint.name)}</td><td class='n'></td></tr>" for joint in rig.joints)
+    dashed = ", dashed is the truth" if estimate.truths is not None else ""
+    script = resources.files("distal.reports").joinpath("moving.js").read_text(encoding="utf-8")
+    speeds = "".join(f"<option value='{x}'{' selected' if x == 1 else ''}>{x}×</option>" for x in (0.1, 0.25, 1, 2, 5))
+    picture = (
+        f"<style>{_STYLE}</style><figure id='moving'><div><canvas role='img' aria-label='The chain as it is estimated to "
+        "stand; its angles are in the table'></canvas><p class='controls'><button type='button'>Play</button> "
+        f"<label>speed <select>{speeds}</select></label> <output></output> {scale}"
+        f"<input type='range' min='0' max='{time[-1] - time[0]:.4f}' step='any' value='0' aria-label='time'></p></div>"
+        f"<table><tbody>{rows}</tbody></table>"
+        f"<figcaption>The joints as they are estimated{dashed}; fans are 95 % bands. Grey tendons have no sensor of their "
+        "own. Drag to turn the view, click a curve to go to its time.</figcaption></figure>"
+    )
+    packed = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+    return picture, f"<script type='application/json' id='moving-data'>{packed}</script>\n<script>{script}</script>"
+
+
+_STYLE = f"""
+#moving {{ display: grid; grid-template-columns: minmax(0, 1fr) auto; gap: 0 1.2rem; align-items: start; }}
+#moving canvas {{ width: 100%; height: 20rem; touch-action: none; cursor: grab; border: 1px solid {FAINT}; }}
+#moving table {{ width: auto; margin: 0; }} #moving td.n {{ min-width: 7.5rem; }}
+#moving figcaption {{ grid-column: 1 / -1; }} #moving .controls {{ margin: .4rem 0; }}
+#moving button {{ min-width: 4.5rem; }} #moving input {{ width: 100%; accent-color: {INK}; }}
+@media (min-width: 75rem) {{ body {{ max-width: 100rem; }}
+  .beside {{ display: grid; grid-template-columns: minmax(0, 2fr) minmax(0, 3fr); gap: 1rem; align-items: start; }}
+  #moving {{ position: sticky; top: 1rem; grid-template-columns: minmax(0, 1fr); }} }}
+@media (max-width: 40rem) {{ #moving {{ grid-template-columns: minmax(0, 1fr); }} #moving tr {{ display: table-row; }}
+  #moving td {{ display: table-cell; }} }}
+"""
+
+
+def _parent(rig: Rig, joint: int) -> int:
+    parent = rig.parent_of(joint)
+    return -1 if parent is None else parent
+
+
+def _links(rig: Rig) -> Floats:
+    """Return where each link ends in its joint's frame [m]: at the joint that it carries, or twice as far as its mass."""
+    arms = [abs(arm) for tendon in rig.tendons for arm in tendon.arms().values()]
+    own = LENGTHS * max(arms, default=0.01)
+    found = np.tile([own, 0.0, 0.0], (len(rig.joints), 1))
+    for j, joint in enumerate(rig.joints):
+        carried = [np.array(rig.joints[i].offset) for i in range(len(rig.joints)) if _parent(rig, i) == j]
+        far = max(carried, key=lambda offset: float(np.linalg.norm(offset)), default=np.zeros(3))
+        centre = np.zeros(3) if joint.link is None else 2 * np.array(joint.link.centre)
+        across = np.array(joint.axis)
+        for way in (far, centre):
+            # what lies along the axis does not show how the joint turns
+            if np.linalg.norm(way - (way @ across) * across) > 0.1 * own:
+                found[j] = way
+                break
+        else:
+            start = np.eye(3)[int(np.argmin(np.abs(across)))] if abs(across[0]) > 0.9 else np.array([1.0, 0.0, 0.0])
+            found[j] = own * _unit(start - (start @ across) * across)
+    return found
+
+
+def _view(rig: Rig) -> tuple[tuple[float, ...], ...]:
+    """Return what points right and up: a chain in one plane is seen along its axes, any other from the side and above."""
+    first = np.array(rig.joints[0].axis)
+    if any(abs(float(first @ np.array(joint.axis))) < 0.99 for joint in rig.joints):
+        return OBLIQUE
+    right = _unit(np.array([1.0, 0.0, 0.0]) - first[0] * first) if abs(first[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    up = np.array([0.0, 0.0, 1.0]) if abs(first[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    up = _unit(up - (up @ first) * first - (up @ right) * right)
+    return tuple(map(float, right)), tuple(map(float, up))
+
+
+def _tendons(rig: Rig, log: Log) -> list[tuple[str, list[tuple[int, float]], Floats | None]]:
+    """Return of each tendon its name, its arms at zero by joint, and its measured tension [N], None where there is none."""
+    found = list[tuple[str, list[tuple[int, float]], Floats | None]]()
+    names = [joint.name for joint in rig.joints]
+    drives = {drive.name: drive for drive in rig.drives}
+    for tendon in rig.tendons:
+        drive, values = drives[tendon.drive], None
+        for sensor in rig.sensors:
+            alone = sum(one.drive == drive.name for one in rig.tendons) == 1
+            if sensor.name in log.channels and sensor.measures == "tension" and sensor.of == tendon.name:
+                values = np.asarray(log.channels[sensor.name])
+            elif sensor.name in log.channels and sensor.measures == "force" and sensor.of == drive.name and alone:
+                values = np.asarray(log.channels[sensor.name]) / (
+                    drive.radius.value if drive.kind == "capstan" else 1.0
+                )
+        arms = sorted((names.index(name), float(arm)) for name, arm in tendon.arms().items())
+        found.append((tendon.name, arms, values))
+    return found
+
+
+def _unit(vector: Floats) -> Floats:
+    made: Floats = vector / np.linalg.norm(vector)
+    return made
+
+
+def _numbers(values: Floats, digits: int) -> list[float | None]:
+    return [round(value, digits) if np.isfinite(value) else None for value in values.tolist()]
