@@ -29,7 +29,7 @@ from distal.kernels import Kernel
 from distal.model import Mechanism, chain_kick, interval_step, slipping, solver, stiffest_frequency
 from distal.model import stick_slip as coupled
 from distal.results import BAND, Estimate
-from distal.rig import build_rig
+from distal.rig import build_rig, step_of
 from distal.simulation import build_scenario
 from distal.simulation.plant import plant_function, run_plant, run_plants
 from distal.simulation.simulate import prepare
@@ -148,6 +148,55 @@ def accuracy(first: int, count: int) -> None:
     for name, kind in pairs:
         rows += rows_of([simulated(name, kind, first + seed) for seed in range(count)], name, kind)
     table("chains", f"Chains: plants in MuJoCo, seeds {first} to {first + count - 1}", COLUMNS, rows)
+
+
+def least_errors(rig: Rig, angles: np.ndarray) -> np.ndarray:
+    """Return the least RMS error of each joint [°] if only moment arms are unsure, (n_joints,); see `bounds`.
+
+    Rows of y = E s − R θ = 0 are the drives, of an antagonistic pair the mean. The information of a whole log about the
+    arms is P⁻¹ + Σ ∂yᵀ W ∂y, W without what θ can explain (posterior Cramér–Rao bound: van Trees, 1968).
+    """
+    joints, drives = [joint.name for joint in rig.joints], [drive.name for drive in rig.drives]
+    arms, slopes, stds = np.zeros((len(drives), len(joints))), list[tuple[int, int, float]](), list[float]()
+    for tendon in rig.tendons:
+        row, share = drives.index(tendon.drive), 1.0 / sum(one.drive == tendon.drive for one in rig.tendons)
+        winding = float(getattr(tendon, "winding", 1))
+        for crossing in tendon.crossings:
+            side = share * winding * crossing.side
+            arms[row, joints.index(crossing.joint)] += side * crossing.radius.value
+            slopes.append((row, joints.index(crossing.joint), side))
+            stds.append(crossing.radius.std)
+    lever = {drive.name: drive.radius.value if drive.kind == "capstan" else 1.0 for drive in rig.drives}
+    noise = max(lever[sensor.of] * (sensor.noise + step_of(sensor)) for sensor in rig.sensors_of("position"))
+    solved = np.linalg.pinv(arms)
+    apart = (np.eye(len(drives)) - arms @ solved) / noise**2
+    told = np.diag(1.0 / np.array(stds) ** 2)
+    by_arm = np.zeros((len(angles), len(drives), len(stds)))
+    for k, (row, joint, side) in enumerate(slopes):
+        by_arm[:, row, k] = side * angles[:, joint]
+    told += np.einsum("tik,ij,tjl->kl", by_arm, apart, by_arm)
+    shift = np.einsum("ji,tik->tjk", solved, by_arm)
+    return np.rad2deg(np.sqrt(np.einsum("tjk,kl,tjl->j", shift, np.linalg.inv(told), shift) / len(angles)))
+
+
+def bounds(first: int, count: int) -> None:
+    """Print errors beside what unknown moment arms alone leave, if tensions, friction and stiffness were known exactly."""
+    rows = []
+    for name in PLANTS:
+        rig = load_rig(name)
+        if len(rig.drives) < len(rig.joints):
+            continue
+        for kind in KINDS:
+            logs = [simulated(name, kind, first + seed) for seed in range(count)]
+            used, least = described(name, kind), []
+            scores = [score(estimate(log, used), np.ones(len(rig.joints))) for log in logs]
+            for log in logs:
+                late = log.time - log.time[0] >= BEGIN
+                least.append(least_errors(rig, np.column_stack(list(log.truth.values()))[late]))
+            error, bound = np.mean([one.rms for one in scores]), np.sqrt(np.mean(np.square(least), axis=0)).mean()
+            rows.append([name, kind, f"{error:.2f}", f"{bound:.2f}", f"{error / bound:.1f}"])
+    title = f"Chains: errors and what moment arms alone leave, seeds {first} to {first + count - 1}"
+    table("chains-bounds", title, ("plant", "log", "adaptive [°]", "bound [°]", "ratio"), rows)
 
 
 def straight_chain(joints: int) -> Rig:
@@ -336,17 +385,19 @@ def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.chains", description=__doc__)
     parser.add_argument(
-        "tables", nargs="*", metavar="TABLE", help="accuracy, cost, stick-slip, energy, stepping; default all"
+        "tables", nargs="*", metavar="TABLE", help="accuracy, bounds, cost, stick-slip, energy, stepping; default all"
     )
     parser.add_argument("--first-seed", type=int, default=500, help="of the plants")
     parser.add_argument("--seeds", type=int, default=6, help="how many")
     arguments = parser.parse_args()
-    asked = arguments.tables or ["cost", "stick-slip", "energy", "stepping", "accuracy"]
+    asked = arguments.tables or ["cost", "stick-slip", "energy", "stepping", "accuracy", "bounds"]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DistalWarning)
         for name in asked:
             if name == "accuracy":
                 accuracy(arguments.first_seed, arguments.seeds)
+            elif name == "bounds":
+                bounds(arguments.first_seed, arguments.seeds)
             elif name == "cost":
                 cost()
             elif name == "stick-slip":
@@ -356,7 +407,7 @@ def main() -> None:
             elif name == "stepping":
                 stepping()
             else:
-                parser.error(f"unknown table {name}; there are accuracy, cost, stick-slip, energy, stepping")
+                parser.error(f"unknown table {name}; there are accuracy, bounds, cost, stick-slip, energy, stepping")
 
 
 if __name__ == "__main__":

@@ -38,6 +38,9 @@ HANDS = {
 }
 """Name → file, and the body whose joints are taken."""
 
+VENDORS_ARMS = {"if_tendon0": (12.49e-3, 7.32e-3, 9.0e-3)}
+"""Constant moment arms in the software of the Aero Hand's vendor [m]; of other tendons those by least squares."""
+
 STEP, PERIOD, SECONDS = 1e-4, 0.01, 12.0
 
 
@@ -84,10 +87,20 @@ def tendons(folders: list[Path]) -> Iterator[list[str]]:
                 name,
                 tendon.name,
                 f"{1e3 * length_rms(tendon, names, poses.angles, poses.lengths[:, t], model, joints, t):.3f}",
+                f"{constant_rms(tendon.name, poses.angles[:, used], poses.lengths[:, t]):.2f}",
                 f"{100 * rms:.2f}",
                 f"{100 * std:.1f}",
                 f"{100 * float((shares <= std).mean(axis=0).min()):.0f}",
             ]
+
+
+def constant_rms(name: str, angles: Floats, lengths: Floats) -> float:
+    """Return what constant moment arms leave of a tendon's length [mm], RMS."""
+    columns = np.column_stack([angles, np.ones(len(angles))])
+    arms = np.linalg.lstsq(columns, lengths, rcond=None)[0][:-1]
+    if name in VENDORS_ARMS:
+        arms = np.sign(arms) * VENDORS_ARMS[name]
+    return float(1e3 * np.std(lengths - angles @ arms))
 
 
 def length_rms(
@@ -266,7 +279,15 @@ def main() -> None:
     if given.hands:
         table("models-hands", "fingers side by side", ["fingers", "compiled step [µs]", "live step [µs]"], hands())
     elif given.tendons:
-        columns = ["model", "tendon", "length, RMS [mm]", "arms, worst RMS [%]", "its std [%]", "poses within it [%]"]
+        columns = [
+            "model",
+            "tendon",
+            "length, RMS [mm]",
+            "by constant arms [mm]",
+            "arms, worst RMS [%]",
+            "its std [%]",
+            "poses within it [%]",
+        ]
         table("models-tendons", "tendons on 1,000 fresh poses", columns, list(tendons(given.folders)))
     elif given.as_they_come:
         seeds = range(given.first_seed, given.first_seed + given.as_they_come)

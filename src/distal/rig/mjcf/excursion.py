@@ -19,6 +19,9 @@ HIGHEST_DEGREE = 5
 NEARLY = 1.25
 """A higher degree that leaves no less than the lower one's error divided by this is not worth its terms."""
 
+SHORTER = 1.02
+"""A shorter polynomial may leave so much more than the whole one where that does not reach `ENOUGH`."""
+
 KEPT_OUT = 3
 """One pose in so many is kept to judge by."""
 
@@ -64,9 +67,9 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
         found.append(_fitted(_powers(angles.shape[1], degree), angles, lengths, arms))
         if found[-1].arm_rms.max() <= ENOUGH:
             return _shortened(found[-1], ENOUGH, angles, lengths, arms)
-    enough = NEARLY * min(one.arm_rms.max() for one in found)
-    lowest = next(one for one in found if one.arm_rms.max() <= enough)
-    return _shortened(lowest, enough, angles, lengths, arms)
+    least = min(one.arm_rms.max() for one in found)
+    lowest = next(one for one in found if one.arm_rms.max() <= NEARLY * least)
+    return _shortened(lowest, SHORTER * lowest.arm_rms.max(), angles, lengths, arms)
 
 
 def _shortened(whole: Excursion, enough: float, angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
