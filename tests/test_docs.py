@@ -17,6 +17,7 @@ import pytest
 
 import distal
 from distal.study import Study
+from tests.rig.mjcf.models import FINGER
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -87,6 +88,7 @@ def examples(page: str) -> list[str]:
 @pytest.mark.parametrize("page", [page for page in PAGES if examples(page)])
 def test_the_examples_of_the_docs_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "finger.xml").write_text(FINGER, encoding="utf-8")  # a model that a page reads
     for code in examples(page):
         exec(compile(code, page, "exec"), {})
 

@@ -168,6 +168,7 @@ TABLES: dict[str, Callable[[], str]] = {
             "control-finger",
             "control-seconds",
             "control-hours",
+            "chains-bounds",
             "models-tendons",
             "models-hands",
             "fit-mujoco",
