@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
 
 import casadi as ca
@@ -14,11 +13,11 @@ from distal.estimators.adaptive import StateVector
 from distal.estimators.adaptive.drive_tracking import MEMORY, tracking
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.measurement import row_functions
-from distal.estimators.adaptive.motion import Moved, moved
+from distal.estimators.adaptive.motion import moved
 from distal.estimators.adaptive.play import play
 from distal.estimators.adaptive.prediction import predicted, revert
 from distal.estimators.adaptive.update import comparison_function, weights
-from distal.estimators.kalman import Downdate, along, symmetric
+from distal.estimators.kalman import Downdate, along
 from distal.kernels import Kernel
 from distal.rig import Rig
 
@@ -56,39 +55,21 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
     memory, forces = carry[n + n * n : n + n * n + nd * MEMORY], carry[n + n * n + nd * MEMORY :]
     tracks = tracking(states)(mean, memory, x, p)
     motion = moved(states, count, mean, covariance, Interval(tracks, memory, x, p))
-    parts = [getattr(motion, field.name) for field in fields(Moved)]
-    given = [mean, covariance, *parts, tracks, memory, forces, x, p]
-    after, spread, kept, y = _scalars(states, given, updates)(*given)
-    following = ca.vertcat(after, ca.vec(spread), tracks[: MEMORY * nd], kept)
-    return ca.Function("iterated", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
-
-
-def _scalars(states: StateVector, given: Sequence[Any], updates: int) -> ca.Function:
-    """Return `_corrected` as one function of scalars."""
-    symbols = [ca.MX.sym(f"i{k}", *entry.shape) for k, entry in enumerate(given)]
-    whole = ca.Function("update", symbols, list(_corrected(states, symbols, updates)))
-    scalars = [ca.SX.sym(f"i{k}", *entry.shape) for k, entry in enumerate(given)]
-    return ca.Function("update", scalars, ca.cse([ca.densify(entry) for entry in whole.call(scalars, True)]))
-
-
-def _corrected(states: StateVector, given: Sequence[Any], updates: int) -> tuple[Any, Any, Any, Any]:
-    """Return mean, covariance, what is remembered of the drives' forces, and y, once the joints have moved."""
-    mean, covariance, *joints, tracks, memory, forces, x, p = given
-    motion, interval = Moved(*joints), Interval(tracks, memory, x, p)
+    interval = Interval(tracks, memory, x, p)
     state, spread = predicted(states, mean, covariance, motion, interval)
-    transition = ca.MX(ca.DM.eye(len(states)).full())  # asked for by `revert` and `play`; only smoothing reads it
+    transition = ca.MX(ca.DM.eye(n).full())  # asked for by `revert` and `play`; only smoothing reads it
     prediction = Prediction(state, spread, transition)
     revert(states, prediction, interval)
-    prediction = Prediction(state, symmetric(spread), transition)
-    kept = [forces[i] for i in range(states.context.n_drives)]
-    for i in range(states.context.n_drives):
+    kept = [forces[i] for i in range(nd)]
+    for i in range(nd):
         if states.transmitted(i) is not None:
             kept[i] = play(states, i, prediction, motion.rates, kept[i], interval)
     after, spread, kept, y = iterated_update(states, prediction, motion.rates, kept, interval, updates)
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
             after[at] = ca.fmax(after[at], lowest)
-    return after, spread, ca.vertcat(*kept), y
+    following = ca.vertcat(after, ca.vec(spread), tracks[: MEMORY * nd], *kept)
+    return ca.Function("iterated", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
 
 
 def iterated_update(
@@ -127,14 +108,14 @@ def iterated_update(
             change = (weight * innovation) * across
             point = mean + change
         shares = states.gain_shares(row.drive, row.trusted)
-        for at, share in shares.items():
-            change[at] *= share
+        if shares:
+            change[list(shares)] *= ca.DM(list(shares.values()))
         if row.drive is not None:
             kept[row.drive] = after + along(slope, change) if states.context.declares_friction(row.drive) else after
         mean = mean + change
-        covariance.take(root * across, shares)
+        covariance.take(root * across, list(shares), ca.DM(list(shares.values())))
         innovations.append(shown)
         spreads.append(spread)
     measured = [k for k, row in enumerate(rows) if row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
-    return mean, covariance.matrix(loops=False), kept, y
+    return mean, covariance.matrix(), kept, y

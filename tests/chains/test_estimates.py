@@ -137,8 +137,7 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
             moved[acting] = x[2 * nj : 2 * nj + len(acting)]
             q, v = np.append(x[:nj], x[2 * nj + len(acting) :]), np.append(x[nj : 2 * nj], np.zeros(nd))
             values = parameters(moved, p.values)
-            zero = np.zeros((nj, columns))
-            found = step(q, v, np.zeros(nj), h, zero, zero, np.zeros(nj), values, prepared, p.values)
+            found = step(q, v, np.zeros(nj), h, np.zeros(nj), values, prepared, p.values)
             return np.concatenate([np.array(found[0]).ravel()[:nj], np.array(found[1]).ravel()[:nj]])
 
         at = np.concatenate([angles, speeds, mean[acting], places])
@@ -146,10 +145,10 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
         expected = finite_difference(after, at, sizes)
         q, v = np.append(angles, places), np.append(speeds, np.zeros(nd))
         values = parameters(mean, p.values)
-        found = step(
-            q, v, np.zeros(nj), h, identity[:nj], identity[nj : 2 * nj], np.zeros(nj), values, prepared, p.values
-        )
-        slopes = np.vstack([np.array(found[2]), np.array(found[3])])
+        found = step(q, v, np.zeros(nj), h, np.zeros(nj), values, prepared, p.values)
+        by_angle, by_speed, others = (np.array(each).T for each in found[2:5])
+        of_speeds = by_angle @ identity[:nj] + by_speed @ identity[nj : 2 * nj] + others
+        slopes = np.vstack([identity[:nj] + h * of_speeds, of_speeds])
         slips.add(int(np.count_nonzero(np.array(found[1]).ravel()[:nj])))
         # Coriolis torques are taken in the middle of the kick, their slopes at its start; in units of what is unsure
         unsure = np.concatenate([np.full(3, 1e-2), np.full(3, 0.3), states.stds[acting], np.full(4, 5e-5)])

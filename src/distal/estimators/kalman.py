@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 
 import casadi as ca
 
@@ -46,16 +46,16 @@ class Downdate:
                 ahead[list(at)] += along(own, kept) * kept
         return ahead
 
-    def take(self, gain: VectorNode, shares: Mapping[int, float]) -> None:
+    def take(self, gain: VectorNode, at: Sequence[int], shares: VectorNode) -> None:
         """Take what one update tells.
 
         Args:
             gain: g, (n,); zero for an update that does not count.
-            shares: κ of each state that does not take all of its gain.
+            at: indices of the states that do not take all of their gain.
+            shares: their κ.
         """
-        at = list(shares)
         self._gains.append(gain)
-        self._kept.append((tuple(at), gain[at] * ca.DM([1.0 - share for share in shares.values()])))
+        self._kept.append((tuple(at), gain[list(at)] * (1 - shares)))
 
     def matrix(self) -> MatrixNode:
         """Return the covariance, symmetric: products of the same two numbers are added in the same order on both sides."""

@@ -17,6 +17,9 @@ from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
 from distal.kernels.mask import is_there, share_used
 
+UNSURE = 2.0
+"""A joint that is fewer standard deviations than this before a stop may be held by it, (24b)."""
+
 
 def updated(
     states: StateVector,
@@ -42,6 +45,7 @@ def updated(
     rows, table = row_functions(states)
     values, *slopes = table(prior, tracks, rates, x, p)
     mean, kept, innovations, spreads = prior, list(memory), list[ScalarNode](), list[ScalarNode]()
+    sure = _sure_of_stops(states, prior, prediction.covariance, p)
     for k, row in enumerate(rows):
         slope, limit_slope, asymmetry_slope = own = slopes[3 * k : 3 * k + 3]
         ahead, moved = [covariance.times(each) for each in own], mean - prior
@@ -61,19 +65,43 @@ def updated(
         )
         change = (weight * innovation) * across
         shares = states.gain_shares(row.drive, row.trusted)
+        # in chains; a joint alone is told apart by its own force
+        taken = ca.DM(list(shares.values())) * (1 if row.drive is None else sure[row.drive])
         if shares:
-            change[list(shares)] *= ca.DM(list(shares.values()))
+            change[list(shares)] *= taken
         if row.drive is not None:
             # a mean residual moves with the state; a time does not
             declared = states.context.declares_friction(row.drive)
             kept[row.drive] = after + along(slope, change) if declared else after
         mean = mean + change
-        covariance.take(root * across, shares)
+        covariance.take(root * across, list(shares), taken)
         innovations.append(shown)
         spreads.append(spread + own_variance)
     measured = [k for k, row in enumerate(rows) if row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
     return mean, covariance.matrix(), kept, y
+
+
+def _sure_of_stops(states: StateVector, mean: VectorNode, covariance: MatrixNode, p: VectorNode) -> list[ScalarNode]:
+    """Return of each drive 0 where a joint that it moves may be held by a stop or not, else 1."""
+    mechanism = states.context.mechanism
+    joints, names = mechanism.rig.joints, mechanism.parameters.names
+    sure = [ca.MX(1.0) for _ in joints]
+    for j, joint in enumerate(joints):
+        if joint.stops is not None and len(joints) > 1:
+            low, high = (p[names.index(f"joints.{j}.stops.{end}")] for end in ("low", "high"))
+            reach = UNSURE * ca.sqrt(covariance[j, j])
+            room = ca.fmin(high - mean[j], mean[j] - low)
+            sure[j] = 1 - ca.logic_and(room > 0, room < reach)
+    found = []
+    for drive in mechanism.rig.drives:
+        moved = {name for t in mechanism.rig.tendons if t.drive == drive.name for name in t.joints}
+        product = ca.MX(1.0)
+        for joint, own in zip(joints, sure):
+            if joint.name in moved:
+                product = product * own
+        found.append(product)
+    return found
 
 
 def comparison_function(states: StateVector, row: Row) -> ca.Function:
