@@ -65,7 +65,7 @@ def updated(
         )
         change = (weight * innovation) * across
         shares = states.gain_shares(row.drive, row.trusted)
-        # in chains; a joint alone is told apart by its own force
+        # nothing is learned by a drive's force while a joint that it moves may be held by a stop or not, (24b)
         taken = ca.DM(list(shares.values())) * (1 if row.drive is None else sure[row.drive])
         if shares:
             change[list(shares)] *= taken
@@ -83,7 +83,7 @@ def updated(
 
 
 def _sure_of_stops(states: StateVector, mean: VectorNode, covariance: MatrixNode, p: VectorNode) -> list[ScalarNode]:
-    """Return of each drive 0 where a joint that it moves may be held by a stop or not, else 1."""
+    """Return of each drive 0 where it is not known whether a stop holds a joint that it moves, else 1; with one joint 1."""
     mechanism = states.context.mechanism
     joints, names = mechanism.rig.joints, mechanism.parameters.names
     sure = [ca.MX(1.0) for _ in joints]
