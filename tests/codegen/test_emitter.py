@@ -77,7 +77,9 @@ def run(function: ca.Function, arguments: list[np.ndarray], dialect: Plain, in_p
     skip = 1 if in_place else 0
     names = [f"{dialect.type}* v{i}" for i in range(function.n_in() + function.n_out() - skip)]
     call = f"void call({', '.join(names)}) {{ {name}({', '.join(f'v{i}' for i in range(len(names)))}); }}"
-    library = ctypes.CDLL(str(compiled_source(f"#include <math.h>\n{dialect.prelude()}\n{emitter.text}\n{call}\n")))
+    library = ctypes.CDLL(
+        str(compiled_source(f"#include <math.h>\n{dialect.prelude(emitter.text)}\n{emitter.text}\n{call}\n"))
+    )
     given = [np.array(a, dtype=kind) for a in arguments]
     made = [np.full(function.numel_out(i), np.nan, dtype=kind) for i in range(skip, function.n_out())]
     library.call(*(ctypes.c_void_p(a.ctypes.data) for a in (*given, *made)))
@@ -187,7 +189,7 @@ def test_lanes_have_constants_that_are_no_numbers() -> None:
     x = ca.MX.sym("x", 4)
     emitter.add(ca.Function("masked", [x], [ca.fmax(x, ca.DM([np.nan, np.inf, -np.inf, 1.0]))]))
     assert "{(double)NAN, (double)NAN}, {INFINITY, INFINITY}, {(-INFINITY), (-INFINITY)}, {1, 1}" in emitter.text
-    compiled_source(f"#include <math.h>\n{emitter.dialect.prelude()}\n{emitter.text}")
+    compiled_source(f"#include <math.h>\n{emitter.dialect.prelude(emitter.text)}\n{emitter.text}")
 
 
 def test_one_emitter_writes_a_function_in_place_and_apart() -> None:

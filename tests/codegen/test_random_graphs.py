@@ -61,7 +61,7 @@ def built(functions: dict[int, ca.Function], way: str, folder: Path) -> Callable
         for seed, function in functions.items()
     ]
     source, library = folder / f"{way.replace(' ', '_')}.c", folder / f"{way.replace(' ', '_')}.so"
-    source.write_text("\n".join(["#include <math.h>", emitter.dialect.prelude(), emitter.text, *callers]))
+    source.write_text("\n".join(["#include <math.h>", emitter.dialect.prelude(emitter.text), emitter.text, *callers]))
     subprocess.run([*compiler.command, *FLAGS, str(source), "-o", str(library), "-lm"], check=True, timeout=300)
     loaded = ctypes.CDLL(str(library))
 

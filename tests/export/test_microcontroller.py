@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import subprocess
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ import pytest
 from distal import Rig, estimate, load_scenario, scenario_rig, simulate
 from distal.estimators import make_estimator
 from distal.export import Exported, c_filter
+from distal.export.fields import angle_fields
 from distal.run import samples_of
 from distal.simulation import Scenario, build_scenario
 from tests.export.helpers import missing_tools
@@ -36,8 +38,8 @@ class Measured:
         flash: bytes of code, constants and initial data, with startup and mathematics library.
         ram: bytes of state, stack and the library's data.
         instructions: of a step, mean and most.
-        rows: angle and its std for each sample.
-        error_degrees: largest difference of the angle to double precision [°].
+        rows: angle and std of each joint, a row for each sample.
+        error_degrees: largest difference of an angle to double precision [°].
     """
 
     flash: int
@@ -85,7 +87,8 @@ def measure(
         f"#include <math.h>\n#define SAMPLES {len(samples)}\nstatic const float steps[] = {{{steps}}};\n"
         f"static const float samples[][{samples.shape[1]}] = {{\n{rows}}};\n"
     )
-    names = ['-DFILTER_HEADER="filter.h"', "-DFILTER(x)=filter_##x"]
+    told = ",".join(f"out.{field}" for pair in angle_fields(rig) for field in pair)
+    names = ['-DFILTER_HEADER="filter.h"', "-DFILTER(x)=filter_##x", f"-DFILTER_TOLD(out)={told}"]
     common = [
         *CORTEX,
         "-Wall",
@@ -111,18 +114,18 @@ def measure(
     board = ["-M", "mps2-an386", "-cpu", "cortex-m4", "-nographic", "-icount", "shift=0"]
     host = ["-semihosting-config", "enable=on,target=native", "-kernel", "replayed.elf"]
     run = subprocess.run(
-        ["qemu-system-arm", *board, *host], cwd=folder, capture_output=True, text=True, timeout=100, check=False
+        ["qemu-system-arm", *board, *host], cwd=folder, capture_output=True, text=True, timeout=300, check=False
     )
     assert run.returncode == 0, run.stderr[-400:]
     lines = (run.stdout + run.stderr).splitlines()
     ticks = [[int(word, 16) for word in line.split()[1:]] for line in lines if line.startswith("ticks")]
     used, most, stack, million = ticks[0]
-    bits = [line.split() for line in lines if len(line.split()) == 2 and not line.startswith("ticks")]
-    angles = np.array([[struct.unpack(">f", bytes.fromhex(word))[0] for word in pair] for pair in bits])
+    bits = [line.split() for line in lines if re.fullmatch(r"([0-9a-f]{8} )+", line)]
+    angles = np.array([[struct.unpack(">f", bytes.fromhex(word))[0] for word in pairs] for pairs in bits])
     per_tick = 1e6 / million  # SysTick counts 25 MHz of a clock of 1 GHz, one instruction each
     flash = sum(sections.get(name, 0) for name in (".text", ".ARM.exidx", ".data"))
     ram = sections.get(".data", 0) + sections.get(".bss", 0) + stack
-    error = np.rad2deg(np.abs(angles[:, 0] - estimate(log, rig, name).theta).max())
+    error = np.rad2deg(np.abs(angles[:, ::2] - estimate(log, rig, name).angles).max())
     return Measured(flash, ram, (used * per_tick / len(angles), most * per_tick), angles, float(error)), made
 
 

@@ -28,8 +28,12 @@ class Dialect(Protocol):
         """Whether the sine and the cosine of one angle are computed by one call, ``v_sincos``."""
         ...
 
-    def prelude(self) -> str:
-        """Return the C that the operations need before the first function."""
+    def prelude(self, text: str) -> str:
+        """Return the C that the operations need before the first function.
+
+        Args:
+            text: the functions.
+        """
         ...
 
     def constant(self, value: float) -> str:
@@ -74,12 +78,17 @@ class Plain:
         """Whether sine and cosine are one call: the compiler of plain C sees to that itself."""
         return False
 
-    def prelude(self) -> str:
-        """Return what the operations need: the larger and the smaller, without a call into the library."""
+    def prelude(self, text: str) -> str:
+        """Return what the operations need: the larger and the smaller, without a call into the library.
+
+        Args:
+            text: the functions; what they do not call is left out, since compilers warn of it.
+        """
         kind = self.type
-        return (
-            f"static inline {kind} larger({kind} a, {kind} b) {{ return a > b || b != b ? a : b; }}\n"
-            f"static inline {kind} smaller({kind} a, {kind} b) {{ return a < b || b != b ? a : b; }}\n"
+        return "".join(
+            f"static inline {kind} {name}({kind} a, {kind} b) {{ return a {sign} b || b != b ? a : b; }}\n"
+            for name, sign in (("larger", ">"), ("smaller", "<"))
+            if f"{name}(" in text
         )
 
     def constant(self, value: float) -> str:
@@ -198,8 +207,12 @@ class Lanes:
         """Whether sine and cosine are one call: within a lane the library has one for both."""
         return True
 
-    def prelude(self) -> str:
-        """Return the vector types and what the operations need."""
+    def prelude(self, text: str) -> str:
+        """Return the vector types and what the operations need.
+
+        Args:
+            text: the functions.
+        """
         lines = [_VECTORS.format(bytes=8 * self.count, lanes=self.count)]
         for operation, name in CALLED.items():
             if name not in VECTORED and operation != ca.OP_CONSTPOW:

@@ -152,15 +152,16 @@ class KernelEstimator:
                     self._begin = Evaluation(self.prior_function())
         there = np.isfinite(sample)
         mean, spread, memory = self._begin(np.where(there, sample, 0.0), there, p)
-        return mean, np.diag(spread), memory
+        n = len(mean)
+        return mean, np.diag(spread) if len(spread) == n > 1 else spread.reshape(n, n), memory
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
+        """Return (values, mask, p) → (mean, covariance or its diagonal, memory) before the first sample.
 
         Raises:
             EstimationError: this estimator has no such function, and cannot be exported.
         """
-        raise EstimationError(f"{self.name} cannot be exported; adaptive, ekf and ekf-2008 can")
+        raise EstimationError(f"{self.name} cannot be exported; adaptive, ekf, ekf-2008, inextensible and elastic can")
 
     def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
         """Return the belief after a sample, and its innovation.

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
 from distal.estimators.channels import Channels, sensor_for
 from distal.expressions import Scalar, Vector
+from distal.kernels.mask import is_read
 from distal.rig import Rig, gain_of
-
-Floats = NDArray[np.float64]
 
 CUT_OFF = 5.0
 """Cut-off of the low-pass on measured forces in `elastic` [Hz]."""
@@ -42,23 +39,26 @@ def read_drives(rig: Rig, channels: Channels, places: Vector, pulls: Vector, x: 
     return ca.vertcat(*held), ca.vertcat(*filtered)
 
 
-def first_drives(rig: Rig, channels: Channels, sample: Floats) -> tuple[Floats, Floats]:
+def first_drives(rig: Rig, channels: Channels, values: Vector, mask: Vector, nominal: Vector) -> tuple[Vector, Vector]:
     """Return places and pulls of the drives at the first sample, (n_drives,) each; 0 and the nominal pull if missing.
 
     Args:
         rig: the description.
         channels: the sensors that are read.
-        sample: values of the channels, NaN where missing.
+        values: of the channels.
+        mask: of these values.
+        nominal: pulls, (n_drives,).
     """
-    places, pulls = np.zeros(len(rig.drives)), np.array([drive.nominal_force.value for drive in rig.drives])
-    for values, sensors in ((places, channels.positions), (pulls, channels.forces)):
+    places, pulls = [ca.SX(0) for _ in rig.drives], ca.vertsplit(nominal)
+    for first, sensors in ((places, channels.positions), (pulls, channels.forces)):
         for i, drive in enumerate(rig.drives):
             sensor = sensor_for(sensors, drive.name)
-            if sensor is None:
-                continue
-            read = (sample[channels.names.index(sensor.name)] - sensor.bias.value) / gain_of(sensor).value
-            values[i] = read if np.isfinite(read) else values[i]
-    return places, pulls
+            if sensor is not None:
+                k = channels.names.index(sensor.name)
+                first[i] = ca.if_else(
+                    is_read(mask[k]), (values[k] - sensor.bias.value) / gain_of(sensor).value, first[i]
+                )
+    return ca.vertcat(*places), ca.vertcat(*pulls)
 
 
 def tension_share(levers: Sequence[Scalar], own: Sequence[int], tendon: int) -> Scalar:

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from distal.errors import EstimationError
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
+from distal.estimators.drive_readings import first_drives
 from distal.estimators.kalman import predict_covariance, update
 from distal.expressions import Vector
 from distal.kernels import Kernel, carry_layout
-from distal.kernels.mask import is_read
 from distal.model import Mechanism, substeps, tangent_step
 from distal.rig import Rig, Sensor, angle_names, gain_of, speed_names
 from distal.sensors import systematic_variance, variance
@@ -159,19 +159,10 @@ class FullStateFilter(KernelEstimator):
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample."""
-        rig, channels, nj = self.rig, self._channels, self._mechanism.n_joints
-        values, mask = ca.SX.sym("values", len(channels.names)), ca.SX.sym("mask", len(channels.names))
-        mean, pulls = ca.SX.zeros(2 * self._mechanism.n_bodies), ca.SX(ca.DM(self._nominal))
-        for j, joint in enumerate(rig.joints):
-            mean[j] = joint.initial.value
-        for i, drive in enumerate(rig.drives):
-            for sensors, target, at in ((channels.forces, pulls, i), (channels.positions, mean, nj + i)):
-                sensor = sensor_for(sensors, drive.name)
-                if sensor is not None:
-                    k = channels.names.index(sensor.name)
-                    target[at] = ca.if_else(
-                        is_read(mask[k]), (values[k] - sensor.bias.value) / gain_of(sensor).value, target[at]
-                    )
+        values, mask = (ca.SX.sym(name, len(self._channels.names)) for name in ("values", "mask"))
+        places, pulls = first_drives(self.rig, self._channels, values, mask, ca.SX(ca.DM(self._nominal)))
+        angles = ca.DM([joint.initial.value for joint in self.rig.joints])
+        mean = ca.vertcat(angles, places, ca.SX.zeros(self._mechanism.n_bodies))
         p = ca.SX.sym("p", len(self._p))
         return ca.Function("prior", [values, mask, p], [mean, ca.SX(ca.DM(self._noise.initial)), pulls])
 

@@ -90,39 +90,30 @@ class KinematicEstimator(KernelEstimator):
         measured = [sensor.of for sensor in self._channels.positions]
         self._tendons = tuple(i for i, tendon in enumerate(rig.tendons) if tendon.drive in measured)
         function = kinematic_function(self._mechanism, self._channels, self._tendons, elastic)
-        q = ca.SX.sym("q", self._mechanism.n_bodies)
         p = self._mechanism.parameters
-        self._lengths = ca.Function(
-            "lengths", [q, p.symbols], [self._mechanism.elongations(q), self._mechanism.length_jacobian(q)]
-        )
         joints = [joint.name for joint in rig.joints]
         names = (*angle_names(joints), *(tendon_angle_name(rig.tendons[i].name) for i in self._tendons))
         channels = self._channels
         super().__init__(name, rig, Kernel(function, compiled), p.values, channels=channels, state_names=names)
 
-    def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return mean, covariance and remembered inputs before the first sample.
-
-        Args:
-            sample: the first values, which fill what has no prior, NaN where missing, (n_channels,).
-            p: the kernel's parameters, (n_p,).
-        """
+    def prior_function(self) -> ca.Function:
+        """Return (values, mask, p) → (mean, covariance, memory) before the first sample."""
         rig, channels, m = self.rig, self._channels, self._mechanism
-        initial = np.array([joint.initial.value for joint in rig.joints])
-        places, pulls = first_drives(rig, channels, sample)
-        q = np.concatenate([initial, places])
-        lengths, jacobian = (np.array(part) for part in self._lengths(q, self._mechanism.parameters.values))
+        values, mask = (ca.SX.sym(name, len(channels.names)) for name in ("values", "mask"))
+        initial, std = rig.joints[0].initial.value, rig.joints[0].initial.std
+        nominal = ca.SX(ca.DM([drive.nominal_force.value for drive in rig.drives]))
+        places, pulls = first_drives(rig, channels, values, mask, nominal)
+        q, p = ca.vertcat(initial, places), m.parameters.symbols
+        lengths, jacobian = m.elongations(q), m.length_jacobian(q)
         # one zero for all tendons: its error is shared; the sensors' errors count twice, then and now
         own = []
         for i in self._tendons:
             sensor = sensor_for(channels.positions, rig.tendons[i].drive)
             error = 0.0 if sensor is None else 2.0 * (variance(sensor) + systematic_variance(sensor))
-            slope = jacobian[i, m.drive_of[i]] / jacobian[i, 0]
-            own.append(float(slope) ** 2 * error)
-        k, joints = len(self._tendons), np.zeros(len(self._tendons), dtype=int)
-        of_joint = joints[:, None] == np.arange(m.n_joints)
-        mixing = np.vstack([(of_joint / np.maximum(of_joint.sum(axis=0), 1)).T, np.eye(k)])
-        zeros = np.vstack([np.eye(m.n_joints), of_joint]) @ np.diag([joint.initial.std for joint in rig.joints])
-        covariance = mixing @ np.diag(own) @ mixing.T + zeros @ zeros.T
-        memory = np.concatenate([lengths.ravel()[list(self._tendons)], places, pulls, pulls])
-        return np.concatenate([initial, initial[joints]]), covariance, memory
+            own.append((jacobian[i, m.drive_of[i]] / jacobian[i, 0]) ** 2 * error)
+        k = len(self._tendons)
+        mixing = ca.vertcat(ca.DM.ones(1, k) / k, ca.DM.eye(k))
+        covariance = ca.mtimes([mixing, ca.diag(ca.vertcat(*own)), mixing.T]) + std**2
+        memory = ca.vertcat(lengths[list(self._tendons)], places, pulls, pulls)
+        found = [ca.SX.ones(1 + k) * initial, covariance, memory]
+        return ca.Function("prior", [values, mask, p], [ca.densify(each) for each in found])

@@ -146,15 +146,11 @@ class ChainKinematics(KernelEstimator):
         p = self._mechanism.parameters.values
         super().__init__(name, rig, Kernel(function, compiled), p, channels=channels, state_names=names)
 
-    def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return mean, covariance and remembered inputs before the first sample.
-
-        Args:
-            sample: the first values, which fill what has no prior, NaN where missing, (n_channels,).
-            p: the kernel's parameters, (n_p,).
-        """
-        rig = self.rig
-        places, pulls = first_drives(rig, self._channels, sample)
-        angles = np.array([joint.initial.value for joint in rig.joints])
-        stds = np.array([joint.initial.std for joint in rig.joints])
-        return angles, np.diag(stds**2), np.concatenate([places, pulls])
+    def prior_function(self) -> ca.Function:
+        """Return (values, mask, p) → (mean, variances, memory) before the first sample."""
+        rig, channels = self.rig, self._channels
+        values, mask = (ca.SX.sym(name, len(channels.names)) for name in ("values", "mask"))
+        nominal = ca.SX(ca.DM([drive.nominal_force.value for drive in rig.drives]))
+        memory = ca.vertcat(*first_drives(rig, channels, values, mask, nominal))
+        angles, stds = (ca.DM([getattr(joint.initial, part) for joint in rig.joints]) for part in ("value", "std"))
+        return ca.Function("prior", [values, mask, ca.SX.sym("p", len(self._p))], [angles, stds**2, memory])

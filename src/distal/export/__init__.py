@@ -1,7 +1,20 @@
-"""Export: the same filter as C for microcontrollers."""
+"""Export: the same filter as C for microcontrollers, as a library for Arduino, and as an FMU."""
 
+from distal.export.arduino import export_arduino
+from distal.export.fmu import Fmu, export_fmu
 from distal.export.names import c_name
 from distal.export.project import check_ours, export_c, export_files, project_files
 from distal.export.source import Exported, c_filter
 
-__all__ = ["Exported", "c_filter", "c_name", "check_ours", "export_c", "export_files", "project_files"]
+__all__ = [
+    "Exported",
+    "Fmu",
+    "c_filter",
+    "c_name",
+    "check_ours",
+    "export_arduino",
+    "export_c",
+    "export_files",
+    "export_fmu",
+    "project_files",
+]

@@ -63,9 +63,13 @@ _PROGRAM = """\
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "$name$.h"
 
+#ifndef CLOCK
+#define CLOCK() ((double)clock() / CLOCKS_PER_SEC) /* time [s]; on a board, define its timer */
+#endif
 #define COLUMNS (1 + $NAME$_CHANNELS)
 
 static const char* const columns[COLUMNS] = {$columns$};
@@ -118,7 +122,8 @@ int main(int argc, char** argv) {
   static $name$_state state;
   int at[COLUMNS], i, k, width, pass;
   double now[COLUMNS], before = 0.0, first[COLUMNS];
-  long row, samples = 0;
+  double slowest = 0.0;
+  long row, samples = 0, slow = 0;
   char *rest = line, *text;
   FILE* log = argc == 2 ? fopen(argv[1], "r") : NULL;
   if (!log || !fgets(line, sizeof line, log)) {
@@ -162,10 +167,15 @@ int main(int argc, char** argv) {
           if (isnan(first[i])) first[i] = now[i];
       } else {
         $name$_output out;
+        const double started = CLOCK();
         const int code = take(&state, now, before, samples == 0, &out);
+        const double taken = CLOCK() - started;
         if (code == $NAME$_LATE) return fail(argv[1], row, "the stamp repeats, goes back, or is missing", "");
         if (code == $NAME$_GAP) return fail(argv[1], row, "the gap before is too long to bridge", "");
         if (code != $NAME$_OK) return fail(argv[1], row, "the filter left all bounds; are the units right?", "");
+        /* the first sample has no interval */
+        slow += samples && taken > now[0] - before;
+        if (taken > slowest) slowest = taken;
         before = now[0];
         ++samples;
         printf("$format$\\n", now[0], $fields$);
@@ -173,6 +183,8 @@ int main(int argc, char** argv) {
     }
   }
   fclose(log);
+  if (slow)
+    fprintf(stderr, "%ld of %ld steps took longer than their interval, at most %g s\\n", slow, samples, slowest);
   if (samples < 2) return fail(argv[1], row, "an estimate over time needs at least two rows", "");
   return 0;
 }

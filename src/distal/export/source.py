@@ -10,11 +10,14 @@ from distal.errors import ExportError
 from distal.estimators import LARGEST_ANGLE, SHORTEST, FullStateFilter, KernelEstimator, make_estimator, state_units
 from distal.estimators.gaps import MOST_BRIDGES, SPLIT
 from distal.export.fields import comment, members, outputs
+from distal.export.health import health_codes, health_source
 from distal.export.names import c_name, checked_name
 from distal.export.replay import replay_program
 from distal.kernels.mask import MISSING, READ
 from distal.logs import LARGEST_READING
 from distal.rig import Rig
+from distal.run.monitor import ANYWHERE
+from distal.run.places import REACH
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,7 @@ class Exported:
         scratch: numbers on the stack in a step.
         operations: arithmetic operations of a step.
         library: calls of the mathematics library in a step, by name.
+        interval: nominal time between samples [s].
         replay: text of a program that runs the filter over a CSV file.
         jumps: whether it jumps where a body goes from sticking to slipping, which float and double may do at other samples.
     """
@@ -53,6 +57,7 @@ class Exported:
     scratch: int
     operations: int
     library: dict[str, int]
+    interval: float
     replay: str
     jumps: bool
 
@@ -88,7 +93,9 @@ def c_filter(rig: Rig, estimator: str = "adaptive", single: bool = False, name: 
         begin, advance = emitter.add(prior), emitter.add(step, in_place=True)
     except CodeError as problem:
         raise ExportError(f"{estimator} of '{rig.name}' has no C: {problem}") from None
-    values, cost = _values(runner, name, emitter, begin, advance), emitter.functions[advance].cost
+    whole = prior.numel_out(1) > len(runner.state_names)  # the covariance, else its diagonal
+    values = _values(runner, name, emitter, begin, advance) | begun(len(runner.state_names), whole)
+    cost = emitter.functions[advance].cost
     return Exported(
         name,
         estimator,
@@ -103,6 +110,7 @@ def c_filter(rig: Rig, estimator: str = "adaptive", single: bool = False, name: 
         scratch=sum(written.scratch for written in emitter.functions.values()),
         operations=cost.operations,
         library=dict(sorted(cost.library.items())),
+        interval=runner.interval,
         replay=replay_program(runner, name),
         jumps=isinstance(runner, FullStateFilter),
     )
@@ -133,6 +141,7 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
     ]
     measured = [f" *   {i}  {c}" for i, c in enumerate(runner.measured)]
     numbers = [dialect.constant(float(x)) for x in runner.numbers]
+    reaches = [joint.stops or (-REACH, REACH) for joint in runner.rig.joints]
     rows = [", ".join(numbers[i : i + 6]) for i in range(0, len(numbers), 6)]
     return {
         "nan": dialect.constant(float("nan")),
@@ -152,11 +161,15 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "n_carry": str(runner.kernel.n_carry),
         "n_numbers": str(len(numbers)),
         "n_bridged": str(runner.bridged),
+        "reach": ", ".join(f"{{{dialect.constant(low)}, {dialect.constant(high)}}}" for low, high in reaches),
+        "anywhere": dialect.constant(ANYWHERE**2),
+        "health": health_codes(name),
+        "watching": health_source(runner, name, dialect),
         "n_joints": str(len(runner.rig.joints)),
         "outputs": members(runner, name),
         "angles": outputs(runner, n),
         "numbers": ",\n  ".join(rows),
-        "prelude": dialect.prelude(),
+        "prelude": dialect.prelude(emitter.text),
         "functions": emitter.text,
         "begin": begin,
         "advance": advance,
@@ -173,6 +186,19 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "slack": dialect.constant(1e-9 if not dialect.single else 1e-5),
         "sqrt": "sqrtf" if dialect.single else "sqrt",
     }
+
+
+def begun(states: int, whole: bool) -> dict[str, str]:
+    """Return what the template's beginning is filled with.
+
+    Args:
+        states: how many.
+        whole: whether the prior is a covariance, else its diagonal.
+    """
+    if whole:
+        return {"spread": f", *spread = state->carry + {states}", "place": ""}
+    row = f"  for (i = 0; i < {states}; ++i) state->carry[{states} + i * {states + 1}] = spread[i];\n"
+    return {"spread": f", spread[{states}]", "place": row}
 
 
 _HEADER = """\
@@ -217,6 +243,14 @@ $outputs$
   $name$_real innovation_variances[$n_innovations$];
 } $name$_output;
 
+/* What tells whether the stream can be trusted. */
+typedef struct {
+  int begun;
+  $name$_real pace, age[$NAME$_CHANNELS], same[$NAME$_CHANNELS], last[$NAME$_CHANNELS], outside[$NAME$_CHANNELS];
+  $name$_real ratio[$n_innovations$];
+} $name$_watch;
+
+/* the codes of a step */
 enum {
   $NAME$_OK = 0,
   $NAME$_LATE = 1,   /* dt is less than a nanosecond (zero is for the first sample): nothing was changed */
@@ -225,11 +259,26 @@ enum {
   $NAME$_LOST = 4    /* the filter left all bounds: begin again */
 };
 
+/* The health of a sample that was taken in; where several hold, the last one. Their meaning is that of `distal stream`. */
+enum {
+$health$
+};
+
 /* Set the state to what is believed before the first sample, whose values fill what has no prior. */
 void $name$_begin($name$_state* state, const $name$_real* values);
 
+/* Begin anew where the filter was: at its angles, within the joints' stops, which may be 0.5 rad off. */
+void $name$_restart($name$_state* state, const $name$_real* values);
+
 /* Take in a sample, dt [s] after the last one that was taken in (0 for the first); `out` may be a null pointer. */
 int $name$_step($name$_state* state, $name$_real dt, const $name$_real* values, $name$_output* out);
+
+/* Begin to watch, when the filter begins. */
+void $name$_watch_begin($name$_watch* watch);
+
+/* Say how healthy the stream is, after a step that returned $NAME$_OK, with its dt, values and output. */
+int $name$_health($name$_watch* watch, const $name$_state* state, $name$_real dt, const $name$_real* values,
+                  const $name$_output* out);
 
 #ifdef __cplusplus
 }
@@ -260,7 +309,7 @@ static int is_there($real$ value) { return value == value; }
 static $real$ root($real$ variance) { return variance <= $zero$ ? $zero$ : $sqrt$(variance); }
 
 void $name$_begin($name$_state* state, const $real$* values) {
-  $real$ known[$n_channels$], mask[$n_channels$], spread[$n_states$];
+  $real$ known[$n_channels$], mask[$n_channels$]$spread$;
   int i;
   for (i = 0; i < $n_channels$; ++i) {
     mask[i] = is_there(values[i]) ? $read$ : $missing$;
@@ -268,7 +317,24 @@ void $name$_begin($name$_state* state, const $real$* values) {
   }
   memset(state, 0, sizeof *state);
   $begin$(known, mask, numbers, state->carry, spread, state->carry + $n_states$ + $n_states$ * $n_states$);
-  for (i = 0; i < $n_states$; ++i) state->carry[$n_states$ + i * ($n_states$ + 1)] = spread[i];
+$place$}
+
+void $name$_restart($name$_state* state, const $real$* values) {
+  static const $real$ reach[][2] = {$reach$};
+  $real$ angles[$n_joints$];
+  int i, known = 1;
+  for (i = 0; i < $n_joints$; ++i) {
+    const $real$ angle = state->carry[i];
+    known &= angle >= -$largest$ && angle <= $largest$;
+    angles[i] = angle < reach[i][0] ? reach[i][0] : angle > reach[i][1] ? reach[i][1] : angle;
+  }
+  known &= state->samples > 0;
+  $name$_begin(state, values);
+  for (i = 0; i < $n_joints$; ++i) {
+    $real$* variance = &state->carry[$n_states$ + i * ($n_states$ + 1)];
+    if (known) state->carry[i] = angles[i];
+    if (*variance < $anywhere$) *variance = $anywhere$;
+  }
 }
 
 int $name$_step($name$_state* state, $real$ dt, const $real$* values, $name$_output* out) {
@@ -311,4 +377,5 @@ $angles$
     if (!(state->carry[i] >= -$largest$ && state->carry[i] <= $largest$)) return $NAME$_LOST;
   return $NAME$_OK;
 }
-"""
+
+$watching$"""

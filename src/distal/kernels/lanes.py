@@ -138,4 +138,4 @@ def lane_source(function: ca.Function, lanes: int) -> str:
         n_p=function.numel_in(2),
         n_y=function.numel_out(1),
     )
-    return f"#include <math.h>\n{emitter.dialect.prelude()}\n{emitter.text}\n{loop}"
+    return f"#include <math.h>\n{emitter.dialect.prelude(emitter.text)}\n{emitter.text}\n{loop}"

@@ -44,7 +44,7 @@ static uint32_t million(void) {
 
 int main(void) {
   uint32_t used = 0, ticks = 0, most = 0, stack;
-  int k;
+  int i, k;
   FILTER(output) out;
   SYST_RVR = 0xFFFFFFu;
   SYST_CVR = 0;
@@ -58,9 +58,11 @@ int main(void) {
     if (ticks > most) most = ticks;
     if (code) return 10 + code;
     stack = stack_used();
-    number(bits(out.angle));
-    number(bits(out.angle_std));
-    say("\n");
+    {
+      const FILTER(real) told[] = {FILTER_TOLD(out)};
+      for (i = 0; i < (int)(sizeof told / sizeof *told); ++i) number(bits(told[i]));
+      say("\n");
+    }
   }
   say("ticks ");
   number(used);

@@ -2,7 +2,7 @@
 #include FILTER_HEADER
 
 static FILTER(state) state;
-static volatile FILTER(real) port[FILTER_CHANNELS + 2];
+static volatile FILTER(real) port[FILTER_CHANNELS + FILTER_STATES];
 
 int main(void) {
   FILTER(real) values[FILTER_CHANNELS];
@@ -13,7 +13,9 @@ int main(void) {
     if (!begun) FILTER(begin)(&state, values);
     if (FILTER(step)(&state, begun ? FILTER_INTERVAL : 0, values, &out)) return 1;
     begun = 1;
-    port[FILTER_CHANNELS] = out.angle;
-    port[FILTER_CHANNELS + 1] = out.angle_std;
+    {
+      const FILTER(real) told[] = {FILTER_TOLD(out)};
+      for (i = 0; i < (int)(sizeof told / sizeof *told); ++i) port[FILTER_CHANNELS + i] = told[i];
+    }
   }
 }

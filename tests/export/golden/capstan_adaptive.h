@@ -48,6 +48,14 @@ typedef struct {
   capstan_adaptive_real innovation_variances[1];
 } capstan_adaptive_output;
 
+/* What tells whether the stream can be trusted. */
+typedef struct {
+  int begun;
+  capstan_adaptive_real pace, age[CAPSTAN_ADAPTIVE_CHANNELS], same[CAPSTAN_ADAPTIVE_CHANNELS], last[CAPSTAN_ADAPTIVE_CHANNELS], outside[CAPSTAN_ADAPTIVE_CHANNELS];
+  capstan_adaptive_real ratio[1];
+} capstan_adaptive_watch;
+
+/* the codes of a step */
 enum {
   CAPSTAN_ADAPTIVE_OK = 0,
   CAPSTAN_ADAPTIVE_LATE = 1,   /* dt is less than a nanosecond (zero is for the first sample): nothing was changed */
@@ -56,11 +64,32 @@ enum {
   CAPSTAN_ADAPTIVE_LOST = 4    /* the filter left all bounds: begin again */
 };
 
+/* The health of a sample that was taken in; where several hold, the last one. Their meaning is that of `distal stream`. */
+enum {
+  CAPSTAN_ADAPTIVE_HEALTH_OK = 0,
+  CAPSTAN_ADAPTIVE_HEALTH_UNTESTED = 1,
+  CAPSTAN_ADAPTIVE_HEALTH_MISSING = 2,
+  CAPSTAN_ADAPTIVE_HEALTH_GAP = 3,
+  CAPSTAN_ADAPTIVE_HEALTH_DISAGREES = 4,
+  CAPSTAN_ADAPTIVE_HEALTH_DEAD = 5,
+  CAPSTAN_ADAPTIVE_HEALTH_RESTARTED = 6
+};
+
 /* Set the state to what is believed before the first sample, whose values fill what has no prior. */
 void capstan_adaptive_begin(capstan_adaptive_state* state, const capstan_adaptive_real* values);
 
+/* Begin anew where the filter was: at its angles, within the joints' stops, which may be 0.5 rad off. */
+void capstan_adaptive_restart(capstan_adaptive_state* state, const capstan_adaptive_real* values);
+
 /* Take in a sample, dt [s] after the last one that was taken in (0 for the first); `out` may be a null pointer. */
 int capstan_adaptive_step(capstan_adaptive_state* state, capstan_adaptive_real dt, const capstan_adaptive_real* values, capstan_adaptive_output* out);
+
+/* Begin to watch, when the filter begins. */
+void capstan_adaptive_watch_begin(capstan_adaptive_watch* watch);
+
+/* Say how healthy the stream is, after a step that returned CAPSTAN_ADAPTIVE_OK, with its dt, values and output. */
+int capstan_adaptive_health(capstan_adaptive_watch* watch, const capstan_adaptive_state* state, capstan_adaptive_real dt, const capstan_adaptive_real* values,
+                  const capstan_adaptive_output* out);
 
 #ifdef __cplusplus
 }

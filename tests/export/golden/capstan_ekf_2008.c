@@ -14,7 +14,6 @@ static const float numbers[25] = {
 };
 
 static inline float larger(float a, float b) { return a > b || b != b ? a : b; }
-static inline float smaller(float a, float b) { return a < b || b != b ? a : b; }
 
 static void prior(const float* restrict a0, const float* restrict a1, const float* restrict a2, float* restrict r0, float* restrict r1, float* restrict r2) {
   (void)a2;
@@ -1028,7 +1027,25 @@ void capstan_ekf_2008_begin(capstan_ekf_2008_state* state, const float* values) 
   }
   memset(state, 0, sizeof *state);
   prior(known, mask, numbers, state->carry, spread, state->carry + 4 + 4 * 4);
-  for (i = 0; i < 4; ++i) state->carry[4 + i * (4 + 1)] = spread[i];
+  for (i = 0; i < 4; ++i) state->carry[4 + i * 5] = spread[i];
+}
+
+void capstan_ekf_2008_restart(capstan_ekf_2008_state* state, const float* values) {
+  static const float reach[][2] = {{(-1.2f), 1.2f}};
+  float angles[1];
+  int i, known = 1;
+  for (i = 0; i < 1; ++i) {
+    const float angle = state->carry[i];
+    known &= angle >= -50.0f && angle <= 50.0f;
+    angles[i] = angle < reach[i][0] ? reach[i][0] : angle > reach[i][1] ? reach[i][1] : angle;
+  }
+  known &= state->samples > 0;
+  capstan_ekf_2008_begin(state, values);
+  for (i = 0; i < 1; ++i) {
+    float* variance = &state->carry[4 + i * (4 + 1)];
+    if (known) state->carry[i] = angles[i];
+    if (*variance < 0.25f) *variance = 0.25f;
+  }
 }
 
 int capstan_ekf_2008_step(capstan_ekf_2008_state* state, float dt, const float* values, capstan_ekf_2008_output* out) {
@@ -1071,4 +1088,80 @@ int capstan_ekf_2008_step(capstan_ekf_2008_state* state, float dt, const float* 
   for (i = 0; i < 1; ++i)
     if (!(state->carry[i] >= -50.0f && state->carry[i] <= 50.0f)) return CAPSTAN_EKF_2008_LOST;
   return CAPSTAN_EKF_2008_OK;
+}
+
+/* when a sensor is missing and dead [s], whether it has noise; where a drive can be; numbers of the rig and 3 stds */
+static const float overdue[] = {0.0125f, 0.0125f};
+static const float dead[] = {0.5f, 0.5f};
+static const float low[] = {(-40.3234907f)};
+static const float high[] = {40.3234907f};
+static const float prior_mean[] = {0};
+static const float allowed[] = {0};
+static const unsigned char noisy[] = {1, 1};
+static const unsigned char placed[] = {0};
+static const unsigned char lasting[] = {0};
+
+static int worse(int health, int than) { return than > health ? than : health; }
+
+void capstan_ekf_2008_watch_begin(capstan_ekf_2008_watch* watch) {
+  int i;
+  memset(watch, 0, sizeof *watch);
+  watch->pace = 1.0f;
+  for (i = 0; i < CAPSTAN_EKF_2008_CHANNELS; ++i) watch->last[i] = NAN;
+  for (i = 0; i < CAPSTAN_EKF_2008_MEASURED; ++i) watch->ratio[i] = 1.0f;
+}
+
+int capstan_ekf_2008_health(capstan_ekf_2008_watch* watch, const capstan_ekf_2008_state* state, float dt, const float* values,
+                  const capstan_ekf_2008_output* out) {
+  const float stds[] = {out->angle_std};
+  const int first = !watch->begun;
+  /* the share that this sample has in means over a second */
+  const float since = dt > 0.0f && dt < 0.5f ? dt : 0.005f;
+  const float share = since < 1.0f ? since / 1.0f : 1.0f;
+  int i, health = CAPSTAN_EKF_2008_HEALTH_OK, any = 0, tested = 0;
+  watch->begun = 1;
+  if (!first) {
+    const float pace = dt / 0.005f, weight = 0.005f < 1.0f ? 0.005f / 1.0f : 1.0f;
+    if (dt > 0.0075f) health = CAPSTAN_EKF_2008_HEALTH_GAP;
+    watch->pace += weight * ((pace < 2.0f ? pace : 2.0f) - watch->pace);
+    if (watch->pace < 0.2f) health = CAPSTAN_EKF_2008_HEALTH_DISAGREES; /* unit of time? */
+  }
+  for (i = 0; i < CAPSTAN_EKF_2008_CHANNELS; ++i) {
+    const int there = is_there(values[i]), moved = there && values[i] != watch->last[i];
+    any |= there;
+    /* one that has not been there at all is missing from the beginning */
+    watch->age[i] = there ? 0.0f : first ? 1.01f * overdue[i] : watch->age[i] + dt;
+    watch->same[i] = first || moved ? 0.0f : watch->same[i] + dt;
+    if (there) watch->last[i] = values[i];
+    if (watch->age[i] >= dead[i] || (noisy[i] && there && watch->same[i] >= dead[i]))
+      health = worse(health, CAPSTAN_EKF_2008_HEALTH_DEAD);
+    else if (watch->age[i] > overdue[i])
+      health = worse(health, CAPSTAN_EKF_2008_HEALTH_MISSING);
+  }
+  if (!any) health = worse(health, CAPSTAN_EKF_2008_HEALTH_MISSING);
+  for (i = 0; i < 1; ++i) { /* a drive beyond where it can be, for most of a second or by far */
+    const float value = values[placed[i]], reach = high[i] - low[i];
+    const int there = is_there(value), beyond = there && (value < low[i] || value > high[i]);
+    watch->outside[i] += share * ((float)beyond - watch->outside[i]);
+    if (watch->outside[i] > 0.5f || (there && fabsf(value - 0.5f * (low[i] + high[i])) > 10.0f * reach))
+      health = worse(health, CAPSTAN_EKF_2008_HEALTH_DISAGREES);
+  }
+  for (i = 0; i < CAPSTAN_EKF_2008_MEASURED; ++i) {
+    const float innovation = out->innovations[i];
+    if (is_there(innovation)) {
+      const float ratio = innovation * innovation / out->innovation_variances[i];
+      watch->ratio[i] += share * ((ratio < 25.0f ? ratio : 25.0f) - watch->ratio[i]);
+    }
+    tested |= watch->ratio[i] >= 0.05f;
+    if (watch->ratio[i] > 2.5f) health = worse(health, CAPSTAN_EKF_2008_HEALTH_DISAGREES);
+  }
+  if (!tested) health = worse(health, CAPSTAN_EKF_2008_HEALTH_UNTESTED);
+  for (i = 0; i < 0; ++i) { /* a number of the rig that left its prior */
+    const int k = lasting[i];
+    if (fabsf(state->carry[k] - prior_mean[i]) - root(state->carry[4 + k * (4 + 1)]) > allowed[i])
+      health = worse(health, CAPSTAN_EKF_2008_HEALTH_DISAGREES);
+  }
+  for (i = 0; i < (int)(sizeof stds / sizeof *stds); ++i)
+    if (stds[i] > 1.0f && !first) health = worse(health, CAPSTAN_EKF_2008_HEALTH_DISAGREES);
+  return health;
 }

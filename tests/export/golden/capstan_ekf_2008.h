@@ -44,6 +44,14 @@ typedef struct {
   capstan_ekf_2008_real innovation_variances[1];
 } capstan_ekf_2008_output;
 
+/* What tells whether the stream can be trusted. */
+typedef struct {
+  int begun;
+  capstan_ekf_2008_real pace, age[CAPSTAN_EKF_2008_CHANNELS], same[CAPSTAN_EKF_2008_CHANNELS], last[CAPSTAN_EKF_2008_CHANNELS], outside[CAPSTAN_EKF_2008_CHANNELS];
+  capstan_ekf_2008_real ratio[1];
+} capstan_ekf_2008_watch;
+
+/* the codes of a step */
 enum {
   CAPSTAN_EKF_2008_OK = 0,
   CAPSTAN_EKF_2008_LATE = 1,   /* dt is less than a nanosecond (zero is for the first sample): nothing was changed */
@@ -52,11 +60,32 @@ enum {
   CAPSTAN_EKF_2008_LOST = 4    /* the filter left all bounds: begin again */
 };
 
+/* The health of a sample that was taken in; where several hold, the last one. Their meaning is that of `distal stream`. */
+enum {
+  CAPSTAN_EKF_2008_HEALTH_OK = 0,
+  CAPSTAN_EKF_2008_HEALTH_UNTESTED = 1,
+  CAPSTAN_EKF_2008_HEALTH_MISSING = 2,
+  CAPSTAN_EKF_2008_HEALTH_GAP = 3,
+  CAPSTAN_EKF_2008_HEALTH_DISAGREES = 4,
+  CAPSTAN_EKF_2008_HEALTH_DEAD = 5,
+  CAPSTAN_EKF_2008_HEALTH_RESTARTED = 6
+};
+
 /* Set the state to what is believed before the first sample, whose values fill what has no prior. */
 void capstan_ekf_2008_begin(capstan_ekf_2008_state* state, const capstan_ekf_2008_real* values);
 
+/* Begin anew where the filter was: at its angles, within the joints' stops, which may be 0.5 rad off. */
+void capstan_ekf_2008_restart(capstan_ekf_2008_state* state, const capstan_ekf_2008_real* values);
+
 /* Take in a sample, dt [s] after the last one that was taken in (0 for the first); `out` may be a null pointer. */
 int capstan_ekf_2008_step(capstan_ekf_2008_state* state, capstan_ekf_2008_real dt, const capstan_ekf_2008_real* values, capstan_ekf_2008_output* out);
+
+/* Begin to watch, when the filter begins. */
+void capstan_ekf_2008_watch_begin(capstan_ekf_2008_watch* watch);
+
+/* Say how healthy the stream is, after a step that returned CAPSTAN_EKF_2008_OK, with its dt, values and output. */
+int capstan_ekf_2008_health(capstan_ekf_2008_watch* watch, const capstan_ekf_2008_state* state, capstan_ekf_2008_real dt, const capstan_ekf_2008_real* values,
+                  const capstan_ekf_2008_output* out);
 
 #ifdef __cplusplus
 }

@@ -1,0 +1,262 @@
+"""The filter as a library for Arduino and PlatformIO, with a sketch that reads encoders and analog sensors."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from distal.errors import OutputError
+from distal.export.fields import angle_fields, comment
+from distal.export.names import c_name
+from distal.export.project import check_ours, readme
+from distal.export.source import Exported, c_filter, filled
+from distal.logs import write_together
+from distal.rig import Rig, Sensor, log_factor, log_unit
+from distal.version import __version__
+
+SKETCH = "joint_angle"
+"""Name of the example; its folder must be called the same."""
+
+
+def export_arduino(
+    rig: Rig, out: str | Path, estimator: str = "adaptive", single: bool = True, name: str | None = None
+) -> Exported:
+    """Write an estimator of a rig as a library for Arduino and PlatformIO.
+
+    Args:
+        rig: the description.
+        out: the library's folder; made if it is not there. An earlier export's files are replaced, others left.
+        estimator: its name.
+        single: float and float functions only, else double.
+        name: of the library, and prefix of its C names; default from the rig's title and the estimator.
+
+    Raises:
+        ExportError: the name is no C identifier, or the estimator has no C.
+        EstimationError: the estimator cannot run on this rig.
+        OutputError: the folder cannot be written, or has files that no export wrote.
+    """
+    name = name if name is not None else c_name(f"{rig.name}_{estimator}")
+    exported = c_filter(rig, estimator, single, name)
+    files = arduino_files(rig, exported)
+    folder = Path(out)
+    check_ours(folder, files)
+    try:
+        for file in files:
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise OutputError(f"{folder}: cannot be written ({problem.strerror})") from None
+    write_together({folder / file: text for file, text in files.items()})
+    return exported
+
+
+def arduino_files(rig: Rig, exported: Exported) -> dict[str, str]:
+    """Return the files of a library, name → text, as the Arduino library specification (1.5) lays them out.
+
+    Args:
+        rig: the description.
+        exported: the filter.
+    """
+    values = {
+        "name": exported.name,
+        "NAME": exported.name.upper(),
+        "short": exported.name[:63],
+        "rig": comment(rig.name),
+        "json_rig": comment(rig.name).replace("\\", "/").replace('"', "'"),
+        "estimator": exported.estimator,
+        "version": re.match(r"\d+\.\d+\.\d+", __version__ + ".0.0")[0],  # type: ignore[index]
+        "sensors": _sensors(rig, exported),
+        "prints": _prints(rig),
+        "micros": f"{1e6 * exported.interval:.0f}",
+    }
+    # the readme's part on a replay is for the folder that export-c writes without this layout
+    said = readme(exported).split("## Replay")[0]
+    return {
+        "library.properties": filled(_PROPERTIES, values),
+        "library.json": filled(_JSON, values),
+        "keywords.txt": filled(_KEYWORDS, values),
+        "LICENSE": _LICENSE,
+        "README.md": said + filled(_README, values),
+        f"src/{exported.name}.h": exported.header,
+        f"src/{exported.name}.c": exported.source,
+        f"examples/{SKETCH}/{SKETCH}.ino": filled(_SKETCH, values),
+    }
+
+
+def _sensors(rig: Rig, exported: Exported) -> str:
+    """Return the lines of the sketch that read each sensor: a place by an encoder's counts, a force by an analog pin."""
+    sensors, lines, begin, values = {sensor.name: sensor for sensor in rig.sensors}, list[str](), list[str](), []
+    pin, analog = 2, 0
+    for i, channel in enumerate(exported.channels):
+        sensor = sensors[channel]
+        said = f"{comment(channel)}: {sensor.measures} of {comment(sensor.of)}"
+        if sensor.measures in ("position", "angle"):
+            factor, why = _factor(sensor, "count", "2 * pi / 4096 of a turn" if sensor.si == "rad" else "10 um", 1e-5)
+            lines += [
+                f"/* {said}: an encoder with two channels; per count [{sensor.si}]: {why} */",
+                f"const {exported.name}_real PER_COUNT_{i} = {factor};",
+                f"const int A_{i} = {pin}, B_{i} = {pin + 1};",
+                f"volatile long counts_{i};",
+                f"void counted_{i}() {{ counts_{i} += digitalRead(A_{i}) == digitalRead(B_{i}) ? 1 : -1; }}",
+                "",
+            ]
+            begin += [
+                f"  pinMode(A_{i}, INPUT_PULLUP);",
+                f"  pinMode(B_{i}, INPUT_PULLUP);",
+                f"  attachInterrupt(digitalPinToInterrupt(A_{i}), counted_{i}, CHANGE);",
+            ]
+            values += ["  noInterrupts();", f"  counted = counts_{i};", "  interrupts();"]
+            values += [f"  values[{i}] = PER_COUNT_{i} * counted;"]
+            pin += 2
+        else:
+            factor, why = _factor(sensor, "mA", f"0.01 {sensor.si}", 1e-2)
+            lines += [
+                f"/* {said}: a voltage at an analog pin; per step of the converter [{sensor.si}]: {why} */",
+                f"const {exported.name}_real PER_STEP_{i} = {factor};",
+                f"const int ZERO_{i} = 0; /* what the pin reads without a force */",
+                "",
+            ]
+            values += [f"  values[{i}] = PER_STEP_{i} * (analogRead(A{analog}) - ZERO_{i});"]
+            analog += 1
+    reading = ["void read_sensors() {", "  long counted = 0;", "  (void)counted;", *values, "}", ""]
+    return "\n".join([*lines, *reading, "void begin_sensors() {", *begin, "}"])
+
+
+def _factor(sensor: Sensor, unit: str, example: str, otherwise: float) -> tuple[str, str]:
+    """Return the factor from a reading to SI, and where it is from: the rig, or an example that is to be replaced."""
+    if log_unit(sensor) == unit:
+        return f"{sensor.sign * log_factor(sensor):.9g}", f"as the rig has it, a {unit}"
+    return f"{0.00153398079 if 'pi' in example else otherwise:.9g}", f"{example}; SET YOURS"
+
+
+def _prints(rig: Rig) -> str:
+    lines = []
+    for joint, (angle, std) in zip(rig.joints, angle_fields(rig), strict=True):
+        lines += [
+            f'    Serial.print("{re.sub(r"[^A-Za-z0-9 _-]", " ", joint.name)} ");',
+            f"    Serial.print(DEGREES * out.{angle});",
+            '    Serial.print(" +- ");',
+            f"    Serial.print(1.96 * DEGREES * out.{std});",
+            '    Serial.print(" deg, ");',
+        ]
+    return "\n".join(lines)
+
+
+_PROPERTIES = """\
+name=$short$
+version=$version$
+author=distal export-c
+maintainer=distal export-c
+sentence=Angle and standard deviation of the joints of "$rig$", without a sensor in a joint.
+paragraph=A Kalman filter ($estimator$) on what the motors measure. Written by `distal export-c`; no malloc, no globals.
+category=Sensors
+url=https://example.org
+architectures=*
+includes=$name$.h
+"""
+
+_JSON = """\
+{
+  "name": "$short$",
+  "version": "$version$",
+  "description": "Angles of the joints of '$json_rig$', without a sensor in a joint. Written by `distal export-c`.",
+  "keywords": ["robotics", "sensors", "estimation", "tendon"],
+  "license": "BSD-3-Clause",
+  "authors": {"name": "distal export-c"},
+  "frameworks": "*",
+  "platforms": "*",
+  "headers": "$name$.h",
+  "build": {"flags": "-fno-math-errno"}
+}
+"""
+
+_KEYWORDS = """\
+# Written by `distal export-c`: name, tab, kind
+$name$_state\tKEYWORD1
+$name$_output\tKEYWORD1
+$name$_watch\tKEYWORD1
+$name$_begin\tKEYWORD2
+$name$_step\tKEYWORD2
+$name$_restart\tKEYWORD2
+$name$_watch_begin\tKEYWORD2
+$name$_health\tKEYWORD2
+$NAME$_OK\tLITERAL1
+$NAME$_INTERVAL\tLITERAL1
+"""
+
+_LICENSE = """\
+BSD 3-Clause License, for the code that `distal export-c` wrote
+
+Copyright (c) distal contributors
+
+Redistribution and use in source and binary forms, with or without modification, are permitted provided that the
+following conditions are met:
+
+1. Redistributions of source code must retain the above copyright notice, this list of conditions and the following
+   disclaimer.
+
+2. Redistributions in binary form must reproduce the above copyright notice, this list of conditions and the following
+   disclaimer in the documentation and/or other materials provided with the distribution.
+
+3. Neither the name of the copyright holder nor the names of its contributors may be used to endorse or promote products
+   derived from this software without specific prior written permission.
+
+THIS SOFTWARE IS PROVIDED BY THE COPYRIGHT HOLDERS AND CONTRIBUTORS "AS IS" AND ANY EXPRESS OR IMPLIED WARRANTIES,
+INCLUDING, BUT NOT LIMITED TO, THE IMPLIED WARRANTIES OF MERCHANTABILITY AND FITNESS FOR A PARTICULAR PURPOSE ARE
+DISCLAIMED. IN NO EVENT SHALL THE COPYRIGHT HOLDER OR CONTRIBUTORS BE LIABLE FOR ANY DIRECT, INDIRECT, INCIDENTAL,
+SPECIAL, EXEMPLARY, OR CONSEQUENTIAL DAMAGES (INCLUDING, BUT NOT LIMITED TO, PROCUREMENT OF SUBSTITUTE GOODS OR SERVICES;
+LOSS OF USE, DATA, OR PROFITS; OR BUSINESS INTERRUPTION) HOWEVER CAUSED AND ON ANY THEORY OF LIABILITY, WHETHER IN
+CONTRACT, STRICT LIABILITY, OR TORT (INCLUDING NEGLIGENCE OR OTHERWISE) ARISING IN ANY WAY OUT OF THE USE OF THIS
+SOFTWARE, EVEN IF ADVISED OF THE POSSIBILITY OF SUCH DAMAGE.
+"""
+
+_README = """\
+## Use it
+
+Copy this folder into the `libraries` folder of your sketchbook, or into `lib` of a PlatformIO project, and open the
+example `joint_angle`. It reads each place by an encoder and each force by an analog pin; set the factors and pins of your
+board. Before you publish the library, put your own name and page into `library.properties`.
+"""
+
+_SKETCH = """\
+/* Prints the joints' angles and their 95 % bands, from sensors at the motors. Written by `distal export-c`. */
+#include <$name$.h>
+
+static $name$_state state;
+static $name$_watch watch;
+static $name$_real values[$NAME$_CHANNELS];
+static bool begun = false;
+static unsigned long last_sample = 0, last_line = 0;
+
+const unsigned long INTERVAL = $micros$; /* between samples [us], as the rig has it */
+const float DEGREES = 57.2957795f;
+
+$sensors$
+
+void setup() {
+  Serial.begin(115200);
+  begin_sensors();
+}
+
+void loop() {
+  const unsigned long now = micros();
+  if (begun && now - last_sample < INTERVAL) return;
+  read_sensors();
+  /* a step that takes longer than the interval makes dt longer: the filter then bridges samples that were not taken */
+  const $name$_real dt = begun ? 1e-6f * (now - last_sample) : 0;
+  if (!begun) {
+    $name$_begin(&state, values);
+    $name$_watch_begin(&watch);
+  }
+  last_sample = now;
+  $name$_output out;
+  const int code = $name$_step(&state, dt, values, &out);
+  begun = code == $NAME$_OK || code == $NAME$_BAD;
+  if (code != $NAME$_OK) return;
+  const int health = $name$_health(&watch, &state, dt, values, &out);
+  if (now - last_line > 100000) { /* ten lines a second */
+    last_line = now;
+$prints$
+    Serial.println(health == $NAME$_HEALTH_OK ? "ok" : "see the header: health");
+  }
+}
+"""

@@ -1,0 +1,292 @@
+/* $name$_fmi3.c: the filter as an FMU for co-simulation, FMI 3.0. Written by `distal export-fmu`.
+ *
+ * An input is a sensor's value, NAN where it is missing. A sample is taken in when the initialization ends, and whenever a
+ * step begins at least half a nominal interval after the last sample; outputs are those of the last sample.
+ */
+#include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "$name$.h"
+
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#elif defined(__GNUC__)
+#define EXPORT __attribute__((visibility("default")))
+#else
+#define EXPORT
+#endif
+
+/* the types of FMI 3.0 (fmi-standard.org), as far as they are used here */
+typedef void* fmi3Instance;
+typedef void* fmi3FMUState;
+typedef void* fmi3InstanceEnvironment;
+typedef uint32_t fmi3ValueReference;
+typedef const char* fmi3String;
+typedef const uint8_t* fmi3Binary;
+typedef enum { fmi3OK, fmi3Warning, fmi3Discard, fmi3Error, fmi3Fatal } fmi3Status;
+typedef void (*fmi3LogMessageCallback)(fmi3InstanceEnvironment, fmi3Status, fmi3String, fmi3String);
+typedef void (*fmi3Callback)(void);
+
+#define INPUTS $NAME$_CHANNELS
+#define OUTPUTS $n_outputs$
+
+/* all that a state of the FMU is: copied, kept and restored as it stands */
+typedef struct {
+  $name$_state filter;
+  $name$_watch watch;
+  $name$_output out;
+  double inputs[INPUTS];
+  double time;
+  int32_t begun;
+  int32_t health;
+} snapshot;
+
+typedef struct {
+  snapshot now;
+  fmi3InstanceEnvironment environment;
+  fmi3LogMessageCallback log;
+} instance;
+
+static void cleared(snapshot* now) {
+  size_t i;
+  memset(now, 0, sizeof *now);
+  for (i = 0; i < INPUTS; ++i) now->inputs[i] = NAN;
+}
+
+static void take(snapshot* now, double time) {
+  double dt = now->begun ? time - now->time : 0.0;
+  int code;
+  if (now->begun && dt < 0.5 * $NAME$_INTERVAL) return;
+  if (!now->begun) $name$_begin(&now->filter, now->inputs), $name$_watch_begin(&now->watch);
+  code = $name$_step(&now->filter, dt, now->inputs, &now->out);
+  if (code == $NAME$_OK)
+    now->health = $name$_health(&now->watch, &now->filter, dt, now->inputs, &now->out);
+  else if (code != $NAME$_BAD) { /* a gap that is too long, or the filter left all bounds: it begins anew */
+    $name$_restart(&now->filter, now->inputs);
+    $name$_watch_begin(&now->watch);
+    if ($name$_step(&now->filter, 0.0, now->inputs, &now->out)) now->filter.samples = 0;
+    now->health = $NAME$_HEALTH_RESTARTED;
+  }
+  now->time = time;
+  now->begun = 1;
+}
+
+EXPORT const char* fmi3GetVersion(void) { return "3.0"; }
+
+EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, bool visible,
+    bool logging, bool events, bool early, const fmi3ValueReference required[], size_t n, fmi3InstanceEnvironment where,
+    fmi3LogMessageCallback log, fmi3Callback intermediate) {
+  instance* self;
+  (void)name, (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)required, (void)n;
+  (void)intermediate;
+  if (!token || strcmp(token, "$token$")) {
+    if (log) log(where, fmi3Error, "logStatusError", "the instantiation token is not this FMU's");
+    return NULL;
+  }
+  self = malloc(sizeof *self);
+  if (!self) return NULL;
+  cleared(&self->now);
+  self->environment = where;
+  self->log = log;
+  return self;
+}
+
+EXPORT void fmi3FreeInstance(fmi3Instance self) { free(self); }
+
+static fmi3Status refused(fmi3Instance self, const char* why) {
+  const instance* one = self;
+  if (one && one->log) one->log(one->environment, fmi3Error, "logStatusError", why);
+  return fmi3Error;
+}
+
+EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance self, bool is, double tolerance, double start, bool stops, double stop) {
+  (void)is, (void)tolerance, (void)stops, (void)stop;
+  ((instance*)self)->now.time = start;
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance self) {
+  take(&((instance*)self)->now, ((instance*)self)->now.time);
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3DoStep(fmi3Instance self, double time, double step, bool final, bool* events, bool* terminate, bool* early,
+                             double* last) {
+  (void)final;
+  take(&((instance*)self)->now, time);
+  *events = *terminate = *early = false;
+  *last = time + step;
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3Reset(fmi3Instance self) {
+  cleared(&((instance*)self)->now);
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3GetFloat64(fmi3Instance self, const fmi3ValueReference which[], size_t n, double values[], size_t many) {
+  const snapshot* now = &((instance*)self)->now;
+  const double told[OUTPUTS] = {$told$};
+  size_t i;
+  if (n != many) return refused(self, "as many values as references");
+  for (i = 0; i < n; ++i) {
+    if (which[i] > INPUTS + OUTPUTS) return refused(self, "no such number");
+    values[i] = !which[i] ? now->time : which[i] <= INPUTS ? now->inputs[which[i] - 1] : told[which[i] - 1 - INPUTS];
+  }
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3SetFloat64(fmi3Instance self, const fmi3ValueReference which[], size_t n, const double values[], size_t many) {
+  size_t i;
+  if (n != many) return refused(self, "as many values as references");
+  for (i = 0; i < n; ++i) {
+    if (which[i] < 1 || which[i] > INPUTS) return refused(self, "only inputs can be set");
+    ((instance*)self)->now.inputs[which[i] - 1] = values[i];
+  }
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3GetInt64(fmi3Instance self, const fmi3ValueReference which[], size_t n, int64_t values[], size_t many) {
+  size_t i;
+  if (n != many) return refused(self, "as many values as references");
+  for (i = 0; i < n; ++i) {
+    if (which[i] != INPUTS + OUTPUTS + 1) return refused(self, "no such number");
+    values[i] = ((instance*)self)->now.health;
+  }
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3GetFMUState(fmi3Instance self, fmi3FMUState* state) {
+  if (!*state) *state = malloc(sizeof(snapshot));
+  if (!*state) return refused(self, "no memory");
+  memcpy(*state, &((instance*)self)->now, sizeof(snapshot));
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3SetFMUState(fmi3Instance self, fmi3FMUState state) {
+  memcpy(&((instance*)self)->now, state, sizeof(snapshot));
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance self, fmi3FMUState* state) {
+  (void)self;
+  free(*state);
+  *state = NULL;
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3SerializedFMUStateSize(fmi3Instance self, fmi3FMUState state, size_t* size) {
+  (void)self, (void)state;
+  *size = sizeof(snapshot);
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3SerializeFMUState(fmi3Instance self, fmi3FMUState state, uint8_t bytes[], size_t size) {
+  if (size < sizeof(snapshot)) return refused(self, "too few bytes for a state");
+  memcpy(bytes, state, sizeof(snapshot));
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3DeserializeFMUState(fmi3Instance self, const uint8_t bytes[], size_t size, fmi3FMUState* state) {
+  if (size != sizeof(snapshot)) return refused(self, "these are not the bytes of a state");
+  if (!*state) *state = malloc(sizeof(snapshot));
+  if (!*state) return refused(self, "no memory");
+  memcpy(*state, bytes, sizeof(snapshot));
+  return fmi3OK;
+}
+
+/* what changes nothing here */
+#define NOTHING(name) EXPORT fmi3Status name(fmi3Instance self) { (void)self; return fmi3OK; }
+NOTHING(fmi3Terminate)
+NOTHING(fmi3EnterEventMode)
+NOTHING(fmi3EnterStepMode)
+NOTHING(fmi3EnterConfigurationMode)
+NOTHING(fmi3ExitConfigurationMode)
+NOTHING(fmi3EvaluateDiscreteStates)
+
+EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance self, bool on, size_t n, const fmi3String kinds[]) {
+  (void)self, (void)on, (void)n, (void)kinds;
+  return fmi3OK;
+}
+
+EXPORT fmi3Status fmi3UpdateDiscreteStates(fmi3Instance self, bool* again, bool* terminate, bool* nominals, bool* values, bool* next,
+                                           double* time) {
+  (void)self, (void)time;
+  *again = *terminate = *nominals = *values = *next = false;
+  return fmi3OK;
+}
+
+/* what this FMU does not have; a tool that looks for all names of the standard finds them */
+typedef const fmi3ValueReference* references;
+#define NONE(name, parameters, unused) EXPORT fmi3Status name parameters { unused; return refused(self, #name " is not supported"); }
+#define ACCESS(kind, type) \
+  NONE(fmi3Get##kind, (fmi3Instance self, references a, size_t b, type c[], size_t d), ((void)a, (void)b, (void)c, (void)d)) \
+  NONE(fmi3Set##kind, (fmi3Instance self, references a, size_t b, const type c[], size_t d), ((void)a, (void)b, (void)c, (void)d))
+ACCESS(Float32, float)
+ACCESS(Int8, int8_t)
+ACCESS(UInt8, uint8_t)
+ACCESS(Int16, int16_t)
+ACCESS(UInt16, uint16_t)
+ACCESS(Int32, int32_t)
+ACCESS(UInt32, uint32_t)
+ACCESS(UInt64, uint64_t)
+ACCESS(Boolean, bool)
+ACCESS(String, fmi3String)
+NONE(fmi3SetInt64, (fmi3Instance self, references a, size_t b, const int64_t c[], size_t d), ((void)a, (void)b, (void)c, (void)d))
+#define THREE(name, x, y, z) NONE(name, (fmi3Instance self, x a, y b, z c), ((void)a, (void)b, (void)c))
+#define FOUR(name, x, y, z, u) NONE(name, (fmi3Instance self, x a, y b, z c, u d), ((void)a, (void)b, (void)c, (void)d))
+#define FIVE(name, x, y, z, u, v) \
+  NONE(name, (fmi3Instance self, x a, y b, z c, u d, v e), ((void)a, (void)b, (void)c, (void)d, (void)e))
+FIVE(fmi3GetBinary, references, size_t, size_t*, fmi3Binary*, size_t)
+FIVE(fmi3SetBinary, references, size_t, const size_t*, const fmi3Binary*, size_t)
+THREE(fmi3GetClock, references, size_t, bool*)
+THREE(fmi3SetClock, references, size_t, const bool*)
+FOUR(fmi3GetIntervalDecimal, references, size_t, double*, int*)
+FIVE(fmi3GetIntervalFraction, references, size_t, uint64_t*, uint64_t*, int*)
+THREE(fmi3GetShiftDecimal, references, size_t, double*)
+FOUR(fmi3GetShiftFraction, references, size_t, uint64_t*, uint64_t*)
+THREE(fmi3SetIntervalDecimal, references, size_t, const double*)
+FOUR(fmi3SetIntervalFraction, references, size_t, const uint64_t*, const uint64_t*)
+THREE(fmi3SetShiftDecimal, references, size_t, const double*)
+FOUR(fmi3SetShiftFraction, references, size_t, const uint64_t*, const uint64_t*)
+FIVE(fmi3GetOutputDerivatives, references, size_t, const int32_t*, double*, size_t)
+#define DERIVATIVE(name) \
+  NONE(name, (fmi3Instance self, references a, size_t b, references c, size_t d, const double* e, size_t f, double* g, size_t h), \
+       ((void)a, (void)b, (void)c, (void)d, (void)e, (void)f, (void)g, (void)h))
+DERIVATIVE(fmi3GetDirectionalDerivative)
+DERIVATIVE(fmi3GetAdjointDerivative)
+NONE(fmi3GetNumberOfVariableDependencies, (fmi3Instance self, fmi3ValueReference a, size_t* b), ((void)a, (void)b))
+NONE(fmi3GetVariableDependencies,
+     (fmi3Instance self, fmi3ValueReference a, size_t* b, fmi3ValueReference* c, size_t* d, int* e, size_t f),
+     ((void)a, (void)b, (void)c, (void)d, (void)e, (void)f))
+NONE(fmi3EnterContinuousTimeMode, (fmi3Instance self), (void)0)
+THREE(fmi3CompletedIntegratorStep, bool, bool*, bool*)
+NONE(fmi3SetTime, (fmi3Instance self, double a), (void)a)
+#define VECTOR(name, type) NONE(name, (fmi3Instance self, type a, size_t b), ((void)a, (void)b))
+VECTOR(fmi3SetContinuousStates, const double*)
+VECTOR(fmi3GetContinuousStateDerivatives, double*)
+VECTOR(fmi3GetEventIndicators, double*)
+VECTOR(fmi3GetContinuousStates, double*)
+VECTOR(fmi3GetNominalsOfContinuousStates, double*)
+NONE(fmi3GetNumberOfEventIndicators, (fmi3Instance self, size_t* a), (void)a)
+NONE(fmi3GetNumberOfContinuousStates, (fmi3Instance self, size_t* a), (void)a)
+NONE(fmi3ActivateModelPartition, (fmi3Instance self, fmi3ValueReference a, double b), ((void)a, (void)b))
+
+EXPORT fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, bool visible, bool logging,
+                                                 fmi3InstanceEnvironment where, fmi3LogMessageCallback log) {
+  (void)name, (void)token, (void)resources, (void)visible, (void)logging;
+  if (log) log(where, fmi3Error, "logStatusError", "this FMU is for co-simulation");
+  return NULL;
+}
+
+EXPORT fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources, bool visible,
+    bool logging, fmi3InstanceEnvironment where, fmi3LogMessageCallback log, fmi3Callback update, fmi3Callback lock,
+    fmi3Callback unlock) {
+  (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)update, (void)lock, (void)unlock;
+  if (log) log(where, fmi3Error, "logStatusError", "this FMU is for co-simulation");
+  return NULL;
+}

@@ -1,0 +1,104 @@
+"""The health of a stream in C: the words that `distal stream` says."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal import Log, Rig, load_scenario, log_health, scenario_rig, simulate
+from distal.export import c_filter
+from distal.run import samples_of
+from distal.run.monitor import HEALTH
+from tests.export.helpers import spoiled
+from tests.export.test_export import CC, STRICT, needs_compiler
+
+WATCHING = """#include "f.h"
+static f_state state;
+static f_watch watch;
+int word(int first, double dt, const double* values) {
+  f_output out;
+  if (first) f_begin(&state, values), f_watch_begin(&watch);
+  if (f_step(&state, dt, values, &out)) return -1;
+  return f_health(&watch, &state, dt, values, &out);
+}
+"""
+
+
+def words_in_c(rig: Rig, log: Log, folder: Path) -> list[str]:
+    """Return the word of each sample."""
+    made = c_filter(rig, name="f")
+    for file, text in (("f.h", made.header), ("f.c", made.source), ("watching.c", WATCHING)):
+        (folder / file).write_text(text)
+    command = [*CC.command, *STRICT, "-O2", "-fPIC", "-shared", "f.c", "watching.c", "-lm", "-o", "f.so"]  # type: ignore[union-attr]
+    subprocess.run(command, cwd=folder, check=True)
+    word = ctypes.CDLL(str(folder / "f.so")).word
+    samples, steps = samples_of(log, made.channels), np.diff(log.time, prepend=log.time[0])
+    codes = [
+        word(k == 0, ctypes.c_double(steps[k]), np.ascontiguousarray(row).ctypes.data_as(ctypes.c_void_p))
+        for k, row in enumerate(samples)
+    ]
+    return [list(HEALTH)[code] for code in codes]
+
+
+def changed(log: Log, name: str, values: np.ndarray) -> Log:
+    return Log(log.time, {**log.channels, name: values}, log.truth, "changed", log.truth_source)
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return scenario_rig(load_scenario("series-2"))
+
+
+@pytest.fixture(scope="module")
+def log(rig: Rig) -> Log:
+    return simulate(rig, load_scenario("series-2"), 5)
+
+
+def stuck(log: Log) -> Log:
+    values = log.channels["u1"].copy()
+    values[300:420] = values[300]
+    return changed(log, "u1", values)
+
+
+def dead(log: Log) -> Log:
+    values = log.channels["u2"].copy()
+    values[200:330] = np.nan
+    return changed(log, "u2", values)
+
+
+def elsewhere(log: Log) -> Log:
+    return changed(log, "x1", log.channels["x1"] * 1000.0)
+
+
+def contradictory(log: Log) -> Log:
+    return changed(log, "u1", log.channels["u1"] * 0.3)
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [(spoiled, "gap"), (stuck, "dead"), (dead, "dead"), (elsewhere, "disagrees"), (contradictory, "disagrees")],
+    ids=lambda one: getattr(one, "__name__", one),
+)
+def test_the_words_are_those_of_a_stream(rig: Rig, log: Log, spoil: object, said: str, tmp_path: Path) -> None:
+    """A time that is compared with a limit is a sum in C: a word may begin one sample earlier or later."""
+    spoilt = spoil(log)  # type: ignore[operator]
+    known, found = log_health(spoilt, rig), words_in_c(rig, spoilt, tmp_path)
+    assert said in found
+    for k, word in enumerate(found):
+        assert word in known[max(k - 1, 0) : k + 2]
+    assert sum(word != other for word, other in zip(found, known)) <= 4
+
+
+@needs_compiler
+def test_of_a_chain(tmp_path: Path) -> None:
+    scenario = load_scenario("wrist")
+    rig = scenario_rig(scenario)
+    log = simulate(rig, scenario, 1)
+    found = words_in_c(rig, log, tmp_path)
+    assert tuple(found) == log_health(log, rig)
+    assert "untested" in found
