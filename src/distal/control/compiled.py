@@ -19,36 +19,11 @@ from distal.kernels import Kernel, Layout
 from distal.model import Mechanism
 from distal.rig import Rig
 from distal.sensors import SensorErrors
-from distal.simulation.measurands import columns_of
+from distal.simulation.measurands import SENSOR, columns_of, reading_function
 from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
 from distal.simulation.simulate import Prepared
 
 Floats = NDArray[np.float64]
-
-SENSOR = Layout(gain=1, bias=1, noise=1, step=1, low=1, high=1, weights=3, phases=3)
-"""Numbers of a sensor, in the order of `SensorErrors.numbers`."""
-
-
-def reading_function(plant: Mechanism) -> ca.Function:
-    """Return (y, numbers, draws) → what the sensors read, as `SensorErrors` has it.
-
-    Args:
-        plant: the plant's equations.
-    """
-    sensors = plant.rig.sensors
-    y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
-    numbers, draws = ca.SX.sym("numbers", SENSOR.size, len(sensors)), ca.SX.sym("draws", len(sensors))
-    read = []
-    for k, sensor in enumerate(sensors):
-        own = {name: SENSOR.part(numbers[:, k], name) for name in ("gain", "bias", "noise", "step", "low", "high")}
-        weights, phases = SENSOR.part(numbers[:, k], "weights"), SENSOR.part(numbers[:, k], "phases")
-        true = y[columns_of(plant, sensor)[0]]
-        share = ca.fmin(ca.fmax((true - own["low"]) / (own["high"] - own["low"]), 0), 1)
-        curve = sum((weights[i] * ca.sin(np.pi * (i + 1) * share + phases[i]) for i in range(3)), ca.SX(0))
-        value = own["gain"] * true + own["bias"] + curve + own["noise"] * draws[k]
-        step = ca.if_else(own["step"] > 0, own["step"], 1)
-        read.append(ca.if_else(own["step"] > 0, ca.floor(value / step + 0.5) * step, value))
-    return ca.Function("reading", [y, numbers, draws], [ca.densify(ca.vertcat(*read))])
 
 
 @dataclass(frozen=True)

@@ -223,7 +223,9 @@ class _Rate:
         self.at = [k for k, sensor in enumerate(every) if sensor.rate == rate]
         sensors = [every[k] for k in self.at]
         self.due = np.isin(stamps, np.round(np.arange(0.0, stamps[-1] + 0.5 / rate, 1.0 / rate), 9))
-        self.errors = SensorErrors(sensors, [_travel(plant, sensor) for sensor in sensors], [rngs[k] for k in self.at])
+        self.errors = SensorErrors(
+            sensors, [travel_of(plant, sensor) for sensor in sensors], [rngs[k] for k in self.at]
+        )
         columns = np.array([columns_of(plant, sensor) for sensor in sensors])
         self._own, self._changes = columns.T
         self._lags = np.array([sensor.lag for sensor in sensors])
@@ -242,8 +244,13 @@ class _Rate:
         return found
 
 
-def _travel(plant: Mechanism, sensor: Sensor) -> tuple[float, float]:
-    """Return the travel over which a sensor's linearity is defined, before the motion is known."""
+def travel_of(plant: Mechanism, sensor: Sensor) -> tuple[float, float]:
+    """Return the travel over which a sensor's linearity is defined, before the motion is known.
+
+    Args:
+        plant: the plant's equations.
+        sensor: one of its rig's.
+    """
     if sensor.measures == "position":
         return travel(plant, [drive.name for drive in plant.rig.drives].index(sensor.of))
     if sensor.measures == "angle":

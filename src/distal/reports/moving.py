@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from html import escape
 from importlib import resources
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.logs import Log
 from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, FAINT, INK, SOFT, WHITE, Estimate, from_start
-from distal.rig import Rig
+from distal.rig import Rig, Tendon
 
 Floats = NDArray[np.float64]
 
@@ -38,41 +39,22 @@ def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
     """
     step = max(1, -(-len(log) // MOST_FRAMES))
     some, time = slice(None, None, step), from_start(estimate.time)
-    links = _links(rig)
-    tendons = [
-        {"name": name, "crossings": crossings, "tension": None if values is None else _numbers(values[some], 2)}
-        for name, crossings, values in _tendons(rig, log)
-    ]
-    told = [value for tendon in tendons for value in tendon["tension"] or () if value is not None]
-    data = {
+    tensions = [None if values is None else _numbers(values[some], 2) for values in _tensions(rig, log)]
+    told = [value for values in tensions for value in values or () if value is not None]
+    shape = chain_shape(rig, max(told, default=0.0))
+    for drawn, values in zip(shape["tendons"], tensions):
+        drawn["tension"] = values
+    data = shape | {
         "time": _numbers(time[some] - time[0], 4),
         "from": float(time[0]),
         "angles": [_numbers(each, 4) for each in estimate.angles[some].T],
         "halves": [_numbers(BAND * each, 4) for each in estimate.angle_stds[some].T],
         "truths": None if estimate.truths is None else [_numbers(each, 4) for each in estimate.truths[some].T],
-        "joints": [
-            {"parent": _parent(rig, j), "offset": joint.offset, "axis": joint.axis, "link": list(links[j])}
-            for j, joint in enumerate(rig.joints)
-        ],
-        "tendons": tendons,
-        "most": max(told, default=0.0),
-        "ramp": CIVIDIS,
-        "view": _view(rig),
-        "colours": {
-            "ink": BLACK, "soft": SOFT, "faint": FAINT, "paper": WHITE, "estimate": COLOURS[0],
-            "band": COLOURS[0] + f"{round(255 * BAND_ALPHA):02x}",
-        },
-    }  # fmt: skip
-    ramp = ", ".join(f"rgb{colour}" for colour in CIVIDIS)
-    scale = (
-        f"<span style='white-space:nowrap'>tension 0 <span style='display:inline-block;width:6rem;height:.7rem;"
-        f"background:linear-gradient(to right, {ramp})'></span> {data['most']:.3g} N</span>"
-        if told
-        else ""
-    )
+    }
+    scale = tension_scale(f"{data['most']:.3g} N") if told else ""
     rows = "".join(f"<tr><td>{escape(joint.name)}</td><td class='n'></td></tr>" for joint in rig.joints)
     dashed = ", dashed is the truth" if estimate.truths is not None else ""
-    script = resources.files("distal.reports").joinpath("moving.js").read_text(encoding="utf-8")
+    script = chain_script() + resources.files("distal.reports").joinpath("moving.js").read_text(encoding="utf-8")
     speeds = "".join(f"<option value='{x}'{' selected' if x == 1 else ''}>{x}×</option>" for x in (0.1, 0.25, 1, 2, 5))
     picture = (
         f"<style>{_STYLE}</style><figure id='moving'><div><canvas role='img' aria-label='The chain as it is estimated to "
@@ -85,6 +67,48 @@ def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
     )
     packed = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     return picture, f"<script type='application/json' id='moving-data'>{packed}</script>\n<script>{script}</script>"
+
+
+def chain_script() -> str:
+    """Return the JavaScript that draws a chain."""
+    return resources.files("distal.reports").joinpath("chain.js").read_text(encoding="utf-8")
+
+
+def chain_shape(rig: Rig, most: float) -> dict[str, Any]:
+    """Return what `chain_script` draws of a rig: its joints, its tendons, how it is seen, and colours.
+
+    Args:
+        rig: the description.
+        most: tension at the end of the scale of colours [N].
+    """
+    links = _links(rig)
+    return {
+        "joints": [
+            {"parent": _parent(rig, j), "offset": joint.offset, "axis": joint.axis, "link": list(links[j])}
+            for j, joint in enumerate(rig.joints)
+        ],
+        "tendons": [{"name": tendon.name, "crossings": _crossings(rig, tendon)} for tendon in rig.tendons],
+        "most": most,
+        "ramp": CIVIDIS,
+        "view": _view(rig),
+        "colours": {
+            "ink": BLACK, "soft": SOFT, "faint": FAINT, "paper": WHITE, "estimate": COLOURS[0],
+            "band": COLOURS[0] + f"{round(255 * BAND_ALPHA):02x}",
+        },
+    }  # fmt: skip
+
+
+def tension_scale(most: str) -> str:
+    """Return the scale of colours of the tensions, as HTML.
+
+    Args:
+        most: its end, in words.
+    """
+    ramp = ", ".join(f"rgb{colour}" for colour in CIVIDIS)
+    return (
+        f"<span style='white-space:nowrap'>tension 0 <span style='display:inline-block;width:6rem;height:.7rem;"
+        f"background:linear-gradient(to right, {ramp})'></span> {most}</span>"
+    )
 
 
 _STYLE = f"""
@@ -138,10 +162,15 @@ def _view(rig: Rig) -> tuple[tuple[float, ...], ...]:
     return tuple(map(float, right)), tuple(map(float, up))
 
 
-def _tendons(rig: Rig, log: Log) -> list[tuple[str, list[tuple[int, float]], Floats | None]]:
-    """Return of each tendon its name, its arms at zero by joint, and its measured tension [N], None where there is none."""
-    found = list[tuple[str, list[tuple[int, float]], Floats | None]]()
+def _crossings(rig: Rig, tendon: Tendon) -> list[tuple[int, float]]:
+    """Return the joints that a tendon crosses, with its arms at zero [m]."""
     names = [joint.name for joint in rig.joints]
+    return sorted((names.index(name), float(arm)) for name, arm in tendon.arms().items())
+
+
+def _tensions(rig: Rig, log: Log) -> list[Floats | None]:
+    """Return the measured tension of each tendon [N], None where there is none."""
+    found: list[Floats | None] = []
     drives = {drive.name: drive for drive in rig.drives}
     for tendon in rig.tendons:
         drive, values = drives[tendon.drive], None
@@ -153,8 +182,7 @@ def _tendons(rig: Rig, log: Log) -> list[tuple[str, list[tuple[int, float]], Flo
                 values = np.asarray(log.channels[sensor.name]) / (
                     drive.radius.value if drive.kind == "capstan" else 1.0
                 )
-        arms = sorted((names.index(name), float(arm)) for name, arm in tendon.arms().items())
-        found.append((tendon.name, arms, values))
+        found.append(values)
     return found
 
 

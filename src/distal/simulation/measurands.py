@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.kernels import Layout
 from distal.model import Mechanism
 from distal.rig import Sensor
 from distal.simulation.plant import Motion
@@ -56,3 +58,30 @@ def range_of(motion: Motion, sensor: Sensor) -> tuple[float, float]:
         return stops
     values = true_values(motion, sensor)
     return float(values.min()), float(values.max())
+
+
+SENSOR = Layout(gain=1, bias=1, noise=1, step=1, low=1, high=1, weights=3, phases=3)
+"""Numbers of a sensor, in the order of `SensorErrors.numbers`."""
+
+
+def reading_function(plant: Mechanism) -> ca.Function:
+    """Return (y, numbers, draws) → what the sensors read, as `SensorErrors` has it.
+
+    Args:
+        plant: the plant's equations; delays of its sensors are left out.
+    """
+    sensors = plant.rig.sensors
+    y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
+    numbers, draws = ca.SX.sym("numbers", SENSOR.size, len(sensors)), ca.SX.sym("draws", len(sensors))
+    read = []
+    for k, sensor in enumerate(sensors):
+        own = {name: SENSOR.part(numbers[:, k], name) for name in ("gain", "bias", "noise", "step", "low", "high")}
+        weights, phases = SENSOR.part(numbers[:, k], "weights"), SENSOR.part(numbers[:, k], "phases")
+        at, changes = columns_of(plant, sensor)
+        true = y[at] + sensor.lag * y[changes] if sensor.lag > 0.0 else y[at]
+        share = ca.fmin(ca.fmax((true - own["low"]) / (own["high"] - own["low"]), 0), 1)
+        curve = sum((weights[i] * ca.sin(np.pi * (i + 1) * share + phases[i]) for i in range(3)), ca.SX(0))
+        value = own["gain"] * true + own["bias"] + curve + own["noise"] * draws[k]
+        step = ca.if_else(own["step"] > 0, own["step"], 1)
+        read.append(ca.if_else(own["step"] > 0, ca.floor(value / step + 0.5) * step, value))
+    return ca.Function("reading", [y, numbers, draws], [ca.densify(ca.vertcat(*read))])

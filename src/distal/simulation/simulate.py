@@ -134,7 +134,7 @@ def timing(plant: Mechanism, scenario: Scenario, period: float | None = None) ->
     """
     fastest = max((sensor.rate for sensor in plant.rig.sensors), default=100.0)
     filled = 1.0 / fastest if period is None else period
-    dt = filled / ceil(filled / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
+    dt, count = intervals_of(plant, filled)
     if scenario.duration * fastest < 1.0 - 1e-9:
         raise ScenarioError(f"duration: {scenario.duration:g} s is shorter than one sample")
     if scenario.duration / dt > MOST_STEPS:
@@ -142,7 +142,18 @@ def timing(plant: Mechanism, scenario: Scenario, period: float | None = None) ->
             f"duration: {scenario.duration:g} s in steps of {dt:g} s is too long (at most {MOST_STEPS:,} steps); "
             "take it in pieces (distal drift, simulate_pieces), or set lower sensor rates"
         )
-    return dt, ceil(scenario.duration / dt - 1e-9), max(2, 2 * substeps(plant, dt))
+    return dt, ceil(scenario.duration / dt - 1e-9), count
+
+
+def intervals_of(plant: Mechanism, filled: float) -> tuple[float, int]:
+    """Return the length of an interval [s], and the sub-steps of each.
+
+    Args:
+        plant: the plant's equations.
+        filled: time that whole intervals must fill [s].
+    """
+    dt = filled / ceil(filled / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
+    return dt, max(2, 2 * substeps(plant, dt))
 
 
 def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
