@@ -1,0 +1,271 @@
+// The lab: plant and filters of a rig run as WebAssembly, sliders change what is true, curves show what is said of it.
+"use strict";
+(async () => {
+  const started = performance.now(), by = (id) => document.getElementById(id);
+  const data = JSON.parse(by("lab-data").textContent), lab = by("lab"), DEGREE = Math.PI / 180;
+  const bytes = Uint8Array.from(atob(data.code), (c) => c.charCodeAt(0));
+  const { instance } = await WebAssembly.instantiate(bytes, {});
+  const wasm = instance.exports;
+  if (wasm._initialize) wasm._initialize();
+  const view = (name, count, Kind = Float64Array) => new Kind(wasm.memory.buffer, wasm[name](), count);
+  const { bodies, joints: names, sensors, interval } = data, nj = names.length;
+  const numbers = view("lab_numbers", data.numbers), truth = view("lab_truth", 3 * bodies + data.tendons.length);
+  const values = view("lab_values", sensors.length), dead = view("lab_dead", sensors.length, Uint8Array);
+  const told = view("lab_told", data.told.length), pull = view("lab_pull", 5 * bodies);
+  const part = (k) => pull.subarray(k * bodies, (k + 1) * bodies);
+  const [effort, , stiffness, target, damping] = [0, 1, 2, 3, 4].map(part);
+  const at = (name) => data.told.indexOf(name), tensionsAt = 2 * bodies;
+
+  // what is kept of each sample: time, true angles, angles and stds told, inextensible angles, torques true and told
+  const torques = data.torques.map(([value, std, joint]) => [at(value), at(std), joint]);
+  const width = 1 + 4 * nj + 3 * torques.length, KEPT = Math.ceil(data.window / interval);
+  const kept = new Float64Array(width * KEPT), readings = [];
+  let count = 0, nominal = null, hand = null, playing = true, joint = nj - 1, work = 0, frames = 0, broken = false;
+
+  const settings = Object.fromEntries([...lab.querySelectorAll("input[type=range]")].map((input) => [input.name, input]));
+  const setting = (name) => (settings[name].dataset.log !== undefined ? 2 ** Number(settings[name].value) : Number(settings[name].value));
+  const said = (name) => { const x = setting(name), unit = settings[name].dataset.unit; return unit === "×" ? `${x.toFixed(2)} ×` : `${+x.toPrecision(2)} ${unit}`; };
+
+  // x(θ) of the drives: what stands still at each joint's angle, added up over the joints
+  function places(angles) {
+    const found = [...data.start];
+    angles.forEach((angle, j) => {
+      const table = data.places[j], k = ((angle - table.from) / (table.to - table.from)) * (table.rows.length - 1);
+      const i = Math.min(Math.max(Math.floor(k), 0), table.rows.length - 2);
+      for (let d = 0; d < bodies - nj; d++) found[nj + d] += table.rows[i][d] + (k - i) * (table.rows[i + 1][d] - table.rows[i][d]);
+    });
+    return found;
+  }
+  // where the motors lead the joints
+  function led(time, range, speed) {
+    const ramp = Math.min(time / 2, 1);
+    return data.motion.map((m) => m.from + ramp * (m.centre - m.from + range * m.amplitude * Math.sin(2 * Math.PI * speed * m.pace * time)));
+  }
+  function act(time) {
+    const wanted = places(led(time, setting("range"), setting("speed"))), tight = setting("pretension");
+    for (let i = nj; i < bodies; i++) {
+      effort[i] = data.effort[i] * tight; stiffness[i] = data.servo[i - nj][0]; damping[i] = data.servo[i - nj][1]; target[i] = wanted[i];
+    }
+    for (let j = 0; j < nj; j++) {
+      const held = hand && hand.joint === j;
+      effort[j] = j === joint ? setting("load") : 0;
+      stiffness[j] = held ? data.hand[0] : 0; damping[j] = held ? data.hand[1] : 0; target[j] = held ? hand.angle : 0;
+    }
+    for (const [name, indices] of Object.entries(data.factors)) for (const i of indices) numbers[i] = nominal[i] * setting(name);
+    sensors.forEach((_, i) => { dead[i] = by(`dead-${i}`).checked ? 1 : 0; });
+  }
+  function keep() {
+    const row = kept.subarray(width * (count % KEPT)), time = count * interval;
+    let k = 0;
+    row[k++] = time;
+    for (let j = 0; j < nj; j++) {
+      row[k++] = truth[j]; row[k++] = told[2 * j]; row[k++] = told[2 * j + 1];
+      row[k++] = data.plain ? told[at("health") + 1 + j] : NaN;
+    }
+    for (const [value, std, j] of torques) { row[k++] = truth[tensionsAt + data.tendons.length + j]; row[k++] = told[value]; row[k++] = told[std]; }
+    if (count * interval < data.longest) readings.push([time, ...values, ...truth.subarray(0, nj)]);
+    count += 1;
+  }
+  function begin() {
+    count = 0; readings.length = 0; broken = false;
+    wasm.lab_begin(Number(by("seed").value) >>> 0);
+    nominal = nominal || Float64Array.from(numbers);
+    sensors.forEach((_, i) => { dead[i] = 0; });
+    keep();
+  }
+  function step() {
+    act((count - 1) * interval);
+    if (!wasm.lab_step()) broken = true;
+    keep();
+  }
+  const angle = (j, what) => { const row = width * ((count - 1) % KEPT); return kept[row + 1 + 4 * j + what]; };
+  const each = (what) => names.map((_, j) => angle(j, what));
+
+  // the rig as it moves
+  const picture = chainPicture(by("rig"), data.shape), colours = data.shape.colours;
+  function fitted() {
+    const some = [];
+    for (let time = 0; time < 20; time += 0.5) some.push(led(time, 1, 0.15));
+    picture.fit(some);
+    for (const plot of plots) plot.fit();
+  }
+
+  // curves over time
+  function curves(id, unit) {
+    const canvas = by(id), pen = canvas.getContext("2d"), left = 44, bottom = 18;
+    let box = { width: 1, height: 1 };
+    return {
+      fit() {
+        const ratio = window.devicePixelRatio || 1;
+        box = canvas.getBoundingClientRect();
+        canvas.width = box.width * ratio; canvas.height = box.height * ratio;
+        pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+      },
+      // lines: [value(row), colour, width, dash]; bands: [low(row), high(row)]
+      draw(lines, bands, least) {
+        const shown = Math.min(count, KEPT), first = count - shown, end = first * interval + data.window;
+        const every = Math.max(1, Math.floor(shown / box.width)), right = box.width - 4, high = box.height - bottom;
+        let low = Infinity, top = -Infinity;
+        const rows = [];
+        for (let k = first - (first % every) + (first % every ? every : 0); k < count; k += every) rows.push(width * (k % KEPT));
+        for (const row of rows) for (const value of [...lines.slice(0, 2).map((l) => l[0]), ...bands.flat()]) {
+          const y = value(row);
+          if (y < low) low = y;
+          if (y > top) top = y;
+        }
+        if (!(top > low)) { low = -least; top = least; }
+        if (top - low < least) { const middle = (top + low) / 2; low = middle - least / 2; top = middle + least / 2; }
+        const room = 0.06 * (top - low); low -= room; top += room;
+        const x = (row) => left + ((kept[row] - (end - data.window)) / data.window) * (right - left);
+        const y = (value) => high - ((Math.min(Math.max(value, low - top), 2 * top - low) - low) / (top - low)) * (high - 6);
+        pen.clearRect(0, 0, box.width, box.height);
+        pen.font = "12px system-ui, sans-serif"; pen.setLineDash([]);
+        const size = 10 ** Math.floor(Math.log10((top - low) / 2)), tick = size * [1, 2, 5].find((f) => (top - low) / (f * size) <= 5 || f === 5);
+        pen.lineWidth = 1; pen.strokeStyle = colours.faint; pen.fillStyle = colours.soft;
+        pen.textAlign = "right"; pen.textBaseline = "middle";
+        for (let v = Math.ceil(low / tick) * tick; v <= top; v += tick) {
+          pen.beginPath(); pen.moveTo(left, y(v)); pen.lineTo(right, y(v)); pen.stroke();
+          pen.fillText(`${+(Math.abs(v) < tick / 1e6 ? 0 : v).toPrecision(4)}`, left - 5, y(v));
+        }
+        pen.textAlign = "center"; pen.textBaseline = "alphabetic";
+        for (let t = Math.ceil((end - data.window) / 2) * 2; t <= end; t += 2) {
+          const px = left + ((t - (end - data.window)) / data.window) * (right - left);
+          if (px > left + 12 && px < right - 20) pen.fillText(`${t} s`, px, box.height - 4);
+        }
+        pen.save(); pen.beginPath(); pen.rect(left, 0, right - left, high); pen.clip();
+        for (const [below, above] of bands) {
+          pen.beginPath();
+          rows.forEach((row, i) => (i ? pen.lineTo(x(row), y(above(row))) : pen.moveTo(x(row), y(above(row)))));
+          for (let i = rows.length - 1; i >= 0; i--) pen.lineTo(x(rows[i]), y(below(rows[i])));
+          pen.closePath(); pen.fillStyle = colours.band; pen.fill();
+        }
+        for (const [value, colour, thick, dash] of lines) {
+          pen.beginPath(); pen.strokeStyle = colour; pen.lineWidth = thick; pen.setLineDash(dash);
+          let open = false;
+          for (const row of rows) {
+            const v = value(row);
+            if (Number.isFinite(v)) { if (open) pen.lineTo(x(row), y(v)); else pen.moveTo(x(row), y(v)); open = true; } else open = false;
+          }
+          pen.stroke();
+        }
+        pen.restore();
+        pen.save(); pen.translate(11, high / 2); pen.rotate(-Math.PI / 2); pen.textAlign = "center"; pen.fillStyle = colours.soft; pen.fillText(unit, 0, 0); pen.restore();
+      },
+    };
+  }
+  const angles = curves("angles", "angle [°]"), errors = curves("errors", "error [°]");
+  const touch = torques.length ? curves("torque", "torque [N m]") : null, plots = [angles, errors, ...(touch ? [touch] : [])];
+
+  function draw() {
+    const halves = each(2).map((std) => 1.96 * std);
+    picture.draw(each(1), halves, each(0), [...truth.subarray(tensionsAt, tensionsAt + data.tendons.length)]);
+    const of = (what, scale = 1 / DEGREE) => (row) => kept[row + 1 + 4 * joint + what] * scale;
+    const half = (row) => (1.96 * kept[row + 1 + 4 * joint + 2]) / DEGREE;
+    const plain = [of(3), data.colours.plain, 1.5, [5, 3]];
+    angles.draw([[of(0), colours.ink, 2, []], [of(1), colours.estimate, 1.5, []], ...(data.plain ? [plain] : [])], [[(r) => of(1)(r) - half(r), (r) => of(1)(r) + half(r)]], 10);
+    const off = (what) => (row) => of(what)(row) - of(0)(row);
+    errors.draw([[off(1), colours.estimate, 1.5, []], ...(data.plain ? [[off(3), data.colours.plain, 1.5, [5, 3]]] : [])], [[(r) => -half(r), half]], 2);
+    if (touch) {
+      const base = 1 + 4 * nj + 3 * Math.max(torques.findIndex((t) => t[2] === joint), 0);
+      const value = (k) => (row) => kept[row + base + k], reach = (row) => 1.96 * kept[row + base + 2];
+      touch.draw([[value(0), colours.ink, 2, []], [value(1), colours.estimate, 1.5, []]], [[(r) => kept[r + base + 1] - reach(r), (r) => kept[r + base + 1] + reach(r)]], 0.01 * data.loadMost);
+    }
+  }
+  // numbers and words, four times a second
+  function tell() {
+    const shown = Math.min(count, KEPT), first = count - shown;
+    let square = 0, worst = 0, inside = 0, plainWorst = 0, n = 0;
+    for (let k = first; k < count; k++) {
+      const row = width * (k % KEPT) + 1 + 4 * joint, error = Math.abs(kept[row + 1] - kept[row]);
+      if (k * interval < 1 && first === 0) continue;  // the first second, in which the zero is found
+      square += error * error; worst = Math.max(worst, error); inside += error <= 1.96 * kept[row + 2]; n += 1;
+      plainWorst = Math.max(plainWorst, Math.abs(kept[row + 3] - kept[row]));
+    }
+    const degrees = (x) => `${(x / DEGREE).toFixed(1)}°`;
+    names.forEach((_, j) => { by(`now-${j}`).textContent = `${degrees(angle(j, 1))} ± ${degrees(1.96 * angle(j, 2))}`; by(`true-${j}`).textContent = degrees(angle(j, 0)); });
+    const word = data.health[told[at("health")]] || ["", ""];
+    by("health").textContent = `${word[0]}: ${word[1]}`; by("health").className = word[0] === "ok" || word[0] === "untested" ? "yes" : "no";
+    by("clock").textContent = `${(count * interval).toFixed(1)} s`;
+    if (n) {
+      const compared = data.plain ? ` Taken as inextensible, the tendons are wrong by up to ${degrees(plainWorst)}.` : "";
+      by("verdict").textContent = broken ? "The motion left all bounds; press Begin anew." : `Without a sensor in ${names[joint]}, its angle is known to ± ${degrees(1.96 * angle(joint, 2))}. In the last ${Math.min(data.window, Math.round(count * interval))} s it was wrong by ${degrees(Math.sqrt(square / n))} (RMS) and at most ${degrees(worst)}, and the band contained the truth for ${Math.round((100 * inside) / n)} % of the time.${compared}`;
+    }
+    for (const name of Object.keys(settings)) { by(`${name}-said`).textContent = said(name); settings[name].setAttribute("aria-valuetext", said(name)); }
+  }
+
+  let before = null, due = 0, spoken = -1e9;
+  function frame(stamp) {
+    const begun = performance.now();
+    if (playing && !broken) {
+      due += before === null ? 0 : Math.min((stamp - before) / 1000, 0.1);
+      while (due >= interval && !broken) { step(); due -= interval; }
+    }
+    before = stamp;
+    draw();
+    if (stamp - spoken > 250) { spoken = stamp; tell(); }
+    work += performance.now() - begun; frames += 1;
+    lab.dataset.frames = frames;
+    (lab.times = lab.times || []).push(performance.now() - begun);
+    if (lab.times.length > 600) lab.times.shift();
+    requestAnimationFrame(frame);
+  }
+
+  // mouse and touch: a link that is taken is pulled to the pointer by a spring
+  const canvas = by("rig");
+  function pointed(e) { const box = canvas.getBoundingClientRect(); return [e.clientX - box.left, e.clientY - box.top]; }
+  function towards(j, [px, py]) {
+    const now = each(0), off = (a) => {
+      const [[ax, ay], [bx, by_]] = picture.sight(now, j, a), length = Math.hypot(px - ax, py - ay) || 1, own = Math.hypot(bx - ax, by_ - ay) || 1;
+      return -((bx - ax) * (px - ax) + (by_ - ay) * (py - ay)) / (length * own);
+    };
+    let best = now[j];
+    for (let i = -90; i <= 90; i++) { const a = now[j] + (i / 90) * 1.5; if (off(a) < off(best)) best = a; }
+    return best;
+  }
+  canvas.addEventListener("pointerdown", (e) => {
+    const p = pointed(e), now = each(0), reach = (j) => {
+      const [[ax, ay], [bx, by_]] = picture.sight(now, j, now[j]), dx = bx - ax, dy = by_ - ay;
+      const t = Math.min(Math.max(((p[0] - ax) * dx + (p[1] - ay) * dy) / (dx * dx + dy * dy || 1), 0), 1);
+      return Math.hypot(p[0] - ax - t * dx, p[1] - ay - t * dy);
+    };
+    const nearest = names.map((_, j) => j).reduce((a, b) => (reach(b) < reach(a) ? b : a));
+    hand = { joint: nearest, angle: towards(nearest, p) };
+    canvas.setPointerCapture(e.pointerId);
+  });
+  canvas.addEventListener("pointermove", (e) => { if (hand) hand.angle = towards(hand.joint, pointed(e)); });
+  for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, () => { hand = null; });
+
+  by("play").addEventListener("click", () => { playing = !playing; by("play").textContent = playing ? "Pause" : "Go on"; });
+  by("again").addEventListener("click", () => { begin(); tell(); });
+  by("joint").addEventListener("change", (e) => { joint = Number(e.target.value); tell(); });
+  for (const button of lab.querySelectorAll("button[data-set]"))
+    button.addEventListener("click", () => {
+      const wanted = JSON.parse(button.dataset.set);
+      for (const input of Object.values(settings)) if (input.dataset.kept === undefined) input.value = input.defaultValue;
+      sensors.forEach((_, i) => { by(`dead-${i}`).checked = (wanted.dead || []).includes(i); });
+      for (const [name, value] of Object.entries(wanted)) if (settings[name]) settings[name].value = value;
+      by("why").textContent = button.dataset.why; tell();
+    });
+  function csv() {
+    const lines = [data.columns.map((c) => (/[",]/.test(c) ? `"${c.replaceAll('"', '""')}"` : c)).join(",")];
+    for (const row of readings) lines.push(row.map((x, i) => (Number.isFinite(x) ? String(x / data.scales[i]) : "")).join(","));
+    return `${lines.join("\n")}\n`;
+  }
+  by("save").addEventListener("click", () => {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob([csv()], { type: "text/csv" })); link.download = "lab.csv"; link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+    by("why").textContent = `Saved ${readings.length} samples, from the beginning; ${data.command}`;
+  });
+  window.addEventListener("resize", fitted);
+  for (const input of Object.values(settings)) input.addEventListener("input", tell);
+
+  // what a test needs: run on without waiting, and say what was kept
+  lab.run = (seconds) => { for (const end = count + Math.round(seconds / interval); count < end; ) step(); };
+  lab.begin = begin; lab.csv = csv; lab.pause = () => { playing = false; };
+  lab.rows = () => { const shown = Math.min(count, KEPT); return Array.from({ length: shown }, (_, i) => [...kept.subarray(width * ((count - shown + i) % KEPT), width * ((count - shown + i) % KEPT) + width)]); };
+  lab.acted = () => [...pull];
+  begin(); fitted(); draw(); tell();
+  lab.dataset.first = (performance.now() - started).toFixed(1);
+  requestAnimationFrame(frame);
+})();

@@ -1,0 +1,292 @@
+"""The lab of a rig: one HTML file in which it moves and is estimated, with sliders for what is true."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from html import escape
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators import external_torques_of, make_estimator
+from distal.export.fields import torque_fields
+from distal.export.plant import ExportedPlant, resting_pull
+from distal.export.source import filled
+from distal.lab.module import LabModule, lab_module
+from distal.logs import write_whole
+from distal.reports.moving import chain_script, chain_shape, tension_scale
+from distal.reports.page import page
+from distal.results import COLOURS
+from distal.rig import Rig, angle_names, log_factor, std_name
+from distal.run.monitor import HEALTH
+from distal.simulation.inputs import BodyInputs
+from distal.simulation.plant import equilibrium
+from distal.units import unit_factor
+
+Floats = NDArray[np.float64]
+
+WINDOW = 12.0
+"""Time that the curves show [s]."""
+
+LONGEST = 600.0
+"""A log that is saved ends after so long [s]."""
+
+FACTORS = {
+    "friction": r"friction\.(coefficient|constant|load)$|path\.friction$",
+    "stiffness": r"^tendons\.\d+\.stiffness$",
+    "pretension": r"^tendons\.\d+\.pretension$",
+    "arm": r"^tendons\.\d+\.(insertion|crossings\.\d+)\.(radius|arm|offset|lever)$",
+}
+"""The plant's numbers that a slider multiplies."""
+
+LABELS = {
+    "friction": "friction",
+    "stiffness": "tendon stiffness",
+    "pretension": "pre-tension",
+    "arm": "moment arms",
+}
+
+SWING = 0.5
+"""A joint without stops swings so far to both sides [rad]."""
+
+POSTURES = 17
+"""Angles of each joint at which the places of the drives are computed."""
+
+STIFF = 20.0
+"""Stiffness of the drives' position loops, in that of their tendons."""
+
+
+def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: str = "RIG") -> Path:
+    """Write the lab of a rig as one HTML file, and return where it is; nothing is fetched when it is opened.
+
+    Args:
+        rig: the description: what the filter believes, and what is true until a slider is moved.
+        path: where.
+        estimator: the filter.
+        source: how the rig is called on the command line.
+
+    Raises:
+        ExportError: ziglang is not installed or failed, or the plant or the filter has no C.
+        EstimationError: the estimator cannot run on this rig.
+        OutputError: the file cannot be written.
+    """
+    module = lab_module(rig, estimator)
+    data = lab_data(rig, module, estimator, source)
+    script = chain_script() + _resource("lab.js")
+    packed = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+    parts = [
+        f"<style>{_resource('lab.css')}</style>",
+        _body(rig, module, data, estimator),
+        f"<script type='application/json' id='lab-data'>{packed}</script>\n<script>{script}</script>",
+    ]
+    lead = (
+        "The rig moves in your browser, and a filter says where its joints are from what its motors measure. Change what "
+        "is true, while the filter still believes the rig file, and see when you can leave the encoder out."
+    )
+    write_whole(path, page(f"Lab: {rig.name}", lead, parts))
+    return Path(path)
+
+
+def lab_data(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str, Any]:
+    """Return what the page's script needs to know of a rig.
+
+    Args:
+        rig: the description.
+        module: its plant and filters.
+        estimator: the filter.
+        source: how the rig is called on the command line.
+    """
+    plant, made = module.plant, module.plant.plant
+    n, nj = made.n_bodies, made.n_joints
+    tensions = module.plant.first[2 * n : 2 * n + made.n_tendons]
+    most = _largest_load(rig, tensions)
+    sensors = [next(s for s in rig.sensors if s.name == name) for name in plant.sensors]
+    runner = make_estimator(estimator, rig, compiled=False)
+    touched = dict(zip((field for _, field in torque_fields(runner)), external_torques_of(runner)))
+    scales = [unit_factor(rig.log.time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in sensors)]
+    columns = [rig.log.time.column, *(sensor.log_column for sensor in sensors)]
+    columns += [f"true_{name}" for name in angle_names([joint.name for joint in rig.joints])]
+    return {
+        "code": base64.b64encode(module.code).decode(),
+        "shape": chain_shape(rig, 2.5 * float(max(tensions, default=1.0))),
+        "joints": [joint.name for joint in rig.joints],
+        "tendons": [tendon.name for tendon in rig.tendons],
+        "sensors": list(plant.sensors),
+        "bodies": n,
+        "interval": plant.interval,
+        "window": WINDOW,
+        "longest": LONGEST,
+        "numbers": len(plant.numbers),
+        "told": list(module.told),
+        "plain": module.inextensible,
+        "torques": [[field, std_name(field), joint] for field, joint in touched.items()],
+        "health": [[word, meaning] for word, meaning in HEALTH.items()],
+        "start": plant.start.tolist(),
+        "effort": resting_pull(made).tolist(),
+        "motion": _motion(rig),
+        "places": _places(rig, plant),
+        "servo": _servo(plant),
+        "hand": [most / 0.2, 0.02 * most / 0.2],
+        "loadMost": most,
+        "factors": {
+            name: [i for i, one in enumerate(plant.numbers) if re.search(pattern, one)]
+            for name, pattern in FACTORS.items()
+        },
+        "columns": columns,
+        "scales": [*scales, *[1.0] * nj],
+        "colours": {"plain": COLOURS[1]},
+        "command": f"distal estimate lab.csv --rig {source} gives the same angles.",
+    }
+
+
+def _motion(rig: Rig) -> list[dict[str, float]]:
+    """Return how each joint is led: where it begins, centre, amplitude, and its pace beside the others'."""
+    rows = []
+    for j, joint in enumerate(rig.joints):
+        centre, amplitude, start = joint.initial.value, SWING, joint.initial.value
+        if joint.stops is not None:
+            low, high = joint.stops
+            centre, amplitude = (low + high) / 2, min(0.35 * (high - low), 2 * SWING)
+        rows.append({"from": start, "centre": centre, "amplitude": amplitude, "pace": 1.0 - 0.27 * j % 1})
+    return rows
+
+
+def _places(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
+    """Return of each joint how far the drives stand from the start at some of its angles, with nominal pulls."""
+    made, tables = plant.plant, []
+    n, nj = made.n_bodies, made.n_joints
+    held = BodyInputs(resting_pull(made)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+    for j, motion in enumerate(_motion(rig)):
+        reach = motion["amplitude"] + abs(motion["centre"] - motion["from"])
+        low, high = motion["from"] - reach, motion["from"] + reach
+        rows = []
+        for angle in np.linspace(low, high, POSTURES):
+            angles = plant.start[:nj].copy()
+            if rig.joints[j].coupled is None:
+                angles[j] = angle
+            placed = (made.spread.full() @ angles[made.free]) + made.offsets.full().ravel()
+            rows.append((equilibrium(made, placed, held)[nj:] - plant.start[nj:]).tolist())
+        tables.append({"from": low, "to": high, "rows": rows})
+    return tables
+
+
+def _servo(plant: ExportedPlant) -> list[list[float]]:
+    """Return stiffness and damping of each drive's position loop: stiff beside its tendons, well damped."""
+    made = plant.plant
+    q, p, drives = ca.SX.sym("q", made.n_bodies), made.parameters, slice(made.n_joints, made.n_bodies)
+    stiffness = ca.mtimes(made.length_jacobian(q).T, ca.jacobian(made.elastic_forces(q), q))
+    found = ca.Function("servo", [q, p.symbols], [ca.diag(stiffness), made.inertias()])(plant.start, p.values)
+    own, inertias = (np.abs(np.array(each)).ravel()[drives] for each in found)
+    k = STIFF * np.maximum(own, 1e-6)
+    return np.column_stack([k, 1.4 * np.sqrt(k * inertias)]).tolist()  # type: ignore[no-any-return]
+
+
+def _largest_load(rig: Rig, tensions: Floats) -> float:
+    """Return the largest torque that the sliders and the hand put on a joint [N m]: half of what the tendons hold."""
+    held = [sum(abs(arm) for arm in tendon.arms().values()) * pull for tendon, pull in zip(rig.tendons, tensions)]
+    return float(f"{max(0.5 * max(held, default=0.0), 1e-3):.1g}")
+
+
+def _body(rig: Rig, module: LabModule, data: dict[str, Any], estimator: str) -> str:
+    """Return the page's HTML."""
+    most, joints = data["loadMost"], [escape(joint.name) for joint in rig.joints]
+    sliders = []
+    for name, label in LABELS.items():
+        there = bool(data["factors"][name]) or (name == "pretension" and any(data["effort"]))
+        reach = 0.3 if name == "arm" else 2.0  # a power of two
+        sliders.append(_slider(name, label, (-reach, reach, 0.0), "×", "data-log" if there else "data-log hidden"))
+    sliders.append(_slider("load", "torque on the joint in the curves", (-most, most, 0.0), "N m"))
+    motion = [
+        _slider("range", "range", (0.0, 1.0, 0.7), "", "data-kept"),
+        _slider("speed", "speed", (0.02, 1.0, 0.15), "Hz", "data-kept"),
+    ]
+    names = list(map(escape, data["sensors"]))
+    last = len(joints) - 1
+    torque = (
+        "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true and estimated'></canvas>"
+        "<figcaption>Torque on the joint from outside: true and estimated.</figcaption></figure>"
+    )
+    experiments = [
+        f"<button type='button' data-set='{escape(json.dumps(values))}' data-why='{escape(why)}'>{name}</button>"
+        for name, values, why in _experiments(data)
+    ]
+    values = {
+        "experiments": "".join(experiments),
+        "scale": tension_scale(f"{data['shape']['most']:.2g} N"),
+        "rows": "".join(
+            f"<tr><td>{name}</td><td class='n' id='now-{j}'></td><td class='n' id='true-{j}'></td></tr>"
+            for j, name in enumerate(joints)
+        ),
+        "choices": "".join(
+            f"<option value='{j}'{' selected' * (j == last)}>{name}</option>" for j, name in enumerate(joints)
+        ),
+        "blue": COLOURS[0],
+        "estimator": escape(estimator),
+        "plain": f"<span style='color:{COLOURS[1]}'>Dashed: tendons taken as inextensible.</span>"
+        if module.inextensible
+        else "",
+        "torque": torque if data["torques"] else "",
+        "sliders": "".join(sliders),
+        "dead": "".join(f"<label><input type='checkbox' id='dead-{i}'> {name}</label>" for i, name in enumerate(names)),
+        "motion": "".join(motion),
+    }
+    return filled(_resource("lab.html"), values)
+
+
+def _resource(name: str) -> str:
+    return resources.files("distal.lab").joinpath(name).read_text(encoding="utf-8")
+
+
+def _slider(name: str, label: str, ends: tuple[float, float, float], unit: str, marks: str = "") -> str:
+    """Return a slider with its label; ends are the lowest, the highest and the first value."""
+    low, high, value = ends
+    return (
+        f"<label{' hidden' if 'hidden' in marks else ''}>{label} <output id='{name}-said'></output><input type='range' "
+        f"name='{name}' min='{low:g}' max='{high:g}' step='{(high - low) / 200:.6g}' value='{value:g}' data-unit='{unit}' "
+        f"{marks.removesuffix('hidden')}></label>"
+    )
+
+
+def _experiments(data: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
+    """Return what can be tried: a name, the settings, and what to look at."""
+    places = [i for i, name in enumerate(data["sensors"])]
+    return [
+        (
+            "As described",
+            {},
+            "Everything is as the rig file says: the band is as wide as what the file leaves unknown.",
+        ),
+        (
+            "Friction × 3",
+            {"friction": 1.585},
+            "Friction holds the joint back while the tendons stretch. The filter learns how much, if its prior allows it.",
+        ),
+        (
+            "Soft tendons",
+            {"stiffness": -1},
+            "Tendons half as stiff stretch twice as far: that is what inextensible tendons leave out.",
+        ),
+        (
+            "Hang a load on",
+            {"load": 0.6 * data["loadMost"]},
+            "A constant torque pulls the joint. If the rig file allows no torque from outside, the filter takes it for "
+            "friction or for something else.",
+        ),
+        (
+            "Wrong moment arms",
+            {"arm": 0.1375},
+            "Arms 10 % larger than in the file: no sensor at the motors can tell. Where the file says that they are known "
+            "better, the band is too narrow. Then a reference is needed once, to fit.",
+        ),
+        (
+            "Unplug a sensor",
+            {"dead": places[:1]},
+            "The first sensor is dead: after a moment its health says so, and the band grows.",
+        ),
+    ]
