@@ -10,7 +10,21 @@ from typing import Any
 
 import typer
 
-from distal.cli import control, doctor, drift, estimate, export, fit, reproduce, rigs, simulate, stream, study, view
+from distal.cli import (
+    control,
+    doctor,
+    drift,
+    estimate,
+    export,
+    fit,
+    lab,
+    reproduce,
+    rigs,
+    simulate,
+    stream,
+    study,
+    view,
+)
 from distal.cli.console import show_warnings
 from distal.errors import LONGEST_LINE, DistalError, one_line
 
@@ -26,6 +40,7 @@ app = typer.Typer(
 )
 app.command("estimate")(estimate.estimate_command)
 app.command("view")(view.view_command)
+app.command("lab")(lab.lab_command)
 app.command("fit")(fit.fit_command)
 app.command("simulate")(simulate.simulate_command)
 app.command("control")(control.control_command)

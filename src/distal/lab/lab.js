@@ -1,7 +1,7 @@
 // The lab: plant and filters of a rig run as WebAssembly, sliders change what is true, curves show what is said of it.
 "use strict";
 (async () => {
-  const started = performance.now(), by = (id) => document.getElementById(id);
+  const by = (id) => document.getElementById(id);
   const data = JSON.parse(by("lab-data").textContent), lab = by("lab"), DEGREE = Math.PI / 180;
   const bytes = Uint8Array.from(atob(data.code), (c) => c.charCodeAt(0));
   const { instance } = await WebAssembly.instantiate(bytes, {});
@@ -52,7 +52,7 @@
       stiffness[j] = held ? data.hand[0] : 0; damping[j] = held ? data.hand[1] : 0; target[j] = held ? hand.angle : 0;
     }
     for (const [name, indices] of Object.entries(data.factors)) for (const i of indices) numbers[i] = nominal[i] * setting(name);
-    sensors.forEach((_, i) => { dead[i] = by(`dead-${i}`).checked ? 1 : 0; });
+    for (const i of data.read) dead[i] = by(`dead-${i}`).checked ? 1 : 0;
   }
   function keep() {
     const row = kept.subarray(width * (count % KEPT)), time = count * interval;
@@ -108,7 +108,7 @@
         let low = Infinity, top = -Infinity;
         const rows = [];
         for (let k = first - (first % every) + (first % every ? every : 0); k < count; k += every) rows.push(width * (k % KEPT));
-        for (const row of rows) for (const value of [...lines.slice(0, 2).map((l) => l[0]), ...bands.flat()]) {
+        for (const row of rows) for (const value of [...lines.map((l) => l[0]), ...bands.flat()]) {
           const y = value(row);
           if (y < low) low = y;
           if (y > top) top = y;
@@ -157,8 +157,9 @@
   const touch = torques.length ? curves("torque", "torque [N m]") : null, plots = [angles, errors, ...(touch ? [touch] : [])];
 
   function draw() {
-    const halves = each(2).map((std) => 1.96 * std);
-    picture.draw(each(1), halves, each(0), [...truth.subarray(tensionsAt, tensionsAt + data.tendons.length)]);
+    const halves = each(2).map((std) => 1.96 * std), tensions = [...truth.subarray(tensionsAt, tensionsAt + data.tendons.length)];
+    data.shape.most = Math.max(data.shape.most, ...tensions.filter((x) => x < 1e4));
+    picture.draw(each(1), halves, each(0), tensions);
     const of = (what, scale = 1 / DEGREE) => (row) => kept[row + 1 + 4 * joint + what] * scale;
     const half = (row) => (1.96 * kept[row + 1 + 4 * joint + 2]) / DEGREE;
     const plain = [of(3), data.colours.plain, 1.5, [5, 3]];
@@ -185,7 +186,7 @@
     names.forEach((_, j) => { by(`now-${j}`).textContent = `${degrees(angle(j, 1))} ± ${degrees(1.96 * angle(j, 2))}`; by(`true-${j}`).textContent = degrees(angle(j, 0)); });
     const word = data.health[told[at("health")]] || ["", ""];
     by("health").textContent = `${word[0]}: ${word[1]}`; by("health").className = word[0] === "ok" || word[0] === "untested" ? "yes" : "no";
-    by("clock").textContent = `${(count * interval).toFixed(1)} s`;
+    by("most").textContent = data.shape.most.toPrecision(2); by("clock").textContent = `${(count * interval).toFixed(1)} s`;
     if (n) {
       const compared = data.plain ? ` Taken as inextensible, the tendons are wrong by up to ${degrees(plainWorst)}.` : "";
       by("verdict").textContent = broken ? "The motion left all bounds; press Begin anew." : `Without a sensor in ${names[joint]}, its angle is known to ± ${degrees(1.96 * angle(joint, 2))}. In the last ${Math.min(data.window, Math.round(count * interval))} s it was wrong by ${degrees(Math.sqrt(square / n))} (RMS) and at most ${degrees(worst)}, and the band contained the truth for ${Math.round((100 * inside) / n)} % of the time.${compared}`;
@@ -242,7 +243,7 @@
     button.addEventListener("click", () => {
       const wanted = JSON.parse(button.dataset.set);
       for (const input of Object.values(settings)) if (input.dataset.kept === undefined) input.value = input.defaultValue;
-      sensors.forEach((_, i) => { by(`dead-${i}`).checked = (wanted.dead || []).includes(i); });
+      for (const i of data.read) by(`dead-${i}`).checked = (wanted.dead || []).includes(i);
       for (const [name, value] of Object.entries(wanted)) if (settings[name]) settings[name].value = value;
       by("why").textContent = button.dataset.why; tell();
     });
@@ -263,9 +264,9 @@
   // what a test needs: run on without waiting, and say what was kept
   lab.run = (seconds) => { for (const end = count + Math.round(seconds / interval); count < end; ) step(); };
   lab.begin = begin; lab.csv = csv; lab.pause = () => { playing = false; };
-  lab.rows = () => { const shown = Math.min(count, KEPT); return Array.from({ length: shown }, (_, i) => [...kept.subarray(width * ((count - shown + i) % KEPT), width * ((count - shown + i) % KEPT) + width)]); };
+  lab.last = () => [...kept.subarray(width * ((count - 1) % KEPT)).subarray(0, width)];
   lab.acted = () => [...pull];
   begin(); fitted(); draw(); tell();
-  lab.dataset.first = (performance.now() - started).toFixed(1);
+  lab.dataset.first = performance.now().toFixed(1);  // since the page was opened [ms]
   requestAnimationFrame(frame);
 })();

@@ -38,7 +38,7 @@ LONGEST = 600.0
 """A log that is saved ends after so long [s]."""
 
 FACTORS = {
-    "friction": r"friction\.(coefficient|constant|load)$|path\.friction$",
+    "friction": r"friction\.(coefficient|constant|load)$|path\.friction$|hysteresis\.(constant|slope)$",
     "stiffness": r"^tendons\.\d+\.stiffness$",
     "pretension": r"^tendons\.\d+\.pretension$",
     "arm": r"^tendons\.\d+\.(insertion|crossings\.\d+)\.(radius|arm|offset|lever)$",
@@ -114,10 +114,11 @@ def lab_data(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[s
     columns += [f"true_{name}" for name in angle_names([joint.name for joint in rig.joints])]
     return {
         "code": base64.b64encode(module.code).decode(),
-        "shape": chain_shape(rig, 2.5 * float(max(tensions, default=1.0))),
+        "shape": chain_shape(rig, 0.0),
         "joints": [joint.name for joint in rig.joints],
         "tendons": [tendon.name for tendon in rig.tendons],
         "sensors": list(plant.sensors),
+        "read": [plant.sensors.index(channel) for channel in module.filter.channels],
         "bodies": n,
         "interval": plant.interval,
         "window": WINDOW,
@@ -188,8 +189,10 @@ def _servo(plant: ExportedPlant) -> list[list[float]]:
 
 
 def _largest_load(rig: Rig, tensions: Floats) -> float:
-    """Return the largest torque that the sliders and the hand put on a joint [N m]: half of what the tendons hold."""
-    held = [sum(abs(arm) for arm in tendon.arms().values()) * pull for tendon, pull in zip(rig.tendons, tensions)]
+    """Return the largest torque that slider and hand put on a joint [N m]: half of what the tendons hold."""
+    # a tendon that is just straight at the start holds what half a millimetre gives it
+    pulls = [pull if pull > 0.1 else 5e-4 * tendon.stiffness.value for tendon, pull in zip(rig.tendons, tensions)]
+    held = [sum(abs(arm) for arm in tendon.arms().values()) * pull for tendon, pull in zip(rig.tendons, pulls)]
     return float(f"{max(0.5 * max(held, default=0.0), 1e-3):.1g}")
 
 
@@ -206,7 +209,6 @@ def _body(rig: Rig, module: LabModule, data: dict[str, Any], estimator: str) -> 
         _slider("range", "range", (0.0, 1.0, 0.7), "", "data-kept"),
         _slider("speed", "speed", (0.02, 1.0, 0.15), "Hz", "data-kept"),
     ]
-    names = list(map(escape, data["sensors"]))
     last = len(joints) - 1
     torque = (
         "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true and estimated'></canvas>"
@@ -218,7 +220,7 @@ def _body(rig: Rig, module: LabModule, data: dict[str, Any], estimator: str) -> 
     ]
     values = {
         "experiments": "".join(experiments),
-        "scale": tension_scale(f"{data['shape']['most']:.2g} N"),
+        "scale": tension_scale("<span id='most'></span> N"),
         "rows": "".join(
             f"<tr><td>{name}</td><td class='n' id='now-{j}'></td><td class='n' id='true-{j}'></td></tr>"
             for j, name in enumerate(joints)
@@ -233,7 +235,9 @@ def _body(rig: Rig, module: LabModule, data: dict[str, Any], estimator: str) -> 
         else "",
         "torque": torque if data["torques"] else "",
         "sliders": "".join(sliders),
-        "dead": "".join(f"<label><input type='checkbox' id='dead-{i}'> {name}</label>" for i, name in enumerate(names)),
+        "dead": "".join(
+            f"<label><input type='checkbox' id='dead-{i}'> {escape(data['sensors'][i])}</label>" for i in data["read"]
+        ),
         "motion": "".join(motion),
     }
     return filled(_resource("lab.html"), values)
@@ -246,16 +250,16 @@ def _resource(name: str) -> str:
 def _slider(name: str, label: str, ends: tuple[float, float, float], unit: str, marks: str = "") -> str:
     """Return a slider with its label; ends are the lowest, the highest and the first value."""
     low, high, value = ends
+    numbers = f"min='{low:g}' max='{high:g}' step='{(high - low) / 200:.6g}' value='{value:g}' data-unit='{unit}'"
+    hidden = " hidden" if "hidden" in marks else ""
     return (
-        f"<label{' hidden' if 'hidden' in marks else ''}>{label} <output id='{name}-said'></output><input type='range' "
-        f"name='{name}' min='{low:g}' max='{high:g}' step='{(high - low) / 200:.6g}' value='{value:g}' data-unit='{unit}' "
-        f"{marks.removesuffix('hidden')}></label>"
+        f"<label for='set-{name}'{hidden}>{label} <output id='{name}-said'></output>"
+        f"<input type='range' id='set-{name}' name='{name}' {numbers} {marks.removesuffix('hidden')}></label>"
     )
 
 
 def _experiments(data: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
     """Return what can be tried: a name, the settings, and what to look at."""
-    places = [i for i, name in enumerate(data["sensors"])]
     return [
         (
             "As described",
@@ -286,7 +290,8 @@ def _experiments(data: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
         ),
         (
             "Unplug a sensor",
-            {"dead": places[:1]},
-            "The first sensor is dead: after a moment its health says so, and the band grows.",
+            {"dead": data["read"][:1]},
+            "The first sensor is dead. After half a second the health says so. Until it comes back the filter takes its "
+            "drive to stand still: do not trust the band then.",
         ),
     ]

@@ -1,0 +1,37 @@
+"""`distal lab`: a rig with its filter in the browser."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from distal.cli.console import say
+from distal.cli.options import EstimatorOption, RigArgument, SetOption
+from distal.cli.outputs import check_outputs, to_file
+
+
+def lab_command(
+    rig: RigArgument,
+    *,
+    out: Annotated[Path, typer.Option("--out", help="The page (HTML), one file.")],
+    estimator: EstimatorOption = "adaptive",
+    open_: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")] = False,
+    set_: SetOption = None,
+) -> None:
+    """Write a page in which the rig moves and is estimated: change what is true, and see when an encoder is needed."""
+    from distal.errors import OutputError
+    from distal.lab import check_ziglang, lab_page
+    from distal.rig import load_rig
+
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise OutputError(f"{out}: the page is HTML; give a name that ends in .html")
+    check_outputs(to_file("--out", out), rig=rig)
+    described = load_rig(rig, set_ or ())
+    check_ziglang()
+    lab_page(described, out, estimator, rig)
+    say(f"wrote {out}: one file of {out.stat().st_size / 1000:.0f} kB; open it in a browser")
+    if open_ and not webbrowser.open(out.resolve().as_uri()):
+        say("no browser could be opened; open the file yourself")
