@@ -5,13 +5,14 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 STAMP := $(VENV)/.installed-dev
 
-.PHONY: help demo test test-fast lint docs bench accuracy strangers reliability clean
+.PHONY: help demo test test-fast lint docs lab bench accuracy strangers reliability clean
 
 help:
 	@echo "make demo       reproduce the paper: figures, results and a page in out/reproduce"
 	@echo "make test       every test, ruff, the type check and the layer check"
 	@echo "make test-fast  the tests that finish within a minute"
 	@echo "make docs       a site with all pages and the reference of public names in out/site"
+	@echo "make lab        the paper's rig in the browser, docs/lab.html, which the site and the demo show"
 	@echo "make bench      accuracy and speed of stepping, filters, batches, processes; the filter on a microcontroller"
 	@echo "make accuracy   rigs it was not built with; plants x scenarios x estimators x 20 seeds; fits (an hour)"
 	@echo "make strangers  rigs and logs that distal was not built with, beside release 0.1"
@@ -33,7 +34,7 @@ $(STAMP): $(INSTALLED)
 	@touch $@
 
 demo: $(INSTALLED)
-	$(BIN)/distal reproduce --out out/reproduce
+	$(BIN)/distal reproduce --out out/reproduce --lab docs/lab.html
 
 test: lint
 	$(BIN)/python -m pytest -n 2
@@ -50,6 +51,9 @@ lint: $(STAMP)
 docs: $(STAMP)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "open out/site/index.html, or with search: $(BIN)/python -m http.server -d out/site"
+
+lab: $(STAMP)
+	$(BIN)/distal lab paper-2008 --out docs/lab.html
 
 reliability: $(STAMP)
 	$(BIN)/python -m benchmarks.reliability

@@ -18,6 +18,7 @@ def reproduce_command(
     out: Annotated[Path, typer.Option("--out", help="Folder for figures, results.json and index.html.")] = Path(
         "out/reproduce"
     ),
+    lab: Annotated[Path | None, typer.Option("--lab", help="A page of distal lab, to be linked from the page.")] = None,
     search: Annotated[
         bool,
         typer.Option("--search", help="Search for the rig that the authors may have had instead (15 minutes)."),
@@ -30,12 +31,17 @@ def reproduce_command(
     from distal.paper.page import REPRODUCTION_FILES
 
     check_outputs(to_folder("--out", out, SEARCH_FILES if search else REPRODUCTION_FILES))
+    if lab is not None and search:
+        raise typer.BadParameter("--lab is for the reproduction; leave it out with --search")
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=err()) as progress:
-        (_search if search else _reproduce)(out, progress)
+        if search:
+            _search(out, progress)
+        else:
+            _reproduce(out, progress, lab)
 
 
-def _reproduce(out: Path, progress: Progress) -> None:
+def _reproduce(out: Path, progress: Progress, lab: Path | None) -> None:
     """Run the reproduction and say what came of it."""
     from distal.paper.claims import GROUPS
     from distal.paper.page import DRAWN, reproduce, rms_of
@@ -43,7 +49,7 @@ def _reproduce(out: Path, progress: Progress) -> None:
     from distal.paper.series import PLANTS, SEEDS, SERIES_2, series_count
 
     task = progress.add_task("simulating and filtering", total=series_count() + len(FEEDBACKS) + len(DRAWN))
-    claims, runs = reproduce(out, lambda: progress.advance(task))
+    claims, runs = reproduce(out, lambda: progress.advance(task), lab)
     progress.stop()
     observed = PLANTS[1].name
     weights = {run.series: run.log.source.removeprefix("Series 2: ").replace(" against ", " / ") for run in runs}

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 
+from distal.errors import OutputError
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import GROUPS, Claim, Measure, measure_claims, rms
 from distal.paper.figures import CAPTIONS, FIGURES, SUMMARY, draw_figure
@@ -24,27 +25,37 @@ DRAWN = (SUMMARY, *FIGURES, POSITIONED)
 REPRODUCTION_FILES = (*(f"{name}.{kind}" for name in DRAWN for kind in ("png", "svg")), "results.json", "index.html")
 """Files that `reproduce` writes."""
 
+LAB = "lab.html"
+"""The lab beside them, if one is given."""
+
 REFERENCE = (
     "The paper: proximal measurement of a tendon-driven rotating link, Canadian Conference on Electrical and Computer "
     "Engineering (CCECE), 2008, IEEE 978-1-4244-1643-1/08."
 )
 
 
-def reproduce(out: str | Path, advance: Callable[[], None] = lambda: None) -> tuple[tuple[Claim, ...], list[Run]]:
+def reproduce(
+    out: str | Path, advance: Callable[[], None] = lambda: None, lab: str | Path | None = None
+) -> tuple[tuple[Claim, ...], list[Run]]:
     """Simulate and filter the paper's two series, and write the figures, ``results.json`` and ``index.html``.
 
     Args:
         out: folder, made if need be.
         advance: called `distal.paper.series.series_count` times, after each closed loop, then after each figure.
+        lab: a page of `distal lab`, to stand beside the page and be linked from it.
 
     Returns:
         claims: the paper's statements C1 to C12, measured.
         runs: what they were measured on.
 
     Raises:
-        OutputError: the folder or a file cannot be written.
+        OutputError: the folder or a file cannot be written, or the lab cannot be read.
     """
     check_outputs(outputs_in(out, REPRODUCTION_FILES, "the reproduction"))
+    try:
+        moving = None if lab is None else Path(lab).read_bytes()
+    except OSError as problem:
+        raise OutputError(f"{lab}: cannot be read ({problem.strerror}); distal lab writes one") from None
     folder = make_folder(out)
     runs = list(all_runs(advance))
     claims = measure_claims(runs)
@@ -56,7 +67,9 @@ def reproduce(out: str | Path, advance: Callable[[], None] = lambda: None) -> tu
         drawings[name] = svg_of(made, CAPTION if name == POSITIONED else CAPTIONS[name])
         advance()
     files[folder / "results.json"] = json.dumps(results(claims, runs), indent=2, ensure_ascii=False) + "\n"
-    files[folder / "index.html"] = _page(claims, runs, drawings, positioned_text(loops))
+    files[folder / "index.html"] = _page(claims, runs, drawings, positioned_text(loops), moving is not None)
+    if moving is not None:
+        files[folder / LAB] = moving
     write_together(files)
     return claims, runs
 
@@ -113,7 +126,9 @@ def rms_of(runs: Sequence[Run], plant: str, series: str, estimator: str) -> floa
     return rms([run for run in runs if run.plant == plant], series, estimator)
 
 
-def _page(claims: Sequence[Claim], runs: Sequence[Run], drawings: dict[str, str], positioned_says: str) -> str:
+def _page(
+    claims: Sequence[Claim], runs: Sequence[Run], drawings: dict[str, str], positioned_says: str, lab: bool
+) -> str:
     observed = PLANTS[1].name
     errors = {name: rms_of(runs, observed, SERIES_2[-1], name) for name in ("inextensible", "ekf-2008", "adaptive")}
     held = sum(claim.holds(observed) for claim in claims)
@@ -126,6 +141,10 @@ def _page(claims: Sequence[Claim], runs: Sequence[Run], drawings: dict[str, str]
     )
     parts = [
         picture(drawings[SUMMARY], CAPTIONS[SUMMARY]),
+        f"<p><a href='{LAB}'>See it move in the lab</a>: change what is true, pull the link, and see when the encoder can "
+        "be left out.</p>"
+        if lab
+        else "",
         heading("The rig"),
         picture(rig_svg(load_rig("paper-2008-printed")), "The rig of the paper, with the numbers of its Table 1."),
         paragraph(REFERENCE),
