@@ -18,8 +18,11 @@ LARGEST_INLINE = 200
 
 PRODUCT = "product"
 
-UNROLLED_PRODUCT = 8
+UNROLLED_PRODUCT = 12
 """A sparse factor of at most so many numbers is written number by number."""
+
+UNROLLED_SUM = 9
+"""A sum of at most so many terms is written term by term."""
 
 
 def product(work: Workspace, step: Step) -> list[str]:
@@ -111,18 +114,24 @@ def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> 
     """z + x y, both dense: each number of the result is one sum, those of a few columns are taken together."""
     (_, x, y), memory = step.inputs, work.memory
     to, lines, zero = _begun(work, step)
+    kind, at = memory.dialect.type, memory.at
     for first, end in _ranges(columns):
         together = range(min(COLUMNS_TOGETHER, end - first))
-        # index in the result and in the right factor, for each of the columns that are summed together
-        at, of = ([_sum(i, n * (first + c)) + f" + {n} * j" for c in together] for i, n in (("i", rows), ("k", inner)))
-        starts = [memory.dialect.constant(0.0) if zero else memory.at(to, at[c]) for c in together]
+        places = [at(to, _sum("i", rows * (first + c)) + f" + {rows} * j") for c in together]
+        starts = [memory.dialect.constant(0.0) if zero else place for place in places]
         sums = ", ".join(f"s{c} = {start}" for c, start in enumerate(starts))
-        terms = " ".join(f"s{c} += e * {memory.at(y, of[c])};" for c in together)
-        ends = " ".join(f"{memory.at(to, at[c])} = s{c};" for c in together)
-        kind = memory.dialect.type
+        short = inner <= UNROLLED_SUM
+        terms = []
+        for k in map(str, range(inner)) if short else ["k"]:
+            left = at(x, _sum("i", rows * int(k)) if short else f"i + {rows} * k")
+            right = [at(y, _sum(k, inner * (first + c)) + f" + {inner} * j") for c in together]
+            added = " ".join(f"s{c} += e * {each};" for c, each in enumerate(right))
+            terms.append(f"{{ const {kind} e = {left}; {added} }}")
+        total = " ".join(terms) if short else f"for (k = 0; k < {inner}; ++k) {terms[0]}"
+        ends = " ".join(f"{place} = s{c};" for c, place in enumerate(places))
         lines.append(
             f"  for (j = 0; j < {end - first}; j += {len(together)}) for (i = 0; i < {rows}; ++i) {{ {kind} {sums}; "
-            f"for (k = 0; k < {inner}; ++k) {{ const {kind} e = {memory.at(x, f'i + {rows} * k')}; {terms} }} {ends} }}"
+            f"{total} {ends} }}"
         )
     return lines
 

@@ -10,6 +10,7 @@ from typing import Generic
 
 import casadi as ca
 
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.robustness import Robustness, chance_of_jump, is_far, jump_evidence
 from distal.estimators.adaptive.states import StateVector
@@ -86,6 +87,17 @@ class Tracks(Generic[Expression]):
         numbers += [self.vector[(MEMORY + i) * self._n + drive] for i in range(2)]
         return Drive(**dict(zip(TRACKED, numbers)))
 
+    def of(self, drive: int) -> Expression:
+        """Return one drive's numbers as a vector, `TRACKED`.
+
+        Args:
+            drive: its index.
+        """
+        first, n = MEMORY * drive, self._n
+        parts = self.vector[first : first + MEMORY], self.vector[MEMORY * n + drive]
+        made: Expression = ca.vertcat(*parts, self.vector[(MEMORY + 1) * n + drive])
+        return made
+
     @property
     def memory(self) -> Expression:
         """What is remembered for the next interval, (MEMORY n_drives,)."""
@@ -133,45 +145,80 @@ def tracking(states: StateVector) -> ca.Function:
         states: the state vector.
     """
     context = states.context
+    n, p = context.n_drives, ca.MX.sym("p", context.mechanism.parameters.symbols.numel())
+    mean, memory, x = ca.MX.sym("mean", len(states)), ca.MX.sym("memory", MEMORY * n), ca.MX.sym("x", context.width)
+    told = ca.horzsplit(_readings(states)(mean, memory, x, p))
+    drives = []
+    for i in range(n):
+        if context.position_sensor(i) is None:
+            drives.append(ca.MX.zeros(len(TRACKED)))
+            continue
+        judged = _judged(context, i)
+        drives.append(
+            _track(context.robustness, judged, context.joints_follow)(
+                memory[MEMORY * i : MEMORY * (i + 1)], told[i], x[0]
+            )
+        )
+    kept = [drive[:MEMORY] for drive in drives]
+    vector = ca.vertcat(*kept, *(drive[MEMORY] for drive in drives), *(drive[MEMORY + 1] for drive in drives))
+    return ca.Function("track", [mean, memory, x, p], [vector])
+
+
+READING = ("reading", "mask", "noise", "missing", "force_mask", "stiffness", "variance")
+"""What is read of each drive, and what its force says; see `track` and `ForceEvidence`."""
+
+
+def _judged(context: FilterContext, drive: int) -> bool:
+    """Return whether a drive's force says if a jump is real."""
+    return context.force_sensor(drive) is not None and context.robustness.guards_displacements
+
+
+def _readings(states: StateVector) -> ca.Function:
+    """Return (mean, memory, x, p) → what is read of each drive, a column each; see `READING`."""
+    context = states.context
     n, p, nj = context.n_drives, context.mechanism.parameters.symbols, context.n_joints
     mean, memory, x = ca.SX.sym("mean", len(states)), ca.SX.sym("memory", MEMORY * n), ca.SX.sym("x", context.width)
     led = [memory[remembered_place(i, "place")] + memory[remembered_place(i, "speed")] * x[0] for i in range(n)]
     q = ca.vertcat(mean[:nj], *(states.place(i, place, mean) for i, place in enumerate(led)))
     v = ca.SX.zeros(context.mechanism.n_bodies)
     _, pulls, _, limits, _, _, slopes = mechanics_function(context)(q, v, states.parameters(mean))
-    drives = []
+    table = ca.SX(len(READING), n)
     for i in range(n):
         sensor, force = context.position_sensor(i), context.force_sensor(i)
         if sensor is None:
-            drives.append(Drive(*(ca.SX(0) for _ in TRACKED)))
             continue
-        remembered = memory[MEMORY * i : MEMORY * (i + 1)]
-        reading, mask, force_evidence = context.value(x, sensor), context.mask(x, sensor), None
+        reading = context.value(x, sensor)
         if sensor.lag > 0.0:  # a command, held over the interval, that a servo of first order follows
-            reading = remembered[0] + (reading - remembered[0]) * (1 - ca.exp(-x[0] / sensor.lag))
-        if force is not None and context.robustness.guards_displacements:
+            place = memory[remembered_place(i, "place")]
+            reading = place + (reading - place) * (1 - ca.exp(-x[0] / sensor.lag))
+        table[:3, i] = ca.vertcat(reading, context.mask(x, sensor), context.noise(sensor))
+        if force is not None and _judged(context, i):
             friction = limits[nj + i] + states.friction(i, mean)
             pull = pulls[nj + i] + states.force(i, mean) + states.sensor_error(force, context.value(x, force), mean)
             spread = context.noise(force) + friction**2 + (PULL_STD * pull) ** 2
             transmitted = states.transmitted(i)
             if transmitted is not None:  # the play takes up as much as its limit
                 spread += transmitted[1].limit ** 2
-            missing, least = context.value(x, force) - pull, 0.0 if context.joints_follow else 0.5
-            force_evidence = ForceEvidence(missing, context.mask(x, force), slopes[nj + i, nj + i], spread, least)
-        drives.append(
-            track(
-                remembered,
-                reading,
-                mask,
-                context.noise(sensor),
-                x[0],
-                robustness=context.robustness,
-                force_evidence=force_evidence,
-            )
-        )
-    kept = [getattr(drive, name) for drive in drives for name in REMEMBERED]
-    vector = ca.vertcat(*kept, *(drive.bend for drive in drives), *(drive.variance for drive in drives))
-    return ca.Function("track", [mean, memory, x, p], [ca.cse(ca.densify(vector))])
+            missing = context.value(x, force) - pull
+            table[3:, i] = ca.vertcat(missing, context.mask(x, force), slopes[nj + i, nj + i], spread)
+    return ca.Function("readings", [mean, memory, x, p], [ca.cse(ca.densify(table))])
+
+
+def _track(robustness: Robustness, judged: bool, follows: bool) -> ca.Function:
+    """Return (memory, told, dt) → what is known of one drive after a reading, `TRACKED`; the same for all alike.
+
+    Args:
+        robustness: the guards.
+        judged: whether its force says if a jump is real.
+        follows: whether the joints follow the drives.
+    """
+    memory, told, dt = ca.SX.sym("memory", MEMORY), ca.SX.sym("told", len(READING)), ca.SX.sym("dt")
+    reading, mask, noise, missing, force_mask, stiffness, variance = ca.vertsplit(told)
+    least = 0.0 if follows else 0.5
+    evidence = ForceEvidence(missing, force_mask, stiffness, variance, least) if judged else None
+    drive = track(memory, reading, mask, noise, dt, robustness=robustness, force_evidence=evidence)
+    parts = ca.vertcat(*(getattr(drive, name) for name in TRACKED))
+    return ca.Function("drive", [memory, told, dt], [ca.cse(ca.densify(parts))])
 
 
 def track(

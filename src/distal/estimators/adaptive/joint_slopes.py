@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -133,16 +133,8 @@ def _all_at_once(
     found = [ca.densify(each) for each in found]
     slopes = ca.substitute([ca.jacobian(equation, each) for each in by], list(symbols.values()), found)
     solve = solver(matrix, ca.vertcat(*weight))
-    place, own, parameter, torque = (ca.mtimes(mechanism.spread, -_columns(solve, slope)) for slope in slopes)
+    inverse = ca.horzcat(*(solve(column) for column in ca.horzsplit(ca.SX.eye(count))))
+    place, own, parameter, torque = (ca.mtimes([mechanism.spread, -inverse, ca.sparsify(slope)]) for slope in slopes)
     q = ca.vertcat(kicked.q, kick.q[nj:] + kick.drift * kick.v[nj:])
     v = ca.vertcat(kicked.v, kick.v[nj:])
     return Moving(q, v, place, own, parameter, torque, ca.SX(nj, 2 * nj), ca.vertcat(*rest))
-
-
-def _columns(solve: Callable[[Vector], Vector], matrix: Matrix) -> Matrix:
-    """Return A⁻¹ B column by column; columns that are zero stay out."""
-    nonzero = sorted(set(matrix.sparsity().get_triplet()[1]))
-    result = ca.SX(*matrix.shape)
-    for k in nonzero:
-        result[:, k] = solve(matrix[:, k])
-    return result

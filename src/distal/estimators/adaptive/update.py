@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from distal.estimators.adaptive.drive_tracking import Tracks
+from distal.estimators.adaptive.drive_tracking import TRACKED, Drive, Tracks
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.measurement import Row, row_functions
 from distal.estimators.adaptive.robustness import Robustness, robust_variance
@@ -41,7 +41,7 @@ def updated(
         interval: with its sample.
     """
     prior, covariance = prediction.state, Downdate(prediction.covariance)
-    tracks, x, p = interval.tracks, interval.x, interval.p
+    tracks, x, p, nd = interval.tracks, interval.x, interval.p, states.context.n_drives
     rows, table = row_functions(states)
     values, *slopes = table(prior, tracks, rates, x, p)
     mean, kept, innovations, spreads = prior, list(memory), list[ScalarNode](), list[ScalarNode]()
@@ -52,8 +52,9 @@ def updated(
         since = [along(each, moved) for each in own]
         numbers = ca.vertcat(*since, along(slope, ahead[0]), along(limit_slope, ahead[1]))
         remembered = ca.MX(0) if row.drive is None else kept[row.drive]
+        followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
         innovation, own_variance, after, by_limit, by_asymmetry, counts = comparison_function(states, row)(
-            values[5 * k : 5 * k + 5], ca.vertcat(numbers, remembered), tracks, x, p
+            values[5 * k : 5 * k + 5], ca.vertcat(numbers, remembered), followed, x[0], p
         )
         across = -ahead[0]
         for share, each, there in ((by_limit, ahead[1], limit_slope), (by_asymmetry, ahead[2], asymmetry_slope)):
@@ -105,7 +106,7 @@ def _sure_of_stops(states: StateVector, mean: VectorNode, covariance: MatrixNode
 
 
 def comparison_function(states: StateVector, row: Row) -> ca.Function:
-    """Return (values, numbers, tracks, x, p) → `Comparison` of one row.
+    """Return (values, numbers, track, dt, p) → `Comparison` of one row.
 
     Numbers are the changes of residual, limit and asymmetry since the prior, the variances of residual and limit by the
     state's, and what is remembered of the drive.
@@ -116,7 +117,7 @@ def comparison_function(states: StateVector, row: Row) -> ca.Function:
     """
     context = states.context
     values, numbers = ca.SX.sym("values", 5), ca.SX.sym("numbers", 6)
-    vector, x = ca.SX.sym("tracks", Tracks.size(context.n_drives)), ca.SX.sym("x", context.width)
+    track, dt = ca.SX.sym("track", len(TRACKED)), ca.SX.sym("dt")
     residual, limit, asymmetry = (values[i] + numbers[i] for i in range(3))
     if row.drive is None:
         comparison = Comparison(residual, values[3], numbers[5])
@@ -124,9 +125,9 @@ def comparison_function(states: StateVector, row: Row) -> ca.Function:
         whole = Residual(
             residual, ca.fmax(limit, 0), asymmetry, values[3], numbers[4], numbers[3], numbers[5], values[4]
         )
-        comparison = compared(context, row.drive, Tracks(vector, context.n_drives)[row.drive], whole, x[0])
+        comparison = compared(context, row.drive, Drive(*ca.vertsplit(track)), whole, dt)
     parts = [getattr(comparison, name) for name in Comparison.__dataclass_fields__]
-    arguments = [values, numbers, vector, x, context.mechanism.parameters.symbols]
+    arguments = [values, numbers, track, dt, context.mechanism.parameters.symbols]
     return ca.Function("compare", arguments, ca.cse([ca.densify(ca.SX(part)) for part in parts]))
 
 
