@@ -10,9 +10,10 @@ if TYPE_CHECKING:
     from distal.control import ClosedLoop, closed_loop, simulate
     from distal.diagnosis import diagnose
     from distal.estimators import ESTIMATORS, Belief, Estimator, Innovation, make_estimator
-    from distal.export import export_c
+    from distal.export import export_arduino, export_c, export_fmu
     from distal.fitting import Fit, fit, learn_affine, learn_contact, learn_discrepancy, observability
-    from distal.homing import at_known_angle
+    from distal.homing import at_known_angle, homing_filter
+    from distal.lab import lab_page
     from distal.logs import Log, from_mujoco, read_log, write_log
     from distal.results import Estimate, plot_estimates
     from distal.rig import Rig, load_rig, shipped_rigs
@@ -39,9 +40,13 @@ __all__ = [
     "diagnose",
     "estimate",
     "estimate_batch",
+    "export_arduino",
     "export_c",
+    "export_fmu",
     "fit",
     "from_mujoco",
+    "homing_filter",
+    "lab_page",
     "learn_affine",
     "learn_contact",
     "learn_discrepancy",
@@ -65,9 +70,10 @@ _NAMES = {
     "control": ("ClosedLoop", "closed_loop", "simulate"),
     "diagnosis": ("diagnose",),
     "estimators": ("ESTIMATORS", "Belief", "Estimator", "Innovation", "make_estimator"),
-    "export": ("export_c",),
+    "export": ("export_arduino", "export_c", "export_fmu"),
     "fitting": ("Fit", "fit", "learn_affine", "learn_contact", "learn_discrepancy", "observability"),
-    "homing": ("at_known_angle",),
+    "homing": ("at_known_angle", "homing_filter"),
+    "lab": ("lab_page",),
     "logs": ("Log", "from_mujoco", "read_log", "write_log"),
     "results": ("Estimate", "plot_estimates"),
     "rig": ("Rig", "load_rig", "shipped_rigs"),

@@ -30,23 +30,32 @@ def export_command(
     ] = None,
     single: Annotated[bool, typer.Option("--float", help="float and float functions only; else double.")] = False,
     estimator: ExportedOption = "adaptive",
+    home: Annotated[
+        str | None,
+        typer.Option("--home", help="Home while it runs: how well a joint's angle is known there, such as '1 deg'."),
+    ] = None,
+    plant: Annotated[bool, typer.Option("--plant", help="Write the simulated rig with its sensors as C too.")] = False,
     name: NameOption = None,
     set_: SetOption = None,
 ) -> None:
     """Write an estimator of a rig as C99: no malloc, no globals, for a Cortex-M or any other processor."""
     from distal.export import c_name, check_ours, export_arduino, export_c, export_files
     from distal.rig import load_rig
+    from distal.units import to_si
 
     if (out is None) == (arduino is None):
         raise typer.BadParameter("give a folder: --out for C, or --arduino for a library")
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
+    known = None if home is None else to_si(home, "rad")
     if out is not None:
-        check_outputs(to_folder("--out", out, export_files(name)), rig=rig)
-        check_ours(out, export_files(name))
-        made = export_c(load_rig(rig, set_ or ()), out, estimator, single, name)
+        check_outputs(to_folder("--out", out, export_files(name, plant)), rig=rig)
+        check_ours(out, export_files(name, plant))
+        made = export_c(load_rig(rig, set_ or ()), out, estimator, single=single, name=name, home=known, plant=plant)
     else:
         assert arduino is not None
-        made = export_arduino(load_rig(rig, set_ or ()), arduino, estimator, True, name)
+        if plant or known is not None:
+            raise typer.BadParameter("--plant and --home are for --out")
+        made = export_arduino(load_rig(rig, set_ or ()), arduino, estimator, name=name)
     rows = [
         ("states", f"{len(made.states)}"),
         ("state, the caller's", f"{made.state_bytes:,} bytes"),

@@ -19,7 +19,7 @@ SKETCH = "joint_angle"
 
 
 def export_arduino(
-    rig: Rig, out: str | Path, estimator: str = "adaptive", single: bool = True, name: str | None = None
+    rig: Rig, out: str | Path, estimator: str = "adaptive", *, single: bool = True, name: str | None = None
 ) -> Exported:
     """Write an estimator of a rig as a library for Arduino and PlatformIO.
 

@@ -44,7 +44,8 @@ def health_source(runner: KernelEstimator, name: str, dialect: Plain) -> str:
     if means is None or stds is None:
         means, stds = np.zeros(n), np.zeros(n)
     known = [i for i in range(n) if np.isfinite(means[i]) and stds[i] > 0.0]
-    overdue = [monitor.OVERDUE / sensor.rate for sensor in chosen]
+    # a number that no age reaches, since C has no infinity without a header
+    overdue = np.minimum(monitor.overdue(chosen), 1e30).tolist()
     ranges = [place_range(mechanism, sensor) for sensor in chosen]
     placed = [i for i, sensor in enumerate(chosen) if sensor.measures == "position"]
     arrays = {
@@ -56,7 +57,7 @@ def health_source(runner: KernelEstimator, name: str, dialect: Plain) -> str:
         "allowed": [LARGE_PRIOR * stds[i] for i in known],
     }
     counted = {
-        "noisy": [int(sensor.noise > step_of(sensor)) for sensor in chosen],
+        "noisy": [int(sensor.noise > step_of(sensor) and sensor.measures != "angle") for sensor in chosen],
         "placed": placed,
         "lasting": known,
     }

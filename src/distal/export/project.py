@@ -8,6 +8,7 @@ from pathlib import Path
 from distal.errors import OutputError
 from distal.export.fields import comment
 from distal.export.names import c_name, checked_name
+from distal.export.plant import c_plant
 from distal.export.source import Exported, c_filter, filled
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.rig import Rig
@@ -17,7 +18,14 @@ MARK = "distal export-c"
 
 
 def export_c(
-    rig: Rig, out: str | Path, estimator: str = "adaptive", single: bool = False, name: str | None = None
+    rig: Rig,
+    out: str | Path,
+    estimator: str = "adaptive",
+    *,
+    single: bool = False,
+    name: str | None = None,
+    home: float | None = None,
+    plant: bool = False,
 ) -> Exported:
     """Write an estimator of a rig as C99 to a folder.
 
@@ -27,34 +35,42 @@ def export_c(
         estimator: its name.
         single: float and float functions only, else double.
         name: prefix of all names; default from the rig's title and the estimator.
+        home: how well an angle is known where a joint homes, std [rad]; default it does not home while it runs.
+        plant: write the simulated rig with its sensors too, as NAME_plant.
 
     Raises:
-        ExportError: the name is no C identifier, or the estimator has no C.
+        ExportError: the name is no C identifier, or the estimator or the plant has no C.
         EstimationError: the estimator cannot run on this rig.
         OutputError: the folder cannot be written.
     """
     folder, name = Path(out), name if name is not None else c_name(f"{rig.name}_{estimator}")
-    check_outputs(outputs_in(folder, export_files(name), "the export"))
-    check_ours(folder, export_files(name))
-    exported = c_filter(rig, estimator, single, name)
+    check_outputs(outputs_in(folder, export_files(name, plant), "the export"))
+    check_ours(folder, export_files(name, plant))
+    exported = c_filter(rig, estimator, single, name, home)
+    files = project_files(exported)
+    if plant:
+        made = c_plant(rig, f"{name}_plant")
+        files |= {f"{made.name}.h": made.header, f"{made.name}.c": made.source}
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise OutputError(f"{folder}: cannot be written ({problem.strerror})") from None
-    write_together({folder / file: text for file, text in project_files(exported).items()})
+    write_together({folder / file: text for file, text in files.items()})
     return exported
 
 
-def export_files(name: str) -> tuple[str, ...]:
+def export_files(name: str, plant: bool = False) -> tuple[str, ...]:
     """Return the names of an export's files.
 
     Args:
         name: prefix of all names in C.
+        plant: whether the simulated rig is among them.
 
     Raises:
         ExportError: the name is no C identifier.
     """
-    return f"{checked_name(name)}.h", f"{name}.c", "replay.c", "CMakeLists.txt", "README.md"
+    own = f"{checked_name(name)}.h", f"{name}.c", "replay.c", "CMakeLists.txt", "README.md"
+    return (*own, f"{name}_plant.h", f"{name}_plant.c") if plant else own
 
 
 def check_ours(folder: Path, names: Iterable[str]) -> None:

@@ -38,6 +38,8 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
         "NAME": name.upper(),
         "columns": ", ".join(c_string(column) for column in columns),
         "headers": ", ".join(c_string(header(*pair)) for pair in zip(columns, read_in)),
+        # a log need not say where a joint homes
+        "needed": ", ".join(["1", *(str(int(sensor.measures != "angle")) for sensor in read)]),
         "factors": ", ".join(f"{factor:.17g}" for factor in factors),
     }
     return re.sub(r"\$(\w+)\$", lambda m: values[m[1]], _PROGRAM)
@@ -75,6 +77,7 @@ _PROGRAM = """\
 static const char* const columns[COLUMNS] = {$columns$};
 static const char* const headers[COLUMNS] = {$headers$}; /* the same, where the header says the unit */
 static const double factors[COLUMNS] = {$factors$}; /* to SI, with the sensor's sign */
+static const char needed[COLUMNS] = {$needed$}; /* the others are missing at all times where there is no such column */
 static const char* const missing[] = {"", "nan", "na", "n/a", "null", "none", "-"};
 
 static char separator = ',';
@@ -140,9 +143,9 @@ int main(int argc, char** argv) {
         at[i] = width;
       }
   for (i = 0; i < COLUMNS; ++i)
-    if (at[i] < 0) return 1 + fail(argv[1], 1, "a column is missing: ", columns[i]);
+    if (at[i] < 0 && needed[i]) return 1 + fail(argv[1], 1, "a column is missing: ", columns[i]);
   /* the first value of each channel fills what has no prior, as when a whole log is estimated */
-  for (i = 0; i < COLUMNS; ++i) first[i] = (double)NAN;
+  for (i = 0; i < COLUMNS; ++i) first[i] = now[i] = (double)NAN;
   for (pass = 0; pass < 2; ++pass) {
     if (pass) {
       $name$_real values[$NAME$_CHANNELS];

@@ -13,6 +13,7 @@ from distal.export.fields import comment, members, outputs
 from distal.export.health import health_codes, health_source
 from distal.export.names import c_name, checked_name
 from distal.export.replay import replay_program
+from distal.homing import homing_filter
 from distal.kernels.mask import MISSING, READ
 from distal.logs import LARGEST_READING
 from distal.rig import Rig
@@ -72,7 +73,9 @@ class Exported:
         return (4 if self.single else 8) * self.scratch
 
 
-def c_filter(rig: Rig, estimator: str = "adaptive", single: bool = False, name: str | None = None) -> Exported:
+def c_filter(
+    rig: Rig, estimator: str = "adaptive", single: bool = False, name: str | None = None, home: float | None = None
+) -> Exported:
     """Return an estimator of a rig as C99.
 
     Args:
@@ -80,12 +83,16 @@ def c_filter(rig: Rig, estimator: str = "adaptive", single: bool = False, name: 
         estimator: its name.
         single: float and float functions only, else double.
         name: prefix of all names; default from the rig's title and the estimator.
+        home: how well an angle is known where a joint homes, std [rad]; then samples have one for each joint, see
+            `distal.homing_filter`.
 
     Raises:
         ExportError: the name is no C identifier, or the estimator has no C.
         EstimationError: the estimator cannot run on this rig, or cannot be exported.
     """
-    runner = make_estimator(estimator, rig, compiled=False)
+    if home is not None and estimator != "adaptive":
+        raise ExportError(f"adaptive homes while it runs, {estimator} does not; leave home out")
+    runner = make_estimator(estimator, rig, compiled=False) if home is None else homing_filter(rig, home, False)
     name = checked_name(name if name is not None else c_name(f"{rig.name}_{estimator}"))
     prior, step = runner.prior_function(), runner.kernel.function
     emitter = Emitter(Plain(single))

@@ -17,6 +17,7 @@ from distal.homing.reference import (
     at_known_angle,
     check_homing,
     homed,
+    homing_filter,
     with_references,
 )
 from distal.homing.window import Window
@@ -33,6 +34,7 @@ __all__ = [
     "held",
     "home",
     "homed",
+    "homing_filter",
     "homing_prior",
     "led_astray",
     "numbers_homed",

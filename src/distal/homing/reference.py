@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import EstimationError
-from distal.estimators import LARGEST_ANGLE
+from distal.estimators import LARGEST_ANGLE, AdaptiveFilter
 from distal.logs import Log, TruthKind, TruthSource, true_angles
 from distal.rig import Rig, Sensor, angle_names, build_rig
 
@@ -101,12 +101,7 @@ def at_known_angle(
     which = joints[0] if joint is None else joint
     if not abs(angle) <= LARGEST_ANGLE or not 0.0 <= std <= LARGEST_ANGLE:
         raise EstimationError(f"a homing angle is at most {LARGEST_ANGLE:g} rad, {angle:g} ± {std:g} rad came")
-    raw, taken = rig.model_dump(), {sensor.name for sensor in rig.sensors}
-    stem = "home" if len(joints) == 1 else f"home_{which}"
-    name = next(n for n in (stem, f"{stem}_angle", f"{stem}_angle_2") if n not in taken)
-    rate = float(np.clip(log.rate, 1e-3, 1e6)) if len(log) > 1 else 100.0
-    home = {"name": name, "measures": "angle", "of": which, "noise": TRUTH_NOISE, "rate": rate}
-    raw["sensors"] = [{**home, "bias": {"value": 0.0, "std": std}}, *raw["sensors"]]
+    described, _ = _with_home(rig, which, std, log.rate if len(log) > 1 else 100.0)
     columns, early = dict(zip(joints, angle_names(joints))), log.time - log.time[0] < homing
     homed_before = log.truth_kind is TruthKind.HOME
     truth = dict(log.truth)
@@ -118,7 +113,45 @@ def at_known_angle(
     at = f"{np.rad2deg(angle):g}° ± {np.rad2deg(std):g}° at home"
     at = at if len(joints) == 1 else f"{which} {at}"
     place = f"{log.truth_source.place}, {at}" if homed_before else at
-    return replace(log, truth=truth, truth_source=TruthSource(TruthKind.HOME, place)), build_rig(raw, rig.name)
+    return replace(log, truth=truth, truth_source=TruthSource(TruthKind.HOME, place)), described
+
+
+def _with_home(rig: Rig, joint: str, std: float, rate: float) -> tuple[Rig, Sensor]:
+    """Return the rig with a sensor ``home`` of where a joint is known to stand, and that sensor."""
+    raw, taken = rig.model_dump(), {sensor.name for sensor in rig.sensors}
+    stem = "home" if len(rig.joints) == 1 else f"home_{joint}"
+    name = next(n for n in (stem, f"{stem}_angle", f"{stem}_angle_2") if n not in taken)
+    home = {"name": name, "measures": "angle", "of": joint, "noise": TRUTH_NOISE}
+    home |= {"rate": float(np.clip(rate, 1e-3, 1e6)), "bias": {"value": 0.0, "std": std}}
+    raw["sensors"] = [home, *raw["sensors"]]
+    described = build_rig(raw, rig.name)
+    return described, described.sensors[0]
+
+
+def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> AdaptiveFilter:
+    """Return an `adaptive` that homes while it runs: its samples also say where joints are known to stand.
+
+    Behind its other channels it has one more for each joint, ``home`` or ``home_JOINT``: the angle [rad] while the joint
+    is known to stand there, at a mark or against a stop, and NaN at all other times. That may be at the beginning, as in
+    `estimate` with `homing`, and again at any time later.
+
+    Args:
+        rig: the description.
+        std: standard deviation of the constant offset between that angle and the joint's own [rad].
+        compiled: compile its kernel where possible.
+
+    Raises:
+        EstimationError: the std is out of bounds, or the filter cannot run on this rig.
+    """
+    if not 0.0 <= std <= LARGEST_ANGLE:
+        raise EstimationError(f"a homing angle is known to at most {LARGEST_ANGLE:g} rad, ± {std:g} rad came")
+    rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
+    names: list[str] = []
+    for joint in reversed(rig.joints):
+        rig, sensor = _with_home(rig, joint.name, std, rate)
+        names.insert(0, sensor.name)
+    homes = [next(sensor for sensor in rig.sensors if sensor.name == name) for name in names]
+    return AdaptiveFilter(rig, compiled, references=homes)
 
 
 def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:

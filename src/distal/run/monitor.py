@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, nan
 from typing import Literal
@@ -14,7 +15,7 @@ from distal.estimators import LARGEST_ANGLE, SHORTEST
 from distal.logs import LARGEST_READING
 from distal.model import Mechanism
 from distal.results import LARGE_PRIOR, SMALL
-from distal.rig import Rig, step_of
+from distal.rig import Rig, Sensor, step_of
 from distal.run.live import LATEST, LiveEstimator
 from distal.run.places import FAR, REACH, place_range
 
@@ -65,6 +66,15 @@ OVERDUE = 2.5
 
 CAPPED = 25.0
 """Upper limit of one ν²/S: a single wild value alone does not make a sensor disagree."""
+
+
+def overdue(sensors: Sequence[Sensor]) -> Floats:
+    """Return after which time without a value each sensor is missing [s]; a known angle, which homes, never is.
+
+    Args:
+        sensors: that a filter reads.
+    """
+    return np.array([inf if sensor.measures == "angle" else OVERDUE / sensor.rate for sensor in sensors])
 
 
 @dataclass(frozen=True)
@@ -124,10 +134,10 @@ class Monitor:
         self._live = live
         sensors = {sensor.name: sensor for sensor in live.rig.sensors}
         chosen = [sensors[name] for name in live.channels]
-        self._overdue = np.array([OVERDUE / sensor.rate for sensor in chosen])
+        self._overdue = overdue(chosen)
         self._dead = np.maximum(DEAD, 2 * self._overdue)
         # a sensor with noise does not say the same twice for long
-        self._noisy = np.array([sensor.noise > step_of(sensor) for sensor in chosen])
+        self._noisy = np.array([sensor.noise > step_of(sensor) and sensor.measures != "angle" for sensor in chosen])
         mechanism = Mechanism(live.rig)
         self._ranges = np.array([place_range(mechanism, sensor) for sensor in chosen]).reshape(-1, 2)
         self._reach = np.array([joint.stops or (-REACH, REACH) for joint in live.rig.joints]).T

@@ -1,0 +1,110 @@
+"""A filter that homes while it runs, live and in C: at the beginning, and again against a stop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal import LiveEstimator, Log, Monitor, Rig, at_known_angle, estimate, homing_filter, load_scenario, simulate
+from distal import scenario_rig as rig_of
+from distal.errors import EstimationError, ExportError
+from distal.export import c_filter
+from distal.logs import write_columns
+from tests.export.test_export import build, needs_compiler, replayed
+
+WINDOW = 0.5
+STD = 0.02
+
+
+def case(name: str, duration: str) -> tuple[Rig, Log]:
+    scenario = load_scenario(name, [f'duration="{duration}"'])
+    rig = rig_of(scenario)
+    return rig, simulate(rig, scenario, 3)
+
+
+def homed_rows(rig: Rig, log: Log, until: float) -> tuple[LiveEstimator, np.ndarray, np.ndarray]:
+    """Return a live filter after a log whose joints stand at their first angles until a time, its angles and stds."""
+    live = LiveEstimator(rig, homing_filter(rig, STD))
+    angles, stds = [], []
+    for k, time in enumerate(log.time):
+        sample = [log.channels[name][k] for name in live.channels if name in log.channels]
+        known = np.zeros(len(rig.joints)) if time < until else np.full(len(rig.joints), np.nan)
+        live.step(float(time), np.array([*sample, *known]))
+        angles.append(live.angles.copy())
+        stds.append(live.angle_stds)
+    return live, np.array(angles), np.array(stds)
+
+
+@pytest.mark.parametrize("name", ["lab-bench", pytest.param("wrist", marks=pytest.mark.slow)])
+def test_live_as_over_a_log(name: str) -> None:
+    """The same numbers as with the whole log and `homing`, state by state to 1e-6."""
+    rig, log = case(name, "3 s")
+    told, homed = log, rig
+    for joint in reversed(rig.joints):
+        told, homed = at_known_angle(told, homed, WINDOW, 0.0, STD, joint.name)
+    known = estimate(told, homed, homing=WINDOW)
+    live, angles, stds = homed_rows(rig, log, WINDOW)
+    assert known.notes == () or not any("least squares" in note for note in known.notes)
+    np.testing.assert_allclose(angles, known.angles, atol=1e-6)
+    np.testing.assert_allclose(stds, known.angle_stds, atol=1e-6)
+    places = [known.state_names.index(state) for state in live.state_names]
+    np.testing.assert_allclose(live.mean, known.means[-1][places], rtol=1e-6, atol=1e-9)
+    end = int(0.9 * WINDOW * log.rate)
+    assert stds[end, 0] < estimate(log, rig).angle_stds[end, 0]  # it tells something
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", [pytest.param("lab-bench"), pytest.param("wrist", marks=pytest.mark.slow)])
+def test_in_c_as_live(name: str, tmp_path: Path) -> None:
+    """The replay with a column that says where each joint stands: at the beginning, and once more later."""
+    rig, log = case(name, "3 s")
+    made = c_filter(rig, home=STD)
+    homes = made.channels[len(made.channels) - len(rig.joints) :]
+    assert homes == (("home",) if len(rig.joints) == 1 else tuple(f"home_{joint.name}" for joint in rig.joints))
+    truth = np.column_stack([log.truth[key] for key in list(log.truth)[: len(rig.joints)]])
+    known = (log.time < WINDOW) | ((log.time > 2.0) & (log.time < 2.3))
+    at = np.where(known[:, None], truth, np.nan)
+    live = LiveEstimator(rig, homing_filter(rig, STD))
+    expected = []
+    for k, time in enumerate(log.time):
+        sample = [log.channels[channel][k] for channel in live.channels if channel in log.channels]
+        live.step(float(time), np.array([*sample, *at[k]]))
+        expected.append([value for pair in zip(live.angles, live.angle_stds) for value in pair])
+    from distal.rig import log_factor
+
+    sensors = {sensor.name: sensor for sensor in rig.sensors}
+    columns = {rig.log.time.column: log.time / (1e-3 if rig.log.time.unit == "ms" else 1.0)}
+    for channel in made.channels[: -len(homes)]:
+        own = sensors[channel]
+        columns[own.log_column] = own.sign * log.channels[channel] / log_factor(own)
+    columns |= {channel: at[:, j] for j, channel in enumerate(homes)}
+    write_columns(columns, tmp_path / "log.csv")
+    rows = replayed(build(made, tmp_path, "-O2"), tmp_path / "log.csv")
+    np.testing.assert_allclose(rows[:, 1:], expected, atol=1e-9)
+    # again against a stop: the band shrinks, and it is right
+    before, after = np.searchsorted(log.time, [1.99, 2.29])
+    assert np.all(rows[after, 2::2] < rows[before, 2::2])
+    # a log need not have the column
+    write_columns({key: each for key, each in columns.items() if key not in homes}, tmp_path / "plain.csv")
+    assert len(replayed(tmp_path / "replay", tmp_path / "plain.csv")) == len(log)
+
+
+def test_a_known_angle_is_never_missing() -> None:
+    rig, log = case("lab-bench", "2 s")
+    monitor = Monitor(LiveEstimator(rig, homing_filter(rig, STD)))
+    plain = Monitor(LiveEstimator(rig))
+    for k, time in enumerate(log.time):
+        sample = np.array([log.channels[name][k] for name in plain.channels])
+        word = monitor.take(float(time), np.array([*sample, 0.0 if time < WINDOW else np.nan])).health
+        assert word in (plain.take(float(time), sample).health, "untested", "ok")
+
+
+def test_what_cannot_home_is_refused() -> None:
+    rig, _ = case("lab-bench", "1 s")
+    for bad in (-1.0, float("nan"), 1e9):
+        with pytest.raises(EstimationError, match="a homing angle is known"):
+            homing_filter(rig, bad)
+    with pytest.raises(ExportError, match="adaptive homes while it runs"):
+        c_filter(rig, "ekf-2008", home=0.1)

@@ -1,0 +1,120 @@
+"""The simulated plant in C: the motion of Python's kernel, and sensors whose errors are those that the rig describes."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from distal import load_rig
+from distal.cli.app import app
+from distal.errors import ExportError
+from distal.export.plant import ExportedPlant, c_plant, resting_pull
+from distal.kernels import Kernel
+from distal.simulation.inputs import BodyInputs
+from distal.simulation.plant import at_rest, plant_function
+from tests.export.test_export import CC, STRICT, needs_compiler
+
+pytestmark = needs_compiler
+
+
+class Plant:
+    """An exported plant as a shared library."""
+
+    def __init__(self, made: ExportedPlant, folder: Path) -> None:
+        size = f'#include "{made.name}.h"\nunsigned long size(void) {{ return sizeof({made.name}_state); }}\n'
+        for name, text in ((f"{made.name}.h", made.header), (f"{made.name}.c", made.source), ("size.c", size)):
+            (folder / name).write_text(text)
+        command = [*CC.command, *STRICT, "-O2", "-fPIC", "-shared", f"{made.name}.c", "size.c", "-lm", "-o", "p.so"]  # type: ignore[union-attr]
+        subprocess.run(command, cwd=folder, check=True)
+        self.code, self.made = ctypes.CDLL(str(folder / "p.so")), made
+        self.state = np.zeros(int(self.code.size()) // 8 + 1)
+        self.values = np.zeros(len(made.sensors))
+
+    def begin(self, seed: int) -> np.ndarray:
+        self.code.p_begin(self._at(self.state), ctypes.c_uint64(seed), self._at(self.values))
+        return self.values.copy()
+
+    def step(self, pull: np.ndarray) -> np.ndarray:
+        assert self.code.p_step(self._at(self.state), self._at(np.ascontiguousarray(pull)), self._at(self.values)) == 1
+        return self.values.copy()
+
+    @staticmethod
+    def _at(array: np.ndarray) -> ctypes.c_void_p:
+        return ctypes.c_void_p(array.ctypes.data)
+
+
+@pytest.mark.parametrize("name", ["template", "da-vinci-grasper", "finger-underactuated"])
+def test_the_motion_is_that_of_the_kernel(name: str, tmp_path: Path) -> None:
+    rig = load_rig(name)
+    made = c_plant(rig, "p")
+    n, nj, plant = made.plant.n_bodies, made.plant.n_joints, Plant(made, tmp_path)
+    plant.begin(1)
+    pulls = np.zeros((200, 5, n))
+    pulls[:, 0] = resting_pull(made.plant)
+    pulls[:, 0, nj:] += 0.02 * np.sin(0.1 * np.arange(200))[:, None]
+    pulls[100:, 2, 0], pulls[100:, 3, 0], pulls[100:, 4, 0] = 0.05, 0.3, 1e-3  # a hand takes the first joint
+    for pull in pulls:
+        plant.step(pull.ravel())
+    held = BodyInputs(resting_pull(made.plant)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+    kernel = Kernel(plant_function(made.plant, made.count))
+    carry, _ = at_rest(made.plant, held, made.start, kernel)
+    rows = np.column_stack(
+        [np.repeat(pulls.reshape(200, -1), made.parts, axis=0), np.full(200 * made.parts, made.interval / made.parts)]
+    )
+    carries, _ = kernel.scan(carry, rows, made.plant.parameters.values)
+    np.testing.assert_allclose(plant.state[: carry.size], carries[-1], rtol=0, atol=1e-12)
+    assert np.abs(carries[-1] - carry)[:nj].max() > 1e-3
+
+
+def test_errors_of_sensors_are_those_of_the_rig(tmp_path: Path) -> None:
+    """Noise by its std, a curve within its linearity, steps of the resolution; a seed gives the same again."""
+    changed = {"sensors.0.noise": 2e-5, "sensors.0.linearity": 1e-4, "sensors.0.resolution": 0.0}
+    rig = load_rig("paper-2008").with_values({**changed, "sensors.1.resolution": 0.05, "sensors.1.noise": 0.1})
+    made = c_plant(rig, "p")
+    plant, pull = Plant(made, tmp_path), np.zeros((5, made.plant.n_bodies))
+    pull[0] = resting_pull(made.plant)
+    first, places = [], []
+    for seed in range(40):
+        begun = plant.begin(seed)
+        np.testing.assert_array_equal(plant.begin(seed), begun)
+        first.append(begun[0])
+        places.append([plant.step(pull.ravel()) for _ in range(100)])
+    read = np.array(places)
+    true = made.start[made.plant.n_joints]
+    within = read[:, :, 0] - read[:, :, 0].mean(axis=1, keepdims=True)
+    assert np.std(within) == pytest.approx(2e-5, rel=0.05)
+    offsets = read[:, :, 0].mean(axis=1) - true
+    assert 2e-5 < np.std(offsets) < 1e-4
+    assert np.abs(offsets).max() < 1.1e-4
+    assert len(set(first)) == 40
+    np.testing.assert_allclose(read[:, :, 1] / 0.05, np.round(read[:, :, 1] / 0.05), atol=1e-9)
+    assert np.std(read[:, :, 1] - read[:, :, 1].mean(axis=1, keepdims=True)) == pytest.approx(0.1, rel=0.1)
+
+
+def test_sensors_of_other_rates(tmp_path: Path) -> None:
+    made = c_plant(load_rig("template").with_values({"sensors.2.rate": 25.0}), "p")
+    plant, pull = Plant(made, tmp_path), np.zeros((5, made.plant.n_bodies))
+    pull[0] = resting_pull(made.plant)
+    read = np.array([plant.begin(1), *(plant.step(pull.ravel()) for _ in range(11))])
+    np.testing.assert_array_equal(np.isfinite(read[:, 2]), np.arange(12) % 4 == 0)
+    assert np.isfinite(read[:, 0]).all()
+
+
+def test_what_it_does_not_have_is_refused() -> None:
+    with pytest.raises(ExportError, match=r"a delay \(x1\)"):
+        c_plant(load_rig("template").with_values({"sensors.0.delay": 0.01}), "p")
+    with pytest.raises(ExportError, match="cannot begin"):
+        c_plant(load_rig("template"), "P")
+
+
+def test_the_command(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["export-c", "template", "--plant", "--home", "1 deg", "--out", str(tmp_path / "c")])
+    assert done.exit_code == 0, done.output
+    names = {path.name for path in (tmp_path / "c").iterdir()}
+    assert {"template_adaptive_plant.c", "template_adaptive_plant.h", "template_adaptive.c"} <= names
+    assert "home" in (tmp_path / "c" / "template_adaptive.h").read_text()
