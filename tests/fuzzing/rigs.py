@@ -61,16 +61,15 @@ BYTES = (
 )
 
 
-def attempt(seed: int, folder: Path) -> Outcome:
-    """Load a changed rig and look at its equations as `distal rig check` does; return what came of it.
+def changed(seed: int) -> tuple[bytes, list[str]]:
+    """Return the bytes of a shipped rig with changes, and what is set in it.
 
     Args:
-        seed: of the change.
-        folder: to write the file to.
+        seed: of the changes.
     """
     rng = random.Random(seed)
     text = rig_text(rng.choice(shipped_rigs()))[0]
-    kind, path, assignments = rng.randrange(4), folder / "rig.toml", list[str]()
+    kind, assignments = rng.randrange(4), list[str]()
     if kind == 0:
         data = _bytes(rng, text.encode())
     elif kind == 1:
@@ -86,6 +85,17 @@ def attempt(seed: int, folder: Path) -> Outcome:
                     f"{where}={rng.choice([_toml(rng.choice(VALUES)), '', '[', 'x y', '1 mm', _toml(rng.choice(KEYS))])}"
                 )
         data = _dumped(raw)
+    return data, assignments
+
+
+def attempt(seed: int, folder: Path) -> Outcome:
+    """Load a changed rig and look at its equations as `distal rig check` does; return what came of it.
+
+    Args:
+        seed: of the change.
+        folder: to write the file to.
+    """
+    (data, assignments), path = changed(seed), folder / "rig.toml"
     path.write_bytes(data)
     try:
         rig = load_rig(path, assignments)
