@@ -52,7 +52,7 @@ class Emitter:
             raise CodeError(f"'{function.name()}' has no C in place: its first input and output differ in shape")
         name = self._free_name(str(function.name()))
         if function.is_a("SXFunction"):
-            written = write_scalars(function, name, in_place, self.dialect)
+            written = write_scalars(function, name, in_place, self.dialect, self._written)
         else:
             written = write_matrices(function, name, in_place, self.dialect, self._index, self._written)
         self._kept.append(function)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import lru_cache
 
 import casadi as ca
 
@@ -51,10 +51,6 @@ class Slip:
             down: limits against − motion, (n,).
         """
         return self.forward * up - self.back * down
-
-
-Following: TypeAlias = tuple[Sequence[Scalar], Vector, Vector, Scalar]
-"""Signs of the velocities, velocities, friction, and the share of the load's change that is left."""
 
 
 def solver(matrix: Matrix, weight: Vector) -> Callable[[Vector], Vector]:
@@ -117,9 +113,10 @@ def slipping(
         held.append(ca.fmin(ca.fmax(rest[j], low), high))
     g, left = ca.vertcat(*held), ca.SX(1)
     change = rest - g
+    now, follow = (ca.vertcat(*signs), v, g, left), _event(n)
     for _ in range(EVENTS * n if events is None else events):
-        signs, v, g, left = _event(matrix, change, up, down, (signs, v, g, left))
-    return Slip(ca.vertcat(*(sign > 0 for sign in signs)), ca.vertcat(*(sign < 0 for sign in signs)))
+        now = follow(matrix, change, up, down, *now)
+    return Slip(now[0] > 0, now[0] < 0)
 
 
 def _swept(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
@@ -132,14 +129,22 @@ def _swept(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
     return ca.vertcat(*v)
 
 
-def _event(matrix: Matrix, change: Vector, up: Vector, down: Vector, now: Following) -> Following:
-    """Return (signs, velocity, friction, share of the load's change that is left) after the next event, or the last ones.
+@lru_cache(maxsize=64)
+def _event(n: int) -> ca.Function:
+    """Return (A, the load's change, up, down, signs, velocity, friction, share left) → the last four after the next event.
 
     While the load changes in a straight line, velocities of the joints that slip and friction of those that stick do,
     too: a joint stops where its velocity comes to zero, and breaks loose where its friction comes to a limit.
+
+    It stays a function of its own in C: a chain follows many events, and their code is there once.
+
+    Args:
+        n: number of joints.
     """
-    signs, v, g, left = now
-    n, moving = matrix.size1(), ca.vertcat(*(sign * sign for sign in signs))
+    matrix = ca.SX.sym("A", n, n)
+    change, up, down, signs, v, g = symbols = [ca.SX.sym(name, n) for name in ("change", "u", "d", "signs", "v", "g")]
+    left = ca.SX.sym("left")
+    moving = signs * signs
     held, span = 1 - moving, up + down
     dv = solver(matrix, moving)(change)
     dg = held * (change - ca.mtimes(matrix, dv))
@@ -158,7 +163,9 @@ def _event(matrix: Matrix, change: Vector, up: Vector, down: Vector, now: Follow
         after.append(signs[j] + mine * (ca.sign(dg[j]) - signs[j]))
     # one that has stopped stands still
     stands = ca.vertcat(*(sign * sign for sign in after))
-    return after, stands * (v + soonest * dv), g + soonest * dg, left - soonest
+    results = [ca.vertcat(*after), stands * (v + soonest * dv), g + soonest * dg, left - soonest]
+    inputs = [matrix, *symbols, left]
+    return ca.Function("event", inputs, [ca.densify(each) for each in results], {"cse": True, "never_inline": True})
 
 
 def velocities(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
