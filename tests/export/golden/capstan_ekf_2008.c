@@ -352,10 +352,9 @@ static void substep(const float* restrict a0, const float* restrict a1, const fl
   float w[20];
   int i;
   int j;
-  int k;
   kick(a0, a1, a4, a5, a6, a7, a8, w + 10, w + 14, w + 18, r1, r0);
-  for (j = 0; j < 2; j += 2) for (i = 0; i < 5; ++i) { float s0 = 0.0f, s1 = 0.0f; for (k = 0; k < 2; ++k) { const float e = a2[i + 5 * k]; s0 += e * w[10 + k + 2 * j]; s1 += e * w[10 + k + 2 + 2 * j]; } w[i + 5 * j] = s0; w[i + 5 + 5 * j] = s1; }
-  for (j = 0; j < 2; j += 2) for (i = 0; i < 5; ++i) { float s0 = w[i + 5 * j], s1 = w[i + 5 + 5 * j]; for (k = 0; k < 2; ++k) { const float e = a3[i + 5 * k]; s0 += e * w[14 + k + 2 * j]; s1 += e * w[14 + k + 2 + 2 * j]; } w[i + 5 * j] = s0; w[i + 5 + 5 * j] = s1; }
+  for (j = 0; j < 2; j += 2) for (i = 0; i < 5; ++i) { float s0 = 0.0f, s1 = 0.0f; { const float e = a2[i]; s0 += e * w[10 + 0 + 2 * j]; s1 += e * w[10 + 0 + 2 + 2 * j]; } { const float e = a2[i + 5]; s0 += e * w[10 + 1 + 2 * j]; s1 += e * w[10 + 1 + 2 + 2 * j]; } w[i + 5 * j] = s0; w[i + 5 + 5 * j] = s1; }
+  for (j = 0; j < 2; j += 2) for (i = 0; i < 5; ++i) { float s0 = w[i + 5 * j], s1 = w[i + 5 + 5 * j]; { const float e = a3[i]; s0 += e * w[14 + 0 + 2 * j]; s1 += e * w[14 + 0 + 2 + 2 * j]; } { const float e = a3[i + 5]; s0 += e * w[14 + 1 + 2 * j]; s1 += e * w[14 + 1 + 2 + 2 * j]; } w[i + 5 * j] = s0; w[i + 5 + 5 * j] = s1; }
   w[18] = w[9] + w[18];
   w[9] = w[18];
   for (i = 0; i < 10; ++i) w[10 + i] = a7[0] * w[i];
@@ -619,10 +618,9 @@ static void last_kick(const float* restrict a0, const float* restrict a1, const 
   float w[19];
   int i;
   int j;
-  int k;
   half_kick(a0, a1, a4, a5, a6, a7, a8, w + 10, w + 14, w + 18, r0);
-  for (j = 0; j < 2; j += 2) for (i = 0; i < 5; ++i) { float s0 = 0.0f, s1 = 0.0f; for (k = 0; k < 2; ++k) { const float e = a2[i + 5 * k]; s0 += e * w[10 + k + 2 * j]; s1 += e * w[10 + k + 2 + 2 * j]; } w[i + 5 * j] = s0; w[i + 5 + 5 * j] = s1; }
-  for (j = 0; j < 2; j += 2) for (i = 0; i < 5; ++i) { float s0 = w[i + 5 * j], s1 = w[i + 5 + 5 * j]; for (k = 0; k < 2; ++k) { const float e = a3[i + 5 * k]; s0 += e * w[14 + k + 2 * j]; s1 += e * w[14 + k + 2 + 2 * j]; } w[i + 5 * j] = s0; w[i + 5 + 5 * j] = s1; }
+  for (j = 0; j < 2; j += 2) for (i = 0; i < 5; ++i) { float s0 = 0.0f, s1 = 0.0f; { const float e = a2[i]; s0 += e * w[10 + 0 + 2 * j]; s1 += e * w[10 + 0 + 2 + 2 * j]; } { const float e = a2[i + 5]; s0 += e * w[10 + 1 + 2 * j]; s1 += e * w[10 + 1 + 2 + 2 * j]; } w[i + 5 * j] = s0; w[i + 5 + 5 * j] = s1; }
+  for (j = 0; j < 2; j += 2) for (i = 0; i < 5; ++i) { float s0 = w[i + 5 * j], s1 = w[i + 5 + 5 * j]; { const float e = a3[i]; s0 += e * w[14 + 0 + 2 * j]; s1 += e * w[14 + 0 + 2 + 2 * j]; } { const float e = a3[i + 5]; s0 += e * w[14 + 1 + 2 * j]; s1 += e * w[14 + 1 + 2 + 2 * j]; } w[i + 5 * j] = s0; w[i + 5 + 5 * j] = s1; }
   w[18] = w[9] + w[18];
   w[9] = w[18];
   for (i = 0; i < 10; ++i) r1[i] = w[i];

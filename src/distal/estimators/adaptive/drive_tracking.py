@@ -14,6 +14,7 @@ from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.robustness import Robustness, chance_of_jump, is_far, jump_evidence
 from distal.estimators.adaptive.states import StateVector
+from distal.estimators.channels import UNKNOWN_PLACE
 from distal.expressions import Expression, Scalar, Vector
 from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
 
@@ -25,6 +26,12 @@ REMEMBERED = ("place", "doubt", "speed", "square", "unknown", "lost")
 
 PULL_STD = 0.1
 """Share of a drive's pull that is not known where a jump is judged by it: stiffness and angle [1]."""
+
+DEAD = 0.5, 5.0
+"""A reading that is missing for so long, at least [s] and in intervals of its sensor, may not come back."""
+
+WANDERING = 1.0
+"""Where no reading comes back, a drive's place becomes unknown by a usual one (`UNKNOWN_PLACE`) in this time [s]."""
 
 LEAST_DOUBT = 0.25
 """A jump that no force judges leaves the place in doubt by at least this share of (1 − P) times the jump squared [1]."""
@@ -138,6 +145,19 @@ class ForceEvidence:
     least: float = 0.5
 
 
+@dataclass(frozen=True)
+class Silence:
+    """What it means that a drive's reading is missing for long, all scalars.
+
+    Args:
+        dead: the time after which it may not come back [s].
+        wandering: how fast the place then becomes unknown, its std [m/s, rad/s].
+    """
+
+    dead: Scalar
+    wandering: Scalar
+
+
 def tracking(states: StateVector) -> ca.Function:
     """Return (mean, memory, x, p) → tracks of all drives; see `Tracks`. A drive that nothing measures has zeros.
 
@@ -164,7 +184,7 @@ def tracking(states: StateVector) -> ca.Function:
     return ca.Function("track", [mean, memory, x, p], [vector])
 
 
-READING = ("reading", "mask", "noise", "missing", "force_mask", "stiffness", "variance")
+READING = ("reading", "mask", "noise", "dead", "wandering", "missing", "force_mask", "stiffness", "variance")
 """What is read of each drive, and what its force says; see `track` and `ForceEvidence`."""
 
 
@@ -191,7 +211,9 @@ def _readings(states: StateVector) -> ca.Function:
         if sensor.lag > 0.0:  # a command, held over the interval, that a servo of first order follows
             place = memory[remembered_place(i, "place")]
             reading = place + (reading - place) * (1 - ca.exp(-x[0] / sensor.lag))
-        table[:3, i] = ca.vertcat(reading, context.mask(x, sensor), context.noise(sensor))
+        dead = max(DEAD[0], DEAD[1] / sensor.rate)
+        wandering = UNKNOWN_PLACE[context.mechanism.rig.drives[i].kind] / WANDERING
+        table[:5, i] = ca.vertcat(reading, context.mask(x, sensor), context.noise(sensor), dead, wandering)
         if force is not None and _judged(context, i):
             friction = limits[nj + i] + states.friction(i, mean)
             pull = pulls[nj + i] + states.force(i, mean) + states.sensor_error(force, context.value(x, force), mean)
@@ -200,7 +222,7 @@ def _readings(states: StateVector) -> ca.Function:
             if transmitted is not None:  # the play takes up as much as its limit
                 spread += transmitted[1].limit ** 2
             missing = context.value(x, force) - pull
-            table[3:, i] = ca.vertcat(missing, context.mask(x, force), slopes[nj + i, nj + i], spread)
+            table[5:, i] = ca.vertcat(missing, context.mask(x, force), slopes[nj + i, nj + i], spread)
     return ca.Function("readings", [mean, memory, x, p], [ca.cse(ca.densify(table))])
 
 
@@ -213,10 +235,11 @@ def _track(robustness: Robustness, judged: bool, follows: bool) -> ca.Function:
         follows: whether the joints follow the drives.
     """
     memory, told, dt = ca.SX.sym("memory", MEMORY), ca.SX.sym("told", len(READING)), ca.SX.sym("dt")
-    reading, mask, noise, missing, force_mask, stiffness, variance = ca.vertsplit(told)
+    reading, mask, noise, dead, wandering, missing, force_mask, stiffness, variance = ca.vertsplit(told)
     least = 0.0 if follows else 0.5
     evidence = ForceEvidence(missing, force_mask, stiffness, variance, least) if judged else None
-    drive = track(memory, reading, mask, noise, dt, robustness=robustness, force_evidence=evidence)
+    silence = Silence(dead, wandering)
+    drive = track(memory, reading, mask, noise, dt, robustness=robustness, silence=silence, force_evidence=evidence)
     parts = ca.vertcat(*(getattr(drive, name) for name in TRACKED))
     return ca.Function("drive", [memory, told, dt], [ca.cse(ca.densify(parts))])
 
@@ -229,6 +252,7 @@ def track(
     dt: Scalar,
     *,
     robustness: Robustness,
+    silence: Silence | None = None,
     force_evidence: ForceEvidence | None = None,
 ) -> Drive:
     """Return a drive after a reading; one that is missing is bridged by the mean speed, which fades.
@@ -243,6 +267,7 @@ def track(
         noise: variance of the sensor's random error.
         dt: length of the interval [s].
         robustness: the guards.
+        silence: what a long silence of the sensor means; None where none is long.
         force_evidence: the drive's force, or None.
     """
     place, doubt, speed, square, unknown, lost = (memory[i] for i in range(MEMORY))
@@ -274,6 +299,9 @@ def track(
     fade = ca.exp(-dt / (2 * MOTION_TIME))
     # (4) a drive that is lost goes on as it did: its error grows with time, not with the root of time
     astray = ca.fmax(unknown, square * time * time + noise)
+    if silence is not None:  # whatever it did before, it may have begun to move
+        wandered = silence.wandering * ca.fmax(time - silence.dead, 0)
+        astray = ca.fmax(astray, wandered * wandered)
     doubted = (1 - real) * ca.if_else(judged, real, ca.fmax(real, LEAST_DOUBT)) * jump**2
     unknown = ca.if_else(bridged, moved * moved, ca.if_else(read, ca.if_else(far, doubted, 0), astray))
     # (5), (6) what a straight line between samples misses

@@ -1,0 +1,46 @@
+"""A place that is not read for long becomes unknown, whatever the drive did before; no angle is then said to be known."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from distal import Log, estimate, load_scenario, scenario_rig, simulate
+from distal.estimators.adaptive.drive_tracking import MEMORY, Silence, track
+from distal.estimators.adaptive.robustness import Robustness
+from distal.kernels.mask import MISSING
+
+
+def test_the_place_becomes_unknown_at_a_constant_rate() -> None:
+    """A drive that stood still: nothing but noise for half a second, then w (t − dead) as its std."""
+    memory, dt, dead, wandering, noise = ca.SX.sym("memory", MEMORY), 0.01, 0.5, 0.02, 1e-10
+    drive = track(memory, ca.SX(0), ca.SX(MISSING), ca.SX(noise), ca.SX(dt), robustness=Robustness.usual(1),
+                  silence=Silence(ca.SX(dead), ca.SX(wandering)))  # fmt: skip
+    kept = ca.vertcat(drive.place, drive.doubt, drive.speed, drive.square, drive.unknown, drive.lost)
+    step, now, found = ca.Function("step", [memory], [kept]), np.zeros(MEMORY), []
+    for _ in range(200):
+        now = np.array(step(now)).ravel()
+        found.append(now[4])
+    time = dt * np.arange(1, 201)
+    expected = np.maximum(noise, (wandering * np.maximum(time - dead, 0.0)) ** 2)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "channel"), [("lab-bench", "motor_angle"), ("wrist", "phi_pitch")])
+@pytest.mark.parametrize("share", [0.0, 0.25])
+def test_nothing_wrong_is_said_to_be_sure(name: str, channel: str, share: float) -> None:
+    """From the second sample on, or while it stands still: two seconds later the angle is not said to be known."""
+    scenario = load_scenario(name)
+    rig = scenario_rig(scenario)
+    log = simulate(rig, scenario, 1).select(slice(0, 1000))
+    since = max(1, int(share * len(log)))
+    values = log.channels[channel].copy()
+    values[since:] = np.nan
+    silent = Log(log.time, {**log.channels, channel: values}, log.truth, "silent", log.truth_source)
+    result = estimate(silent, rig)
+    assert result.truths is not None
+    late = log.time > log.time[since] + 2.0
+    errors, stds = result.angles[late] - result.truths[late], result.angle_stds[late]
+    assert np.rad2deg(stds[:, 0]).min() > 5.0
+    assert np.all(np.abs(errors[:, 0]) < 3.0 * stds[:, 0])  # before, up to 190 of them
