@@ -28,6 +28,11 @@ class Dialect(Protocol):
         """Whether the sine and the cosine of one angle are computed by one call, ``v_sincos``."""
         ...
 
+    @property
+    def inline(self) -> str:
+        """What stands before a function that functions of scalars call."""
+        ...
+
     def prelude(self, text: str) -> str:
         """Return the C that the operations need before the first function.
 
@@ -58,15 +63,26 @@ class Dialect(Protocol):
         ...
 
 
+INLINE = "inline __attribute__((always_inline)) "
+"""Before a function whose code a compiler shall put wherever it is called."""
+
+
 @dataclass(frozen=True)
 class Plain:
     """C of plain numbers.
 
     Args:
         single: float with float functions only, else double.
+        quick: code may be long if it is quick then, else it is short.
     """
 
     single: bool = False
+    quick: bool = False
+
+    @property
+    def inline(self) -> str:
+        """What stands before a function that functions of scalars call."""
+        return INLINE if self.quick else ""
 
     @property
     def type(self) -> str:
@@ -206,6 +222,11 @@ class Lanes:
     def pairs_sines(self) -> bool:
         """Whether sine and cosine are one call: within a lane the library has one for both."""
         return True
+
+    @property
+    def inline(self) -> str:
+        """What stands before a function that functions of scalars call."""
+        return INLINE
 
     def prelude(self, text: str) -> str:
         """Return the vector types and what the operations need.

@@ -25,12 +25,18 @@ class Emitter:
         self._names: dict[tuple[int, bool], str] = {}
         self._taken: set[str] = set()
         self._alike: dict[str, str] = {}
+        self._by_scalars: set[str] = set()
         self._kept: list[ca.Function] = []  # a function's hash is its address: it must not be given to another one
 
     @property
     def text(self) -> str:
         """All functions so far, each after those that it calls."""
-        return "\n".join(written.text for written in self.functions.values())
+        inline = f"static {self.dialect.inline}void "
+        texts = (
+            written.text.replace("static void ", inline, 1) if name in self._by_scalars else written.text
+            for name, written in self.functions.items()
+        )
+        return "\n".join(texts)
 
     def add(self, function: ca.Function, in_place: bool = False) -> str:
         """Write a function and those that it calls; return its name in C.
@@ -52,7 +58,7 @@ class Emitter:
             raise CodeError(f"'{function.name()}' has no C in place: its first input and output differ in shape")
         name = self._free_name(str(function.name()))
         if function.is_a("SXFunction"):
-            written = write_scalars(function, name, in_place, self.dialect, self._written)
+            written = write_scalars(function, name, in_place, self.dialect, self._called)
         else:
             written = write_matrices(function, name, in_place, self.dialect, self._index, self._written)
         self._kept.append(function)
@@ -63,6 +69,12 @@ class Emitter:
             self._taken.remove(name)
             return self.functions[alike]
         self.functions[name] = written
+        return written
+
+    def _called(self, function: ca.Function, in_place: bool) -> Written:
+        """Return a function that one of scalars calls; where code may be long, the compiler puts it in its place."""
+        written = self._written(function, in_place)
+        self._by_scalars.add(written.name)
         return written
 
     def _free_name(self, name: str) -> str:

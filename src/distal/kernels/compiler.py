@@ -96,7 +96,7 @@ def c_source(function: ca.Function) -> str:
     Raises:
         CompileError: the function has an operation that has no C here.
     """
-    emitter = Emitter(Plain())
+    emitter = Emitter(Plain(quick=True))
     try:
         name = emitter.add(function)
     except CodeError as problem:
