@@ -7,7 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from distal import LiveEstimator, Log, Monitor, Rig, at_known_angle, estimate, homing_filter, load_scenario, simulate
+from distal import (
+    LiveEstimator,
+    Log,
+    Monitor,
+    Rig,
+    at_known_angle,
+    estimate,
+    homing_filter,
+    load_rig,
+    load_scenario,
+    simulate,
+)
 from distal import scenario_rig as rig_of
 from distal.errors import EstimationError, ExportError
 from distal.export import c_filter
@@ -106,5 +117,7 @@ def test_what_cannot_home_is_refused() -> None:
     for bad in (-1.0, float("nan"), 1e9):
         with pytest.raises(EstimationError, match="a homing angle is known"):
             homing_filter(rig, bad)
+    with pytest.raises(EstimationError, match=r"has a \[discrepancy\]"):
+        homing_filter(load_rig("da-vinci-grasper"))
     with pytest.raises(ExportError, match="adaptive homes while it runs"):
         c_filter(rig, "ekf-2008", home=0.1)

@@ -141,10 +141,15 @@ def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> Adaptive
         compiled: compile its kernel where possible.
 
     Raises:
-        EstimationError: the std is out of bounds, or the filter cannot run on this rig.
+        EstimationError: the std is out of bounds, the rig has a discrepancy, or the filter cannot run on it.
     """
     if not 0.0 <= std <= LARGEST_ANGLE:
         raise EstimationError(f"a homing angle is known to at most {LARGEST_ANGLE:g} rad, ± {std:g} rad came")
+    if rig.discrepancy is not None:
+        raise EstimationError(
+            f"'{rig.name}' has a [discrepancy], which corrects an angle that no reference has moved: take it out of the "
+            "rig file to home while it runs, or home a recorded move (distal fit MOVE.csv)"
+        )
     rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
     names: list[str] = []
     for joint in reversed(rig.joints):
