@@ -66,9 +66,10 @@ def test_tensions_are_those_of_the_sensors(tmp_path: Path) -> None:
     text = view_page(estimate(log, rig), log, rig, tmp_path / "view.html").read_text(encoding="utf-8")
     found = re.search(r"id='moving-data'>(.*?)</script>", text)
     assert found is not None
-    (tendon,) = json.loads(found[1])["tendons"]
+    data = json.loads(found[1])
+    (tendon,), (tension,) = data["tendons"], data["tensions"]
     np.testing.assert_allclose(tendon["crossings"], [[0, 0.009], [1, 0.007], [2, 0.005]], rtol=1e-9)
-    np.testing.assert_allclose(tendon["tension"], log.channels["tau_flexor"] / 0.006, atol=0.006)
+    np.testing.assert_allclose(tension, log.channels["tau_flexor"] / 0.006, atol=0.006)
 
 
 def test_it_is_played_and_scrubbed_by_keys(page: Page) -> None:

@@ -92,7 +92,7 @@
 
   // curves over time
   function curves(id, unit) {
-    const canvas = by(id), pen = canvas.getContext("2d"), left = 44, bottom = 18;
+    const canvas = by(id), pen = canvas.getContext("2d"), left = 56, bottom = 18;
     let box = { width: 1, height: 1 };
     return {
       fit() {

@@ -77,7 +77,7 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
         OutputError: the file cannot be written.
     """
     module = lab_module(rig, estimator)
-    data = lab_data(rig, module, estimator, source)
+    data = _data(rig, module, estimator, source)
     script = chain_script() + _resource("lab.js")
     packed = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     parts = [
@@ -93,7 +93,7 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
     return Path(path)
 
 
-def lab_data(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str, Any]:
+def _data(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str, Any]:
     """Return what the page's script needs to know of a rig.
 
     Args:

@@ -7,7 +7,7 @@
   const canvas = figure.querySelector("canvas"), chain = chainPicture(canvas, data);
   const button = figure.querySelector("button"), scrub = figure.querySelector("input");
   const speed = figure.querySelector("select"), clock = figure.querySelector("output"), cells = figure.querySelectorAll("td.n");
-  const { joints, tendons, colours } = data, count = data.time.length, last = data.time[count - 1];
+  const { joints, colours } = data, count = data.time.length, last = data.time[count - 1];
   const rest = [...data.view];
   let now = 0, playing = false, before = null, spent = 0, drawn = 0;
 
@@ -25,7 +25,7 @@
   }
   function draw() {
     const started = performance.now(), k = index(now), angles = row(data.angles, k), halves = row(data.halves, k);
-    chain.draw(angles, halves, data.truths && row(data.truths, k), tendons.map((tendon) => tendon.tension && tendon.tension[k]));
+    chain.draw(angles, halves, data.truths && row(data.truths, k), data.tensions.map((values) => values && values[k]));
     clock.textContent = `${now.toFixed(2)} s of ${last.toFixed(2)} s`;
     cells.forEach((cell, j) => { cell.textContent = `${((angles[j] * 180) / Math.PI).toFixed(1)}° ± ${((halves[j] * 180) / Math.PI).toFixed(1)}°`; });
     scrub.value = now; cursor();

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from html import escape
 from importlib import resources
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,17 +40,16 @@ def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
     some, time = slice(None, None, step), from_start(estimate.time)
     tensions = [None if values is None else _numbers(values[some], 2) for values in _tensions(rig, log)]
     told = [value for values in tensions for value in values or () if value is not None]
-    shape = chain_shape(rig, max(told, default=0.0))
-    for drawn, values in zip(shape["tendons"], tensions):
-        drawn["tension"] = values
-    data = shape | {
+    most = max(told, default=0.0)
+    data = chain_shape(rig, most) | {
+        "tensions": tensions,
         "time": _numbers(time[some] - time[0], 4),
         "from": float(time[0]),
         "angles": [_numbers(each, 4) for each in estimate.angles[some].T],
         "halves": [_numbers(BAND * each, 4) for each in estimate.angle_stds[some].T],
         "truths": None if estimate.truths is None else [_numbers(each, 4) for each in estimate.truths[some].T],
     }
-    scale = tension_scale(f"{data['most']:.3g} N") if told else ""
+    scale = tension_scale(f"{most:.3g} N") if told else ""
     rows = "".join(f"<tr><td>{escape(joint.name)}</td><td class='n'></td></tr>" for joint in rig.joints)
     dashed = ", dashed is the truth" if estimate.truths is not None else ""
     script = chain_script() + resources.files("distal.reports").joinpath("moving.js").read_text(encoding="utf-8")
@@ -74,7 +72,7 @@ def chain_script() -> str:
     return resources.files("distal.reports").joinpath("chain.js").read_text(encoding="utf-8")
 
 
-def chain_shape(rig: Rig, most: float) -> dict[str, Any]:
+def chain_shape(rig: Rig, most: float) -> dict[str, object]:
     """Return what `chain_script` draws of a rig: its joints, its tendons, how it is seen, and colours.
 
     Args:
