@@ -22,6 +22,9 @@ PAGES = {
 }
 """Page of the site → file of the repository."""
 
+LAB = "<iframe src='lab.html' title='The lab' style='width:100%;height:75rem;border:0'></iframe>"
+"""The lab of the paper's rig, with which the site opens."""
+
 FOLDER = "repository"
 """Where the site has files that pages link to and that are no pages."""
 
@@ -83,7 +86,10 @@ def on_files(files: Files, config: Any) -> Files:
     for page, source in PAGES.items():
         text = (ROOT / source).read_text(encoding="utf-8")
         folder = (ROOT / source).parent
-        files.append(File.generated(config, page, content=rewritten(text, folder, page)))
+        content = rewritten(text, folder, page)
+        if page == "index.md":
+            content = content.replace("## Your own log", f"{LAB}\n\n## Your own log", 1)
+        files.append(File.generated(config, page, content=content))
         sources.append((text, folder))
     known = {(ROOT / source).resolve() for source in PAGES.values()}
     for text, folder in sources:

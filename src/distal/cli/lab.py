@@ -31,7 +31,7 @@ def lab_command(
     check_outputs(to_file("--out", out), rig=rig)
     described = load_rig(rig, set_ or ())
     check_ziglang()
-    lab_page(described, out, estimator, rig)
+    lab_page(described, out, estimator, " ".join([rig, *(f"--set '{each}'" for each in set_ or ())]))
     say(f"wrote {out}: one file of {out.stat().st_size / 1000:.0f} kB; open it in a browser")
     if open_ and not webbrowser.open(out.resolve().as_uri()):
         say("no browser could be opened; open the file yourself")

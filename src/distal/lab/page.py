@@ -259,8 +259,8 @@ def _slider(name: str, label: str, ends: tuple[float, float, float], unit: str, 
 
 
 def _experiments(data: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
-    """Return what can be tried: a name, the settings, and what to look at."""
-    return [
+    """Return what can be tried with a rig: a name, the settings, and what to look at."""
+    every: list[tuple[str, dict[str, Any], str]] = [
         (
             "As described",
             {},
@@ -291,7 +291,9 @@ def _experiments(data: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
         (
             "Unplug a sensor",
             {"dead": data["read"][:1]},
-            "The first sensor is dead. After half a second the health says so. Until it comes back the filter takes its "
-            "drive to stand still: do not trust the band then.",
+            "The first sensor is dead. After half a second the health says so, and the band grows: what the sensor told is "
+            "not known any more.",
         ),
     ]
+    factors = data["factors"]
+    return [one for one in every if all(factors.get(name, [0]) for name in one[1])]
