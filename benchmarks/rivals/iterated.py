@@ -10,7 +10,7 @@ import numpy as np
 
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import StateVector
-from distal.estimators.adaptive.drive_tracking import MEMORY, tracking
+from distal.estimators.adaptive.drive_tracking import MEMORY, TRACKED, Tracks, tracking
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.measurement import row_functions
 from distal.estimators.adaptive.motion import moved
@@ -86,11 +86,12 @@ def iterated_update(
         updates: how often each row is linearised.
     """
     prior, covariance = prediction.state, Downdate(prediction.covariance)
-    tracks, x, p = interval.tracks, interval.x, interval.p
+    tracks, x, p, nd = interval.tracks, interval.x, interval.p, states.context.n_drives
     rows, table = row_functions(states)
     mean, kept, innovations, spreads = ca.MX(prior), list(memory), list[Any](), list[Any]()
     for k, row in enumerate(rows):
         compare, weigh = comparison_function(states, row), weights(states.context.robustness, row.trusted)
+        followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
         remembered, point = ca.MX(0) if row.drive is None else kept[row.drive], ca.MX(prior)
         for _ in range(updates):
             values, *slopes = table(point, tracks, rates, x, p)
@@ -99,7 +100,7 @@ def iterated_update(
             since = [along(each, mean - point) for each in own]
             numbers = ca.vertcat(*since, along(slope, ahead[0]), along(limit_slope, ahead[1]), remembered)
             innovation, own_variance, after, by_limit, by_asymmetry, counts = compare(
-                values[5 * k : 5 * k + 5], numbers, tracks, x, p
+                values[5 * k : 5 * k + 5], numbers, followed, x[0], p
             )
             across = by_limit * ahead[1] + by_asymmetry * ahead[2] - ahead[0]
             spread = by_limit * along(limit_slope, across) + by_asymmetry * along(asymmetry_slope, across)

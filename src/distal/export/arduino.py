@@ -249,8 +249,13 @@ void loop() {
   }
   last_sample = now;
   $name$_output out;
-  const int code = $name$_step(&state, dt, values, &out);
-  begun = code == $NAME$_OK || code == $NAME$_BAD;
+  int code = $name$_step(&state, dt, values, &out);
+  if (code == $NAME$_GAP || code == $NAME$_LOST) { /* it begins anew where it was */
+    $name$_restart(&state, values);
+    $name$_watch_begin(&watch);
+    code = $name$_step(&state, 0, values, &out);
+  }
+  begun = begun || code == $NAME$_OK;
   if (code != $NAME$_OK) return;
   const int health = $name$_health(&watch, &state, dt, values, &out);
   if (now - last_line > 100000) { /* ten lines a second */
