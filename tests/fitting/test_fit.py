@@ -123,6 +123,7 @@ def test_each_log_may_have_its_own(pulley_rig: Rig) -> None:
     assert own[1] - own[0] == pytest.approx(0.6, abs=0.15)
 
 
+@pytest.mark.compiled
 def test_interrupted_at_a_fold_it_says_how_many_were_left_out(rig: Rig) -> None:
     """The fold that was not learned to its end has no score; the fit to all logs stands."""
 

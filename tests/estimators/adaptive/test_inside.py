@@ -111,6 +111,7 @@ def test_where_a_rope_begins_is_read_from_its_tension() -> None:
     assert other.carry[read.state_names.index("creep_left")] == pytest.approx(0.5 * 0.3 * 7.0 / 2000.0, rel=1e-9)
 
 
+@pytest.mark.compiled
 def test_live_and_smoothed() -> None:
     """Sample by sample it gives the numbers of the log; the smoother takes plays and creep along."""
     name = "sheath"
