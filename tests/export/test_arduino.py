@@ -124,6 +124,18 @@ def test_the_sketch_compiles_for_a_board(name: str, tmp_path: Path) -> None:
     assert 4_000 < text + data <= (32 if len(rig.joints) == 1 else 80) * 1024
 
 
+def test_what_the_user_edits_stays(tmp_path: Path) -> None:
+    rig, sketch = load_rig("capstan-joint"), tmp_path / "examples" / SKETCH / f"{SKETCH}.ino"
+    export_arduino(rig, tmp_path, name="joint")
+    sketch.write_text(sketch.read_text().replace("A_0 = 2", "A_0 = 20"))
+    (tmp_path / "src" / "joint.c").write_text("/* distal export-c, old */")
+    export_arduino(rig, tmp_path, name="joint")
+    assert "A_0 = 20" in sketch.read_text()
+    assert "joint_step" in (tmp_path / "src" / "joint.c").read_text()
+    with pytest.raises(OutputError, match="is of another library than finger"):
+        export_arduino(rig, tmp_path, name="finger")
+
+
 def test_the_command(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["export-c", "capstan-joint", "--arduino", str(tmp_path / "joint")])
     assert done.exit_code == 0, done.output

@@ -197,10 +197,35 @@ def test_what_cannot_be_is_refused(folder: str, rig: Rig, tmp_path: Path, monkey
 def test_sensors_that_are_called_as_outputs_are(rig: Rig, tmp_path: Path) -> None:
     raw = rig.model_dump()
     raw["name"] = 'a <b> & "c"'
-    raw["sensors"][0]["name"], raw["sensors"][1]["name"] = "angle", "time"
+    for sensor, name in zip(raw["sensors"], ("angle", "time", "health"), strict=False):
+        sensor["name"] = name
     made = export_fmu(build_rig(raw, "odd"), tmp_path / "odd.fmu", "ekf-2008", "odd")
     assert validate_fmu(str(tmp_path / "odd.fmu")) == []
-    assert made.outputs == ("angle_estimate", "angle_std", "health")
+    assert made.outputs == ("angle_estimate", "angle_std", "health_estimate")
+
+
+@pytest.mark.parametrize("wild", [np.inf, 1e9])
+def test_a_wild_value_is_a_missing_one(folder: str, rig: Rig, made: Fmu, log: Log, wild: float) -> None:
+    rows, one = samples_of(log, made.inputs).copy(), Instance(folder, "one")
+    rows[60:, 0] = wild
+    one.begin(rows[0])
+    found = np.array([one.step(float(log.time[k]), rows[k]) for k in range(1, 100)])
+    channels = {name: np.where(np.abs(log.channels[name]) > 1e7, np.nan, log.channels[name]) for name in made.inputs}
+    channels[made.inputs[0]][60:] = np.nan
+    known = estimate(Log(log.time, channels, log.truth, "wild", log.truth_source).select(slice(0, 100)), rig)
+    np.testing.assert_allclose(found[:, 0], known.theta[1:], atol=1e-9)
+    assert one.health() == 2  # missing
+
+
+def test_time_only_goes_on(folder: str, made: Fmu, log: Log) -> None:
+    rows, one = samples_of(log, made.inputs), Instance(folder, "one")
+    one.begin(rows[0])
+    for k in range(1, 20):
+        one.step(float(log.time[k]), rows[k])
+    for bad in (0.05, np.inf, np.nan):
+        with pytest.raises(Exception, match="DoStep"):
+            one.step(bad, rows[20])
+    one.step(float(log.time[20]), rows[20])
 
 
 @pytest.mark.slow  # sanitizers

@@ -100,6 +100,18 @@ def test_the_numbers_are_pythons(page: Page, rig: Rig, folder: Path) -> None:
         assert np.abs(np.diff(rows[:, 1])).max() > 1e-4  # it moves
 
 
+@pytest.mark.compiled
+def test_a_sensor_that_is_dead_from_the_beginning(page: Page, rig: Rig, folder: Path) -> None:
+    """Begun anew with a dead sensor: it tells one value, and the saved log gives the page's angles."""
+    page.value("lab.pause(); document.getElementById('dead-0').checked = true; lab.begin(); lab.run(2); lab.begin()")
+    found = page.value("lab.run(2), { last: lab.last(), csv: lab.csv() }")
+    page.value("document.getElementById('dead-0').checked = false; lab.begin()")
+    (folder / "dead.csv").write_text(found["csv"])
+    nj, known = len(rig.joints), estimate(read_log(folder / "dead.csv", rig), rig)
+    np.testing.assert_allclose(found["last"][2 : 1 + 4 * nj : 4], known.angles[-1], atol=1e-9)
+    assert np.isfinite(read_log(folder / "dead.csv", rig).channels[rig.sensors[0].name]).sum() == 1
+
+
 def test_it_is_used_by_keys(page: Page, rig: Rig) -> None:
     """A slider changes what is true, a button sets them all, a dead sensor is told; without a mouse."""
     page.value("lab.begin()")
@@ -175,7 +187,9 @@ def test_the_command_and_without_ziglang(tmp_path: Path, monkeypatch: pytest.Mon
     done = CliRunner().invoke(app, ["lab", "capstan-joint", "--out", str(tmp_path / "lab.html")])
     assert done.exit_code == 0, done.output
     assert "one file of" in done.output
-    assert "distal estimate lab.csv --rig capstan-joint" in (tmp_path / "lab.html").read_text(encoding="utf-8")
+    assert "distal estimate lab.csv --rig capstan-joint -e adaptive" in (tmp_path / "lab.html").read_text(
+        encoding="utf-8"
+    )
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ExportError, match=r"ziglang; pip install '\.\[lab\]'"):
         lab_page(load_rig("capstan-joint"), tmp_path / "other.html")

@@ -40,11 +40,12 @@ def export_command(
 ) -> None:
     """Write an estimator of a rig as C99: no malloc, no globals, for a Cortex-M or any other processor."""
     from distal.export import c_name, check_ours, export_arduino, export_c, export_files
+    from distal.export.arduino import EDITED
     from distal.rig import load_rig
     from distal.units import to_si
 
     if (out is None) == (arduino is None):
-        raise typer.BadParameter("give a folder: --out for C, or --arduino for a library")
+        raise typer.BadParameter("give one folder: --out for C, or --arduino for a library")
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     known = None if home is None else to_si(home, "rad")
     if out is not None:
@@ -55,6 +56,7 @@ def export_command(
         assert arduino is not None
         if plant or known is not None:
             raise typer.BadParameter("--plant and --home are for --out")
+        kept = [file for file in EDITED if (arduino / file).is_file()]
         made = export_arduino(load_rig(rig, set_ or ()), arduino, estimator, name=name)
     rows = [
         ("states", f"{len(made.states)}"),
@@ -73,6 +75,8 @@ def export_command(
         say(f"wrote {made.name}.c, {made.name}.h, replay.c, CMakeLists.txt and README.md to {out}")
     else:
         say(f"wrote the library {made.name} with its example joint_angle to {arduino}")
+        if kept:
+            say(f"kept as they were: {', '.join(kept)}; delete one to have it written anew")
 
 
 def fmu_command(

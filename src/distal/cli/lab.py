@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import webbrowser
 from pathlib import Path
 from typing import Annotated
@@ -31,7 +32,9 @@ def lab_command(
     check_outputs(to_file("--out", out), rig=rig)
     described = load_rig(rig, set_ or ())
     check_ziglang()
-    lab_page(described, out, estimator, " ".join([rig, *(f"--set '{each}'" for each in set_ or ())]))
+    lab_page(
+        described, out, estimator, " ".join([shlex.quote(rig), *(f"--set {shlex.quote(each)}" for each in set_ or ())])
+    )
     say(f"wrote {out}: one file of {out.stat().st_size / 1000:.0f} kB; open it in a browser")
     if open_ and not webbrowser.open(out.resolve().as_uri()):
         say("no browser could be opened; open the file yourself")

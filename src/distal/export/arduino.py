@@ -7,6 +7,7 @@ from pathlib import Path
 
 from distal.errors import OutputError
 from distal.export.fields import angle_fields, comment
+from distal.export.health import spoken
 from distal.export.names import c_name
 from distal.export.project import check_ours, readme
 from distal.export.source import Exported, c_filter, filled
@@ -17,6 +18,9 @@ from distal.version import __version__
 SKETCH = "joint_angle"
 """Name of the example; its folder must be called the same."""
 
+EDITED = ("library.properties", "library.json", f"examples/{SKETCH}/{SKETCH}.ino")
+"""Files that a user edits; they stay when the library is exported again."""
+
 
 def export_arduino(
     rig: Rig, out: str | Path, estimator: str = "adaptive", *, single: bool = True, name: str | None = None
@@ -25,7 +29,8 @@ def export_arduino(
 
     Args:
         rig: the description.
-        out: the library's folder; made if it is not there. An earlier export's files are replaced, others left.
+        out: the library's folder; made if it is not there. An earlier export's files are replaced, but for those that
+            are there to be `EDITED`.
         estimator: its name.
         single: float and float functions only, else double.
         name: of the library, and prefix of its C names; default from the rig's title and the estimator.
@@ -33,13 +38,17 @@ def export_arduino(
     Raises:
         ExportError: the name is no C identifier, or the estimator has no C.
         EstimationError: the estimator cannot run on this rig.
-        OutputError: the folder cannot be written, or has files that no export wrote.
+        OutputError: the folder cannot be written, has files that no export wrote, or is of another library.
     """
     name = name if name is not None else c_name(f"{rig.name}_{estimator}")
     exported = c_filter(rig, estimator, single, name)
     files = arduino_files(rig, exported)
     folder = Path(out)
-    check_ours(folder, files)
+    check_ours(folder, [file for file in files if file not in EDITED])
+    for file in (file for file in EDITED if (folder / file).is_file()):
+        if f"{name}.h" not in (folder / file).read_text(encoding="utf-8", errors="replace"):
+            raise OutputError(f"{folder / file}: is of another library than {name}; give another folder")
+        del files[file]
     try:
         for file in files:
             (folder / file).parent.mkdir(parents=True, exist_ok=True)
@@ -66,6 +75,7 @@ def arduino_files(rig: Rig, exported: Exported) -> dict[str, str]:
         "version": re.match(r"\d+\.\d+\.\d+", __version__ + ".0.0")[0],  # type: ignore[index]
         "sensors": _sensors(rig, exported),
         "prints": _prints(rig),
+        "health": ", ".join(f'"{word}"' for word in spoken()),
         "micros": f"{1e6 * exported.interval:.0f}",
     }
     # the readme's part on a replay is for the folder that export-c writes without this layout
@@ -229,6 +239,7 @@ static unsigned long last_sample = 0, last_line = 0;
 
 const unsigned long INTERVAL = $micros$; /* between samples [us], as the rig has it */
 const float DEGREES = 57.2957795f;
+const char* const HEALTH[] = {$health$}; /* as `distal stream` says it */
 
 $sensors$
 
@@ -247,7 +258,6 @@ void loop() {
     $name$_begin(&state, values);
     $name$_watch_begin(&watch);
   }
-  last_sample = now;
   $name$_output out;
   int code = $name$_step(&state, dt, values, &out);
   if (code == $NAME$_GAP || code == $NAME$_LOST) { /* it begins anew where it was */
@@ -256,12 +266,13 @@ void loop() {
     code = $name$_step(&state, 0, values, &out);
   }
   begun = begun || code == $NAME$_OK;
-  if (code != $NAME$_OK) return;
+  if (code != $NAME$_OK) return; /* a wild value: the sample is left out */
+  last_sample = now;
   const int health = $name$_health(&watch, &state, dt, values, &out);
   if (now - last_line > 100000) { /* ten lines a second */
     last_line = now;
 $prints$
-    Serial.println(health == $NAME$_HEALTH_OK ? "ok" : "see the header: health");
+    Serial.println(HEALTH[health]);
   }
 }
 """

@@ -58,17 +58,23 @@ static void cleared(snapshot* now) {
 }
 
 static void take(snapshot* now, double time) {
-  double dt = now->begun ? time - now->time : 0.0;
-  int code;
+  const double dt = now->begun ? time - now->time : 0.0;
+  double values[INPUTS];
+  int i, wild = 0;
   if (now->begun && dt < 0.5 * $NAME$_INTERVAL) return;
-  if (!now->begun) $name$_begin(&now->filter, now->inputs), $name$_watch_begin(&now->watch);
-  code = $name$_step(&now->filter, dt, now->inputs, &now->out);
-  if (code == $NAME$_OK)
-    now->health = $name$_health(&now->watch, &now->filter, dt, now->inputs, &now->out);
-  else if (code != $NAME$_BAD) { /* a gap that is too long, or the filter left all bounds: it begins anew */
-    $name$_restart(&now->filter, now->inputs);
+  for (i = 0; i < INPUTS; ++i) { /* a wild value is a missing one */
+    const double value = now->inputs[i];
+    values[i] = value > $wild$ || value < -$wild$ ? NAN : value;
+    wild |= value > $wild$ || value < -$wild$;
+  }
+  if (!now->begun) $name$_begin(&now->filter, values), $name$_watch_begin(&now->watch);
+  if ($name$_step(&now->filter, dt, values, &now->out) == $NAME$_OK) {
+    now->health = $name$_health(&now->watch, &now->filter, dt, values, &now->out);
+    if (wild && now->health < $NAME$_HEALTH_MISSING) now->health = $NAME$_HEALTH_MISSING;
+  } else { /* a gap that is too long, or the filter left all bounds: it begins anew */
+    $name$_restart(&now->filter, values);
     $name$_watch_begin(&now->watch);
-    if ($name$_step(&now->filter, 0.0, now->inputs, &now->out)) now->filter.samples = 0;
+    if ($name$_step(&now->filter, 0.0, values, &now->out)) now->filter.samples = 0;
     now->health = $NAME$_HEALTH_RESTARTED;
   }
   now->time = time;
@@ -117,6 +123,8 @@ EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance self) {
 EXPORT fmi3Status fmi3DoStep(fmi3Instance self, double time, double step, bool final, bool* events, bool* terminate, bool* early,
                              double* last) {
   (void)final;
+  if (!(step > 0.0 && time - time == 0.0)) return refused(self, "a step is longer than zero, from a finite time");
+  if (((instance*)self)->now.time - time > 1e-9 * (1.0 + fabs(time))) return refused(self, "time goes back");
   take(&((instance*)self)->now, time);
   *events = *terminate = *early = false;
   *last = time + step;

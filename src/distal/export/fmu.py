@@ -18,9 +18,10 @@ from xml.etree import ElementTree
 from distal.errors import ExportError
 from distal.estimators import make_estimator
 from distal.export.fields import angle_fields, torque_fields
+from distal.export.health import spoken
 from distal.export.source import Exported, c_filter, filled
 from distal.kernels import find_compiler
-from distal.logs import write_whole
+from distal.logs import LARGEST_READING, write_whole
 from distal.rig import Rig, std_name
 from distal.run.monitor import HEALTH
 from distal.version import __version__
@@ -88,6 +89,7 @@ def export_fmu(rig: Rig, out: str | Path, estimator: str = "adaptive", name: str
             "n_outputs": str(len(outputs)),
             "told": told,
             "token": token,
+            "wild": f"{LARGEST_READING:.17g}",
         },
     )
     sources = {
@@ -164,8 +166,7 @@ def _description(rig: Rig, exported: Exported, variables: list[_Variable], token
         ElementTree.SubElement(ElementTree.SubElement(units, "Unit", name=unit), "BaseUnit", base)
     types = ElementTree.SubElement(root, "TypeDefinitions")
     health = ElementTree.SubElement(types, "EnumerationType", name="Health")
-    words = list(HEALTH)[: list(HEALTH).index("restarted") + 1]
-    for value, word in enumerate(words):
+    for value, word in enumerate(spoken()):
         ElementTree.SubElement(health, "Item", name=word, value=str(value), description=HEALTH[word])
     ElementTree.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(exported.interval))
     model = ElementTree.SubElement(root, "ModelVariables")
@@ -184,7 +185,7 @@ def _description(rig: Rig, exported: Exported, variables: list[_Variable], token
         own |= {"description": one.said, "variability": "continuous" if one.causality == "input" else "discrete"}
         ElementTree.SubElement(model, "Float64", own | ({"start": "NaN"} if one.causality == "input" else {}))
     last = {
-        "name": "health",
+        "name": _free("health", {one.name for one in variables}),
         "valueReference": str(len(variables) + 1),
         "causality": "output",
         "declaredType": "Health",

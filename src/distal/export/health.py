@@ -18,14 +18,19 @@ from distal.run.offline import priors_of
 from distal.run.places import FAR, place_range
 
 
+def spoken() -> list[monitor.Health]:
+    """Return the words that a board can say, in the order of their codes; those for stamps are what a step returns."""
+    words = list(monitor.HEALTH)
+    return words[: words.index("restarted") + 1]
+
+
 def health_codes(name: str) -> str:
-    """Return the enumeration of the words that a board can say; those for stamps are what a step returns.
+    """Return the enumeration of `spoken`.
 
     Args:
         name: prefix of the filter's names.
     """
-    words = list(monitor.HEALTH)[: list(monitor.HEALTH).index("restarted") + 1]
-    lines = [f"  {name.upper()}_HEALTH_{word.upper()} = {i}," for i, word in enumerate(words)]
+    lines = [f"  {name.upper()}_HEALTH_{word.upper()} = {i}," for i, word in enumerate(spoken())]
     return "\n".join(lines).removesuffix(",")
 
 

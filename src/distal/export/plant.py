@@ -77,9 +77,12 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
     """
     checked_name(name)
     late = [sensor.name for sensor in rig.sensors if sensor.delay > 0.0]
-    if late or not rig.sensors:
-        why = f"a delay ({', '.join(late)}); set it to 0" if late else "none; add one"
-        raise ExportError(f"'{rig.name}': the plant in C has no delayed sensors and needs one: this rig has {why}")
+    if not rig.sensors:
+        raise ExportError(f"'{rig.name}' has no sensor: there is nothing to simulate; add one")
+    if late:
+        raise ExportError(
+            f"'{rig.name}': the plant in C has no delayed sensors, and a delay is set for {', '.join(late)}; set it to 0"
+        )
     plant = Mechanism(rig, remembers=True)
     interval = 1.0 / max(sensor.rate for sensor in rig.sensors)
     dt, count = intervals_of(plant, interval)

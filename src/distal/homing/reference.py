@@ -143,8 +143,8 @@ def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> Adaptive
     Raises:
         EstimationError: the std is out of bounds, the rig has a discrepancy, or the filter cannot run on it.
     """
-    if not 0.0 <= std <= LARGEST_ANGLE:
-        raise EstimationError(f"a homing angle is known to at most {LARGEST_ANGLE:g} rad, ± {std:g} rad came")
+    if not isinstance(std, (int, float, np.floating)) or not 0.0 <= std <= LARGEST_ANGLE:
+        raise EstimationError(f"a homing angle is known to 0 to {LARGEST_ANGLE:g} rad, {std!r} came")
     if rig.discrepancy is not None:
         raise EstimationError(
             f"'{rig.name}' has a [discrepancy], which corrects an angle that no reference has moved: take it out of the "

@@ -68,9 +68,9 @@
   }
   function begin() {
     count = 0; readings.length = 0; broken = false;
+    dead.fill(0);  // the first sample fills what has no prior
     wasm.lab_begin(Number(by("seed").value) >>> 0);
     nominal = nominal || Float64Array.from(numbers);
-    sensors.forEach((_, i) => { dead[i] = 0; });
     keep();
   }
   function step() {
@@ -189,7 +189,7 @@
     by("most").textContent = data.shape.most.toPrecision(2); by("clock").textContent = `${(count * interval).toFixed(1)} s`;
     if (n) {
       const compared = data.plain ? ` Taken as inextensible, the tendons are wrong by up to ${degrees(plainWorst)}.` : "";
-      by("verdict").textContent = broken ? "The motion left all bounds; press Begin anew." : `Without a sensor in ${names[joint]}, its angle is known to ± ${degrees(1.96 * angle(joint, 2))}. In the last ${Math.min(data.window, Math.round(count * interval))} s it was wrong by ${degrees(Math.sqrt(square / n))} (RMS) and at most ${degrees(worst)}, and the band contained the truth for ${Math.round((100 * inside) / n)} % of the time.${compared}`;
+      by("verdict").textContent = broken ? "The motion left all bounds; press Begin anew." : `Without a sensor in ${names[joint]}, its angle is ${angle(joint, 2) < Math.PI / 2 ? `known to ± ${degrees(1.96 * angle(joint, 2))}` : "not known"}. In the last ${Math.min(data.window, Math.round(count * interval))} s it was wrong by ${degrees(Math.sqrt(square / n))} (RMS) and at most ${degrees(worst)}, and the band contained the truth for ${Math.round((100 * inside) / n)} % of the time.${compared}`;
     }
     for (const name of Object.keys(settings)) { by(`${name}-said`).textContent = said(name); settings[name].setAttribute("aria-valuetext", said(name)); }
   }
@@ -256,7 +256,7 @@
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([csv()], { type: "text/csv" })); link.download = "lab.csv"; link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-    by("why").textContent = `Saved ${readings.length} samples, from the beginning; ${data.command}`;
+    by("why").textContent = `Saved ${readings.length < count ? `the first ${data.longest} s` : `${readings.length} samples, from the beginning`}; ${data.command}`;
   });
   window.addEventListener("resize", fitted);
   for (const input of Object.values(settings)) input.addEventListener("input", tell);

@@ -69,7 +69,7 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
         rig: the description: what the filter believes, and what is true until a slider is moved.
         path: where.
         estimator: the filter.
-        source: how the rig is called on the command line.
+        source: how the rig is called on the command line, with what is set in it.
 
     Raises:
         ExportError: ziglang is not installed or failed, or the plant or the filter has no C.
@@ -142,7 +142,7 @@ def _data(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str,
         "columns": columns,
         "scales": [*scales, *[1.0] * nj],
         "colours": {"plain": COLOURS[1]},
-        "command": f"distal estimate lab.csv --rig {source} gives the same angles.",
+        "command": f"distal estimate lab.csv --rig {source} -e {estimator} gives the same angles.",
     }
 
 
