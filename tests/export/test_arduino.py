@@ -8,14 +8,16 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from distal import load_rig
 from distal.cli.app import app
-from distal.errors import OutputError
+from distal.errors import OutputError, RigError
 from distal.export import Exported, export_arduino
 from distal.export.arduino import SKETCH
+from distal.rig import build_rig, set_value
 from tests.export.helpers import missing_tools
 from tests.export.test_microcontroller import CORTEX, FIRMWARE
 
@@ -122,6 +124,19 @@ def test_the_sketch_compiles_for_a_board(name: str, tmp_path: Path) -> None:
     text, data = map(int, sizes.stdout.splitlines()[1].split()[:2])
     assert made.channels
     assert 4_000 < text + data <= (32 if len(rig.joints) == 1 else 80) * 1024
+
+
+def test_factors_of_counts_and_currents_are_the_rigs(tmp_path: Path) -> None:
+    """An encoder that counts the other way has a negative factor; what the rig does not say is to be set."""
+    changed = {"sensors.0.sign": -1, "sensors.0.unit": "count", "sensors.0.counts_per_turn": 4000}
+    raw = load_rig("capstan-joint").model_dump()
+    for path, value in changed.items():
+        set_value(raw, path, value, RigError)
+    export_arduino(build_rig(raw, "turned"), tmp_path, name="joint")
+    sketch = (tmp_path / "examples" / SKETCH / f"{SKETCH}.ino").read_text()
+    assert f"PER_COUNT_0 = {-2 * np.pi / 4000:.9g};" in sketch
+    assert "PER_STEP_1 = 0.01;" in sketch
+    assert sketch.count("SET YOURS") == 1
 
 
 def test_what_the_user_edits_stays(tmp_path: Path) -> None:

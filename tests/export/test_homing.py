@@ -102,6 +102,11 @@ def test_in_c_as_live(name: str, tmp_path: Path) -> None:
     assert len(replayed(tmp_path / "replay", tmp_path / "plain.csv")) == len(log)
 
 
+def test_known_angles_stand_in_the_order_of_the_joints() -> None:
+    filter_ = homing_filter(load_rig("wrist-instrument"), STD, compiled=False)
+    assert filter_.channels[-3:] == ("home_pitch", "home_yaw", "home_jaw")
+
+
 def test_a_known_angle_is_never_missing() -> None:
     rig, log = case("lab-bench", "2 s")
     monitor = Monitor(LiveEstimator(rig, homing_filter(rig, STD)))

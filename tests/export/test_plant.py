@@ -12,10 +12,13 @@ from typer.testing import CliRunner
 
 from distal import load_rig
 from distal.cli.app import app
+from distal.control.plant import travel_of
 from distal.errors import ExportError
 from distal.export.plant import ExportedPlant, c_plant, resting_pull
 from distal.kernels import Kernel
+from distal.rig import gain_of, step_of
 from distal.simulation.inputs import BodyInputs
+from distal.simulation.measurands import columns_of
 from distal.simulation.plant import at_rest, plant_function
 from tests.export.test_export import CC, STRICT, needs_compiler
 
@@ -94,6 +97,69 @@ def test_errors_of_sensors_are_those_of_the_rig(tmp_path: Path) -> None:
     assert len(set(first)) == 40
     np.testing.assert_allclose(read[:, :, 1] / 0.05, np.round(read[:, :, 1] / 0.05), atol=1e-9)
     assert np.std(read[:, :, 1] - read[:, :, 1].mean(axis=1, keepdims=True)) == pytest.approx(0.1, rel=0.1)
+
+
+class Drawn:
+    """The random numbers of the C: splitmix64 (Steele, Lea and Flood, 2014), normal by Box and Muller."""
+
+    def __init__(self, seed: int) -> None:
+        self.state = seed
+
+    def uniform(self) -> float:
+        whole = 2**64 - 1
+        self.state = z = (self.state + 0x9E3779B97F4A7C15) & whole
+        z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & whole
+        z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & whole
+        return float(((z ^ (z >> 31)) >> 11) + 1) / 2**53
+
+    def normal(self) -> float:
+        length = np.sqrt(-2 * np.log(self.uniform()))
+        return float(length * np.cos(2 * np.pi * self.uniform()))
+
+
+def test_readings_are_those_of_a_naive_twin(tmp_path: Path) -> None:
+    """Gain, bias, curve, noise and lag of each sensor, number by number, from the same random numbers."""
+    changed = {"sensors.0.linearity": 1e-4, "sensors.0.bias": 3e-4, "sensors.0.lag": 0.02, "sensors.0.resolution": 0.0}
+    changed |= {"sensors.2.noise": 0.1, "sensors.2.gain": 1.1, "sensors.2.resolution": 0.0}
+    rig = load_rig("template").with_values(changed)
+    made = c_plant(rig, "p")
+    plant, pull, drawn = Plant(made, tmp_path), np.zeros((5, made.plant.n_bodies)), Drawn(7)
+    pull[0] = resting_pull(made.plant)
+    pull[0, made.plant.n_joints] += 1.0
+    curves = []
+    for sensor in rig.sensors:
+        weights, phases = [], []
+        for j in (1, 2, 3):
+            weights.append(drawn.normal() / j)
+            phases.append(2 * np.pi * drawn.uniform())
+        low, high = travel_of(made.plant, sensor)
+
+        def at(share: np.ndarray, own: tuple[list[float], list[float]] = (weights, phases)) -> np.ndarray:
+            return sum(w * np.sin(np.pi * j * share + f) for j, w, f in zip((1, 2, 3), *own))  # type: ignore[return-value]
+
+        scale = sensor.linearity / np.abs(at(np.linspace(0, 1, 501))).max()
+        curves.append((at, scale, low, high))
+    read = [plant.begin(7), *(plant.step(pull.ravel()) for _ in range(30))]
+    n, first = made.plant.n_bodies, made.first
+    held = BodyInputs(resting_pull(made.plant)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+    kernel = Kernel(plant_function(made.plant, made.count))
+    carry, _ = at_rest(made.plant, held, made.start, kernel)
+    row = np.append(pull.ravel(), made.interval / made.parts)
+    ys = kernel.scan(carry, np.tile(row, (30 * made.parts, 1)), made.plant.parameters.values)[1][
+        made.parts - 1 :: made.parts
+    ]
+    for values, y in zip(read, [first, *ys]):
+        for i, (sensor, (curve, scale, low, high)) in enumerate(zip(rig.sensors, curves)):
+            own, rate = columns_of(made.plant, sensor)
+            true = y[own] + sensor.lag * y[rate] * (sensor.lag > 0)
+            share = np.clip((true - low) / (high - low), 0, 1)
+            expected = (
+                gain_of(sensor).value * true + sensor.bias.value + scale * curve(share) + sensor.noise * drawn.normal()
+            )
+            step = step_of(sensor)
+            expected = np.floor(expected / step + 0.5) * step if step > 0 else expected
+            assert values[i] == pytest.approx(expected, rel=1e-12, abs=1e-12)
+    assert np.abs(ys[:, n + made.plant.n_joints]).max() > 1e-6  # a lag shows where the drive moves
 
 
 def test_sensors_of_other_rates(tmp_path: Path) -> None:
