@@ -114,7 +114,7 @@ def test_the_sketch_compiles_for_a_board(name: str, tmp_path: Path) -> None:
     }  # fmt: skip
     commands = [[*command, "-c", "-o", object_] for object_, command in compiled.items()]
     linked = ["-nostartfiles", "--specs=nano.specs", "-Wl,--gc-sections", "-T", str(FIRMWARE / "mps2.ld")]
-    commands += [["arm-none-eabi-g++", *cpu, *linked, *compiled, "-lm", "-o", "sketch.elf"]]
+    commands += [["arm-none-eabi-gcc", *cpu, *linked, *compiled, "-lm", "-o", "sketch.elf"]]
     for command in commands:
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
