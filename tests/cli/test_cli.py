@@ -520,3 +520,19 @@ def test_view(run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     ran = run(*words, "--out", tmp_path / "page.png")
     assert ran.code == 2
     assert "give a name that ends in .html" in ran.err
+
+
+@pytest.mark.slow
+def test_of_a_hand_the_full_filters_are_compared_only_when_asked_for(tmp_path: Path) -> None:
+    """Their joints are filtered together, and a compiler takes minutes over sixteen."""
+    from distal.logs import write_log
+    from distal.simulation import build_scenario
+
+    rig, position = distal.load_rig("hand"), {"amplitude": 0.3, "frequency": 0.4}
+    drives = {d.name: {"servo": {"angle": position, "stiffness": 20.0, "damping": 0.3}} for d in rig.drives}
+    scenario = build_scenario({"rig": "hand", "duration": 0.3, "drives": drives}, "hand")
+    write_log(distal.simulate(rig, scenario, 1), rig, tmp_path / "hand.csv")
+    done = CliRunner().invoke(app, ["estimate", str(tmp_path / "hand.csv"), "--rig", "hand"])
+    assert done.exit_code == 0, done.output
+    assert "ekf-2008 and ekf left out: compiled for 16 joints in minutes; ask with -e" in done.output
+    assert "adaptive" in done.output

@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from distal.rig import Rig
 
 
+MOST_FULL = 6
+"""With more joints the filters on the full state are compared only where they are asked for."""
+
+
 def estimate_command(
     logs: Annotated[
         list[Path],
@@ -150,6 +154,12 @@ def estimate_command(
         if name not in ESTIMATORS:
             make_estimator(name, description)  # says what is allowed
     names = list(dict.fromkeys(estimator or ([DEFAULT, *ESTIMATORS] if known else [DEFAULT])))
+    if not estimator and len(description.joints) > MOST_FULL:
+        # their joints are filtered together, where those of adaptive are finger by finger
+        left = [name for name in names if name.startswith("ekf")]
+        names = [name for name in names if name not in left]
+        if left:
+            say(f"{' and '.join(left)} left out: compiled for {len(description.joints)} joints in minutes; ask with -e")
     home = seconds(homing) if homing is not None else None
     for known_place in homing_angle or ():
         if home is None:

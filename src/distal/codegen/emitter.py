@@ -10,6 +10,9 @@ from distal.codegen.operations import CodeError
 from distal.codegen.scalars import write_scalars
 from distal.codegen.workspace import Written
 
+LARGEST_INLINE = 400
+"""A called function with more operations than this stays one: a compiler takes minutes over many copies of it."""
+
 
 class Emitter:
     """Writes CasADi functions as static C functions, each once, and those with the same text once too.
@@ -72,9 +75,10 @@ class Emitter:
         return written
 
     def _called(self, function: ca.Function, in_place: bool) -> Written:
-        """Return a function that one of scalars calls; where code may be long, the compiler puts it in its place."""
+        """Return a function that one of scalars calls; a small one, where code may be long, is put in its place."""
         written = self._written(function, in_place)
-        self._by_scalars.add(written.name)
+        if written.cost.operations <= LARGEST_INLINE:
+            self._by_scalars.add(written.name)
         return written
 
     def _free_name(self, name: str) -> str:
