@@ -534,5 +534,5 @@ def test_of_a_hand_the_full_filters_are_compared_only_when_asked_for(tmp_path: P
     write_log(distal.simulate(rig, scenario, 1), rig, tmp_path / "hand.csv")
     done = CliRunner().invoke(app, ["estimate", str(tmp_path / "hand.csv"), "--rig", "hand"])
     assert done.exit_code == 0, done.output
-    assert "ekf-2008 and ekf left out: compiled for 16 joints in minutes; ask with -e" in done.output
+    assert "ekf-2008 and ekf left out: a compiler takes minutes over 16 joints; ask with -e" in done.output
     assert "adaptive" in done.output

@@ -44,4 +44,4 @@ def test_nothing_wrong_is_said_to_be_sure(name: str, channel: str, share: float)
     errors, stds = result.angles[late] - result.truths[late], result.angle_stds[late]
     assert np.rad2deg(stds[:, 0]).min() > 5.0
     if len(rig.joints) == 1:  # in chains the other joints, too, are misled: docs/results/chains.md
-        assert np.all(np.abs(errors[:, 0]) < 3.0 * stds[:, 0])
+        assert np.mean(np.abs(errors[:, 0]) < 1.96 * stds[:, 0]) > 0.95

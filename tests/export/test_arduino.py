@@ -84,7 +84,8 @@ def test_titles_are_anything(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(
-    bool(missing_tools()) or shutil.which("arm-none-eabi-g++") is None, reason=f"not installed: {missing_tools()}"
+    bool(missing_tools()) or shutil.which("arm-none-eabi-g++") is None,
+    reason=f"not installed: {missing_tools() or 'arm-none-eabi-g++'}",
 )
 @pytest.mark.parametrize("name", ["template", "capstan-joint", "wrist-instrument"])
 def test_the_sketch_compiles_for_a_board(name: str, tmp_path: Path) -> None:

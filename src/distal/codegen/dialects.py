@@ -63,7 +63,7 @@ class Dialect(Protocol):
         ...
 
 
-INLINE = "inline __attribute__((always_inline)) "
+ALWAYS_INLINE = "inline __attribute__((always_inline)) "
 """Before a function whose code a compiler shall put wherever it is called."""
 
 
@@ -82,7 +82,7 @@ class Plain:
     @property
     def inline(self) -> str:
         """What stands before a function that functions of scalars call."""
-        return INLINE if self.quick else ""
+        return ALWAYS_INLINE if self.quick else ""
 
     @property
     def type(self) -> str:
@@ -226,7 +226,7 @@ class Lanes:
     @property
     def inline(self) -> str:
         """What stands before a function that functions of scalars call."""
-        return INLINE
+        return ALWAYS_INLINE
 
     def prelude(self, text: str) -> str:
         """Return the vector types and what the operations need.

@@ -10,7 +10,7 @@ from distal.codegen.operations import CodeError
 from distal.codegen.scalars import write_scalars
 from distal.codegen.workspace import Written
 
-LARGEST_INLINE = 400
+LARGEST_COPIED = 400
 """A called function with more operations than this stays one: a compiler takes minutes over many copies of it."""
 
 
@@ -77,7 +77,7 @@ class Emitter:
     def _called(self, function: ca.Function, in_place: bool) -> Written:
         """Return a function that one of scalars calls; a small one, where code may be long, is put in its place."""
         written = self._written(function, in_place)
-        if written.cost.operations <= LARGEST_INLINE:
+        if written.cost.operations <= LARGEST_COPIED:
             self._by_scalars.add(written.name)
         return written
 

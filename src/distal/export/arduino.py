@@ -6,11 +6,11 @@ import re
 from pathlib import Path
 
 from distal.errors import OutputError
-from distal.export.fields import angle_fields, comment
+from distal.export.fields import angle_fields, comment, filled
 from distal.export.health import spoken
 from distal.export.names import c_name
 from distal.export.project import check_ours, readme
-from distal.export.source import Exported, c_filter, filled
+from distal.export.source import Exported, c_filter
 from distal.logs import write_together
 from distal.rig import Rig, Sensor, log_factor, log_unit
 from distal.version import __version__

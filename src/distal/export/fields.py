@@ -8,6 +8,16 @@ from distal.estimators import KernelEstimator, external_torques_of
 from distal.rig import Rig, angle_names, std_name
 
 
+def filled(template: str, values: dict[str, str]) -> str:
+    """Return a template with ``$name$`` replaced; what is put in is not looked at again.
+
+    Args:
+        template: the text.
+        values: name → text.
+    """
+    return re.sub(r"\$(\w+)\$", lambda m: values[m[1]], template)
+
+
 def comment(text: str) -> str:
     """Return a text that may stand in a comment of C.
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 
 import numpy as np
 
 from distal.codegen import Plain
 from distal.estimators import KernelEstimator
-from distal.export.fields import angle_fields
+from distal.export.fields import angle_fields, filled
 from distal.model import Mechanism
 from distal.results import LARGE_PRIOR, SMALL
 from distal.rig import step_of
@@ -96,7 +95,7 @@ def health_source(runner: KernelEstimator, name: str, dialect: Plain) -> str:
         "nan": number(float("nan")),
         "abs": "fabsf" if dialect.single else "fabs",
     }
-    return re.sub(r"\$(\w+)\$", lambda m: values[m[1]], _SOURCE)
+    return filled(_SOURCE, values)
 
 
 def _joined(row: Iterable[str]) -> str:

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from distal.codegen import CodeError, Emitter, Plain
 from distal.control.plant import travel_of
 from distal.errors import ExportError
-from distal.export.fields import comment
+from distal.export.fields import comment, filled
 from distal.export.names import checked_name
-from distal.export.source import filled
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Rig, gain_of, step_of

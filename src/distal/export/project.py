@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from distal.errors import OutputError
-from distal.export.fields import comment
+from distal.export.fields import comment, filled
 from distal.export.names import c_name, checked_name
 from distal.export.plant import c_plant
-from distal.export.source import Exported, c_filter, filled
+from distal.export.source import Exported, c_filter
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.rig import Rig
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
-
 from distal.estimators import KernelEstimator
-from distal.export.fields import angle_fields, torque_fields
+from distal.export.fields import angle_fields, filled, torque_fields
 from distal.logs import LARGEST_READING, header
 from distal.rig import angle_names, log_factor, log_unit, std_name
 from distal.units import unit_factor
@@ -42,7 +40,7 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
         "needed": ", ".join(["1", *(str(int(sensor.measures != "angle")) for sensor in read)]),
         "factors": ", ".join(f"{factor:.17g}" for factor in factors),
     }
-    return re.sub(r"\$(\w+)\$", lambda m: values[m[1]], _PROGRAM)
+    return filled(_PROGRAM, values)
 
 
 def c_string(text: str) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import KW_ONLY, dataclass
 
 from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import LARGEST_ANGLE, SHORTEST, FullStateFilter, KernelEstimator, make_estimator, state_units
 from distal.estimators.gaps import MOST_BRIDGES, SPLIT
-from distal.export.fields import comment, members, outputs
+from distal.export.fields import comment, filled, members, outputs
 from distal.export.health import health_codes, health_source
 from distal.export.names import c_name, checked_name
 from distal.export.replay import replay_program
@@ -121,16 +120,6 @@ def c_filter(
         replay=replay_program(runner, name),
         jumps=isinstance(runner, FullStateFilter),
     )
-
-
-def filled(template: str, values: dict[str, str]) -> str:
-    """Return a template with ``$name$`` replaced; what is put in is not looked at again.
-
-    Args:
-        template: the text.
-        values: name → text.
-    """
-    return re.sub(r"\$(\w+)\$", lambda m: values[m[1]], template)
 
 
 def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, advance: str) -> dict[str, str]:

@@ -12,9 +12,8 @@ from pathlib import Path
 from distal.errors import EstimationError, ExportError
 from distal.estimators import make_estimator
 from distal.export import Exported, c_filter
-from distal.export.fields import angle_fields, torque_fields
+from distal.export.fields import angle_fields, filled, torque_fields
 from distal.export.plant import ExportedPlant, c_plant
-from distal.export.source import filled
 from distal.rig import Rig, std_name
 
 NEEDS = "the lab is compiled to WebAssembly by ziglang; pip install '.[lab]'"

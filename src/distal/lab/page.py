@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import external_torques_of, make_estimator
-from distal.export.fields import torque_fields
+from distal.export.fields import filled, torque_fields
 from distal.export.plant import ExportedPlant, resting_pull
-from distal.export.source import filled
 from distal.lab.module import LabModule, lab_module
 from distal.logs import write_whole
 from distal.reports.moving import chain_script, chain_shape, tension_scale
@@ -203,7 +202,7 @@ def _body(rig: Rig, module: LabModule, data: dict[str, Any], estimator: str) -> 
     for name, label in LABELS.items():
         there = bool(data["factors"][name]) or (name == "pretension" and any(data["effort"]))
         reach = 0.3 if name == "arm" else 2.0  # a power of two
-        sliders.append(_slider(name, label, (-reach, reach, 0.0), "×", "data-log" if there else "data-log hidden"))
+        sliders.append(_slider(name, label, (-reach, reach, 0.0), "×", "data-log", not there))
     sliders.append(_slider("load", "torque on the joint in the curves", (-most, most, 0.0), "N m"))
     motion = [
         _slider("range", "range", (0.0, 1.0, 0.7), "", "data-kept"),
@@ -247,14 +246,15 @@ def _resource(name: str) -> str:
     return resources.files("distal.lab").joinpath(name).read_text(encoding="utf-8")
 
 
-def _slider(name: str, label: str, ends: tuple[float, float, float], unit: str, marks: str = "") -> str:
+def _slider(
+    name: str, label: str, ends: tuple[float, float, float], unit: str, mark: str = "", hidden: bool = False
+) -> str:
     """Return a slider with its label; ends are the lowest, the highest and the first value."""
     low, high, value = ends
     numbers = f"min='{low:g}' max='{high:g}' step='{(high - low) / 200:.6g}' value='{value:g}' data-unit='{unit}'"
-    hidden = " hidden" if "hidden" in marks else ""
     return (
-        f"<label for='set-{name}'{hidden}>{label} <output id='{name}-said'></output>"
-        f"<input type='range' id='set-{name}' name='{name}' {numbers} {marks.removesuffix('hidden')}></label>"
+        f"<label for='set-{name}'{' hidden' * hidden}>{label} <output id='{name}-said'></output>"
+        f"<input type='range' id='set-{name}' name='{name}' {numbers} {mark}></label>"
     )
 
 

@@ -51,7 +51,8 @@ def reproduce(
     Raises:
         OutputError: the folder or a file cannot be written, or the lab cannot be read.
     """
-    check_outputs(outputs_in(out, REPRODUCTION_FILES, "the reproduction"))
+    written = REPRODUCTION_FILES if lab is None else (*REPRODUCTION_FILES, LAB)
+    check_outputs(outputs_in(out, written, "the reproduction"))
     try:
         moving = None if lab is None else Path(lab).read_bytes()
     except OSError as problem:
