@@ -134,7 +134,8 @@ TABLES: dict[str, Callable[[], str]] = {
     ),
     "fit-da-vinci": lambda: part("fit-da-vinci", only=lambda row: not row["run"].startswith("run")),
     "microcontroller": lambda: part("microcontroller", only=lambda row: row["estimator"] == "adaptive"),
-    "lab": lambda: part("lab"),
+    "lab": lambda: part("lab", only=lambda row: row["width [pixels]"] == "1400"),
+    "silent": lambda: part("silent"),
     "exports": lambda: part("exports"),
     "strangers-steps": lambda: strangers(
         "strangers-steps", names=("adaptive", "adaptive, plant known", "elastic", "inextensible")

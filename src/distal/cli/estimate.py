@@ -162,34 +162,6 @@ def estimate_command(
             joints = len(description.joints)
             say(f"{' and '.join(left)} left out: a compiler takes minutes over {joints} joints; ask with -e")
     home = seconds(homing) if homing is not None else None
-        described, name = load_rig(rig, settings(set_, repeated)), (estimator or [DEFAULT])[0]
-        estimate_many(logs, described, name, truth, home, out, unit=unit, every=every)
-        return
-    log = logs[0]
-    panels = check_panels(PANELS if "all" in (panel or ()) else tuple(dict.fromkeys(panel or ())))
-    if plot is not None:
-        plot_kind(plot)
-    elif panels:
-        raise EstimationError("--panel says what --plot draws; give --plot too")
-    check_outputs([*to_file("--out", out), *to_file("--plot", plot)], logs=logs, rig=rig, truth=truth)
-    description = load_rig(rig, settings(set_, repeated))
-    data = read_log(log, description, truth)
-    _describe(data, description)
-    origin = data.truth_source
-    known = true_angles(data, [joint.name for joint in description.joints]) is not None
-    for name in estimator or ():
-        if name not in ESTIMATORS:
-            make_estimator(name, description)  # says what is allowed
-    names = list(dict.fromkeys(estimator or ([DEFAULT, *ESTIMATORS] if known else [DEFAULT])))
-    if not estimator and len(description.joints) > MOST_FULL:
-        # their joints are filtered together, where those of adaptive are finger by finger
-        left = [name for name in names if name.startswith("ekf")]
-        names = [name for name in names if name not in left]
-        if left:
-            say(
-                f"{' and '.join(left)} left out: a compiler takes minutes over {len(description.joints)} joints; ask with -e"
-            )
-    home = seconds(homing) if homing is not None else None
     for known_place in homing_angle or ():
         if home is None:
             raise EstimationError(

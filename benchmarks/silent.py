@@ -1,0 +1,122 @@
+"""A place that is read no more, and homing while a filter runs: what is said of the angle then.
+
+`python -m benchmarks.silent`: seeds and logs on which no number of (4b) was chosen, with DISTAL_DATA those of the real da
+Vinci grasper too. `python -m benchmarks.silent homing` compares `homing_filter` with homing over the log.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.report import table
+from distal import (
+    LiveEstimator,
+    Log,
+    Rig,
+    estimate,
+    homing_filter,
+    load_rig,
+    load_scenario,
+    read_log,
+    scenario_rig,
+    simulate,
+)
+from distal.estimators import AdaptiveFilter, channels_of, first_values
+from distal.homing import plain_samples, with_references
+from distal.regression import calibrate_window
+
+SEEDS = range(11, 16)
+LATER = 2.0
+"""Errors count from so long after the last reading [s]."""
+
+
+def silent(log: Log, channel: str, since: int) -> Log:
+    """Return a log in which a sensor says nothing from a sample on."""
+    values = log.channels[channel].copy()
+    values[since:] = np.nan
+    return Log(log.time, {**log.channels, channel: values}, log.truth, "silent", log.truth_source)
+
+
+def cases() -> Iterator[tuple[str, Rig, Log, float | None]]:
+    """Return what is simulated, logs of other simulators and real ones: name, rig, log, homing [s]."""
+    for name in ("lab-bench", "series-2", "template", "finger", "wrist"):
+        scenario = load_scenario(name)
+        for seed in SEEDS:
+            yield name, scenario_rig(scenario), simulate(scenario_rig(scenario), scenario, seed), None
+    folder = os.environ.get("DISTAL_DATA")
+    if folder:
+        rig = load_rig("da-vinci-grasper")
+        for path in sorted((Path(folder) / "da_vinci_grasper").glob("run_*.csv")):
+            yield "da Vinci grasper, real", rig, read_log(path, rig), 3.0
+
+
+def drives() -> None:
+    """Let each place be silent from a quarter and from half of each log on."""
+    found: dict[str, list[np.ndarray]] = {}
+    for name, rig, log, homing in cases():
+        for channel in (sensor.name for sensor in channels_of(rig, "adaptive").positions):
+            for share in (0.25, 0.5):
+                since = int(share * len(log))
+                result = estimate(silent(log, channel, since), rig, homing=homing)
+                assert result.truths is not None
+                late = log.time > log.time[since] + LATER
+                errors = (result.angles - result.truths)[late]
+                found.setdefault(name, []).append(np.abs(errors / result.angle_stds[late]))
+    rows = [
+        [
+            name,
+            f"{len(ratios)}",
+            f"{np.mean([np.mean(each < 1.96) for each in ratios]):.0%}",
+            f"{np.median([np.sqrt(np.mean(each**2)) for each in ratios]):.1f}",
+            f"{max(np.sqrt(np.mean(each**2)) for each in ratios):.1f}",
+        ]
+        for name, ratios in found.items()
+    ]
+    columns = ["log", "runs", "inside the band", "RMS error in stds, median", "worst"]
+    table("silent", "A drive's place is read no more: from 2 s later on, all joints", columns, rows)
+
+
+def homing(until: float = 3.0) -> None:
+    """Compare homing over the log with homing while the filter runs, without the map and with it."""
+    folder = Path(os.environ["DISTAL_DATA"]) / "da_vinci_grasper"
+    rig, rows = load_rig("da-vinci-grasper"), []
+    for path in sorted(folder.glob("run_*.csv")):
+        log = read_log(path, rig)
+        over = estimate(log, rig, homing=until)
+        assert over.truths is not None
+        since, truths = log.time - log.time[0], over.truths
+        late, errors = since >= until, [over.theta - truths[:, 0]]
+        live, said = (
+            LiveEstimator(rig, homing_filter(rig.model_copy(update={"discrepancy": None, "contact": None}))),
+            [],
+        )
+        for k, time in enumerate(log.time):
+            values = [log.channels[name][k] for name in live.channels if name in log.channels]
+            live.step(float(time), np.array([*values, np.nan if late[k] else truths[k, 0]]))
+            said.append(live.angle)
+        errors.append(np.array(said) - truths[:, 0])
+        # the map, learned in the second half of the move
+        described, references = with_references(rig, log)
+        runner = AdaptiveFilter(described, references=references)
+        told = np.where(since < until / 2, truths[:, 0], np.nan)
+        samples = np.column_stack([log.channels.get(name, told) for name in runner.channels])
+        begun = runner.initial(log.time[0], first_values(samples))
+        plain = plain_samples(runner, begun, log, samples, truths)
+        assert runner.discrepancy is not None
+        learned, _ = calibrate_window(runner.discrepancy, plain, (since >= until / 2) & ~late)
+        mapped = runner.with_map(learned)
+        means = mapped.scan(mapped.initial(log.time[0], first_values(samples)), log.time, samples)[0]
+        errors.append(means[:, 0] - truths[:, 0])
+        rows.append([path.stem, *(f"{np.rad2deg(np.sqrt(np.mean(e[late] ** 2))):.2f}" for e in errors)])
+    rows.append(["mean", *(f"{np.mean([float(row[k]) for row in rows]):.2f}" for k in (1, 2, 3))])
+    columns = ["log", "over the log [°]", "while it runs, no map [°]", "map from the second half of the move [°]"]
+    table("homing-live", "Homing a da Vinci grasper for 3 s: RMS error afterwards", columns, rows)
+
+
+if __name__ == "__main__":
+    {"drives": drives, "homing": homing}[sys.argv[1] if len(sys.argv) > 1 else "drives"]()
