@@ -20,6 +20,9 @@ from distal.kernels.mask import is_there, share_used
 UNSURE = 2.0
 """A joint that is fewer standard deviations than this before a stop may be held by it, (24b)."""
 
+SMALLEST_VARIANCE = 1e-300
+"""A row that tells nothing has no variance (a drive without a force sensor, its tendons slack): 0/0 is to be 0."""
+
 
 def updated(
     states: StateVector,
@@ -141,7 +144,8 @@ def weights(robustness: Robustness, trusted: bool) -> ca.Function:
         trusted: never taken as wild.
     """
     spread, innovation, mask, counts = (ca.SX.sym(name) for name in ("S", "nu", "mask", "counts"))
-    robust = spread if trusted else robust_variance(robustness, spread, innovation)
+    known = ca.fmax(spread, SMALLEST_VARIANCE)
+    robust = known if trusted else robust_variance(robustness, known, innovation)
     weight = share_used(mask) / robust
     shown = ca.if_else(ca.logic_and(is_there(mask), counts), innovation, np.nan)
     return ca.Function("weights", [spread, innovation, mask, counts], [weight, ca.sqrt(weight), shown])
