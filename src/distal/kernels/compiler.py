@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import shlex
 import shutil
 import subprocess
@@ -16,7 +17,9 @@ from distal.codegen import CodeError, Emitter, Plain
 from distal.kernels.cache import Cache, cache_folder, check_own, cpu, digest
 
 # no fast-math and no fused multiply-add: the same numbers as the interpreter
-FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
+# with 512-bit vectors GCC 12 makes code of some filters that is wrong: a covariance that is no longer symmetric
+NARROW = ("-mprefer-vector-width=256",) if platform.machine() in ("x86_64", "AMD64") else ()
+FLAGS = ("-O3", "-march=native", *NARROW, "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
 
 _SCAN = """
 /* {name} over n samples: carry and outputs of every sample are kept, the carry of sample k is the input of k + 1 */
