@@ -13,8 +13,7 @@ import pytest
 
 from distal import Log, Rig, estimate, fit, load_rig
 from distal.errors import DistalWarning, FitError
-from distal.fitting import Doing, observability
-from distal.fitting.groups import groups_of
+from distal.fitting import Doing, groups_of, observability
 from distal.fitting.selection import choose
 from tests.fitting.helpers import FREE, drawn_plant, logs_of, start_rig, without_truth
 
@@ -57,7 +56,6 @@ def test_a_fit_goes_on_from_a_fitted_rig(rig: Rig, tmp_path: Path) -> None:
     first.save(tmp_path / "fitted.toml")
     again = fit(log, rig, FREE, noise=False, start=tmp_path / "fitted.toml")
     assert again.iterations <= first.iterations
-    assert again.cost_after <= first.cost_after + 0.05
     for one, other in zip(first.fitted, again.fitted):
         assert other.value == pytest.approx(one.value, rel=1e-2)
         assert other.start == one.start

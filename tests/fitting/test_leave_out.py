@@ -9,10 +9,9 @@ import pytest
 from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
 from distal import Log, estimate, load_rig, simulate
-from distal.fitting.angle_maps import angle_maps
-from distal.fitting.cross_fit import cross_fit
-from distal.fitting.fitted import assignments
-from distal.fitting.learn import Learned, described, learn
+from distal.fitting.candidates import LINE, LINE_COSTS, Training, best_of, filter_candidate, line_candidate, line_map
+from distal.fitting.jackknife import numbers_without
+from distal.fitting.learn import Learned, learn
 from distal.fitting.leave_out import leave_out
 from distal.fitting.map_samples import filtered, partly_homed
 from distal.fitting.numbers import Numbers
@@ -56,11 +55,17 @@ def alone(others: list[Log]) -> Learned:
 @pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")  # readings outside of what was learned
 @pytest.mark.parametrize("kind", ["another rig", "an encoder that errs", "another range", "loud sensors"])
 def test_a_log_that_is_left_out_teaches_nothing(kind: str, others: list[Log], alone: Learned) -> None:
-    (fold,) = leave_out([planted(kind), *others], finger_rig().bare(), OPTIONS, ["planted", "a", "b"], most=1)
+    rig = finger_rig().bare()
+    logs = [planted(kind), *others]
+    fold = leave_out(logs, rig, [0, 1, 1], lambda rest, _: learn(rest, rig, OPTIONS), None)[0]
     assert fold.left_out == ("planted",)
     assert fold.learned.rig == alone.rig
-    assert repr(fold.learned.numbers.fitted) == repr(alone.numbers.fitted)  # what is not known is NaN
-    assert (fold.learned.doubts, fold.learned.prior_share) == (alone.doubts, alone.prior_share)
+    assert repr(fold.learned.fitted) == repr(alone.fitted)  # what is not known is NaN
+    assert (fold.learned.doubts, fold.learned.hold, fold.learned.candidates) == (
+        alone.doubts,
+        alone.hold,
+        alone.candidates,
+    )
     assert len(fold.compared) == 1
 
 
@@ -76,7 +81,7 @@ def test_workers_change_no_number(others: list[Log], alone: Learned) -> None:
 
 @pytest.fixture(scope="module")
 def two(others: list[Log], alone: Learned) -> list[Numbers]:
-    return cross_fit(alone.numbers, others, [0, 1])
+    return numbers_without(alone.numbers, others, [0, 1])
 
 
 def test_maps_learn_from_numbers_that_have_not_seen_the_log(
@@ -93,40 +98,36 @@ def test_maps_learn_from_numbers_that_have_not_seen_the_log(
         moved = own.found.z != whole.found.z[shared]
         assert moved.any()
         assert not moved[whole.left[shared]].any()
-    assert cross_fit(whole, others, [0, 0]) == [whole]
+    assert numbers_without(whole, others, [0, 0]) == [whole]
 
 
 @pytest.mark.parametrize("replaced", [True, False])
-def test_affine_replaces_the_correction_only_where_it_errs_clearly_less(
-    replaced: bool, two: list[Numbers], others: list[Log], alone: Learned
+def test_a_line_replaces_the_filters_angle_only_where_that_errs_clearly_more(
+    replaced: bool, others: list[Log], alone: Learned
 ) -> None:
-    rig, prior, groups = alone.rig.bare(), finger_rig().bare(), ["0", "1"]
-    rigs = [described(prior, assignments(own.fitted, own.problem.filter.rig)) for own in two]
-    data, _ = filtered(others, rigs, None, False)
-    rng = np.random.default_rng(5)  # the filter errs by what no reading tells, where it is to lose
-    worse = {
-        i: replace(one, targets=one.targets + 0.1 * replaced * rng.normal(size=one.targets.shape))
-        for i, one in data.items()
-    }
-    affine, found = angle_maps(others, worse, {}, groups, prior, rig, OPTIONS)
-    assert any("is that of affine" in note for note in found.notes) == replaced
+    training = Training(tuple(others), ("0", "1"), finger_rig().bare(), OPTIONS)
+    physics, line = filter_candidate("numbers", training, alone.numbers), line_map(training)
+    straight = line_candidate(training, line, physics)
+    assert straight.name == LINE
+    physics = replace(physics, error=straight.error * (LINE_COSTS + (0.01 if replaced else -0.01)))
+    chosen = best_of([physics, straight])
+    assert (chosen is straight) == replaced
     if replaced:
-        made = rig.model_copy(update={one.table: one.learned for one in (affine, found)})
-        ours, line = (estimate(others[0], made, name, compiled=False) for name in ("adaptive", "affine"))
-        np.testing.assert_allclose(ours.angles[50:], line.angles[50:], atol=1e-6)
+        made = chosen.rig.model_copy(update={"affine": line.learned})
+        ours, theirs = (estimate(others[0], made, name, compiled=False) for name in ("adaptive", "affine"))
+        np.testing.assert_allclose(ours.angles[50:], theirs.angles[50:], atol=1e-6)
 
 
-def test_ctrl_c_ends_all_folds(monkeypatch: pytest.MonkeyPatch, others: list[Log], alone: Learned) -> None:
+def test_ctrl_c_ends_all_folds(others: list[Log], alone: Learned) -> None:
     calls = list[int]()
 
-    def interrupted(*arguments: object, **named: object) -> object:
-        calls.append(1)
-        return replace(alone.numbers.found, interrupted=True)
+    def interrupted(rest: object, fold: int) -> Learned:
+        calls.append(fold)
+        found = replace(alone.numbers.found, interrupted=True)
+        return replace(alone, numbers=replace(alone.numbers, found=found))
 
-    monkeypatch.setattr("distal.fitting.cross_fit.search", interrupted)
-    monkeypatch.setattr("distal.fitting.cross_fit.fitted_numbers", lambda *_: ())
-    assert all(own.found.interrupted for own in cross_fit(alone.numbers, others, [0, 1]))
-    assert len(calls) == 1
+    assert leave_out(others, finger_rig(), [0, 1], interrupted, None) == []
+    assert calls == [1]
 
 
 def test_each_joint_is_homed_by_its_own_truth() -> None:
@@ -150,7 +151,7 @@ def test_a_rig_that_no_log_makes_better_stays_as_it_came() -> None:
     rig = finger_rig().bare()
     found = learn(logs, rig, OPTIONS)
     assert any("the rig as it came errs less on logs left out" in line for line in found.doubts)
-    assert not any(part.identified for part in found.numbers.fitted)
+    assert not any(part.identified for part in found.fitted)
     bare = found.rig.bare()
     assert [tendon.stiffness for tendon in bare.tendons] == [tendon.stiffness for tendon in rig.tendons]
     assert found.maps["discrepancy"].learned.logs == 2

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from distal.fitting.likelihood import Innovations, Weighing, cost_of, derivatives_of, evened, long_run_covariance
+from distal.fitting.likelihood import (
+    Innovations,
+    Weighing,
+    cost_of,
+    derivatives_of,
+    evened,
+    long_run_covariance,
+    scales_of,
+    shares_of,
+)
 
 Floats = NDArray[np.float64]
 
@@ -101,3 +112,50 @@ def test_correlated_scores_count_by_spans_of_two_seconds() -> None:
     assert spans == 2
     assert meat[0, 0] == pytest.approx(2 * 200**2)
     assert long_run_covariance(np.ones((3, 0)), np.zeros(0))[1] == 0
+
+
+def test_the_scale_of_residuals_is_their_mean_ratio() -> None:
+    """White residuals 3 standard deviations large have c = 9, smaller ones than expected 1, and outliers hardly count."""
+    rng = np.random.default_rng(4)
+    values = np.column_stack([3.0 * rng.normal(size=20_000), 0.5 * rng.normal(size=20_000)])
+    run = Innovations(values, np.ones_like(values))
+    assert scales_of([run], np.full(2, np.inf)) == pytest.approx([9.0, 1.0], rel=0.03)
+    wild = values.copy()
+    wild[::100, 0] = 1e3
+    assert scales_of([Innovations(wild, run.variances)], np.full(2, 9.0))[0] == pytest.approx(9.0, rel=0.15)
+    silent = Innovations(np.full((5, 2), np.nan), np.ones((5, 2)))
+    assert scales_of([silent], np.full(2, 9.0)) == pytest.approx([1.0, 1.0])
+
+
+def test_the_scale_is_where_the_likelihood_is_largest() -> None:
+    """d/dc of ½ Σ (ν²/(c S) + ln c S) is 0 at c = mean ν²/S: the gradient at that c is the slope of −ln p itself."""
+    z, limit = np.array([0.4, -3.0]), np.full(2, np.inf)
+
+    def cost(at: Floats) -> float:
+        made = run(at)
+        return cost_of(made, replace(weighing(), scale=scales_of([made], limit)))
+
+    widths = np.full(2, 2e-4)
+    scale = scales_of([run(z)], limit)
+    assert (scale > 2.0).all()
+    found = derivatives_of(run(z), at(z, widths), widths, replace(weighing(), scale=scale))
+    for k, step in enumerate(np.diag(np.full(2, 1e-6))):
+        assert found.gradient[k] == pytest.approx((cost(z + step) - cost(z - step)) / 2e-6, rel=1e-3, abs=1e-4)
+
+
+def test_the_share_of_white_and_of_lasting_residuals() -> None:
+    """White ones count in full; ones that last for a span of 200 samples count a 200th."""
+    rng = np.random.default_rng(5)
+    times, spans = np.arange(40_000) / 100.0, np.repeat(rng.normal(size=200), 200)
+    values = np.column_stack([rng.normal(size=40_000), spans])
+    white, lasting = shares_of([Innovations(values, np.full_like(values, 4.0))], [times])
+    assert white > 0.8
+    assert lasting == pytest.approx(1.0 / 200.0)
+
+
+def test_a_likelihood_of_half_the_worth_knows_half_as_much() -> None:
+    z, widths = np.array([0.4, 0.1]), np.full(2, 1e-4)
+    whole = derivatives_of(run(z), at(z, widths), widths, weighing())
+    half = derivatives_of(run(z), at(z, widths), widths, replace(weighing(), share=0.5 * weighing().share))
+    np.testing.assert_allclose(half.information, 0.5 * whole.information, rtol=1e-12)
+    np.testing.assert_allclose(half.gradient, 0.5 * whole.gradient, rtol=1e-12)

@@ -21,7 +21,7 @@ class Curve:
     def __init__(
         self, residuals: Callable[[Floats], Floats], size: int, std: float = 1e3, low: float = -np.inf
     ) -> None:
-        self._residuals, self.size, self.calls = residuals, size, 0
+        self._residuals, self.size, self.calls, self.most = residuals, size, 0, 60
         free = Free("x", ("x",), (1.0,), std, 1.0, low, np.inf)
         self.parts = tuple((free, None) for _ in range(size))
         self.prior_stds = np.full(size, std)
@@ -33,7 +33,7 @@ class Curve:
             [0.5 * np.sum(self._residuals(z) ** 2) + 0.5 * np.sum((z / self.prior_stds) ** 2) for z in points]
         )
 
-    def derivatives(self, z: Floats, widths: Floats, central: bool = True) -> Derivatives:
+    def derivatives(self, z: Floats, widths: Floats) -> Derivatives:
         base, columns = self._residuals(z), []
         for k in range(self.size):
             step = np.zeros(self.size)
@@ -111,7 +111,7 @@ def test_an_interruption_before_anything_is_known_leaves_the_prior() -> None:
     """What comes after a search needs derivatives of the right size, however early the user stops it."""
 
     class Stopped(Curve):
-        def derivatives(self, z: Floats, widths: Floats, central: bool = True) -> Derivatives:
+        def derivatives(self, z: Floats, widths: Floats) -> Derivatives:
             raise KeyboardInterrupt
 
     problem = Stopped(lambda z: z - 1.0, 3, std=2.0)

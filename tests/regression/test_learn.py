@@ -269,8 +269,8 @@ def test_the_references_noise_hides_no_gain() -> None:
 
 
 def test_errors_beyond_the_references_noise() -> None:
-    """√(mean e² − σ²) of each log and joint, then their mean; none below zero, and of no error NaN."""
+    """√(mean e² − σ²) of each log and joint, then their mean; none below 0.3 σ, and of no error NaN."""
     errors = [[(np.array([3.0, -3.0]), np.ones(2), np.ones(2))], [(np.array([1.0, 1.0]), np.ones(2), np.ones(2))]]
     assert rms_beyond_noise(errors) == pytest.approx(2.0)
-    assert rms_beyond_noise(errors, 2.0) == pytest.approx(np.sqrt(5.0) / 2)
+    assert rms_beyond_noise(errors, 2.0) == pytest.approx((np.sqrt(5.0) + 0.3 * 2.0) / 2)
     assert np.isnan(rms_beyond_noise([[(np.zeros(0), np.zeros(0), np.zeros(0))]]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
-from math import degrees
+from math import degrees, inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,10 +17,14 @@ from distal.cli.outputs import check_outputs, to_file, to_folder
 from distal.errors import FitError, OutputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from distal.fitting import Doing, Fit
+    from distal.logs import Log
+    from distal.rig import Rig
 
 
-EVERY = 5.0
+EVERY = 3.0
 """Where progress goes to a file or a pipe, a line is written so often [s]."""
 
 MOST_ROWS, MOST_NAMES, MOST_DOUBTS = 14, 4, 4
@@ -82,10 +86,6 @@ def fit_command(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="How many logs are run at once.")] = 2,
-    proposals: Annotated[
-        bool,
-        typer.Option("--propose", help="Try changes of the rig (more physics, one value per log of a number): slow."),
-    ] = False,
     repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
@@ -108,6 +108,7 @@ def fit_command(
     description = load_rig(rig, settings(set_, repeated))
     read = [read_log(path, description, truth) for path in logs]
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # a job that is ended keeps the best so far, as by Ctrl-C
+    _straight_line(read, description, home, out, edited_text(rig, settings(set_, repeated)))
     with _Bar() as bar:
         result = fitted_to(
             read,
@@ -121,12 +122,9 @@ def fit_command(
             workers=jobs,
             units=units,
             start=start,
-            proposals=proposals,
             progress=bar.show,
         )
     _say(result)
-    if proposals and not result.proposals:
-        say("none of the changes that were tried lowers the error on logs left out by a tenth")
     if out is not None:
         result.save(out, edited_text(rig, settings(set_, repeated)))
         say(f"wrote {out}")
@@ -175,6 +173,23 @@ def time_left(passed: float, share: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
 
 
+def _straight_line(logs: Sequence[Log], rig: Rig, homing: float | None, out: Path | None, text: str) -> None:
+    """Print at once what a straight line of the readings does on logs left out, and write a rig file that has it."""
+    from distal.errors import DistalError
+    from distal.fitting import learn_affine
+    from distal.logs import true_angles
+
+    known = [log for log in logs if true_angles(log, [joint.name for joint in rig.joints]) is not None]
+    try:
+        line = learn_affine(known, rig.bare(), homing)
+    except DistalError:
+        return  # the fit says why
+    say(f"at once, {line.text}")
+    if out is not None:
+        line.save(out, text)
+        say(f"wrote {out} with it (--estimator affine); the fit replaces it")
+
+
 def _check_logs(logs: list[Path]) -> None:
     """Refuse a log that came twice."""
     names = [os.path.realpath(path) for path in logs]
@@ -197,6 +212,9 @@ def _say(result: Fit) -> None:
         names = [part.name for part in rest]
         more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
         say(f"not determined by these logs: {', '.join(names[:MOST_NAMES])}{more}")
+    if result.candidates:
+        errors = [(name, f"{degrees(error):.3f}" if error < inf else "cannot run") for name, error in result.candidates]
+        table("what describes the angle on logs left out; the first is written", ["candidate", "RMS error [°]"], errors)
     scores = result.scores()
     if scores:
         said = ", ".join(f"{name} {degrees(rms):.3f}° ({100 * inside:.0f} %)" for name, rms, inside in scores)

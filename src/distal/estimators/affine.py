@@ -31,6 +31,7 @@ from distal.regression import (
 )
 from distal.rig import Affine, LearnedMap, Rig, angle_names
 from distal.sensors import variance
+from distal.threads import one_blas_thread
 
 Floats = NDArray[np.float64]
 
@@ -143,6 +144,7 @@ class AffineEstimator(KernelEstimator):
         p = np.zeros(0) if affine is None else numbers_of(affine)
         super().__init__(NAME, rig, kernel, p, channels=channels, state_names=(*names, OUTSIDE))
 
+    @one_blas_thread()
     def after_homing(self, log: Log, homing: float) -> AffineEstimator:
         """Return the estimator with the map that a log's homing move teaches: alone, or as a correction of the rig's.
 

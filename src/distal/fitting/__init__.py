@@ -3,14 +3,14 @@
 from distal.fitting.fit import fit
 from distal.fitting.fitted import FittedNumber
 from distal.fitting.free import Free
-from distal.fitting.groups import groups_of
 from distal.fitting.learn import Learned, learn
-from distal.fitting.leave_out import Compared, Fold, Score, leave_out
+from distal.fitting.leave_out import Compared, Fold, Score
 from distal.fitting.maps import LeftOut, MapFit, learn_affine, learn_contact, learn_discrepancy
 from distal.fitting.observability import Observability, observability
 from distal.fitting.options import Options
 from distal.fitting.progress import Doing
 from distal.fitting.result import Fit
+from distal.regression import groups_of
 
 __all__ = [
     "Compared",
@@ -31,6 +31,5 @@ __all__ = [
     "learn_affine",
     "learn_contact",
     "learn_discrepancy",
-    "leave_out",
     "observability",
 ]

@@ -11,21 +11,22 @@ import numpy as np
 from distal.errors import DistalWarning, FitError
 from distal.fitting.checks import check_logs
 from distal.fitting.doubts import far_from_priors
-from distal.fitting.groups import groups_of
-from distal.fitting.learn import learn
-from distal.fitting.leave_out import MOST_LEFT_OUT, leave_out
+from distal.fitting.learn import Learned, learn
+from distal.fitting.leave_out import leave_out
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress, of_part
-from distal.fitting.proposals import propose
 from distal.fitting.result import Fit
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, true_angles
+from distal.regression import folds_of, groups_of
 from distal.rig import Rig, load_rig
+from distal.threads import one_blas_thread
 
 FOR_LEAVING_OUT = 3
 """With this many logs of known angle, or more, each is left out once."""
 
 
+@one_blas_thread()
 def fit(
     logs: Sequence[Log | Source] | Log | str | Path,
     rig: Rig | str | Path,
@@ -42,7 +43,6 @@ def fit(
     progress: Progress | None = None,
     units: str | None = None,
     start: Rig | str | Path | None = None,
-    proposals: bool = False,
 ) -> Fit:
     """Fit a rig's parameters and noise to logs, learn the remaining error of the angle, and test both on logs left out.
 
@@ -69,7 +69,6 @@ def fit(
         units: fit a *kind* of rig: a regular expression whose first parenthesis names the unit (an instrument, a pose, a
             day) in a log's name; units are left out as a whole, so that the band is that of a unit not seen.
         start: a fitted rig, whose values the search begins with; the priors are those of `rig`.
-        proposals: whether physics that the rig may lack is tried too; each kind costs two more fits.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
@@ -95,16 +94,20 @@ def fit(
     known = [log for log in read if true_angles(log, [joint.name for joint in rig.joints]) is not None]
     sources = [log.source for log in read]
     groups = [str(i) for i in range(len(read))] if units is None else groups_of(sources, units)
+    folds = folds_of(groups)
     enough = len({group for log, group in zip(read, groups) if any(log is one for one in known)}) >= FOR_LEAVING_OUT
-    parts = min(len(set(groups)), MOST_LEFT_OUT) + 1 if enough else 1
+    parts = len(set(folds)) + 1 if enough else 1
     learned = learn(read, rig, options, of_part(progress, 0, parts))
-    for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
+    for line in far_from_priors(learned.fitted, learned.numbers.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
-    folds, asked = [], 0
-    if enough and "discrepancy" in learned.maps and not learned.numbers.found.interrupted:
-        folds, asked = leave_out(read, rig, options, groups, progress), parts - 1
-    tried = propose(read, rig, options, groups, folds, progress) if proposals and folds else ()
-    return Fit.of(learned, rig, read, options, tuple(folds), tried, asked)
+
+    def of_fold(rest: Sequence[Log], fold: int) -> Learned:
+        return learn(rest, rig, options, of_part(progress, fold, parts))
+
+    done, asked = [], 0
+    if enough and "discrepancy" in learned.maps and not learned.interrupted:
+        done, asked = leave_out(read, rig, folds, of_fold, homing), parts - 1
+    return Fit.of(learned, rig, read, options, tuple(done), asked)
 
 
 def _read(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from distal.rig import Number, Rig, named, number
+from distal.rig import Number, Rig, named, number, part_at
 
 DIGITS = 7
 """Significant digits of a value in a file: far more than any log tells."""
@@ -91,14 +91,13 @@ class FittedNumber:
         return "mean over the logs" if self.per_log else "fitted"
 
 
-def assignments(numbers: Sequence[FittedNumber], start: Rig, prior_share: float | None = None) -> dict[str, object]:
+def assignments(numbers: Sequence[FittedNumber], start: Rig, hold: bool = False) -> dict[str, object]:
     """Return path by names → value, with its std where it had one, of what the logs tell.
 
     Args:
         numbers: every free number.
         start: the description as it came.
-        prior_share: stds are at least this share of the priors' where the fit is in doubt; None: as the logs tell; 0:
-            estimators are to take the values as they are (`hold`).
+        hold: estimators are to take the values as they are.
     """
     changed: dict[str, object] = {}
     for part in numbers:
@@ -116,10 +115,9 @@ def assignments(numbers: Sequence[FittedNumber], start: Rig, prior_share: float 
                 changed[path] = rounded
                 continue
             share = abs(value / part.value) if part.value else 1.0
-            least = 0.0 if prior_share is None else prior_share * part.prior_std
             told = part.held_error if np.isfinite(part.held_error) else part.prior_std
-            std = max(min(max(told, least), part.prior_std) * share, SMALLEST_RELATIVE_STD * abs(value))
-            held = {"hold": True} if prior_share == 0.0 else {}
+            std = max(min(told, part.prior_std) * share, SMALLEST_RELATIVE_STD * abs(value))
+            held = {"hold": True} if hold else {}
             changed[path] = {"value": rounded, **_spread(part, before, std, value, start), **held}
     return {named(start, path): value for path, value in changed.items()}
 
@@ -141,3 +139,14 @@ def only_grows(path: str, rig: Rig) -> bool:
     """
     places = [f"sensors.{i}.noise" for i, sensor in enumerate(rig.sensors) if sensor.measures == "position"]
     return path.endswith(".unmodelled") or path in places
+
+
+def described(rig: Rig, values: Mapping[str, object]) -> Rig:
+    """Return a rig with its fitted numbers; a reference sensor that only the fit used is left out.
+
+    Args:
+        rig: the description as it came.
+        values: path → value.
+    """
+    own = {path: value for path, value in values.items() if part_at(rig, ".".join(path.split(".")[:2])) is not None}
+    return rig.with_values(own) if own else rig

@@ -1,4 +1,9 @@
-"""How likely a log's innovations are, and what they tell of coordinates: pure functions of arrays."""
+"""How likely a log's innovations are, and what they tell of coordinates: pure functions of arrays.
+
+Residuals of a rig that lacks physics are larger than the filter expects, and lie on one side for seconds. What each channel
+is worth is therefore estimated and not assumed (docs/explanation/learning.md): the variance of its innovations is c S, with
+c the mean of ν²/S, and a sample counts one over the ratio of their long-run to their plain variance.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +19,10 @@ FEWEST_SHARE = 0.05
 """A value counts for at most 20: a channel that is hardly compared tells hardly anything."""
 
 CORRELATED = 2.0
-"""Scores that are this far apart in time are taken as independent [s]: sensors' curves last for a stroke."""
+"""Innovations that are this far apart in time are taken as independent [s]: sensors' curves last for a stroke."""
 
+NORMAL_MEDIAN = 0.4549
+"""Median of ν²/S where ν is normal."""
 
 UNBOUNDED = 1e100
 """Innovations, variances and slopes beyond this are of a filter that left all bounds; below it squares are finite."""
@@ -33,23 +40,34 @@ class Innovations:
     values: Floats
     variances: Floats
 
+    @property
+    def bounded(self) -> bool:
+        """Whether the filter stayed within all bounds."""
+        there = np.isfinite(self.values)
+        spread = self.variances[there]
+        return bool(
+            np.all(spread < UNBOUNDED) and np.all(spread > 0.0) and np.all(np.abs(self.values[there]) < UNBOUNDED)
+        )
+
 
 @dataclass(frozen=True)
 class Weighing:
     """How the values of each channel count.
 
     Args:
-        tolerance: ν²/S beyond which an innovation is an outlier, (m,).
+        tolerance: ν²/(c S) beyond which an innovation is an outlier, (m,).
         share: how much a value counts, (m,).
         times: stamps of the samples [s], (k,).
         counts: how many values of each channel stand for all that are compared, (m,): which are (a drive's force near its
             stop is not) depends on the numbers, and fewer of them would make a log look likelier or less likely.
+        scale: c, by what innovations' variances are larger than the filter expects, (m,).
     """
 
     tolerance: Floats
     share: Floats
     times: Floats
     counts: Floats
+    scale: Floats | float = 1.0
 
 
 @dataclass(frozen=True)
@@ -73,22 +91,64 @@ class Derivatives:
     of_logs: tuple[Derivatives, ...] = ()
 
 
+def scales_of(runs: Sequence[Innovations], tolerance: Floats) -> Floats:
+    """Return c = mean ν²/S of each channel over some logs, at least 1, an outlier as if at its tolerance, (m,).
+
+    It is the c that makes the innovations most likely, −ln p = ½ Σ (ν²/(c S) + ln c S).
+
+    Args:
+        runs: one of each log.
+        tolerance: see `Weighing`.
+    """
+    scales = np.ones(len(tolerance))
+    for k, limit in enumerate(tolerance):
+        there = [np.isfinite(run.values[:, k]) for run in runs]
+        ratios = [run.values[own, k] ** 2 / run.variances[own, k] for run, own in zip(runs, there)]
+        every = np.concatenate(ratios) if ratios else np.zeros(0)
+        if len(every):
+            plain = max(1.0, float(np.median(every)) / NORMAL_MEDIAN)
+            scales[k] = max(1.0, float(np.mean(np.minimum(every, limit * plain))))
+    return scales
+
+
+def shares_of(runs: Sequence[Innovations], times: Sequence[Floats]) -> Floats:
+    """Return Σ ν²/S over Σ (Σ_span ν/√S)², at most 1: the plain over the long-run variance of each channel, (m,).
+
+    Values that lie on one side for seconds tell less than their number says (Newey and West, Econometrica 55, 1987; of
+    wrong models Müller, Econometrica 81, 2013). Spans are of `CORRELATED` s.
+
+    Args:
+        runs: one of each log.
+        times: stamps of their samples [s], (k,).
+    """
+    m = runs[0].values.shape[1]
+    plain, together = np.zeros(m), np.zeros(m)
+    for run, stamps in zip(runs, times):
+        spans = np.floor((stamps - stamps[0]) / CORRELATED).astype(int)
+        for k in range(m):
+            there = np.isfinite(run.values[:, k])
+            normalized = run.values[there, k] / np.sqrt(run.variances[there, k])
+            plain[k] += np.sum(normalized**2)
+            together[k] += np.sum(np.bincount(spans[there], normalized) ** 2)
+    return 1.0 / np.maximum(1.0, together / np.maximum(plain, 1e-300))
+
+
 def cost_of(run: Innovations, weighing: Weighing) -> float:
     """Return ½ Σ w (ν²/S' + ln S') over what was compared; infinite where the filter left all bounds.
 
-    S' is S, grown to ν²/tolerance for an outlier, as in the filter.
+    S' is c S, grown to ν²/tolerance for an outlier, as in the filter.
 
     Args:
         run: of the filter.
         weighing: of the channels.
     """
-    there = np.isfinite(run.values)
-    nu, spread = run.values[there], run.variances[there]
-    if not np.all(spread < UNBOUNDED) or np.any(spread <= 0.0) or np.any(np.abs(nu) > UNBOUNDED):
+    if not run.bounded:
         return float("inf")
+    there, shape = np.isfinite(run.values), run.values.shape
+    nu, spread = run.values[there], (run.variances * weighing.scale)[there]
     ratio = nu * nu / spread
-    inflation = np.maximum(1.0, ratio / np.broadcast_to(weighing.tolerance, run.values.shape)[there])
-    weight = np.broadcast_to(weighing.share * evened(run, weighing), run.values.shape)[there]
+    inflation = np.maximum(1.0, ratio / np.broadcast_to(weighing.tolerance, shape)[there])
+    weight = np.broadcast_to(weighing.share * evened(run, weighing), shape)[there]
     return 0.5 * float(np.sum(weight * (ratio / inflation + np.log(spread * inflation))))
 
 
@@ -110,16 +170,16 @@ def derivatives_of(
     """Return −ln p of a log and its derivatives, from runs at a point and at both ends of a step of each coordinate.
 
     The score of a sample is ν ν'/S + ½ (ln S)' (1 − ν²/S), for an outlier ν'/ν; Fisher's information is
-    Σ ν' ν'ᵀ/S + ½ (ln S)' (ln S)'ᵀ (Gupta and Mehra, IEEE TAC 19, 1974).
+    Σ ν' ν'ᵀ/S + ½ (ln S)' (ln S)'ᵀ (Gupta and Mehra, IEEE TAC 19, 1974), here with c S in place of S.
 
     Args:
         base: run at the point.
         ends: run at the upper and at the lower end of each coordinate's step, (n,).
         widths: upper less lower end, (n,); 0 for a coordinate that is not varied.
-        weighing: of the channels.
+        weighing: of the channels; where −ln p is least in c, it is that of its slope too.
     """
     there, shape = np.isfinite(base.values), base.values.shape
-    nu, spread = base.values[there], base.variances[there]
+    nu, spread = base.values[there], (base.variances * weighing.scale)[there]
     slopes, log_slopes = np.zeros((len(ends), len(nu))), np.zeros((len(ends), len(nu)))
     for k, (up, down) in enumerate(ends):
         if widths[k] != 0.0:
@@ -132,10 +192,9 @@ def derivatives_of(
     ratio = nu * nu / spread
     inflation = np.maximum(1.0, ratio / np.broadcast_to(weighing.tolerance, shape)[there])
     inlier = inflation <= 1.0
-    weight = np.broadcast_to(weighing.share, shape)[there]
+    weight = np.broadcast_to(weighing.share * evened(base, weighing), shape)[there]
     influence = np.where(inlier, nu / spread, 1.0 / np.where(nu == 0.0, 1.0, nu))
-    even = np.broadcast_to(evened(base, weighing), shape)[there]
-    scores = even * weight * (slopes * influence + 0.5 * log_slopes * np.where(inlier, 1.0 - ratio, 0.0))
+    scores = weight * (slopes * influence + 0.5 * log_slopes * np.where(inlier, 1.0 - ratio, 0.0))
     root = slopes * np.sqrt(weight / (spread * inflation))
     spreads = np.sqrt(0.5 * weight) * log_slopes * inlier
     meat, spans = long_run_covariance(scores, np.broadcast_to(weighing.times[:, None], shape)[there])

@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 from distal.errors import FitError
 from distal.estimators import affine_of, affine_samples
 from distal.fitting.fitted_file import fitted_text, plain
-from distal.fitting.groups import folds_of
 from distal.fitting.map_samples import contact_of, discrepancy_of, filtered, has_torque, partly_homed, torques_of
-from distal.homing import (
-    check_homing,
-)
+from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, shown, true_angles, write_whole
-from distal.regression import NORMAL, Kind, Samples, Terms, errors_of, learn_map
+from distal.regression import NORMAL, Kind, Samples, Terms, errors_of, folds_of, learn_map, splits
 from distal.regression.learn import ENOUGH_LOGS
 from distal.rig import LearnedMap, Rig, load_rig
+from distal.threads import one_blas_thread
 
 Floats = NDArray[np.float64]
 
@@ -122,6 +120,7 @@ class MapFit:
         write_whole(path, fitted_text(self.rig, self.start, {self.table: self.as_table()}, "", text))
 
 
+@one_blas_thread()
 def learn_affine(
     logs: Sequence[Log | Source] | Log | str | Path,
     rig: Rig | str | Path,
@@ -156,6 +155,7 @@ def learn_affine(
     return map_of(data, affine_of(rig), rig, homing, groups)
 
 
+@one_blas_thread()
 def learn_discrepancy(
     logs: Sequence[Log | Source] | Log | str | Path,
     rig: Rig | str | Path,
@@ -191,6 +191,7 @@ def learn_discrepancy(
     return map_of(data, discrepancy_of(rig, data), rig, homing, groups, notes=refused, partly=partly)
 
 
+@one_blas_thread()
 def learn_contact(
     logs: Sequence[Log | Source],
     rig: Rig | str | Path,
@@ -263,11 +264,10 @@ def map_of(
         )
     said += [f"{kind.name}: not used, {text}" for text in learned.dropped if kind.name == "affine"]
     scores = list[LeftOut]()
-    for fold in sorted(set(folds)) if scored and count >= FOR_SCORES else ():
-        rest = [i for i, own in enumerate(folds) if own != fold]
+    for out, rest in splits(folds) if scored and count >= FOR_SCORES else ():
         half = {k: partly[i] for k, i in enumerate(rest) if partly and i in partly}
         others, _ = learn_map([data[i] for i in rest], kind, [folds[i] for i in rest], homing, half)
-        scores += [_score(others, data[i], kind, homing) for i in range(len(data)) if folds[i] == fold]
+        scores += [_score(others, data[i], kind, homing) for i in out]
     described = rig.with_values({kind.name: learned.model_dump()})
     sources = tuple(one.source for one in data)
     return MapFit(described, rig, kind.name, sources, homing, tuple(scores), tuple(said), chosen)

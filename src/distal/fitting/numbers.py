@@ -1,8 +1,8 @@
-"""The numbers of a rig as logs tell them: the search, with the reference or without, and what stays at its prior."""
+"""The numbers of a rig as logs tell them: by its equations where they can be asked, by its filter, and what stays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -10,39 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import FitError, RigError
-from distal.fitting.angle_errors import surprise_of
-from distal.fitting.doubts import NOT_CONVERGED, SURPRISED, contradictions, doubts_of, nis_of, noise_growth
+from distal.fitting.doubts import NOT_CONVERGED, contradictions, doubts_of, nis_of
+from distal.fitting.filter import FitFilter, steps_of
 from distal.fitting.fitted import FittedNumber
 from distal.fitting.free import Free
+from distal.fitting.inverse import SMOOTHED, InverseProblem, inverse_problem
 from distal.fitting.options import Options
-from distal.fitting.problem import FitFilter, Problem, steps_of
-from distal.fitting.progress import Progress, staged
-from distal.fitting.search import (
-    COARSE_ITERATIONS,
-    COARSE_LEAST,
-    COARSE_SHARE,
-    MOST_ITERATIONS,
-    Found,
-    hessian,
-    most_likely,
-    search,
-)
+from distal.fitting.problem import Problem
+from distal.fitting.progress import Progress, searching
+from distal.fitting.search import Found, coarse_start, hessian, most_likely, search
 from distal.fitting.selection import choose
 from distal.fitting.uncertainty import CONFOUNDED, TOLD, Uncertainty, uncertainty_at
 from distal.homing import added_reference, with_references
 from distal.logs import Log, true_angles
+from distal.model import joint_frequency
 from distal.rig import Rig, Sensor, number
 
 Floats = NDArray[np.float64]
 
-UNAIDED = 3.0
-"""Mean ν²/S of the angle without its reference from which on the rig lacks physics that the logs have."""
 
-HAUSMAN = 4.0
-"""The rig's numbers may move by so many variances each, in the mean, where the reference becomes one more sensor."""
-
-TRIAL_ITERATIONS = 3
-"""The search with the reference is given up after a few iterations where they lead astray."""
+FOLLOWS = 10.0
+"""Joints with so many radians of their own oscillation in the time of smoothing follow the drives (`python -m
+benchmarks.strangers.drawn`: 6 to 8 with inertia, above 15 without)."""
 
 
 @dataclass(frozen=True)
@@ -71,43 +60,114 @@ class Numbers:
     nis: tuple[tuple[float, ...], tuple[float, ...]]
     begun: float
 
+    @property
+    def by_equations(self) -> bool:
+        """Whether they are those of the rig's equations; else of its filter."""
+        return isinstance(self.problem, InverseProblem)
 
-def numbers_of(logs: Sequence[Log], rig: Rig, options: Options, known: bool, progress: Progress | None) -> Numbers:
-    """Return the numbers of a rig as logs tell them.
+
+def numbers_of(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | None) -> list[Numbers]:
+    """Return the numbers of a rig as logs tell them: those of its equations, and of its filter where it is asked.
+
+    The filter is asked where the equations cannot be, and where joints are so slow that accelerations count, which an
+    encoder hardly tells.
 
     Args:
         logs: of the fit.
         rig: the description as it came.
         options: what is asked of the fit.
-        known: whether some log has a truth.
         progress: called with what is done.
 
     Raises:
         FitError: the filter leaves all bounds on the logs.
     """
     problem = problem_of(logs, rig, options)
-    start = np.zeros(problem.size)
-    begun = float(problem.costs([start])[0])
-    if not np.isfinite(begun):
+    equations = by_equations(problem, options, progress)
+    slow = joint_frequency(problem.filter.runner.states.context.mechanism) * SMOOTHED < FOLLOWS
+    if equations is not None and (not slow or equations.found.interrupted):
+        return [equations]
+    return [*([] if equations is None else [equations]), by_filter(problem, options, equations, progress)]
+
+
+def by_equations(problem: Problem, options: Options, progress: Progress | None) -> Numbers | None:
+    """Return the numbers with which a rig's equations lack least, None where they cannot be asked; see `Equations`.
+
+    Args:
+        problem: of the filter on the same logs.
+        options: what is asked of the fit.
+        progress: called with what is done.
+    """
+    equations = inverse_problem(problem, options.compiled) if options.homing is None else None
+    if equations is None:
+        return None
+    return _told(
+        equations, _translated(problem, _start(problem, options), equations), searching(progress, "by its equations")
+    )
+
+
+def by_filter(problem: Problem, options: Options, begin: Numbers | None, progress: Progress | None) -> Numbers:
+    """Return the numbers with which a rig's filter predicts what is read best.
+
+    Args:
+        problem: of the filter.
+        options: what is asked of the fit.
+        begin: numbers of its equations, where the search begins; None for the rig's own, and a search of the start.
+        progress: called with what is done.
+
+    Raises:
+        FitError: the filter leaves all bounds on the logs.
+    """
+    start = _start(problem, options) if begin is None else _translated(begin.problem, begin.found.z, problem)
+    costs = problem.costs([np.zeros(problem.size), start])
+    if not np.isfinite(costs[0]):
         raise FitError(
-            f"{rig.name}: the filter leaves all bounds on these logs; check the units of logs and rig (distal estimate)"
+            f"{problem.filter.rig.name}: the filter leaves all bounds on these logs; check the units of logs and rig "
+            "(distal estimate)"
         )
-    begin = None if options.start is None else _coordinates_of(problem, options.start)
-    found = most_likely(problem, options.seed, staged(progress, "searching"), begin)
+    if begin is None or not np.isfinite(costs[1]):
+        start = coarse_start(problem, options.seed, start, searching(progress, "searching")).z
+    return _told(problem, start, searching(progress, "by its filter"))
+
+
+def _start(problem: Problem, options: Options) -> Floats:
+    return np.zeros(problem.size) if options.start is None else _coordinates_of(problem, options.start)
+
+
+def _translated(problem: Problem, z: Floats, other: Problem) -> Floats:
+    """Return coordinates of one problem as those of another, 0 for what only that one varies."""
+    known = {(part.name, log): value for (part, log), value in zip(problem.parts, z)}
+    return np.array([known.get((part.name, log), 0.0) for part, log in other.parts])
+
+
+def _told(problem: Problem, start: Floats, progress: Callable[[int, float], None] | None) -> Numbers:
+    """Return the most likely numbers: what the logs do not tell stays at its prior.
+
+    What the logs tell only together with others is held one by one until the rest is told.
+    """
+    problem, found = most_likely(problem, start, progress)
+    uncertainty = uncertainty_at(problem, found.derivatives, found.z)
+    may_stay = np.array([not part.noise and log is None and part.has_prior for part, log in problem.parts])
+    left, held = np.zeros(problem.size, dtype=bool), np.zeros(problem.size, dtype=bool)
+    while not found.interrupted:
+        at = _next_held(problem, uncertainty, left, may_stay)
+        if at is None:
+            break
+        left[at], held[at] = True, bool(uncertainty.together[at])
+    if left.any() and not left.all():
+        # what the others become when these are moved, by the information of all
+        whole, moved = hessian(problem, found.derivatives), np.where(left, -found.z, 0.0)
+        moved[~left] = -np.linalg.solve(whole[np.ix_(~left, ~left)], (whole @ moved)[~left])
+        again = search(problem, found.z + moved, progress, fixed=left, near=found.derivatives)
+        found = replace(again, iterations=found.iterations + again.iterations)
+    zero = np.zeros(problem.size)
+    before, after = nis_of(problem, zero), nis_of(problem, found.z)
     doubts = list[str]()
-    if known and options.homing is None and not found.interrupted:
-        if surprise_of(problem, found.z) > UNAIDED:
-            doubts.append(SURPRISED)
-        else:
-            problem, found = _with_reference(problem, found, progress)
-    found, uncertainty, left, held = _as_told(problem, found, progress)
-    before, after = nis_of(problem, start), nis_of(problem, found.z)
     if not found.interrupted:
         doubts += doubts_of(problem, found.z, after)
-        doubts += contradictions(problem, found) if len(logs) > 1 else []
+        doubts += contradictions(problem, found) if len(problem.data) > 1 else []
         doubts += [] if found.converged else [NOT_CONVERGED]
     fitted = tuple(fitted_numbers(problem, found, uncertainty, left, held))
-    begun = float(problem.costs([start])[0])  # with or without the reference, as the search ended
+    begun = float(problem.costs([zero])[0])
     return Numbers(problem, found, uncertainty, fitted, left, held, tuple(doubts), (before, after), begun)
 
 
@@ -138,66 +198,13 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
         free = tuple(part for part in free if not _of_references(with_reference, references, part))
     made = _filter(with_reference, references, free, steps_of(rig, logs), options.compiled)
     data = tuple(made.data_of(log) for log in logs)
-    return Problem(made, free, data, options.homing, False, options.workers)
+    return Problem(made, free, data, options.homing, options.workers)
 
 
 @lru_cache(maxsize=2)
 def _filter(rig: Rig, references: tuple[Sensor, ...], free: tuple[Free, ...], steps: int, compiled: bool) -> FitFilter:
     """Return the filter of a fit; folds of one fit have the same, which is compiled once."""
     return FitFilter(rig, references, free, steps, compiled)
-
-
-def _with_reference(problem: Problem, found: Found, progress: Progress | None) -> tuple[Problem, Found]:
-    """Return problem and search with the reference as one more sensor, or without it where the two contradict each other.
-
-    With it the logs tell more where the model is right; where the model is wrong it hides what the angle errs by. The two
-    are compared as Hausman does (Econometrica 46, 1978): the rig's numbers may not move by more than the angle without its
-    reference leaves them unsure. The beginnings of the logs are asked first.
-
-    Args:
-        problem: without the reference.
-        found: the end of its search.
-        progress: called with what is done.
-    """
-    with_it, tried = replace(problem, aided=True), found
-    own = np.flatnonzero([not part.noise for part, _ in problem.parts])
-    known = uncertainty_at(problem, found.derivatives, found.z).covariance[np.ix_(own, own)]
-    for share, most in ((COARSE_SHARE, TRIAL_ITERATIONS), (COARSE_SHARE, COARSE_ITERATIONS), (1.0, MOST_ITERATIONS)):
-        some = with_it.beginning(share, COARSE_LEAST)
-        tried = search(some, tried.z, staged(progress, "the angle as one more sensor"), most=most)
-        if tried.interrupted:
-            return problem, replace(found, interrupted=True)
-        moved = (tried.z - found.z)[own]
-        # the beginnings alone tell less than the whole logs
-        if not moved @ np.linalg.solve(known, moved) < HAUSMAN * len(own) / share:
-            return problem, found
-    return with_it, tried
-
-
-def _as_told(
-    problem: Problem, found: Found, progress: Progress | None
-) -> tuple[Found, Uncertainty, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the search with what the logs do not tell at its prior, its uncertainty, what stays, and what is held.
-
-    What the logs tell only together with others is held one by one until the rest is told.
-    """
-    uncertainty = uncertainty_at(problem, found.derivatives, found.z)
-    may_stay = np.array([not part.noise and log is None and part.has_prior for part, log in problem.parts])
-    left, held = np.zeros(problem.size, dtype=bool), np.zeros(problem.size, dtype=bool)
-    while not found.interrupted:
-        at = _next_held(problem, uncertainty, left, may_stay)
-        if at is None:
-            break
-        left[at], held[at] = True, bool(uncertainty.together[at])
-    if not left.any() or left.all():
-        return found, uncertainty, left, held
-    # what the others become when these are moved, by the information of all
-    whole, moved = hessian(problem, found.derivatives), np.where(left, -found.z, 0.0)
-    moved[~left] = -np.linalg.solve(whole[np.ix_(~left, ~left)], (whole @ moved)[~left])
-    again = search(
-        problem, found.z + moved, staged(progress, "what the logs tell"), fixed=left, first=found.derivatives
-    )
-    return replace(again, iterations=found.iterations + again.iterations), uncertainty, left, held
 
 
 def _next_held(
@@ -224,7 +231,6 @@ def fitted_numbers(
     """
     coordinates = [problem.columns(j) for j in range(len(problem.data))]
     given_held, known = uncertainty.errors_holding(held), found.converged and not found.interrupted
-    grown = noise_growth(problem, found.z)
     numbers = []
 
     def limit_of(part: Free) -> float:
@@ -252,7 +258,7 @@ def fitted_numbers(
                 part.start,
                 part.std,
                 mean if told else part.start,
-                min(grown * spread(uncertainty.errors), limit_of(part)) if known else float("nan"),
+                min(spread(uncertainty.errors), limit_of(part)) if known else float("nan"),
                 told,
                 part.noise,
                 values if told else starts,

@@ -10,165 +10,102 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators import AdaptiveFilter, Robustness, first_values
+from distal.estimators import Robustness, first_values
+from distal.fitting.filter import Data, FitFilter
 from distal.fitting.free import Free
-from distal.fitting.likelihood import Derivatives, Innovations, Weighing, cost_of, derivatives_of
-from distal.fitting.resampling import refined, steps_per_sample
-from distal.fitting.stops import in_stops
-from distal.kernels import CompileError, LaneKernel, covariance_of, mean_of
+from distal.fitting.likelihood import (
+    Derivatives,
+    Innovations,
+    Weighing,
+    cost_of,
+    derivatives_of,
+    scales_of,
+    shares_of,
+)
+from distal.kernels import Kernel, LaneKernel, covariance_of, mean_of
 from distal.kernels.mask import COMPARED_ONLY
-from distal.logs import Log, true_angles
-from distal.rig import Rig, Sensor
-from distal.run import samples_of
-from distal.sensors import variance
 
 Floats = NDArray[np.float64]
 
-FINE = 0.2
-"""Largest product of sub-step and a joint's own frequency in a fit: its errors must not look like parameters."""
 
-ERROR_LASTS = 0.5
-"""What the unaided angle errs by lasts about so long [s]: samples within it tell as much as one."""
+MOST_ITERATIONS = 12
+"""A search takes so many iterations at most: each filters all logs once for every number."""
 
 
 @dataclass(frozen=True)
-class Data:
-    """A log, ready for the filter.
+class Worth:
+    """What the values of each channel are worth, as found at a point.
 
     Args:
-        log: as read.
-        samples: values of the filter's channels, (k, n_channels); references are the last.
-        rows: what the kernel takes.
-        last: index of each sample's own row.
+        share: how much a value counts, see `shares_of`, (m,).
+        counts: how many values of each channel are compared, of each log, (m,) each.
     """
 
-    log: Log
-    samples: Floats
-    rows: Floats
-    last: NDArray[np.intp]
-
-    def beginning(self, count: int) -> Data:
-        """Return the first samples of the log.
-
-        Args:
-            count: how many.
-        """
-        count = min(count, len(self.last))
-        log = Log(self.log.time[:count], {}, {}, self.log.source)
-        return Data(log, self.samples[:count], self.rows[: self.last[count - 1] + 1], self.last[:count])
-
-
-class FitFilter:
-    """The filter of a fit: what is free is an input of its kernel, and several runs go through it side by side.
-
-    Args:
-        rig: the description, with its references.
-        references: the sensors of joints' angles.
-        free: what is varied.
-        steps: rows per sample, see `resampling`; more of them need fewer sub-steps each.
-        compiled: compile the kernel where possible.
-    """
-
-    def __init__(
-        self, rig: Rig, references: Sequence[Sensor], free: Sequence[Free], steps: int = 1, compiled: bool = True
-    ) -> None:
-        self.rig, self.references, self.steps = rig, tuple(references), steps
-        given = [path for part in free for path in part.paths]
-        self.runner = AdaptiveFilter(
-            rig,
-            False,
-            Robustness.fitting(),
-            name="fit",
-            references=self.references,
-            inputs=given,
-            resolution=FINE * steps,
-        )
-        self.lanes: LaneKernel | None = None
-        if compiled:
-            try:
-                self.lanes = LaneKernel(self.runner.kernel.function)
-            except CompileError:
-                self.lanes = None  # the interpreter gives the same numbers
-        names = self.runner.parameter_names
-        self.places = [[names.index(path) for path in part.paths] for part in free]
-
-    def data_of(self, log: Log) -> Data:
-        """Return a log, ready for the filter; displacements between samples follow a cubic where chords would err.
-
-        Args:
-            log: with the reference as truth, NaN or absent where it is not known.
-        """
-        runner, joints = self.runner, [joint.name for joint in self.rig.joints]
-        proximal = samples_of(log, runner.channels[: -len(self.references)], "fit")
-        known = true_angles(log, joints)
-        truth = np.full((len(log), len(joints)), np.nan) if known is None else known
-        read = [joints.index(sensor.of) for sensor in self.references]
-        # how a joint rests in a stop is the stop's own affair: what is read there teaches nothing of the rest
-        stopped = in_stops(log.time, truth, self.rig)
-        samples = np.column_stack([proximal, np.where(stopped, np.nan, truth)[:, read]])
-        samples[stopped.all(axis=1), runner.bridged :] = np.nan
-        times, fine, own = refined(log.time, samples, runner.bridged, self.steps)
-        rows, last = runner.rows(np.diff(times, prepend=times[0]), fine)
-        return Data(log, samples, rows, last[own])
-
-
-def steps_of(rig: Rig, logs: Sequence[Log]) -> int:
-    """Return how many rows per sample all of some logs need, so that displacements between samples are right.
-
-    Joints that settle within an interval need one: where a drive went between two slow samples no curve tells.
-
-    Args:
-        rig: the description.
-        logs: of a fit.
-    """
-    if AdaptiveFilter(rig, False).states.context.joints_settle:
-        return 1
-    sensors = list(rig.sensors_of("position"))
-    noise = np.sqrt([variance(sensor) for sensor in sensors])
-    places = [np.column_stack([log.channels[sensor.name] for sensor in sensors]) for log in logs if sensors]
-    return max((steps_per_sample(each, noise) for each in places), default=1)
+    share: Floats
+    counts: tuple[Floats, ...]
 
 
 @dataclass(frozen=True)
 class Problem:
-    """−ln p = ½ Σ (ν²/S + ln 2πS) + prior of the innovations ν of logs, with variances S, at coordinates z.
+    """−ln p = ½ Σ w (ν²/(c S) + ln c S) + prior of the innovations ν of logs, with variances S, at coordinates z.
 
     The prediction-error method (Ljung, System Identification, 1999, ch. 7; Åström, Automatica 16, 1980): hidden states,
-    missing samples and sensor noise are treated as in use, because it is the filter that is used.
+    missing samples and sensor noise are treated as in use, because it is the filter that is used. Of each channel c and w
+    say what its values are worth: c is found at every point, w where `assessed` was called.
 
     Args:
         filter: with what is free as inputs.
         free: what is varied; coordinates are those that logs share, then each log's own.
         data: of the logs.
         homing: for how long the reference is used [s], None for never; with it only what comes after counts.
-        aided: without homing, use the reference wherever it is as one more sensor, which tells more where the model is
-            right, and hides what the angle errs by where it is not.
         workers: threads; the numbers do not depend on them.
+        worth: of the channels' values; None before they are assessed: every value counts in full.
     """
 
     filter: FitFilter
     free: tuple[Free, ...]
     data: tuple[Data, ...]
     homing: float | None = None
-    aided: bool = False
     workers: int = 2
+    worth: Worth | None = None
 
     def beginning(self, share: float, least: int) -> Problem:
-        """Return the same for the beginnings of the logs.
+        """Return the same for the beginnings of the logs, not assessed.
 
         Args:
             share: of each log.
             least: samples of a log, at least.
         """
-        return replace(self, data=tuple(one.beginning(max(least, round(share * len(one.last)))) for one in self.data))
+        data = tuple(one.beginning(max(least, round(share * len(one.last)))) for one in self.data)
+        return replace(self, data=data, worth=None)
 
-    def of(self, log: int) -> Problem:
-        """Return the problem of one log alone.
+    def among(self, logs: Sequence[int]) -> Problem:
+        """Return the problem of some of the logs; what their values are worth stays.
 
         Args:
-            log: its index.
+            logs: their indices.
         """
-        return replace(self, data=(self.data[log],))
+        worth = self.worth
+        if worth is not None:
+            worth = replace(worth, counts=tuple(worth.counts[j] for j in logs))
+        return replace(self, data=tuple(self.data[j] for j in logs), worth=worth)
+
+    def assessed(self, z: Floats) -> Problem:
+        """Return the problem with the worth of the channels' values at a point, as it is where the filter is unbounded.
+
+        Args:
+            z: all coordinates, (size,).
+        """
+        runs = self.at(z)
+        if not all(run.bounded for run in runs):
+            return self
+        counts = tuple(np.isfinite(run.values).sum(axis=0).astype(np.float64) for run in runs)
+        return replace(self, worth=Worth(shares_of(runs, [self._times(j) for j in range(len(self.data))]), counts))
+
+    @property
+    def most(self) -> int:
+        """So many iterations a search takes at most."""
+        return MOST_ITERATIONS
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -179,6 +116,12 @@ class Problem:
     def _is_reference(self) -> NDArray[np.bool_]:
         names = {sensor.name for sensor in self.filter.references}
         return np.array([name in names for name in self.measured])
+
+    @cached_property
+    def places(self) -> list[list[int]]:
+        """Where among the kernel's parameters each free number stands."""
+        names = self.filter.runner.parameter_names
+        return [[names.index(path) for path in part.paths] for part in self.free]
 
     @cached_property
     def parts(self) -> tuple[tuple[Free, int | None], ...]:
@@ -217,10 +160,10 @@ class Problem:
         Args:
             tasks: of each run the log's index and that log's coordinates, one for each free number.
         """
-        lanes = self.filter.lanes
+        lanes = self._kernel[1]
         size = lanes.lanes if lanes is not None else 1
         # runs of one length go together, since those that end early leave their lanes idle
-        order = sorted(range(len(tasks)), key=lambda k: (len(self.data[tasks[k][0]].rows), tasks[k][0]))
+        order = sorted(range(len(tasks)), key=lambda k: (len(self._rows[tasks[k][0]]), tasks[k][0]))
         groups = [order[i : i + size] for i in range(0, len(order), size)]
 
         def work(group: list[int]) -> list[Innovations]:
@@ -235,19 +178,23 @@ class Problem:
         return [found[k] for k in range(len(tasks))]
 
     def _scan(self, tasks: Sequence[tuple[int, Floats]]) -> list[Innovations]:
-        runner, lanes = self.filter.runner, self.filter.lanes
-        starts = [self._begin(self.data[log], z) for log, z in tasks]
+        kernel, lanes = self._kernel
+        starts = [self._begin(log, z) for log, z in tasks]
         rows = [self._rows[log] for log, _ in tasks]
         if lanes is None:
-            outputs = [runner.kernel.scan(carry, own, p)[1] for (carry, p), own in zip(starts, rows)]
+            outputs = [kernel.scan(carry, own, p)[1] for (carry, p), own in zip(starts, rows)]
         else:
             outputs = [y for _, y in lanes.scan([carry for carry, _ in starts], rows, [p for _, p in starts], ())]
-        return [self._compared(self.data[log], y) for (log, _), y in zip(tasks, outputs)]
+        return [self._compared(log, y) for (log, _), y in zip(tasks, outputs)]
 
-    def _begin(self, data: Data, z: Floats) -> tuple[Floats, Floats]:
+    @property
+    def _kernel(self) -> tuple[Kernel, LaneKernel | None]:
+        return self.filter.runner.kernel, self.filter.lanes
+
+    def _begin(self, log: int, z: Floats) -> tuple[Floats, Floats]:
         """Return the carry before the first sample and the kernel's parameters at a log's coordinates."""
         p = self.numbers(z)
-        mean, covariance, memory = self.filter.runner.prior(first_values(data.samples), p)
+        mean, covariance, memory = self.filter.runner.prior(first_values(self.data[log].samples), p)
         return np.concatenate([mean, covariance.ravel(), memory]), p
 
     def numbers(self, z: Floats) -> Floats:
@@ -257,15 +204,13 @@ class Problem:
             z: one for each free number.
         """
         p = np.array(self.filter.runner.numbers)
-        for part, places, coordinate in zip(self.free, self.filter.places, z):
+        for part, places, coordinate in zip(self.free, self.places, z):
             p[places] = part.values(float(coordinate))
         return p
 
     @cached_property
     def _rows(self) -> tuple[Floats, ...]:
         """Return the kernel's rows of each log; where a reference is not used it is compared only."""
-        if self.aided and self.homing is None:
-            return tuple(data.rows for data in self.data)
         masked = []
         for data in self.data:
             rows, times = data.rows.copy(), data.log.time
@@ -274,7 +219,12 @@ class Problem:
             masked.append(rows)
         return tuple(masked)
 
-    def _compared(self, data: Data, ys: Floats) -> Innovations:
+    def _times(self, log: int) -> Floats:
+        """Return the stamps of what is compared in a log [s], (k,)."""
+        return self.data[log].log.time
+
+    def _compared(self, log: int, ys: Floats) -> Innovations:
+        data = self.data[log]
         values, variances = self.filter.runner.innovations_of(ys[data.last], data.samples)
         if self.homing is not None:
             values = values.copy()
@@ -282,22 +232,24 @@ class Problem:
             values[data.log.time - data.log.time[0] < self.homing] = np.nan
         return Innovations(values, variances)
 
-    def _weighing(self, log: int) -> Weighing:
-        """Return how channels count: a reference is never wild, and one that is only compared counts once in a while."""
-        times = self.data[log].log.time
-        rate = 1.0 / float(np.median(np.diff(times)))
-        share = 1.0 if self.homing is not None or self.aided else min(1.0, 1.0 / (ERROR_LASTS * rate))
-        return Weighing(
-            np.where(self._is_reference, np.inf, Robustness().wild_force),
-            np.where(self._is_reference, share, 1.0),
-            times,
-            self._counts[log],
-        )
-
     @cached_property
-    def _counts(self) -> tuple[Floats, ...]:
-        """Return how many values of each channel are compared where the search begins, for each log."""
-        return tuple(np.isfinite(run.values).sum(axis=0).astype(np.float64) for run in self.at(np.zeros(self.size)))
+    def _tolerance(self) -> Floats:
+        """Return from which ν²/(c S) on an innovation is wild, (m,); the reference is never wild."""
+        return np.where(self._is_reference, np.inf, Robustness().wild_force)
+
+    def _weighing(self, log: int, scale: Floats) -> Weighing:
+        """Return how the values of a log's channels count."""
+        none = np.zeros(len(self.measured))
+        share, counts = (none + 1.0, none) if self.worth is None else (self.worth.share, self.worth.counts[log])
+        return Weighing(self._tolerance, share, self._times(log), counts, scale)
+
+    def scales(self, runs: Sequence[Innovations]) -> Floats:
+        """Return by what the variance of each channel's innovations is larger than the filter expects, at least 1, (m,).
+
+        Args:
+            runs: one of each log.
+        """
+        return scales_of(runs, self._tolerance)
 
     def at(self, z: Floats) -> list[Innovations]:
         """Return the innovations of every log.
@@ -315,56 +267,57 @@ class Problem:
         """
         logs = range(len(self.data))
         runs = self.run([(j, z[self.columns(j)]) for j in logs for z in points])
-        weighings = [self._weighing(j) for j in logs]
-        of_logs = [sum(cost_of(runs[j * len(points) + k], weighings[j]) for j in logs) for k in range(len(points))]
-        return np.array([cost + self._prior(z) for cost, z in zip(of_logs, points)])
+        costs = []
+        for k, z in enumerate(points):
+            own = [runs[j * len(points) + k] for j in logs]
+            costs.append(self._cost(own) + self._prior(z) if all(run.bounded for run in own) else np.inf)
+        return np.array(costs)
+
+    def _cost(self, runs: Sequence[Innovations]) -> float:
+        scale = self.scales(runs)
+        return sum(cost_of(run, self._weighing(j, scale)) for j, run in enumerate(runs))
 
     def _prior(self, z: Floats) -> float:
         return 0.5 * float(np.sum((z / self.prior_stds) ** 2))
 
-    def of_logs(self, z: Floats, widths: Floats, central: bool = True) -> list[Derivatives]:
-        """Return what each log tells at a point, by differences of ν and ln S, without the prior.
+    def of_logs(self, z: Floats, widths: Floats) -> list[Derivatives]:
+        """Return what each log tells at a point, by one-sided differences of ν and ln S, without the prior.
 
         Args:
             z: all coordinates, (size,).
-            widths: over how much slopes are taken on a side, 0 for a coordinate that is not varied, (size,).
-            central: take them on both sides; else on one, for half of the time.
+            widths: over how much slopes are taken, away from a bound, 0 for a coordinate that is not varied, (size,).
         """
-        tasks, spans = list[tuple[int, Floats]](), list[Floats]()
+        low, high = self.bounds.T
+        ends = np.where(z + widths <= high, z + widths, np.maximum(z - widths, low))
+        tasks = list[tuple[int, Floats]]()
         for j in range(len(self.data)):
             places = self.columns(j)
-            own, steps = z[places], widths[places]
-            tasks.append((j, own))
-            distance = np.zeros(len(own))
-            for k, part in enumerate(self.free):
-                if steps[k] > 0.0:
-                    low, high = part.bounds
-                    up, down = min(own[k] + steps[k], high), max(own[k] - steps[k], low)
-                    if not central:
-                        up, down = (up, own[k]) if up > own[k] else (down, own[k])
-                    distance[k] = up - down
-                    ends = (up, down) if central else (up,)
-                    tasks += [(j, np.where(np.arange(len(own)) == k, end, own)) for end in ends]
-            spans.append(distance)
-        runs = iter(self.run(tasks))
-        found = []
-        for j, distance in enumerate(spans):
-            base = next(runs)
-            pairs = [
-                (base, base) if width == 0.0 else (next(runs), next(runs) if central else base) for width in distance
+            tasks.append((j, z[places]))
+            tasks += [
+                (j, np.where(np.arange(len(places)) == k, ends[places], z[places]))
+                for k in np.flatnonzero(widths[places])
             ]
-            found.append(derivatives_of(base, pairs, distance, self._weighing(j)))
+        runs = iter(self.run(tasks))
+        bases, sides = list[Innovations](), list[list[Innovations]]()
+        for j in range(len(self.data)):
+            base = next(runs)
+            bases.append(base)
+            sides.append([next(runs) if width else base for width in widths[self.columns(j)]])
+        scale, found = self.scales(bases), []
+        for j, (base, side) in enumerate(zip(bases, sides)):
+            places = self.columns(j)
+            pairs = [(one, base) for one in side]
+            found.append(derivatives_of(base, pairs, (ends - z)[places], self._weighing(j, scale)))
         return found
 
-    def derivatives(self, z: Floats, widths: Floats, central: bool = True) -> Derivatives:
+    def derivatives(self, z: Floats, widths: Floats) -> Derivatives:
         """Return −ln p of all logs and the prior, with its gradient, and the logs' information at a point.
 
         Args:
             z: all coordinates, (size,).
             widths: see `of_logs`.
-            central: see `of_logs`.
         """
-        return self.summed(self.of_logs(z, widths, central), z)
+        return self.summed(self.of_logs(z, widths), z)
 
     def summed(self, of_logs: Sequence[Derivatives], z: Floats) -> Derivatives:
         """Return the derivatives of all logs and the prior, from those of each log.
@@ -390,7 +343,7 @@ class Problem:
             log: its index.
             z: all coordinates, (size,).
         """
-        data, runner, n = self.data[log], self.filter.runner, len(self.filter.runner.state_names)
-        carry, p = self._begin(data, z[self.columns(log)])
+        runner, n = self.filter.runner, len(self.filter.runner.state_names)
+        carry, p = self._begin(log, z[self.columns(log)])
         end = runner.kernel.scan(carry, self._rows[log], p)[0][-1]
         return mean_of(end, n), covariance_of(end, n)

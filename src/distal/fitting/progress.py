@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-TYPICAL_ITERATIONS = 40.0
-"""A part of a fit takes about so many iterations: only a bar goes by it."""
+TYPICAL_ITERATIONS = 8.0
+"""A search takes about so many iterations: only a bar goes by it."""
+
+BEFORE_SEARCH, AFTER_SEARCH = 0.05, 0.35
+"""Shares of the time that what comes before a search takes, and what has passed after it; candidates take the rest."""
 
 
 @dataclass(frozen=True)
@@ -14,38 +17,54 @@ class Doing:
     """What a fit is doing now.
 
     Args:
-        stage: of the search.
-        iteration: in it.
-        cost: −ln p.
+        stage: its name.
+        within: share of this part that is done, about.
+        iteration: of a search, else 0.
         part: 0 for the fit to all logs, then a fold after the other.
         parts: how many there are.
-        done: iterations of this part so far.
     """
 
     stage: str
-    iteration: int
-    cost: float
+    within: float
+    iteration: int = 0
     part: int = 0
     parts: int = 1
-    done: int = 0
 
     @property
     def share(self) -> float:
         """Share of the whole fit that is done, about."""
-        return (self.part + self.done / (self.done + TYPICAL_ITERATIONS)) / self.parts
+        return (self.part + self.within) / self.parts
 
 
 Progress = Callable[[Doing], None]
 
 
-def staged(progress: Progress | None, stage: str) -> Callable[[int, float], None] | None:
+def searching(progress: Progress | None, stage: str) -> Callable[[int, float], None] | None:
     """Return what a search calls after each iteration.
 
     Args:
         progress: called with what is done; None for nothing.
         stage: its name.
     """
-    return None if progress is None else lambda iteration, cost: progress(Doing(stage, iteration, cost))
+    if progress is None:
+        return None
+    room = AFTER_SEARCH - BEFORE_SEARCH
+    return lambda iteration, _: progress(
+        Doing(stage, BEFORE_SEARCH + room * iteration / (iteration + TYPICAL_ITERATIONS), iteration)
+    )
+
+
+def judging(progress: Progress | None, stage: str, done: int, count: int) -> None:
+    """Say that a candidate is judged next.
+
+    Args:
+        progress: called with what is done; None for nothing.
+        stage: its name.
+        done: candidates that are judged already.
+        count: of all.
+    """
+    if progress is not None:
+        progress(Doing(stage, AFTER_SEARCH + (1.0 - AFTER_SEARCH) * done / count))
 
 
 def of_part(progress: Progress | None, part: int, parts: int) -> Progress | None:
@@ -56,13 +75,4 @@ def of_part(progress: Progress | None, part: int, parts: int) -> Progress | None
         part: 0 for the fit to all logs, then a fold after the other.
         parts: how many there are.
     """
-    if progress is None:
-        return None
-    done = 0
-
-    def say(doing: Doing) -> None:
-        nonlocal done
-        done += 1
-        progress(replace(doing, part=part, parts=parts, done=done))
-
-    return say
+    return None if progress is None else lambda doing: progress(replace(doing, part=part, parts=parts))

@@ -11,14 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalError
-from distal.fitting.angle_maps import CLEARLY
 from distal.fitting.fitted import FittedNumber, assignments
 from distal.fitting.fitted_file import MARK, fitted_text
 from distal.fitting.learn import Learned
 from distal.fitting.leave_out import Compared, Fold
 from distal.fitting.maps import MapFit
 from distal.fitting.options import Options
-from distal.fitting.proposals import Proposal
 from distal.fitting.selection import paths_of
 from distal.logs import Log, shown, write_whole
 from distal.rig import Rig
@@ -55,9 +53,8 @@ class Fit:
             ``discrepancy``, the angle error that the model leaves, ``contact``, the external torque.
         folds: each log (or unit) left out once.
         doubts: sentences with the reasons not to trust the fit.
-        prior_share: where there are doubts, the share of the prior stds that the numbers keep: the largest with which the
-            angle is not clearly worse on these logs; 0 is `hold`; None where stds come from the logs.
-        proposals: changes that would improve the rig, best first; only on request.
+        hold: whether filters are to take the numbers as they are.
+        candidates: name and RMS error on logs left out [rad] of each way that was tried, the chosen one first.
     """
 
     rig: Rig
@@ -83,8 +80,8 @@ class Fit:
     maps: Mapping[str, MapFit] = field(default_factory=dict)
     folds: tuple[Fold, ...] = ()
     doubts: tuple[str, ...] = ()
-    prior_share: float | None = None
-    proposals: tuple[Proposal, ...] = ()
+    hold: bool = False
+    candidates: tuple[tuple[str, float], ...] = ()
 
     @classmethod
     def of(
@@ -94,7 +91,6 @@ class Fit:
         logs: Sequence[Log],
         options: Options,
         folds: tuple[Fold, ...],
-        proposals: tuple[Proposal, ...] = (),
         asked: int = 0,
     ) -> Fit:
         """Return one result: what was learned from logs, and its scores on those left out.
@@ -105,7 +101,6 @@ class Fit:
             logs: of the fit.
             options: what was asked.
             folds: each log left out once.
-            proposals: changes of the rig that were tried.
             asked: how many folds there were to be.
         """
         numbers, own = learned.numbers, len(start.sensors)
@@ -118,7 +113,7 @@ class Fit:
         return cls(
             rig=learned.rig,
             start=start,
-            fitted=tuple(part for part in numbers.fitted if of_rig(part)),
+            fitted=tuple(part for part in learned.fitted if of_rig(part)),
             logs=tuple(log.source for log in logs),
             duration=float(sum(log.time[-1] - log.time[0] for log in logs)),
             samples=sum(len(log) for log in logs),
@@ -139,8 +134,8 @@ class Fit:
             maps=learned.maps,
             folds=folds,
             doubts=learned.doubts,
-            prior_share=learned.prior_share,
-            proposals=proposals,
+            hold=learned.hold,
+            candidates=learned.candidates,
         )
 
     def __repr__(self) -> str:
@@ -180,9 +175,8 @@ class Fit:
         ]
 
     def advice(self) -> list[str]:
-        """Return what to know before the rig is used, one sentence each: proposals, doubts, hidden errors, advice."""
-        lines = [f"proposal: {one.text}" for one in self.proposals]
-        lines += [f"doubt: {line}" for line in self.doubts]
+        """Return what to know before the rig is used, one sentence each: doubts, hidden errors, advice."""
+        lines = [f"doubt: {line}" for line in self.doubts]
         for joint in self.rig.joints:
             if joint.external_torque.std > 0.0:
                 torque = f"{1e3 * joint.external_torque.std:.3g} mN m"
@@ -191,13 +185,6 @@ class Fit:
                     "does not include what it may hide; declare it only where something can touch the joint"
                 )
         lines += [f"these logs tell {line}" for line in self.combinations]
-        errors = {name: rms for name, rms, _ in self.scores()}
-        taken = "discrepancy" in self.maps and self.maps["discrepancy"].is_affine
-        if errors.get("adaptive", 0.0) > CLEARLY * errors.get("affine", np.inf) and not taken:
-            lines.append(
-                f"on logs left out affine errs less ({np.rad2deg(errors['affine']):.2g}° against "
-                f"{np.rad2deg(errors['adaptive']):.2g}°): within the range of these logs, use --estimator affine"
-            )
         return lines
 
     def __getitem__(self, name: str) -> FittedNumber:
@@ -233,7 +220,7 @@ class Fit:
     def assignments(self) -> dict[str, object]:
         """Return path → value (with its std, where it had one) of what changed, as for `Rig.with_values`."""
         learned = {name: one.as_table() for name, one in self.maps.items()}
-        return {**assignments(self.fitted, self.start, self.prior_share), **self.curves, **learned}
+        return {**assignments(self.fitted, self.start, self.hold), **self.curves, **learned}
 
     def _account(self) -> str:
         """Return the comment at the head of a fitted file: what it was fitted to, and where each value came from."""

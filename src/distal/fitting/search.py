@@ -13,22 +13,23 @@ from distal.fitting.problem import Problem
 
 Floats = NDArray[np.float64]
 
-MOST_ITERATIONS = 60
+SETTLED = 5e-3
+"""The search ends where the next step is predicted to gain less than this of −ln p: a tenth of a standard error."""
 
-SMALLEST_GAIN = 3e-2
-"""The search ends where the next step is predicted to gain less than this of −ln p: a quarter of a standard error."""
+ENOUGH = 0.02
+"""It ends too where two steps after each other gain less than this: −ln p has kinks of this size, which no step ends at."""
 
-COARSEST = 16.0
-"""Where no step leads down, slopes are taken over up to so many times the distance before the search ends."""
+WIDER = 4.0
+"""The second of them goes by slopes over so many times the distance."""
 
-DAMPINGS = (1e-4, 1e-2, 1.0, 100.0)
+DAMPINGS = (0.0, 0.1, 1.0, 100.0)
 """Shares of the information's diagonal that are added to it: a step of each is tried, side by side."""
 
-STRIDES = (1.0, 4.0, 16.0)
-"""So many times the last step is tried too, from where it ended: in a bent valley every step is short."""
+STRIDES = (0.5,)
+"""So many times the undamped step is tried too: in a bent valley steps are too short, across a kink too long."""
 
 FIRST_WIDTH = 1e-2
-"""The first slopes are taken over this share of a value on either side, or of its scale where it may be zero."""
+"""The first slopes are taken over this share of a value, or of its scale where it may be zero."""
 
 SLOPE_WIDTH = 0.3
 """Later ones over this share of what a number would be known to if all others were: over less, kinks of friction look like
@@ -37,7 +38,7 @@ information (docs/explanation/learning.md)."""
 SMALLEST_WIDTH, SMALLEST_NOISE_WIDTH = 1e-3, 0.05
 """Least such shares: of a number, and of a noise, which changes where a joint slips and so what it seems to tell."""
 
-COARSE_SHARE, COARSE_LEAST, COARSE_ITERATIONS = 0.25, 400, 20
+COARSE_SHARE, COARSE_LEAST, COARSE_ITERATIONS = 0.25, 400, 8
 """The start is searched with the first quarter of each log, at least so many samples, in so many iterations."""
 
 STARTS = 16
@@ -46,18 +47,8 @@ STARTS = 16
 UNKNOWN_SPREAD = 2.0
 """Spread of those points where there is no prior, in units of the coordinate (a tenth of the value)."""
 
-PROBES, PROBE_SIZE, PROBE_ROUNDS = 7, 0.5, 3
-"""After the search so many points are tried, so many standard errors away, and it goes on from a lower one."""
-
-LOUDER = (1.0, 2.0, 3.0)
-"""Coarse searches begin with noise larger by this, in logarithms; the next only where the one before is not accepted."""
-
-ACCEPTED = 1.5
-"""Mean ν²/S of every channel below which the end of the first coarse search is accepted, and no other start is tried."""
-
-NEAR_GAIN = 1.0
-"""Slopes are taken on both sides where the next step is predicted to gain less than this of −ln p."""
-
+FIRST_ITERATIONS = 3
+"""What the channels' values are worth is found again after so many iterations."""
 
 Progress = Callable[[int, float], None]
 
@@ -83,73 +74,46 @@ class Found:
     interrupted: bool = False
 
 
-def most_likely(problem: Problem, seed: int, progress: Progress | None = None, begin: Floats | None = None) -> Found:
-    """Return the most likely coordinates: a coarse search from several starts, then a fine one from the best end.
+def coarse_start(problem: Problem, seed: int, begin: Floats, progress: Progress | None = None) -> Found:
+    """Return where to begin: the end of a search with the beginnings of the logs.
+
+    It begins at a given point, or, where that is the priors' mean, at the likeliest of some points drawn from the priors.
 
     Args:
         problem: what is minimised.
-        seed: of the starts.
+        seed: of the points.
+        begin: coordinates to begin with, (n,).
         progress: called with the iteration and −ln p after each step.
-        begin: coordinates to begin with instead of the priors' mean, (n,).
     """
-    rng = np.random.default_rng(seed)
-    coarse = problem.beginning(COARSE_SHARE, COARSE_LEAST)
+    zero = _inside(problem, begin)
+    coarse = problem.beginning(COARSE_SHARE, COARSE_LEAST).assessed(zero)
     noise = np.array([part.noise for part, _ in problem.parts])
-    zero = np.zeros(problem.size) if begin is None else np.asarray(begin, dtype=np.float64)
-    # with more noise than there is −ln p has fewer valleys
-    begins = [_inside(problem, np.where(noise, zero + louder, zero)) for louder in LOUDER]
     spreads = np.where(noise, 0.0, np.where(np.isfinite(problem.prior_stds), problem.prior_stds, UNKNOWN_SPREAD))
-    drawn = [_inside(problem, begins[0] + spreads * rng.normal(size=problem.size)) for _ in range(STARTS)]
-    ends = list[Found]()
-    for k in range(len(begins) + 1 if begin is None else 1):
-        start = begins[k] if k < len(begins) else drawn[int(np.argmin(coarse.costs(drawn)))]
-        ends.append(search(coarse, start, progress, most=COARSE_ITERATIONS, central=False))
-        if ends[-1].interrupted or _accepted(coarse, ends[-1]):
-            break
-    points = [zero, *(end.z for end in ends)]
-    costs = problem.costs(points)
-    best = int(np.argmin(costs))
-    if ends[-1].interrupted:
-        return replace(ends[-1], z=points[best], cost=float(costs[best]))
-    found = search(problem, points[best], progress)
-    return polished(problem, found, rng, progress)
+    rng = np.random.default_rng(seed)
+    drawn = [] if begin.any() else [_inside(problem, spreads * rng.normal(size=problem.size)) for _ in range(STARTS)]
+    points = [zero, *drawn]
+    likeliest = points[int(np.argmin(coarse.costs(points)))]
+    return search(coarse.assessed(likeliest), likeliest, progress, most=COARSE_ITERATIONS)
 
 
-def _accepted(problem: Problem, found: Found) -> bool:
-    """Return whether a search ended where every channel is as the filter expects it: no other valley is looked for."""
-    runs = problem.at(found.z)
-    values, variances = (np.vstack([getattr(run, name) for run in runs]) for name in ("values", "variances"))
-    known = np.isfinite(values).any(axis=0)
-    ratios = np.nanmean(values[:, known] ** 2 / variances[:, known], axis=0)
-    return bool(found.converged and np.all(ratios < ACCEPTED))
-
-
-def polished(problem: Problem, found: Found, rng: np.random.Generator, progress: Progress | None = None) -> Found:
-    """Return the end of a search that goes on while a point near by, drawn from its standard errors, is lower.
+def most_likely(
+    problem: Problem, start: Floats, progress: Progress | None = None, fixed: NDArray[np.bool_] | None = None
+) -> tuple[Problem, Found]:
+    """Return the problem as its channels are worth at the end, and the most likely coordinates.
 
     Args:
         problem: what is minimised.
-        found: where the search ended.
-        rng: draws the points.
-        progress: see `most_likely`.
+        start: coordinates, (n,).
+        progress: called with the iteration and −ln p after each step.
+        fixed: coordinates that stay as they are, (n,).
     """
-    try:
-        for _ in range(PROBE_ROUNDS):
-            if found.interrupted or not found.converged:
-                break
-            step = np.linalg.cholesky(np.linalg.inv(hessian(problem, found.derivatives)))
-            near = [
-                _inside(problem, found.z + PROBE_SIZE * step @ rng.normal(size=problem.size)) for _ in range(PROBES)
-            ]
-            costs = problem.costs(near)
-            best = int(np.argmin(costs))
-            if not costs[best] < found.cost - SMALLEST_GAIN:
-                break
-            again = search(problem, near[best], progress, first=found.derivatives)
-            found = replace(again, iterations=found.iterations + again.iterations)
-    except KeyboardInterrupt:
-        return replace(found, interrupted=True)
-    return found
+    problem = problem.assessed(start)
+    begun = search(problem, start, progress, most=FIRST_ITERATIONS, fixed=fixed)
+    if begun.interrupted:
+        return problem, begun
+    problem = problem.assessed(begun.z)
+    found = search(problem, begun.z, progress, fixed=fixed, near=begun.derivatives)
+    return problem, replace(found, iterations=begun.iterations + found.iterations)
 
 
 def search(
@@ -157,11 +121,10 @@ def search(
     start: Floats,
     progress: Progress | None = None,
     *,
-    most: int = MOST_ITERATIONS,
+    most: int | None = None,
     fixed: NDArray[np.bool_] | None = None,
-    first: Derivatives | None = None,
+    near: Derivatives | None = None,
     known: Derivatives | None = None,
-    central: bool = True,
 ) -> Found:
     """Return the local minimum of −ln p that Fisher scoring leads to from a start.
 
@@ -174,45 +137,44 @@ def search(
         problem: what is minimised.
         start: coordinates, (n,).
         progress: called with the iteration and −ln p after each step.
-        most: iterations.
+        most: iterations; None for the problem's own.
         fixed: coordinates that stay as they are, (n,).
-        first: derivatives near the start, by which the widths of the slopes are chosen.
+        near: derivatives near the start, by which the widths of the slopes are chosen.
         known: those at the start, where they are known already.
-        central: take slopes on both sides near the end; else on one side only.
     """
     free = np.ones(problem.size, dtype=bool) if fixed is None else ~fixed
-    z = _inside(problem, start)
-    near_by = first if known is None else known
+    z, near_by = _inside(problem, start), near if known is None else known
     widths = first_widths(problem) if near_by is None else widths_at(problem, z, near_by)
-    nothing = np.zeros((problem.size, problem.size))  # an interruption may come before anything is known
-    found = Found(z, np.inf, Derivatives(np.inf, np.zeros(problem.size), nothing, nothing, 0))
-    coarser, near, last = 1.0, False, np.zeros(problem.size)
+    n = problem.size  # an interruption may come before anything is known
+    found = Found(z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0))
+    wider = 1.0
     try:
-        derivatives = problem.derivatives(z, np.where(free, widths, 0.0), False) if known is None else known
-        found = Found(z, derivatives.cost, derivatives)
-        for iteration in range(1, most + 1):
+        derivatives = problem.derivatives(z, np.where(free, widths, 0.0)) if known is None else known
+        # what logs are worth may be told apart from others there: the cost is this problem's own
+        cost = derivatives.cost if known is None else float(problem.costs([z])[0])
+        found = Found(z, cost, derivatives)
+        last = problem.most if most is None else most
+        for iteration in range(1, last + 1):
             steps = [damped_step(problem, found.z, derivatives, free, damping) for damping in DAMPINGS]
             found, predicted = replace(found, iterations=iteration), steps[0][1]
-            ahead = [_inside(problem, found.z + share * last) for share in STRIDES if last.any()]
+            if predicted < SETTLED:
+                return replace(found, converged=True)
+            ahead = [_inside(problem, found.z + share * steps[0][0]) for share in STRIDES]
             points = [*(found.z + step for step, _ in steps), *ahead]
-            costs = problem.costs(points) if predicted >= SMALLEST_GAIN else np.full(1, np.inf)
+            costs = problem.costs(points)
             best = int(np.argmin(costs))
+            gained = found.cost - float(costs[best])
             if progress is not None:
                 progress(iteration, min(float(costs[best]), found.cost))
-            gained = found.cost - float(costs[best])
-            if gained >= SMALLEST_GAIN:
-                last = points[best] - found.z
+            if gained > 0.0:
                 found = replace(found, z=points[best], cost=float(costs[best]))
-                near = central and (near or predicted < NEAR_GAIN)
-            elif central and not near:
-                near = True
-            elif predicted >= SMALLEST_GAIN and coarser < COARSEST:
-                coarser *= 4.0  # no way down by these slopes: they may be those of a kink
-            else:
+            if gained < ENOUGH and wider > 1.0:
                 return replace(found, converged=True)
-            widths = coarser * widths_at(problem, found.z, derivatives)
-            derivatives = problem.derivatives(found.z, np.where(free, widths, 0.0), near)
-            found = replace(found, derivatives=derivatives)
+            wider = WIDER if gained < ENOUGH else 1.0
+            if iteration < last:
+                widths = wider * widths_at(problem, found.z, derivatives)
+                derivatives = problem.derivatives(found.z, np.where(free, widths, 0.0))
+                found = replace(found, derivatives=derivatives)
     except KeyboardInterrupt:
         return replace(found, interrupted=True)
     return found
@@ -232,7 +194,7 @@ def hessian(problem: Problem, derivatives: Derivatives) -> Floats:
 
 
 def first_widths(problem: Problem) -> Floats:
-    """Return half of the distance over which the first slopes are taken, (n,).
+    """Return the distance over which the first slopes are taken, (n,).
 
     Args:
         problem: with its coordinates.
@@ -241,7 +203,7 @@ def first_widths(problem: Problem) -> Floats:
 
 
 def widths_at(problem: Problem, z: Floats, derivatives: Derivatives) -> Floats:
-    """Return half of the distance over which slopes are taken, (n,): `SLOPE_WIDTH` of what each number alone is known to.
+    """Return the distance over which slopes are taken, (n,): `SLOPE_WIDTH` of what each number alone is known to.
 
     As a share of the value it is a power of two, so that two numbers that show only as a product meet the same kinks.
 

@@ -85,10 +85,10 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
         derivatives: of −ln p there.
         z: coordinates, (n,).
     """
-    n, limit = problem.size, problem.prior_stds
+    limit = problem.prior_stds
     inverse = np.linalg.pinv(hessian(problem, derivatives), hermitian=True)
     # few spans of time tell too small a variance (MacKinnon and White, J. Econometrics 29, 1985)
-    few = derivatives.spans / max(derivatives.spans - n, 1)
+    few = derivatives.spans / max(derivatives.spans - problem.size, 1)
     sandwich = inverse @ (few * derivatives.meat + np.diag(1.0 / limit**2)) @ inverse
     variances = np.maximum(np.diag(sandwich), np.diag(inverse))
     scale = np.sqrt(variances / np.maximum(np.diag(inverse), 1e-300))

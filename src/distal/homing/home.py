@@ -12,6 +12,7 @@ from distal.homing.apply import calibrate_contact, calibrated, homing_prior
 from distal.homing.least_squares import led_astray, with_straight_line
 from distal.homing.window import Window
 from distal.logs import Log
+from distal.threads import one_blas_thread
 
 Floats = NDArray[np.float64]
 
@@ -38,6 +39,7 @@ class Homed:
     notes: tuple[str, ...] = ()
 
 
+@one_blas_thread()
 def home(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, known: Floats, homing: float) -> Homed:
     """Return filter, first belief and samples of a run, adapted by its homing move.
 

@@ -26,6 +26,9 @@ OWNS = (1.0, 0.5, 0.25)
 WORTH = 0.9
 """A smaller share is used if its band is narrower than this share of the wider band."""
 
+BELOW_NOISE = 0.3
+"""An error below this share of the reference's own noise is told no closer: there all maps are alike."""
+
 Errors = tuple[Floats, Floats, Floats]
 """On a log: errors e, variances u that are scaled, and variances v that are not."""
 
@@ -72,7 +75,10 @@ def rms_beyond_noise(errors: Sequence[Sequence[Errors]], noise: float = 0.0) -> 
         noise: std of the reference's random error, which no map can explain: its variance is taken off.
     """
     each = [
-        np.sqrt(max(float(np.mean(error**2)) - noise**2, 0.0)) for log in errors for error, _, _ in log if len(error)
+        np.sqrt(max(float(np.mean(error**2)) - noise**2, (BELOW_NOISE * noise) ** 2))
+        for log in errors
+        for error, _, _ in log
+        if len(error)
     ]
     return float(np.mean(each)) if each else float("nan")
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TypeVar
 
 import casadi as ca
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.expressions import Scalar
+from distal.kernels import Kernel
 from distal.rig import CONSTANT, LearnedMap, factors
 
 Floats = NDArray[np.float64]
@@ -141,6 +143,14 @@ def columns(terms: Sequence[str], values: Mapping[str, Value], one: Value) -> li
     return built
 
 
+@cache
+def _play() -> Kernel:
+    """Return (z, x, w) → z⁺, twice: what the play passes on is its memory."""
+    z, x, w = (ca.SX.sym(name) for name in ("z", "x", "w"))
+    after = ca.fmin(ca.fmax(z, x - w), x + w)
+    return Kernel(ca.Function("play", [z, x, w], [after, after]))
+
+
 def played(values: Floats, half: float) -> Floats:
     """Return readings after a play of a half-width: z⁺ = min(max(z, x − w), x + w) (Visintin, 1994, ch. III).
 
@@ -150,10 +160,7 @@ def played(values: Floats, half: float) -> Floats:
         values: x, (k,).
         half: w.
     """
-    play, after = float(values[0]), np.empty(len(values))
-    for k, value in enumerate(values.tolist()):
-        play = min(max(play, value - half), value + half)
-        after[k] = play
+    after: Floats = _play().scan(values[:1], values[:, None], np.array([half]))[1][:, 0]
     return after
 
 

@@ -12,6 +12,7 @@ from distal.errors import FitError
 from distal.regression.band import NORMAL, Errors, rms_beyond_noise, sized, student, widened_between
 from distal.regression.extrapolation import extrapolation
 from distal.regression.features import Samples, design, predict
+from distal.regression.folds import splits
 from distal.regression.random_effects import independent, random_effects, row_of, rows_of
 from distal.regression.window import calibrate_window
 from distal.rig import JointMap, LearnedMap
@@ -21,7 +22,7 @@ Floats = NDArray[np.float64]
 ENOUGH_LOGS = 5
 """With fewer logs than this, the variation from log to log is hardly known, and the band is widened for that."""
 
-MOST_SAMPLES = 2500
+MOST_SAMPLES = 1000
 """At most this many samples of a log are used for learning, evenly spaced."""
 
 SAMPLES_PER_TERM = 20
@@ -104,7 +105,8 @@ def learn_map(
     if partly and homing is not None and len(set(folds)) > 1:
 
         def told(out: int) -> LearnedMap | None:
-            rest = [one for one, own in zip(data, folds) if own != folds[out]]
+            left = next(left for gone, left in splits(folds) if out in gone)
+            rest = [data[i] for i in left]
             sized = {"band": learned.band, "own": learned.own}
             return (
                 fit_coefficients(rest, kind, chosen).model_copy(update=sized)
@@ -309,12 +311,12 @@ def left_out_errors(
         homing: length of the homing window [s], or None.
     """
     errors = []
-    for fold in sorted(set(folds)):
-        rest = [one for one, own in zip(data, folds) if own != fold]
+    for out, left in splits(folds):
+        rest = [data[i] for i in left]
         if not _all_known(rest, kind, chosen):
             continue  # without these logs nothing is known of a joint
         learned = fit_coefficients(rest, kind, chosen)
-        errors += [errors_of(learned, one, kind, homing) for one, own in zip(data, folds) if own == fold]
+        errors += [errors_of(learned, data[i], kind, homing) for i in out]
     return errors
 
 

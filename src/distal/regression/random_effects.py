@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 EM_ITERATIONS = 100
 """Most steps of expectation–maximisation for the spread between logs."""
 
-EM_SETTLED = 1e-3
+EM_SETTLED = 1e-2
 """It ends where a step changes the spread by less than this share."""
 
 SMALLEST_SHARE = 1e-8

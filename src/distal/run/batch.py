@@ -18,6 +18,7 @@ from distal.logs import Log, Source, read_log
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
 from distal.run.offline import Run, check_bounds, finished, prepared, runner_for
+from distal.threads import one_blas_thread
 
 Skip = Callable[[str, DistalError], None]
 
@@ -84,6 +85,7 @@ def _batch(
         except DistalError as problem:
             return problem
 
+    @one_blas_thread()
     def work(sources: Sequence[Log | Source]) -> list[Estimate | DistalError]:
         read = [load(source) for source in sources]
         assert runner is not None  # made before the first group is

@@ -31,6 +31,7 @@ from distal.study.description import Plan
 from distal.study.kernels import Kernels
 from distal.study.plants import Draw, built_values, draws_of, scores
 from distal.study.space import ESTIMATOR, FEEDBACK, Design, Space, rig_of, space_of
+from distal.threads import one_blas_thread
 
 Floats = NDArray[np.float64]
 Item = TypeVar("Item")
@@ -80,7 +81,7 @@ def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
         plan: the study.
         designs: their indices.
     """
-    with _TURNS:
+    with _TURNS, one_blas_thread():
         return _rows(plan, designs)
 
 

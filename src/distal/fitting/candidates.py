@@ -1,0 +1,190 @@
+"""Candidates: each way of describing what logs have, judged by the same logs left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from distal.estimators import affine_of, affine_samples
+from distal.fitting.fitted import assignments, described
+from distal.fitting.jackknife import numbers_without
+from distal.fitting.map_samples import discrepancy_of, filtered, mean_rms, partly_homed
+from distal.fitting.maps import MapFit, map_of
+from distal.fitting.numbers import Numbers
+from distal.fitting.options import Options
+from distal.fitting.reference_error import with_reference_error
+from distal.logs import Log
+from distal.regression import Kind, Samples, as_discrepancy, folds_of, left_out_errors, rms_beyond_noise
+from distal.rig import Rig
+from distal.sensors import place_offsets
+
+AS_IT_CAME, BY_EQUATIONS, BY_FILTER, LINE = (
+    "the rig as it came",
+    "numbers by its equations",
+    "numbers by its filter",
+    "a straight line",
+)
+"""Names of the candidates; of each but the line with what the angle then lacks (`discrepancy`) on top."""
+
+SURER = 0.85
+"""Filters take the numbers as they are (`hold`) if that brings the angle's error below this share."""
+
+LINE_COSTS = 1.1
+"""The angle is taken from the line if the others err by this many times as much: it knows nothing beyond the logs."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """What candidates learn from.
+
+    Args:
+        known: logs with a truth.
+        groups: of each, which are left out together.
+        rig: the description as it came.
+        options: of the fit.
+    """
+
+    known: tuple[Log, ...]
+    groups: tuple[str, ...]
+    rig: Rig
+    options: Options
+
+    @property
+    def folds(self) -> list[int]:
+        """The fold of each log."""
+        return folds_of(self.groups)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One way of describing what logs have.
+
+    Args:
+        name: of the way.
+        rig: the description with numbers and maps.
+        numbers: that are in it, None where they are as they came.
+        hold: whether filters take the numbers as they are.
+        maps: learned beside the numbers, by the name of the table.
+        error: RMS error of the angle on logs left out [rad]; infinite where it cannot run.
+        data: what its filter makes of the logs with numbers that have not seen them, by the index of the log.
+        refused: sentences on logs that its filter could not follow.
+    """
+
+    name: str
+    rig: Rig
+    numbers: Numbers | None
+    hold: bool
+    maps: Mapping[str, MapFit]
+    error: float
+    data: Mapping[int, Samples]
+    refused: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What a filter makes of the logs with numbers that have not seen them, by the index of the log."""
+
+    rigs: Sequence[Rig]
+    hold: bool
+    data: Mapping[int, Samples]
+    refused: Sequence[str]
+
+
+def filter_candidate(name: str, training: Training, numbers: Numbers | None) -> Candidate:
+    """Return the candidate of a filter with some numbers, and the map of what its angle then lacks.
+
+    Args:
+        name: of the candidate.
+        training: what it learns from.
+        numbers: None for those of the rig as it came.
+    """
+    run, hold = _run(training, numbers, False), False
+    if numbers is not None and run.data and training.options.homing is None:
+        surer = _run(training, numbers, True)
+        if len(surer.data) == len(run.data) and mean_rms(surer.data) < SURER * mean_rms(run.data):
+            run, hold = surer, True
+    rig = (
+        training.rig
+        if numbers is None
+        else described(training.rig, assignments(numbers.fitted, numbers.problem.filter.rig, hold))
+    )
+    if not run.data:
+        return Candidate(name, rig, numbers, hold, {}, np.inf, {}, tuple(run.refused))
+    homing, samples, ran = training.options.homing, list(run.data.values()), list(run.data)
+    own, groups = [run.rigs[i] for i in ran], [training.groups[i] for i in ran]
+    half = partly_homed([training.known[i] for i in ran], own, homing, training.options.compiled)
+    kind = discrepancy_of(rig, samples)
+    found = _with_reference_error(map_of(samples, kind, rig, homing, groups, scored=False, partly=half), training)
+    error = _error(samples, kind, found, groups, homing)
+    return Candidate(name, found.rig, numbers, hold, {found.table: found}, error, run.data, tuple(run.refused))
+
+
+def _error(samples: Sequence[Samples], kind: Kind, found: MapFit, groups: Sequence[str], homing: float | None) -> float:
+    """Return the RMS error on logs left out beyond the reference's own noise [rad], infinite where none is left out."""
+    noise = max(one.reference_std for one in samples)
+    error = rms_beyond_noise(left_out_errors(samples, kind, found.terms, folds_of(groups), homing), noise)
+    return error if np.isfinite(error) else np.inf
+
+
+def _run(training: Training, numbers: Numbers | None, hold: bool) -> _Run:
+    folds = training.folds
+    if numbers is None:
+        rigs = [training.rig] * len(folds)
+    else:
+        unseen = numbers_without(numbers, training.known, folds)
+        each = [described(training.rig, assignments(own.fitted, own.problem.filter.rig, hold)) for own in unseen]
+        rigs = [each[fold] for fold in folds]
+    return _Run(rigs, hold, *filtered(training.known, rigs, training.options.homing, training.options.compiled))
+
+
+def line_map(training: Training) -> MapFit:
+    """Return the map of the estimator `affine`: angles as a straight line of what the sensors read.
+
+    Args:
+        training: what it learns from.
+    """
+    data = [affine_samples(log, training.rig) for log in training.known]
+    data = [one.part(np.asarray(np.isfinite(one.targets).any(axis=1))) for one in data]
+    found = map_of(data, affine_of(training.rig), training.rig, training.options.homing, training.groups, scored=False)
+    return _with_reference_error(found, training)
+
+
+def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candidate:
+    """Return the candidate that reports the line's angle within the range of the logs, and moves with a filter beyond it.
+
+    Args:
+        training: what it learns from.
+        line: see `line_map`.
+        base: the filter beside it.
+    """
+    frame, rig = base.maps["discrepancy"], base.rig.bare()
+    among = [_at_times_of(one, affine_samples(training.known[i], training.rig)) for i, one in base.data.items()]
+    among = [replace(one, reference_std=base.data[i].reference_std) for i, one in zip(base.data, among)]
+    error = _error(among, affine_of(training.rig), line, [training.groups[i] for i in base.data], None)
+    other = as_discrepancy(line.learned, frame.learned, place_offsets(rig, line.learned.channels))
+    note = f"discrepancy: within the range of the logs the angle is that of affine: {line.notes[0].partition(': ')[2]}"
+    made = replace(frame.with_map(other), notes=(note, *frame.notes[1:]), terms=line.terms)
+    return Candidate(LINE, made.rig, base.numbers, base.hold, {made.table: made}, error, base.data, base.refused)
+
+
+def best_of(candidates: Sequence[Candidate]) -> Candidate:
+    """Return the candidate that errs least on logs left out; a line costs `LINE_COSTS`.
+
+    Args:
+        candidates: in the order in which equal ones are preferred.
+    """
+    return min(candidates, key=lambda one: one.error * (LINE_COSTS if one.name == LINE else 1.0))
+
+
+def _at_times_of(one: Samples, straight: Samples) -> Samples:
+    """Return samples of readings, their target known at those times only at which that of others is."""
+    there = np.isin(straight.time, one.time[np.isfinite(one.targets).any(axis=1)])
+    return replace(straight, targets=np.where(there[:, None], straight.targets, np.nan))
+
+
+def _with_reference_error(found: MapFit, training: Training) -> MapFit:
+    if training.options.homing is not None:
+        return found
+    return found.with_map(with_reference_error(found.learned, training.rig, training.known))

@@ -1,0 +1,120 @@
+"""The filter of a fit: what is free is an input of its kernel, and several runs go through it side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.estimators import AdaptiveFilter, Robustness
+from distal.fitting.free import Free
+from distal.fitting.resampling import refined, steps_per_sample
+from distal.fitting.stops import in_stops
+from distal.kernels import CompileError, LaneKernel
+from distal.logs import Log, true_angles
+from distal.rig import Rig, Sensor
+from distal.run import samples_of
+from distal.sensors import variance
+
+Floats = NDArray[np.float64]
+
+FINE = 0.2
+"""Largest product of sub-step and a joint's own frequency in a fit: its errors must not look like parameters."""
+
+
+@dataclass(frozen=True)
+class Data:
+    """A log, ready for the filter.
+
+    Args:
+        log: as read.
+        samples: values of the filter's channels, (k, n_channels); references are the last.
+        rows: what the kernel takes.
+        last: index of each sample's own row.
+    """
+
+    log: Log
+    samples: Floats
+    rows: Floats
+    last: NDArray[np.intp]
+
+    def beginning(self, count: int) -> Data:
+        """Return the first samples of the log.
+
+        Args:
+            count: how many.
+        """
+        count = min(count, len(self.last))
+        log = Log(self.log.time[:count], {}, {}, self.log.source)
+        return Data(log, self.samples[:count], self.rows[: self.last[count - 1] + 1], self.last[:count])
+
+
+class FitFilter:
+    """The filter of a fit: what is free is an input of its kernel, and several runs go through it side by side.
+
+    Args:
+        rig: the description, with its references.
+        references: the sensors of joints' angles.
+        free: what is varied.
+        steps: rows per sample, see `resampling`; more of them need fewer sub-steps each.
+        compiled: compile the kernel where possible.
+    """
+
+    def __init__(
+        self, rig: Rig, references: Sequence[Sensor], free: Sequence[Free], steps: int = 1, compiled: bool = True
+    ) -> None:
+        self.rig, self.references, self.steps = rig, tuple(references), steps
+        given = [path for part in free for path in part.paths]
+        self.runner = AdaptiveFilter(
+            rig,
+            False,
+            Robustness.fitting(),
+            name="fit",
+            references=self.references,
+            inputs=given,
+            resolution=FINE * steps,
+        )
+        self.lanes: LaneKernel | None = None
+        if compiled:
+            try:
+                self.lanes = LaneKernel(self.runner.kernel.function)
+            except CompileError:
+                self.lanes = None  # the interpreter gives the same numbers
+
+    def data_of(self, log: Log) -> Data:
+        """Return a log, ready for the filter; displacements between samples follow a cubic where chords would err.
+
+        Args:
+            log: with the reference as truth, NaN or absent where it is not known.
+        """
+        runner, joints = self.runner, [joint.name for joint in self.rig.joints]
+        proximal = samples_of(log, runner.channels[: -len(self.references)], "fit")
+        known = true_angles(log, joints)
+        truth = np.full((len(log), len(joints)), np.nan) if known is None else known
+        read = [joints.index(sensor.of) for sensor in self.references]
+        # how a joint rests in a stop is the stop's own affair: what is read there teaches nothing of the rest
+        stopped = in_stops(log.time, truth, self.rig)
+        samples = np.column_stack([proximal, np.where(stopped, np.nan, truth)[:, read]])
+        samples[stopped.all(axis=1), runner.bridged :] = np.nan
+        times, fine, own = refined(log.time, samples, runner.bridged, self.steps)
+        rows, last = runner.rows(np.diff(times, prepend=times[0]), fine)
+        return Data(log, samples, rows, last[own])
+
+
+def steps_of(rig: Rig, logs: Sequence[Log]) -> int:
+    """Return how many rows per sample all of some logs need, so that displacements between samples are right.
+
+    Joints that settle within an interval need one: where a drive went between two slow samples no curve tells.
+
+    Args:
+        rig: the description.
+        logs: of a fit.
+    """
+    if AdaptiveFilter(rig, False).states.context.joints_settle:
+        return 1
+    sensors = list(rig.sensors_of("position"))
+    noise = np.sqrt([variance(sensor) for sensor in sensors])
+    places = [np.column_stack([log.channels[sensor.name] for sensor in sensors]) for log in logs if sensors]
+    return max((steps_per_sample(each, noise) for each in places), default=1)

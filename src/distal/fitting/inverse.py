@@ -1,0 +1,319 @@
+"""A rig's equations along a log whose angles are known: no filter is needed there, each sample says what it lacks.
+
+With q = (angles, places) known, and v and a from it, the equations of `Mechanism` hold at every sample alone:
+
+    forces      U_i − (pull_i(q, v) + l_i d_i + α_i |d_i|)
+    tensions    T_measured − T(q, v)
+    joints      −(M a + pulls − passive forces + l d)_j / |∂(…)_j/∂q_j|, as an angle
+
+with friction limits l of mean and asymmetry α, and d the direction of motion with a memory of a hundredth of the range.
+What moves inside (plays, points of sheaths, creep) is stepped along the known motion. This is identification by the
+inverse dynamic model (Gautier and Khalil, IEEE T-RA 6, 1990; Janot et al., IEEE T-CST 22, 2014).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from distal.expressions import Scalar
+from distal.fitting.filter import Data, FitFilter
+from distal.fitting.likelihood import Innovations
+from distal.fitting.problem import Problem
+from distal.kernels import CompileError, Kernel, LaneKernel
+from distal.model import Mechanism
+from distal.rig import Sensor
+from distal.sensors import variance
+
+Floats = NDArray[np.float64]
+
+INTERVAL = 0.05
+"""Equations are compared so often [s]: what they lack does not change faster."""
+
+SMOOTHED = 0.12
+"""Places and angles are smoothed over so long by cubics [s], which give their speeds (Savitzky and Golay, 1964)."""
+
+MEMORY = 0.01
+"""A direction of motion has turned after this share of the range (5 to 95 %) of a body."""
+
+FEWEST = 100
+"""Equations are asked where so many samples of every log have all angles and places."""
+
+MOST_ITERATIONS = 50
+"""A search takes so many iterations at most: each is a hundredth of one with the filter."""
+
+SOFTEST = 1e-6
+"""Least stiffness by which a torque is told as an angle [N m/rad]."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """A log as the equations take it.
+
+    Args:
+        rows: of the kernel, (k, n_x).
+        time: stamps [s], (k,).
+        compared: which samples are compared, (k,).
+    """
+
+    rows: Floats
+    time: Floats
+    compared: NDArray[np.bool_]
+
+
+class Equations:
+    """The equations of a rig with sensors as one kernel of known motion.
+
+    Args:
+        fit: the filter of the fit, whose inputs are the numbers that are varied.
+        compiled: compile the kernel where possible.
+    """
+
+    def __init__(self, fit: FitFilter, compiled: bool = True) -> None:
+        context = fit.runner.states.context
+        self.context, self.mechanism, self.fit = context, context.mechanism, fit
+        drives = range(context.n_drives)
+        self.places = [context.position_sensor(i) for i in drives]
+        self.forces = [(i, s) for i in drives if (s := context.force_sensor(i)) is not None]
+        tendons = [tendon.name for tendon in self.mechanism.rig.tendons]
+        self.tensions = [(tendons.index(s.of), s) for s in context.channels.tensions]
+        self.kernel = Kernel(self._function(), False)
+        self.lanes: LaneKernel | None = None
+        if compiled:
+            try:
+                self.lanes = LaneKernel(self.kernel.function)
+            except CompileError:
+                self.lanes = None  # the interpreter gives the same numbers
+        self.begin = self._begin()
+
+    @staticmethod
+    def apply_to(fit: FitFilter) -> bool:
+        """Return whether every drive's place and every joint's angle is read.
+
+        Args:
+            fit: the filter of the fit.
+        """
+        context = fit.runner.states.context
+        read = {sensor.of for sensor in fit.references}
+        places = [context.position_sensor(i) for i in range(context.n_drives)]
+        return None not in places and read >= {joint.name for joint in context.mechanism.rig.joints}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What is compared: sensors of forces and tensions, then joints that move by themselves, (m,)."""
+        joints = [self.mechanism.rig.joints[j].name for j in self.mechanism.free]
+        return (*(s.name for _, s in (*self.forces, *self.tensions)), *joints)
+
+    @property
+    def variances(self) -> Floats:
+        """Variance of each row's own noise, (m,): of its sensor, or of the joint's reference."""
+        of = {sensor.of: sensor for sensor in self.fit.references}
+        joints = [of[self.mechanism.rig.joints[j].name] for j in self.mechanism.free]
+        return np.array([variance(s) for s in (*(s for _, s in (*self.forces, *self.tensions)), *joints)])
+
+    def _function(self) -> ca.Function:
+        """Return (carry, x, p) → (carry⁺, residuals) with carry (directions, inside), x (dt, turned, q, v, a, read)."""
+        mechanism, context, nb, nj = self.mechanism, self.context, self.mechanism.n_bodies, self.mechanism.n_joints
+        p, count = mechanism.parameters.symbols, len(mechanism.plays) + len(mechanism.strains)
+        sensors = [s for _, s in (*self.forces, *self.tensions)]
+        carry, x = ca.SX.sym("carry", nb + count), ca.SX.sym("x", 1 + 4 * nb + len(sensors))
+        dt, turned, q, v, a, read = ca.vertsplit(x, [0, 1, *(1 + nb * k for k in range(1, 5)), x.numel()])
+        q = ca.vertcat(q[:nj], *(context.corrected(s, q[nj + i]) for i, s in enumerate(self.places) if s is not None))
+        direction = ca.fmax(ca.fmin(carry[:nb] + turned, 1), -1)
+        inside = carry[nb:]
+        if count:
+            at = [mechanism.parameters.names.index(name) for name in (*mechanism.plays, *mechanism.strains)]
+
+            def remembering(values: ca.SX) -> ca.SX:
+                own = ca.SX(p)
+                own[at] = values
+                return own
+
+            moved = ca.Function("moved", [q_ := ca.SX.sym("q", nb), p], [ca.vertcat(*mechanism.place(q_).inside)])
+            crept = ca.Function("crept", [q_, t_ := ca.SX.sym("dt"), p], [ca.vertcat(*mechanism.crept(q_, t_))])
+            plays = moved(q, remembering(inside))
+            inside = ca.vertcat(plays, inside[len(mechanism.plays) :])
+            inside = ca.vertcat(plays, crept(q, dt, remembering(inside)))
+            numbers = remembering(inside)
+        else:
+            numbers = p
+        tensions, pulls, balance, up, down = self._forces()(q, v, a, numbers)
+        friction = (up + down) / 2 * direction + (up - down) / 2 * ca.fabs(direction)
+        rows = [
+            context.corrected(s, read[k]) - pulls[nj + i] - friction[nj + i] for k, (i, s) in enumerate(self.forces)
+        ]
+        first = len(self.forces)
+        rows += [context.corrected(s, read[first + k]) - tensions[i] for k, (i, s) in enumerate(self.tensions)]
+        spread = ca.densify(mechanism.spread[:, :])
+        lacking = -ca.mtimes(spread.T, balance[:nj] + friction[:nj])
+        softness = ca.mtimes(spread.T**2, balance[nj:])
+        rows += [lacking[k] / softness[k] for k in range(len(mechanism.free))]
+        outputs = [ca.vertcat(direction, inside), ca.vertcat(*rows)]
+        return ca.Function(
+            "equations",
+            [carry, x, p],
+            [ca.cse(ca.densify(each)) for each in outputs],
+            ["carry", "x", "p"],
+            ["next", "y"],
+        )
+
+    def _forces(self) -> ca.Function:
+        """Return (q, v, a, p) → tensions, pulls, the joints' balance and its stiffness, friction up and down."""
+        mechanism, nb, nj = self.mechanism, self.mechanism.n_bodies, self.mechanism.n_joints
+        q, v, a = (ca.SX.sym(name, nb) for name in "qva")
+        tendons = mechanism.pulls(q, v, settled=True)
+        passive = mechanism.passive_forces(q)
+        pulls = mechanism.dampings() * v - tendons.forces - passive
+        balance = ca.mtimes(mechanism.mass_matrix(q), a[:nj]) + pulls[:nj]
+        stiffness = ca.fmax(ca.fabs(ca.diag(ca.jacobian(balance, q)[:, :nj])), SOFTEST)
+        limits = mechanism.friction_limits(q, v, tendons.joint, tendons.drive)
+        up, down = (ca.vertcat(*(getattr(limit, side) for limit in limits)) for side in ("up", "down"))
+        p = mechanism.parameters.symbols
+        return ca.Function("forces", [q, v, a, p], [tendons.drive, pulls, ca.vertcat(balance, stiffness), up, down])
+
+    def _begin(self) -> ca.Function:
+        """Return (q, p) → the carry before the first sample: no direction yet, plays in the middle, creep settled."""
+        still = Mechanism(self.mechanism.rig, self.mechanism.parameters.inputs)
+        q, p = ca.SX.sym("q", still.n_bodies), self.mechanism.parameters.symbols
+        own = still.parameters.symbols
+        inside = list(still.place(q).inside)
+        for name in still.strains:
+            _, index, kind, _ = name.split(".")
+            settled = getattr(still.rig.tendons[int(index)], kind).settled.value
+            path = f"tendons.{index}"
+            tension = still.pulls(q, ca.SX.zeros(still.n_bodies)).drive[int(index)]
+            inside.append(
+                settled * still.parameters[f"{path}.{kind}.share"] * tension / still.parameters[f"{path}.stiffness"]
+            )
+        carry: Scalar = ca.vertcat(ca.SX.zeros(still.n_bodies), *inside)
+        return ca.Function("begin", [q, p], ca.substitute([carry], [own], [p[: own.numel()]]))
+
+    def known(self, data: Data) -> Known | None:
+        """Return a log as the equations take it, None where angles and places are hardly known together.
+
+        Args:
+            data: of the fit.
+        """
+        channels, joints = list(self.fit.runner.channels), [joint.name for joint in self.mechanism.rig.joints]
+
+        def columns(sensors: Sequence[Sensor | None]) -> Floats:
+            found = [data.samples[:, channels.index(sensor.name)] for sensor in sensors if sensor is not None]
+            return np.column_stack([*found, np.zeros((len(data.samples), 0))])
+
+        of = {sensor.of: sensor for sensor in self.fit.references}
+        q, time = np.column_stack([columns([of[name] for name in joints]), columns(self.places)]), data.log.time
+        there = np.asarray(np.isfinite(q).all(axis=1))
+        if np.count_nonzero(there) < FEWEST:
+            return None
+        step = float(np.median(np.diff(time)))
+        window = max(5, round(SMOOTHED / step) | 1)
+        filled = np.column_stack([np.interp(time, time[there], column[there]) for column in q.T])
+        q, v, a = (savgol_filter(filled, window, 3, k, step, axis=0) for k in range(3))
+        width = MEMORY * np.subtract(*np.percentile(q[there], (95, 5), axis=0)) + 1e-12
+        every = max(1, round(INTERVAL / step))
+        kept = slice(None, None, every)
+        read = columns([s for _, s in (*self.forces, *self.tensions)])[kept]
+        turned = np.diff(q[kept], axis=0, prepend=q[:1]) / width
+        rows = np.column_stack([np.diff(time[kept], prepend=time[0]), turned, q[kept], v[kept], a[kept], read])
+        edge, inner = window // every + 1, np.arange(len(rows))
+        compared = np.asarray(there[kept] & (inner >= edge) & (inner < len(rows) - edge))
+        return Known(rows, time[kept], compared)
+
+
+@dataclass(frozen=True)
+class InverseProblem(Problem):
+    """−ln p of what a rig's equations lack along logs whose angles are known, at coordinates z; see `Problem`.
+
+    Args:
+        equations: of the rig.
+        known: the logs as these take them.
+    """
+
+    equations: Equations | None = None
+    known: tuple[Known, ...] = ()
+
+    @property
+    def most(self) -> int:
+        """So many iterations a search takes at most."""
+        return MOST_ITERATIONS
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """What is compared, (m,)."""
+        assert self.equations is not None
+        return self.equations.names
+
+    @cached_property
+    def _is_reference(self) -> NDArray[np.bool_]:
+        return np.zeros(len(self.measured), dtype=bool)
+
+    def _times(self, log: int) -> Floats:
+        return self.known[log].time
+
+    def among(self, logs: Sequence[int]) -> InverseProblem:
+        """Return the problem of some of the logs.
+
+        Args:
+            logs: their indices.
+        """
+        found = super().among(logs)
+        assert isinstance(found, InverseProblem)
+        return replace(found, known=tuple(self.known[j] for j in logs))
+
+    def beginning(self, share: float, least: int) -> InverseProblem:
+        """Return the same problem: its whole logs take no longer than the beginnings do elsewhere.
+
+        Args:
+            share: of each log.
+            least: samples of a log, at least.
+        """
+        return replace(self, worth=None)
+
+    @property
+    def _kernel(self) -> tuple[Kernel, LaneKernel | None]:
+        assert self.equations is not None
+        return self.equations.kernel, self.equations.lanes
+
+    @cached_property
+    def _rows(self) -> tuple[Floats, ...]:
+        return tuple(one.rows for one in self.known)
+
+    def _begin(self, log: int, z: Floats) -> tuple[Floats, Floats]:
+        assert self.equations is not None
+        p, nb = self.numbers(z), self.equations.mechanism.n_bodies
+        return np.asarray(self.equations.begin(self.known[log].rows[0, 1 + nb : 1 + 2 * nb], p)).ravel(), p
+
+    def _compared(self, log: int, ys: Floats) -> Innovations:
+        assert self.equations is not None
+        values = np.where(self.known[log].compared[:, None], ys, np.nan)
+        return Innovations(values, np.broadcast_to(self.equations.variances, values.shape))
+
+
+def inverse_problem(problem: Problem, compiled: bool = True) -> InverseProblem | None:
+    """Return the equations' problem of the same logs and numbers but for noise, None where the equations cannot be asked.
+
+    Args:
+        problem: of the filter.
+        compiled: compile the kernel where possible.
+    """
+    if not Equations.apply_to(problem.filter):
+        return None
+    equations = Equations(problem.filter, compiled)
+    known = [equations.known(data) for data in problem.data]
+    if any(one is None for one in known):
+        return None
+    free = tuple(part for part in problem.free if not part.noise)
+    return InverseProblem(
+        problem.filter,
+        free,
+        problem.data,
+        workers=problem.workers,
+        equations=equations,
+        known=tuple(one for one in known if one is not None),
+    )

@@ -1,0 +1,54 @@
+"""The numbers that logs tell without some of them, from those of all logs.
+
+Maps learn what the filter's angle lacks. On logs that its numbers were fitted to it lacks less than on others, so each log
+is filtered with the numbers that the other logs tell (level-one data of stacking; Wolpert, Neural Networks 5, 1992).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from distal.fitting.numbers import Numbers, fitted_numbers
+from distal.fitting.search import search
+from distal.logs import Log
+from distal.regression import splits
+
+NEWTON_STEPS = 1
+"""They are one Newton step from those of all logs (the infinitesimal jackknife; Giordano et al., AISTATS 2019), where the
+slopes of each log are known."""
+
+
+def numbers_without(numbers: Numbers, known: Sequence[Log], folds: Sequence[int]) -> list[Numbers]:
+    """Return for each fold the numbers that the other logs tell; those of all where there is one fold.
+
+    Args:
+        numbers: that all logs tell.
+        known: logs with a truth.
+        folds: of these.
+    """
+    if len(set(folds)) < 2 or numbers.found.interrupted:
+        return [numbers] * len(set(folds))
+    return [without(numbers, [known[i] for i in out]) for out, _ in splits(folds)]
+
+
+def without(numbers: Numbers, logs: Sequence[Log]) -> Numbers:
+    """Return the numbers that the other logs tell; which of them are fitted, and their stds, stay those of all logs.
+
+    Args:
+        numbers: that all logs tell.
+        logs: that are left out.
+    """
+    problem, found, known = numbers.problem, numbers.found, numbers.uncertainty
+    out = [any(data.log is log for log in logs) for data in problem.data]
+    rest = problem.among([j for j, gone in enumerate(out) if not gone])
+    own = np.array([k for k, (_, log) in enumerate(problem.parts) if log is None or not out[log]])
+    at = rest.summed([one for one, gone in zip(found.derivatives.of_logs, out) if not gone], found.z[own])
+    again = search(rest, found.z[own], most=NEWTON_STEPS, fixed=numbers.left[own], known=at)
+    square = np.ix_(own, own)
+    errors = replace(known, covariance=known.covariance[square], told=known.told[own], together=known.together[own])
+    left, held = numbers.left[own], numbers.held[own]
+    fitted = tuple(fitted_numbers(rest, replace(again, converged=found.converged), errors, left, held))
+    return replace(numbers, problem=rest, found=again, uncertainty=errors, fitted=fitted, left=left, held=held)

@@ -1,0 +1,114 @@
+"""Leave out each log once: `learn` from the others, and test the result on that log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from distal.errors import DistalError
+from distal.fitting.learn import Learned
+from distal.logs import Log, shown, true_angles
+from distal.regression import splits
+from distal.rig import Rig
+from distal.run import estimate
+
+
+@dataclass(frozen=True)
+class Score:
+    """Scores of an estimator on a log.
+
+    Args:
+        rms: error [rad].
+        inside: share of samples inside the 95 % band.
+        half: mean half-width of that band [rad].
+    """
+
+    rms: float
+    inside: float
+    half: float
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One log that was left out.
+
+    Args:
+        log: its name.
+        fitted: `adaptive`, learned from the other logs.
+        before: `adaptive` with the original rig; None where it cannot run.
+        affine: `affine`, learned from the other logs; None where it has no map.
+    """
+
+    log: str
+    fitted: Score | None
+    before: Score | None
+    affine: Score | None
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One fold: what was learned from some logs, and its scores on those left out.
+
+    Args:
+        left_out: names of the logs.
+        learned: by `learn` from the others, and from nothing else.
+        compared: one for each log with truth that was left out.
+    """
+
+    left_out: tuple[str, ...]
+    learned: Learned
+    compared: tuple[Compared, ...]
+
+
+def leave_out(
+    logs: Sequence[Log],
+    rig: Rig,
+    folds: Sequence[int],
+    learned_from: Callable[[Sequence[Log], int], Learned],
+    homing: float | None,
+) -> list[Fold]:
+    """Return what is learned from all logs except those of one fold, and its scores on these, for each fold in turn.
+
+    Args:
+        logs: of the fit.
+        rig: the original description.
+        folds: of each log.
+        learned_from: `learn` of some logs; it gets these and the number of the fold, from 1.
+        homing: for how long the reference is used [s], None for never.
+
+    Returns:
+        folds: one for each that was left out; fewer where the user stopped it.
+    """
+    done = list[Fold]()
+    for count, (out, rest) in enumerate(splits(folds), 1):
+        try:
+            learned = learned_from([logs[i] for i in rest], count)
+            if learned.interrupted:
+                break  # it says nothing of a fit that ends by itself
+            done.append(_scored([logs[i] for i in out], rig, learned, homing))
+        except KeyboardInterrupt:
+            break
+    return done
+
+
+def _scored(out: Sequence[Log], rig: Rig, learned: Learned, homing: float | None) -> Fold:
+    compared = []
+    for log in out:
+        if true_angles(log, [joint.name for joint in rig.joints]) is None:
+            continue
+        scores = [
+            _score(log, each, name, homing)
+            for each, name in ((learned.rig, "adaptive"), (rig, "adaptive"), (learned.rig, "affine"))
+        ]
+        compared.append(Compared(shown(log.source), *scores))
+    return Fold(tuple(log.source for log in out), learned, tuple(compared))
+
+
+def _score(log: Log, rig: Rig, estimator: str, homing: float | None) -> Score | None:
+    if estimator == "affine" and rig.affine is None:
+        return None
+    try:
+        result = estimate(log, rig, estimator, compiled=False, homing=homing)
+    except DistalError:
+        return None
+    return Score(result.rms_error(), result.inside_band(), result.half_width())

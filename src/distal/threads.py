@@ -1,0 +1,39 @@
+"""One BLAS thread where small matrices are multiplied.
+
+NumPy's BLAS uses all cores for each product. For matrices of some dozen columns that gains nothing, and beside other busy
+processes its threads wait for each other, spinning: a product takes a thousand times as long
+(`python -m benchmarks.busy`).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from threadpoolctl import threadpool_limits
+
+_changing = threading.Lock()
+_within = 0
+_limits: threadpool_limits | None = None
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Limit BLAS to one thread; the limits that were there come back when the last of those that are within has left.
+
+    It is for a ``with`` or a decorator, and does nothing to a BLAS that threadpoolctl does not know.
+    """
+    global _within, _limits
+    with _changing:
+        if _within == 0:
+            _limits = threadpool_limits(limits=1, user_api="blas")
+        _within += 1
+    try:
+        yield
+    finally:
+        with _changing:
+            _within -= 1
+            if _within == 0 and _limits is not None:
+                _limits.restore_original_limits()
+                _limits = None
