@@ -239,8 +239,10 @@ def test_logs_that_do_not_look_like_the_rig(rig: Rig, log: Log) -> None:
                 said = [str(problem)]
             meant = r"do not look like this rig|errs by more than it says|moves against|leaves all bounds"
             assert any(re.search(meant, line) for line in said)
-    with pytest.warns(DistalWarning, match="standard deviations from what the rig file expected"):
-        fit([changed(u1=u1 / 9.81, u2=u2 / 9.81)], rig)
+    found = fit([changed(u1=u1 / 9.81, u2=u2 / 9.81)], rig)
+    assert any("noise of sensors u1, u2 had to become" in line for line in found.doubts)
+    # the priors hold what such logs cannot tell
+    assert all(abs(p.value - p.start) < 4.0 * p.prior_std for p in found.fitted if p.identified and not p.noise)
     slow = Log(1e3 * log.time, log.channels, log.truth, "ms.csv")
     with pytest.raises(FitError, match=r"stamps are 10 s apart.*unit"):
         fit([slow], rig)

@@ -21,7 +21,7 @@ class Curve:
     def __init__(
         self, residuals: Callable[[Floats], Floats], size: int, std: float = 1e3, low: float = -np.inf
     ) -> None:
-        self._residuals, self.size, self.calls, self.most = residuals, size, 0, 60
+        self._residuals, self.size, self.calls, self.most, self.enough = residuals, size, 0, 60, 1e-3
         free = Free("x", ("x",), (1.0,), std, 1.0, low, np.inf)
         self.parts = tuple((free, None) for _ in range(size))
         self.prior_stds = np.full(size, std)

@@ -17,11 +17,7 @@ from distal.cli.outputs import check_outputs, to_file, to_folder
 from distal.errors import FitError, OutputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from distal.fitting import Doing, Fit
-    from distal.logs import Log
-    from distal.rig import Rig
+    from distal.fitting import Doing, Fit, MapFit
 
 
 EVERY = 3.0
@@ -108,7 +104,13 @@ def fit_command(
     description = load_rig(rig, settings(set_, repeated))
     read = [read_log(path, description, truth) for path in logs]
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # a job that is ended keeps the best so far, as by Ctrl-C
-    _straight_line(read, description, home, out, edited_text(rig, settings(set_, repeated)))
+
+    def early(line: MapFit) -> None:
+        say(f"at once, {line.text}")
+        if out is not None:
+            line.save(out, edited_text(rig, settings(set_, repeated)))
+            say(f"wrote {out} with it (--estimator affine); the fit replaces it")
+
     with _Bar() as bar:
         result = fitted_to(
             read,
@@ -123,6 +125,7 @@ def fit_command(
             units=units,
             start=start,
             progress=bar.show,
+            early=early,
         )
     _say(result)
     if out is not None:
@@ -173,23 +176,6 @@ def time_left(passed: float, share: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
 
 
-def _straight_line(logs: Sequence[Log], rig: Rig, homing: float | None, out: Path | None, text: str) -> None:
-    """Print at once what a straight line of the readings does on logs left out, and write a rig file that has it."""
-    from distal.errors import DistalError
-    from distal.fitting import learn_affine
-    from distal.logs import true_angles
-
-    known = [log for log in logs if true_angles(log, [joint.name for joint in rig.joints]) is not None]
-    try:
-        line = learn_affine(known, rig.bare(), homing)
-    except DistalError:
-        return  # the fit says why
-    say(f"at once, {line.text}")
-    if out is not None:
-        line.save(out, text)
-        say(f"wrote {out} with it (--estimator affine); the fit replaces it")
-
-
 def _check_logs(logs: list[Path]) -> None:
     """Refuse a log that came twice."""
     names = [os.path.realpath(path) for path in logs]
@@ -212,8 +198,8 @@ def _say(result: Fit) -> None:
         names = [part.name for part in rest]
         more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
         say(f"not determined by these logs: {', '.join(names[:MOST_NAMES])}{more}")
-    if result.candidates:
-        errors = [(name, f"{degrees(error):.3f}" if error < inf else "cannot run") for name, error in result.candidates]
+    if any(error < inf for _, error in result.candidates):
+        errors = [(name, f"{degrees(error):.3f}" if error < inf else "–") for name, error in result.candidates]
         table("what describes the angle on logs left out; the first is written", ["candidate", "RMS error [°]"], errors)
     scores = result.scores()
     if scores:

@@ -10,6 +10,7 @@ import numpy as np
 from distal.estimators import affine_of, affine_samples
 from distal.fitting.fitted import assignments, described
 from distal.fitting.jackknife import numbers_without
+from distal.fitting.lacking import Part
 from distal.fitting.map_samples import discrepancy_of, filtered, mean_rms, partly_homed
 from distal.fitting.maps import MapFit, map_of
 from distal.fitting.numbers import Numbers
@@ -31,6 +32,9 @@ AS_IT_CAME, BY_EQUATIONS, BY_FILTER, LINE = (
 SURER = 0.85
 """Filters take the numbers as they are (`hold`) if that brings the angle's error below this share."""
 
+FAR = 1.5
+"""A filter whose angle errs by so many times that of another is no base for a map."""
+
 LINE_COSTS = 1.1
 """The angle is taken from the line if the others err by this many times as much: it knows nothing beyond the logs."""
 
@@ -44,12 +48,14 @@ class Training:
         groups: of each, which are left out together.
         rig: the description as it came.
         options: of the fit.
+        part: that the description has more than as it came.
     """
 
     known: tuple[Log, ...]
     groups: tuple[str, ...]
     rig: Rig
     options: Options
+    part: Part | None = None
 
     @property
     def folds(self) -> list[int]:
@@ -70,6 +76,7 @@ class Candidate:
         error: RMS error of the angle on logs left out [rad]; infinite where it cannot run.
         data: what its filter makes of the logs with numbers that have not seen them, by the index of the log.
         refused: sentences on logs that its filter could not follow.
+        part: that the description has more than as it came.
     """
 
     name: str
@@ -80,6 +87,7 @@ class Candidate:
     error: float
     data: Mapping[int, Samples]
     refused: tuple[str, ...] = ()
+    part: Part | None = None
 
 
 @dataclass(frozen=True)
@@ -92,13 +100,16 @@ class _Run:
     refused: Sequence[str]
 
 
-def filter_candidate(name: str, training: Training, numbers: Numbers | None) -> Candidate:
+def filter_candidate(
+    name: str, training: Training, numbers: Numbers | None, others: Sequence[Candidate] = ()
+) -> Candidate:
     """Return the candidate of a filter with some numbers, and the map of what its angle then lacks.
 
     Args:
         name: of the candidate.
         training: what it learns from.
         numbers: None for those of the rig as it came.
+        others: candidates before it; where their filters err far less, it gets no map.
     """
     run, hold = _run(training, numbers, False), False
     if numbers is not None and run.data and training.options.homing is None:
@@ -111,14 +122,20 @@ def filter_candidate(name: str, training: Training, numbers: Numbers | None) -> 
         else described(training.rig, assignments(numbers.fitted, numbers.problem.filter.rig, hold))
     )
     if not run.data:
-        return Candidate(name, rig, numbers, hold, {}, np.inf, {}, tuple(run.refused))
+        return Candidate(name, rig, numbers, hold, {}, np.inf, {}, tuple(run.refused), training.part)
+    plain, least = mean_rms(run.data), min((mean_rms(one.data) for one in others if one.data), default=np.inf)
+    if plain > FAR * least:
+        error = plain if len(set(training.folds)) > 1 else np.inf
+        return Candidate(name, rig, numbers, hold, {}, error, run.data, tuple(run.refused), training.part)
     homing, samples, ran = training.options.homing, list(run.data.values()), list(run.data)
     own, groups = [run.rigs[i] for i in ran], [training.groups[i] for i in ran]
     half = partly_homed([training.known[i] for i in ran], own, homing, training.options.compiled)
     kind = discrepancy_of(rig, samples)
     found = _with_reference_error(map_of(samples, kind, rig, homing, groups, scored=False, partly=half), training)
     error = _error(samples, kind, found, groups, homing)
-    return Candidate(name, found.rig, numbers, hold, {found.table: found}, error, run.data, tuple(run.refused))
+    return Candidate(
+        name, found.rig, numbers, hold, {found.table: found}, error, run.data, tuple(run.refused), training.part
+    )
 
 
 def _error(samples: Sequence[Samples], kind: Kind, found: MapFit, groups: Sequence[str], homing: float | None) -> float:
@@ -166,7 +183,9 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
     other = as_discrepancy(line.learned, frame.learned, place_offsets(rig, line.learned.channels))
     note = f"discrepancy: within the range of the logs the angle is that of affine: {line.notes[0].partition(': ')[2]}"
     made = replace(frame.with_map(other), notes=(note, *frame.notes[1:]), terms=line.terms)
-    return Candidate(LINE, made.rig, base.numbers, base.hold, {made.table: made}, error, base.data, base.refused)
+    return Candidate(
+        LINE, made.rig, base.numbers, base.hold, {made.table: made}, error, base.data, base.refused, base.part
+    )
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.fitting.fitted import FittedNumber
-from distal.fitting.inverse import InverseProblem
 from distal.fitting.likelihood import Innovations
 from distal.fitting.problem import Problem
 from distal.fitting.search import Found, search
@@ -25,7 +24,7 @@ LARGEST_LACK = 100.0
 LARGEST_NOISE_GROWTH = 4.0
 """If a sensor's noise has to grow by this factor, the sensor is not the cause."""
 
-LARGEST_UNMODELLED_GROWTH = 10.0
+LARGEST_UNMODELLED_GROWTH = 6.0
 """If unmodelled motion has to grow by this factor, it explains most of the motion."""
 
 FAR_FROM_PRIOR = 4.0
@@ -70,7 +69,7 @@ def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
         nis: mean ν²/S per channel there.
     """
     references = {sensor.name for sensor in problem.filter.references}
-    limit = LARGEST_LACK if isinstance(problem, InverseProblem) else LARGEST_NIS
+    limit = LARGEST_LACK if problem.asks_equations else LARGEST_NIS
     doubts = [
         f"the logs do not look like this rig: innovations of '{name}' are {np.sqrt(ratio):.3g} times larger than expected "
         f"even after the fit; {ADVICE}"
@@ -104,14 +103,16 @@ def far_from_priors(numbers: Sequence[FittedNumber], problem: Problem) -> list[s
     free = {part.name: part for part in problem.free}
     lines = []
     for part in numbers:
+        if part.noise:
+            continue
         low, high = free[part.name].low, free[part.name].high
         away = abs(free[part.name].coordinate(part.value)) / free[part.name].spread if part.prior_std > 0.0 else 0.0
-        if not part.noise and away > (FAR_FROM_FACTOR if free[part.name].logarithmic else FAR_FROM_PRIOR):
+        if away > (FAR_FROM_FACTOR if free[part.name].logarithmic else FAR_FROM_PRIOR):
             lines.append(
                 f"{part.name} = {part.value:.4g} {part.si} is {away:.1f} standard deviations from what the rig file "
                 f"expected ({part.start:.4g} ± {part.prior_std:.2g}); is a unit or a radius wrong, or the std too small?"
             )
-        elif not part.noise and (part.value <= low or part.value >= high):
+        elif part.value <= low or part.value >= high:
             lines.append(
                 f"{part.name} = {part.value:.4g} {part.si} is at its bound; another number of the rig may be wrong"
             )

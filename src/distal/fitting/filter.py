@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,12 +77,17 @@ class FitFilter:
             inputs=given,
             resolution=FINE * steps,
         )
-        self.lanes: LaneKernel | None = None
-        if compiled:
-            try:
-                self.lanes = LaneKernel(self.runner.kernel.function)
-            except CompileError:
-                self.lanes = None  # the interpreter gives the same numbers
+        self._compiled = compiled
+
+    @cached_property
+    def lanes(self) -> LaneKernel | None:
+        """The kernel for several runs at once, None where it cannot be compiled."""
+        if not self._compiled:
+            return None
+        try:
+            return LaneKernel(self.runner.kernel.function)
+        except CompileError:
+            return None  # the interpreter gives the same numbers
 
     def data_of(self, log: Log) -> Data:
         """Return a log, ready for the filter; displacements between samples follow a cubic where chords would err.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from distal.fitting.checks import check_logs
 from distal.fitting.doubts import far_from_priors
 from distal.fitting.learn import Learned, learn
 from distal.fitting.leave_out import leave_out
+from distal.fitting.maps import MapFit
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress, of_part
 from distal.fitting.result import Fit
@@ -43,6 +44,7 @@ def fit(
     progress: Progress | None = None,
     units: str | None = None,
     start: Rig | str | Path | None = None,
+    early: Callable[[MapFit], None] | None = None,
 ) -> Fit:
     """Fit a rig's parameters and noise to logs, learn the remaining error of the angle, and test both on logs left out.
 
@@ -69,6 +71,7 @@ def fit(
         units: fit a *kind* of rig: a regular expression whose first parenthesis names the unit (an instrument, a pose, a
             day) in a log's name; units are left out as a whole, so that the band is that of a unit not seen.
         start: a fitted rig, whose values the search begins with; the priors are those of `rig`.
+        early: called with the straight line (`affine`) within seconds, when nothing speaks against a fit.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
@@ -97,12 +100,14 @@ def fit(
     folds = folds_of(groups)
     enough = len({group for log, group in zip(read, groups) if any(log is one for one in known)}) >= FOR_LEAVING_OUT
     parts = len(set(folds)) + 1 if enough else 1
-    learned = learn(read, rig, options, of_part(progress, 0, parts))
-    for line in far_from_priors(learned.fitted, learned.numbers.problem):
+    learned = learn(read, rig, options, of_part(progress, 0, parts), early=early)
+    for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
 
+    tried = [] if learned.part is None else [learned.part]
+
     def of_fold(rest: Sequence[Log], fold: int) -> Learned:
-        return learn(rest, rig, options, of_part(progress, fold, parts))
+        return learn(rest, rig, options, of_part(progress, fold, parts), tried)
 
     done, asked = [], 0
     if enough and "discrepancy" in learned.maps and not learned.interrupted:

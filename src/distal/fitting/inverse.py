@@ -24,6 +24,7 @@ from scipy.signal import savgol_filter
 
 from distal.expressions import Scalar
 from distal.fitting.filter import Data, FitFilter
+from distal.fitting.free import Free
 from distal.fitting.likelihood import Innovations
 from distal.fitting.problem import Problem
 from distal.kernels import CompileError, Kernel, LaneKernel
@@ -47,6 +48,9 @@ FEWEST = 100
 
 MOST_ITERATIONS = 50
 """A search takes so many iterations at most: each is a hundredth of one with the filter."""
+
+ENOUGH = 0.02
+"""It ends where two steps after each other gain less than this of −ln p."""
 
 SOFTEST = 1e-6
 """Least stiffness by which a torque is told as an angle [N m/rad]."""
@@ -126,7 +130,7 @@ class Equations:
         dt, turned, q, v, a, read = ca.vertsplit(x, [0, 1, *(1 + nb * k for k in range(1, 5)), x.numel()])
         q = ca.vertcat(q[:nj], *(context.corrected(s, q[nj + i]) for i, s in enumerate(self.places) if s is not None))
         direction = ca.fmax(ca.fmin(carry[:nb] + turned, 1), -1)
-        inside = carry[nb:]
+        inside, strains = carry[nb:], carry[nb + len(mechanism.plays) :]
         if count:
             at = [mechanism.parameters.names.index(name) for name in (*mechanism.plays, *mechanism.strains)]
 
@@ -138,8 +142,9 @@ class Equations:
             moved = ca.Function("moved", [q_ := ca.SX.sym("q", nb), p], [ca.vertcat(*mechanism.place(q_).inside)])
             crept = ca.Function("crept", [q_, t_ := ca.SX.sym("dt"), p], [ca.vertcat(*mechanism.crept(q_, t_))])
             plays = moved(q, remembering(inside))
-            inside = ca.vertcat(plays, inside[len(mechanism.plays) :])
-            inside = ca.vertcat(plays, crept(q, dt, remembering(inside)))
+            if mechanism.strains:
+                strains = crept(q, dt, remembering(ca.vertcat(plays, strains)))
+            inside = ca.vertcat(plays, strains)
             numbers = remembering(inside)
         else:
             numbers = p
@@ -233,15 +238,32 @@ class InverseProblem(Problem):
     Args:
         equations: of the rig.
         known: the logs as these take them.
+        noises: that are free: the equations do not vary them.
     """
 
     equations: Equations | None = None
     known: tuple[Known, ...] = ()
+    noises: tuple[Free, ...] = ()
+
+    @property
+    def asks_equations(self) -> bool:
+        """Whether the rig's equations are asked, and not its filter."""
+        return True
+
+    @property
+    def of_filter(self) -> Problem:
+        """The filter's problem at the same coordinates."""
+        return Problem(self.filter, self.free, self.data, workers=self.workers)
 
     @property
     def most(self) -> int:
         """So many iterations a search takes at most."""
         return MOST_ITERATIONS
+
+    @property
+    def enough(self) -> float:
+        """A search ends where two steps after each other gain less than this of −ln p."""
+        return ENOUGH
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -316,4 +338,5 @@ def inverse_problem(problem: Problem, compiled: bool = True) -> InverseProblem |
         workers=problem.workers,
         equations=equations,
         known=tuple(one for one in known if one is not None),
+        noises=tuple(part for part in problem.free if part.noise),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from distal.fitting.candidates import (
     AS_IT_CAME,
     BY_EQUATIONS,
     BY_FILTER,
+    LINE,
     Candidate,
     Training,
     best_of,
@@ -21,8 +22,9 @@ from distal.fitting.candidates import (
 from distal.fitting.checks import unknown_joints
 from distal.fitting.curves import curves
 from distal.fitting.fitted import FittedNumber, assignments, described
+from distal.fitting.lacking import Part, named_part, numbers_with
 from distal.fitting.maps import MapFit, learn_contact
-from distal.fitting.numbers import Numbers, numbers_of
+from distal.fitting.numbers import Numbers, numbers_of, problem_of
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress, judging
 from distal.logs import Log, true_angles, true_torques
@@ -41,6 +43,7 @@ class Learned:
         hold: whether filters take the numbers as they are.
         curves: path → value of the position sensors' systematic errors.
         maps: what was learned beside the numbers, by the name of its table: ``affine``, ``discrepancy``, ``contact``.
+        part: physics that the rig lacked and the description has now, if any.
         candidates: name and error on logs left out [rad] of each that was tried, the chosen one first.
         doubts: sentences with the reasons not to trust the fit.
     """
@@ -51,6 +54,7 @@ class Learned:
     hold: bool
     curves: Mapping[str, object]
     maps: Mapping[str, MapFit]
+    part: Part | None
     candidates: tuple[tuple[str, float], ...]
     doubts: tuple[str, ...]
 
@@ -65,7 +69,14 @@ class Learned:
         return self.numbers.fitted if self.kept else tuple(part.as_it_came for part in self.numbers.fitted)
 
 
-def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | None = None) -> Learned:
+def learn(
+    logs: Sequence[Log],
+    rig: Rig,
+    options: Options,
+    progress: Progress | None = None,
+    parts: Sequence[Part] | None = None,
+    early: Callable[[MapFit], None] | None = None,
+) -> Learned:
     """Return all that is learned from logs: the candidate that errs least on logs left out, and what goes with it.
 
     All choices that depend on logs are made here, starting from the original rig.
@@ -75,6 +86,8 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
         rig: the description, whose values and stds are the priors.
         options: options of the fit.
         progress: called with what is done.
+        parts: that are tried beside the rig's own physics; None for what the residuals name.
+        early: called with the straight line as soon as nothing speaks against a fit.
 
     Raises:
         FitError: the logs cannot be fitted.
@@ -84,42 +97,70 @@ def learn(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | 
     judged = bool(known) and not unknown
     training = Training(known, _groups(known, options), rig, options)
     line = line_map(training) if judged else None
-    found = numbers_of(logs, rig, options, progress)
+    problem = problem_of(logs, rig, options)
+    if line is not None and early is not None:
+        early(line)
+    found = numbers_of(problem, options, progress)
     if line is None:
         chosen, candidates = _alone(found[-1], rig), list[Candidate]()
     else:
         try:
-            chosen, candidates = _judged(training, line, found, progress)
+            if parts is None:
+                named = named_part(logs, rig, options, found[0])
+                parts = () if named is None else (named,)
+            chosen, candidates = _judged(training, line, found, _with_parts(logs, training, parts), progress)
         except KeyboardInterrupt:
             found = [replace(own, found=replace(own.found, interrupted=True)) for own in found]
             chosen, candidates = _alone(found[-1], rig), list[Candidate]()
     numbers = found[-1] if chosen.numbers is None else chosen.numbers
     maps = ([line] if line is not None else []) + list(chosen.maps.values())
-    bends = dict(curves(numbers.problem, numbers.found.z)) if options.curves else {}
+    bends = dict(curves(numbers.problem.of_filter, numbers.found.z)) if options.curves else {}
     learned = described(chosen.rig.bare(), bends)
     maps += _contact_map(logs, learned, options)
     whole = learned.with_values({one.table: one.learned.model_dump() for one in maps}) if maps else learned
     doubts = (*numbers.doubts, *_unknown(unknown), *chosen.refused, *_as_it_came(chosen, candidates))
     tried = tuple((one.name, one.error) for one in sorted(candidates, key=lambda one: (one is not chosen, one.error)))
     kept = chosen.numbers is not None
-    return Learned(whole, numbers, kept, chosen.hold, bends, {one.table: one for one in maps}, tried, doubts)
+    tables = {one.table: one for one in maps}
+    return Learned(whole, numbers, kept, chosen.hold, bends, tables, chosen.part, tried, doubts)
 
 
 def _judged(
-    training: Training, line: MapFit, found: Sequence[Numbers], progress: Progress | None
+    training: Training,
+    line: MapFit,
+    found: Sequence[Numbers],
+    more: Sequence[tuple[str, Training, Numbers]],
+    progress: Progress | None,
 ) -> tuple[Candidate, list[Candidate]]:
     """Return the best of the numbers, of the rig as it came, and of a line beside the better of these; and all of them."""
-    named = [(BY_EQUATIONS if own.by_equations else BY_FILTER, own) for own in found if not own.found.interrupted]
-    ways: list[tuple[str, Numbers | None]] = [*named, (AS_IT_CAME, None)]
+    named = [
+        (BY_EQUATIONS if own.by_equations else BY_FILTER, own) for own in reversed(found) if not own.found.interrupted
+    ]
+    ways: list[tuple[str, Training, Numbers | None]] = [(name, training, own) for name, own in named]
+    ways += [*more, (AS_IT_CAME, training, None)]
     filters = list[Candidate]()
-    for name, own in ways:
+    for name, described_as, own in ways:
         judging(progress, f"judging {name}", len(filters), len(ways))
-        filters.append(filter_candidate(name, training, own))
-    base = best_of(filters)
-    if not base.data:
+        filters.append(filter_candidate(name, described_as, own, filters))
+    base = best_of([one for one in filters if one.maps] or filters)
+    if not base.maps:
         return base, filters
     candidates = filters if training.options.homing is not None else [*filters, line_candidate(training, line, base)]
     return best_of(candidates), candidates
+
+
+def _with_parts(logs: Sequence[Log], training: Training, parts: Sequence[Part]) -> list[tuple[str, Training, Numbers]]:
+    """Return name, training and numbers of the equations with each part."""
+    found = [(part, numbers_with(part, logs, training.rig, training.options)) for part in parts]
+    return [
+        (
+            f"{BY_EQUATIONS}, with {part.name}",
+            replace(training, rig=training.rig.with_values(part.values), part=part),
+            own,
+        )
+        for part, own in found
+        if own is not None
+    ]
 
 
 def _alone(numbers: Numbers, rig: Rig) -> Candidate:
@@ -138,7 +179,7 @@ def _unknown(joints: Sequence[str]) -> list[str]:
 
 def _as_it_came(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
     """Return a sentence where the rig as it came errs least on logs left out."""
-    fitted = [one.error for one in candidates if one.name in (BY_EQUATIONS, BY_FILTER)]
+    fitted = [one.error for one in candidates if one.numbers is not None and one.name != LINE]
     return [
         f"the rig as it came errs less on logs left out ({np.rad2deg(chosen.error):.2f}°) than the fitted one "
         f"({np.rad2deg(min(fitted)):.2f}°): its numbers are kept"

@@ -76,10 +76,11 @@ def filtered(
             key = id(rig), frozenset(log.truth)  # what has a truth says which references there are
             if key not in made:
                 described, references = with_references(rig, log) if homing is not None else (rig, ())
-                # homing takes a hundred runs; with the noise as an input most rigs of one structure share a kernel
+                # with the noise as an input most rigs of one structure share a kernel; homing takes a hundred runs of it
                 noise = [f"sensors.{k}.noise" for k in range(len(described.sensors))]
                 often = compiled and homing is not None
-                made[key] = AdaptiveFilter(described, often, references=references, inputs=noise)
+                shared = None if references else next((one.of_rig(described) for one in made.values()), None)
+                made[key] = shared or AdaptiveFilter(described, often, references=references, inputs=noise)
             one = _filtered(log, made[key], homing, None if usable is None else usable[i])
         except DistalError as problem:
             refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")

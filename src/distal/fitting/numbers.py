@@ -14,7 +14,7 @@ from distal.fitting.doubts import NOT_CONVERGED, contradictions, doubts_of, nis_
 from distal.fitting.filter import FitFilter, steps_of
 from distal.fitting.fitted import FittedNumber
 from distal.fitting.free import Free
-from distal.fitting.inverse import SMOOTHED, InverseProblem, inverse_problem
+from distal.fitting.inverse import SMOOTHED, Equations, inverse_problem
 from distal.fitting.options import Options
 from distal.fitting.problem import Problem
 from distal.fitting.progress import Progress, searching
@@ -32,6 +32,15 @@ Floats = NDArray[np.float64]
 FOLLOWS = 10.0
 """Joints with so many radians of their own oscillation in the time of smoothing follow the drives (`python -m
 benchmarks.strangers.drawn`: 6 to 8 with inertia, above 15 without)."""
+
+
+DIVERGED = "{}: the filter leaves all bounds on these logs; check the units of logs and rig (distal estimate)"
+
+EXPLAINED = 2.0
+"""The reference becomes one more sensor where no channel's ν²/S is larger than this in the mean."""
+
+HAUSMAN = 4.0
+"""The rig's numbers may move by so many variances each, in the mean, where the reference becomes one more sensor."""
 
 
 @dataclass(frozen=True)
@@ -63,25 +72,23 @@ class Numbers:
     @property
     def by_equations(self) -> bool:
         """Whether they are those of the rig's equations; else of its filter."""
-        return isinstance(self.problem, InverseProblem)
+        return self.problem.asks_equations
 
 
-def numbers_of(logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | None) -> list[Numbers]:
+def numbers_of(problem: Problem, options: Options, progress: Progress | None) -> list[Numbers]:
     """Return the numbers of a rig as logs tell them: those of its equations, and of its filter where it is asked.
 
     The filter is asked where the equations cannot be, and where joints are so slow that accelerations count, which an
     encoder hardly tells.
 
     Args:
-        logs: of the fit.
-        rig: the description as it came.
+        problem: of the filter on the logs.
         options: what is asked of the fit.
         progress: called with what is done.
 
     Raises:
         FitError: the filter leaves all bounds on the logs.
     """
-    problem = problem_of(logs, rig, options)
     equations = by_equations(problem, options, progress)
     slow = joint_frequency(problem.filter.runner.states.context.mechanism) * SMOOTHED < FOLLOWS
     if equations is not None and (not slow or equations.found.interrupted):
@@ -119,11 +126,8 @@ def by_filter(problem: Problem, options: Options, begin: Numbers | None, progres
     """
     start = _start(problem, options) if begin is None else _translated(begin.problem, begin.found.z, problem)
     costs = problem.costs([np.zeros(problem.size), start])
-    if not np.isfinite(costs[0]):
-        raise FitError(
-            f"{problem.filter.rig.name}: the filter leaves all bounds on these logs; check the units of logs and rig "
-            "(distal estimate)"
-        )
+    if not np.isfinite(costs).any():
+        raise FitError(DIVERGED.format(problem.filter.rig.name))
     if begin is None or not np.isfinite(costs[1]):
         start = coarse_start(problem, options.seed, start, searching(progress, "searching")).z
     return _told(problem, start, searching(progress, "by its filter"))
@@ -145,6 +149,8 @@ def _told(problem: Problem, start: Floats, progress: Callable[[int, float], None
     What the logs tell only together with others is held one by one until the rest is told.
     """
     problem, found = most_likely(problem, start, progress)
+    if not problem.asks_equations and not found.interrupted:
+        problem, found = _with_reference(problem, found, progress)
     uncertainty = uncertainty_at(problem, found.derivatives, found.z)
     may_stay = np.array([not part.noise and log is None and part.has_prior for part, log in problem.parts])
     left, held = np.zeros(problem.size, dtype=bool), np.zeros(problem.size, dtype=bool)
@@ -198,13 +204,41 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
         free = tuple(part for part in free if not _of_references(with_reference, references, part))
     made = _filter(with_reference, references, free, steps_of(rig, logs), options.compiled)
     data = tuple(made.data_of(log) for log in logs)
-    return Problem(made, free, data, options.homing, options.workers)
+    problem = Problem(made, free, data, options.homing, False, options.workers)
+    if not Equations.apply_to(made) and not np.isfinite(problem.costs([np.zeros(problem.size)])[0]):
+        raise FitError(DIVERGED.format(rig.name))
+    return problem
 
 
 @lru_cache(maxsize=2)
 def _filter(rig: Rig, references: tuple[Sensor, ...], free: tuple[Free, ...], steps: int, compiled: bool) -> FitFilter:
     """Return the filter of a fit; folds of one fit have the same, which is compiled once."""
     return FitFilter(rig, references, free, steps, compiled)
+
+
+def _with_reference(
+    problem: Problem, found: Found, progress: Callable[[int, float], None] | None
+) -> tuple[Problem, Found]:
+    """Return problem and search with the reference as one more sensor, or without it where the two contradict each other.
+
+    With it the logs tell more where the model is right; where the model is wrong it hides what the angle errs by. So it is
+    used where nothing surprises the filter, and the two are compared as Hausman does (Econometrica 46, 1978): the rig's
+    numbers may not move by more than the angle without its reference leaves them unsure.
+
+    Args:
+        problem: without the reference.
+        found: the end of its search.
+        progress: called after each iteration.
+    """
+    if problem.homing is not None or float(np.max(problem.scales(problem.at(found.z)))) > EXPLAINED:
+        return problem, found
+    own = np.flatnonzero([not part.noise for part, _ in problem.parts])
+    known = uncertainty_at(problem, found.derivatives, found.z).covariance[np.ix_(own, own)]
+    with_it, tried = most_likely(replace(problem, aided=True), found.z, progress)
+    moved = (tried.z - found.z)[own]
+    if tried.interrupted or not moved @ np.linalg.solve(known, moved) < HAUSMAN * len(own):
+        return problem, replace(found, interrupted=tried.interrupted)
+    return with_it, replace(tried, iterations=found.iterations + tried.iterations)
 
 
 def _next_held(
@@ -236,6 +270,7 @@ def fitted_numbers(
     def limit_of(part: Free) -> float:
         return part.std if part.has_prior and not part.noise else float("inf")
 
+    numbers += [_by_scale(problem, found.z, part) for part in problem.noises]
     for k, part in enumerate(problem.free):
         places = sorted({columns[k] for columns in coordinates})
         each = np.array([part.value(found.z[place]) for place in places])
@@ -290,3 +325,27 @@ def _coordinates_of(problem: Problem, rig: Rig) -> Floats:
         except RigError:
             continue  # the reference is a sensor of the fit only
     return np.clip(z, *problem.bounds.T)
+
+
+def _by_scale(problem: Problem, z: Floats, part: Free) -> FittedNumber:
+    """Return a noise that the equations do not vary: larger by the root of what its sensors' residuals are larger by."""
+    sensors = [
+        problem.filter.rig.sensors[int(path.split(".")[1])].name for path in part.paths if path.startswith("sensors.")
+    ]
+    scales = problem.scales(problem.at(z))
+    grown = [float(np.sqrt(scales[problem.measured.index(name)])) for name in sensors if name in problem.measured]
+    factor = min(max(grown, default=1.0), part.high / part.start)
+    values = tuple(factor * start for start in part.starts)
+    return FittedNumber(
+        part.name,
+        part.paths,
+        part.si,
+        part.start,
+        part.std,
+        values[0],
+        float("nan"),
+        bool(grown),
+        True,
+        values,
+        kept=part.kept_by_file,
+    )

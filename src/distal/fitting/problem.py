@@ -28,8 +28,11 @@ from distal.kernels.mask import COMPARED_ONLY
 Floats = NDArray[np.float64]
 
 
-MOST_ITERATIONS = 12
+MOST_ITERATIONS = 20
 """A search takes so many iterations at most: each filters all logs once for every number."""
+
+ENOUGH = 0.1
+"""It ends where two steps after each other gain less than this of −ln p: a filter's has kinks of this size."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,8 @@ class Problem:
         free: what is varied; coordinates are those that logs share, then each log's own.
         data: of the logs.
         homing: for how long the reference is used [s], None for never; with it only what comes after counts.
+        aided: without homing, use the reference wherever it is as one more sensor, which tells more where the model is
+            right, and hides what the angle errs by where it is not.
         workers: threads; the numbers do not depend on them.
         worth: of the channels' values; None before they are assessed: every value counts in full.
     """
@@ -66,6 +71,7 @@ class Problem:
     free: tuple[Free, ...]
     data: tuple[Data, ...]
     homing: float | None = None
+    aided: bool = False
     workers: int = 2
     worth: Worth | None = None
 
@@ -103,9 +109,29 @@ class Problem:
         return replace(self, worth=Worth(shares_of(runs, [self._times(j) for j in range(len(self.data))]), counts))
 
     @property
+    def asks_equations(self) -> bool:
+        """Whether the rig's equations are asked, and not its filter."""
+        return False
+
+    @property
+    def of_filter(self) -> Problem:
+        """The filter's problem at the same coordinates."""
+        return self
+
+    @property
+    def noises(self) -> tuple[Free, ...]:
+        """Noises that are free and not varied."""
+        return ()
+
+    @property
     def most(self) -> int:
         """So many iterations a search takes at most."""
         return MOST_ITERATIONS
+
+    @property
+    def enough(self) -> float:
+        """A search ends where two steps after each other gain less than this of −ln p."""
+        return ENOUGH
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -211,6 +237,8 @@ class Problem:
     @cached_property
     def _rows(self) -> tuple[Floats, ...]:
         """Return the kernel's rows of each log; where a reference is not used it is compared only."""
+        if self.aided and self.homing is None:
+            return tuple(data.rows for data in self.data)
         masked = []
         for data in self.data:
             rows, times = data.rows.copy(), data.log.time

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalError
+from distal.fitting.candidates import BY_EQUATIONS
 from distal.fitting.fitted import FittedNumber, assignments
 from distal.fitting.fitted_file import MARK, fitted_text
 from distal.fitting.learn import Learned
@@ -31,6 +32,8 @@ class Fit:
     Args:
         rig: the description with all that was learned.
         start: the description as it came.
+        model: the same, with the part that it lacked where one was added.
+        part: that part's name; empty where none was added.
         fitted: every free number.
         logs: names of the logs.
         duration: of all of them [s].
@@ -54,11 +57,14 @@ class Fit:
         folds: each log (or unit) left out once.
         doubts: sentences with the reasons not to trust the fit.
         hold: whether filters are to take the numbers as they are.
+        added: path → what the part put into the description.
         candidates: name and RMS error on logs left out [rad] of each way that was tried, the chosen one first.
     """
 
     rig: Rig
     start: Rig
+    model: Rig
+    part: str
     fitted: tuple[FittedNumber, ...]
     logs: tuple[str, ...]
     duration: float
@@ -81,6 +87,7 @@ class Fit:
     folds: tuple[Fold, ...] = ()
     doubts: tuple[str, ...] = ()
     hold: bool = False
+    added: Mapping[str, object] = field(default_factory=dict)
     candidates: tuple[tuple[str, float], ...] = ()
 
     @classmethod
@@ -113,6 +120,9 @@ class Fit:
         return cls(
             rig=learned.rig,
             start=start,
+            model=start if learned.part is None else start.with_values(learned.part.values),
+            part="" if learned.part is None else learned.part.name,
+            added={} if learned.part is None else learned.part.values,
             fitted=tuple(part for part in learned.fitted if of_rig(part)),
             logs=tuple(log.source for log in logs),
             duration=float(sum(log.time[-1] - log.time[0] for log in logs)),
@@ -176,7 +186,13 @@ class Fit:
 
     def advice(self) -> list[str]:
         """Return what to know before the rig is used, one sentence each: doubts, hidden errors, advice."""
+        errors = dict(self.candidates)
         lines = [f"doubt: {line}" for line in self.doubts]
+        if self.part:
+            own, (_, best) = errors.get(BY_EQUATIONS, np.inf), self.candidates[0]
+            lines.insert(
+                0, f"your rig lacks {self.part} ({np.rad2deg(own):.2g}° → {np.rad2deg(best):.2g}°): it is in the file"
+            )
         for joint in self.rig.joints:
             if joint.external_torque.std > 0.0:
                 torque = f"{1e3 * joint.external_torque.std:.3g} mN m"
@@ -197,7 +213,7 @@ class Fit:
             if name == part.name:
                 return part
         try:
-            wanted = paths_of(self.start, name)
+            wanted = paths_of(self.model, name)
         except DistalError:
             raise KeyError(name) from None
         for part in self.fitted:
@@ -220,7 +236,7 @@ class Fit:
     def assignments(self) -> dict[str, object]:
         """Return path → value (with its std, where it had one) of what changed, as for `Rig.with_values`."""
         learned = {name: one.as_table() for name, one in self.maps.items()}
-        return {**assignments(self.fitted, self.start, self.hold), **self.curves, **learned}
+        return {**self.added, **assignments(self.fitted, self.model, self.hold), **self.curves, **learned}
 
     def _account(self) -> str:
         """Return the comment at the head of a fitted file: what it was fitted to, and where each value came from."""

@@ -16,11 +16,8 @@ Floats = NDArray[np.float64]
 SETTLED = 5e-3
 """The search ends where the next step is predicted to gain less than this of −ln p: a tenth of a standard error."""
 
-ENOUGH = 0.02
-"""It ends too where two steps after each other gain less than this: −ln p has kinks of this size, which no step ends at."""
-
 WIDER = 4.0
-"""The second of them goes by slopes over so many times the distance."""
+"""Where a step gains too little, the next goes by slopes over so many times the distance."""
 
 DAMPINGS = (0.0, 0.1, 1.0, 100.0)
 """Shares of the information's diagonal that are added to it: a step of each is tried, side by side."""
@@ -168,9 +165,9 @@ def search(
                 progress(iteration, min(float(costs[best]), found.cost))
             if gained > 0.0:
                 found = replace(found, z=points[best], cost=float(costs[best]))
-            if gained < ENOUGH and wider > 1.0:
+            if gained < problem.enough and wider > 1.0:
                 return replace(found, converged=True)
-            wider = WIDER if gained < ENOUGH else 1.0
+            wider = WIDER if gained < problem.enough else 1.0
             if iteration < last:
                 widths = wider * widths_at(problem, found.z, derivatives)
                 derivatives = problem.derivatives(found.z, np.where(free, widths, 0.0))

@@ -78,7 +78,7 @@ def fit_report(
     use = "" if fit.homing is None else f" A reference is used for the first {fit.homing:g} s, then only compared with."
     lead = (
         f"{fit.samples} samples of {len(fit.logs)} log{'s' if len(fit.logs) > 1 else ''} ({fit.duration:.0f} s), "
-        f"fitted by the likelihood of the filter's innovations.{use}"
+        f"fitted by the rig's equations, or by its filter's innovations.{use}"
     )
     path = folder / FIT_PAGES[0]
     write_whole(path, page(f"Fit of {fit.start.name}", lead, parts))
@@ -89,7 +89,7 @@ def _parameters(fit: Fit) -> list[str]:
     rows = [
         (
             escape(part.name),
-            f"<code>{escape(', '.join(named(fit.start, path) for path in part.paths))}</code>",
+            f"<code>{escape(', '.join(named(fit.model, path) for path in part.paths))}</code>",
             *map(escape, part.sizes),
             f"<span class='{'yes' if part.identified else 'no'}'>{escape(part.origin)}</span>",
         )

@@ -1,0 +1,118 @@
+"""Physics that a rig may lack: parts that are tried where its equations lack more than its sensors' noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from distal.errors import DistalError
+from distal.fitting.numbers import Numbers, by_equations, problem_of
+from distal.fitting.options import Options
+from distal.logs import Log
+from distal.rig import Pulley, Rig
+
+UNEXPLAINED = 4.0
+"""Parts are tried where some row of the equations has a mean ν²/S above this."""
+
+NAMED = 0.85
+"""A part is named where with it the rows' residuals are below this share, in the geometric mean of all rows."""
+
+NODES = 2
+"""Points of friction along a cable (docs/results/fits.md)."""
+
+PLAY = {"slider": 2e-4, "capstan": 0.02}
+"""Play of a drive that is tried first [m, rad]; its std is as large."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part that a description may lack, added wherever it can be.
+
+    Args:
+        name: in words.
+        values: path → what is put into the description.
+    """
+
+    name: str
+    values: Mapping[str, object]
+
+
+def parts_of(rig: Rig) -> Iterator[Part]:
+    """Yield the parts that may be added to a rig, one kind at a time.
+
+    Args:
+        rig: the description.
+    """
+    sheaths: dict[str, object] = {}
+    for tendon in rig.tendons:
+        if tendon.path is None:
+            way = {"friction": {"value": 0.1, "std": 0.1}, "wrap": np.pi / 2, "nodes": NODES}
+            sheaths[f"tendons.{tendon.name}.path"] = way
+        elif tendon.path.nodes == 0:
+            sheaths[f"tendons.{tendon.name}.path.nodes"] = NODES
+    creep = {"share": {"value": 0.1, "std": 0.1}, "time": {"value": 10.0, "std": 10.0}}
+    plays = {
+        f"drives.{drive.name}.backlash.width": {"value": PLAY[drive.kind], "std": PLAY[drive.kind]}
+        for drive in rig.drives
+        if drive.backlash is None
+    }
+    unknown = {"value": 0.0, "std": 0.2}
+    arms = {
+        f"tendons.{tendon.name}.insertion": {
+            "kind": "linkage",
+            "radius": tendon.insertion.radius.model_dump(exclude_defaults=True),
+            "slope": unknown,
+            "curvature": unknown,
+        }
+        for tendon in rig.tendons
+        if isinstance(tendon.insertion, Pulley)
+    }
+    yield Part("friction along the cable", sheaths)
+    yield Part("creep of the tendons", {f"tendons.{t.name}.creep": creep for t in rig.tendons if t.creep is None})
+    yield Part("play between drives and tendons", plays)
+    yield Part("moment arms that change with the angle", arms)
+
+
+def named_part(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> Part | None:
+    """Return the part with which a rig's equations lack least along some logs, None where none helps.
+
+    Args:
+        logs: of the fit.
+        rig: the description as it came.
+        options: of the fit.
+        numbers: of its equations.
+    """
+    if not numbers.by_equations or options.free or max(numbers.nis[1], default=0.0) < UNEXPLAINED:
+        return None
+    best, least = None, NAMED * _residual(numbers)
+    for part in parts_of(rig):
+        found = numbers_with(part, logs, rig, options)
+        if found is not None and _residual(found) < least:
+            best, least = part, _residual(found)
+    return best
+
+
+def numbers_with(part: Part, logs: Sequence[Log], rig: Rig, options: Options) -> Numbers | None:
+    """Return the numbers of a rig's equations with a part more, None where the rig cannot have it.
+
+    Args:
+        part: that is added.
+        logs: of the fit.
+        rig: the description as it came.
+        options: of the fit.
+    """
+    if not part.values:
+        return None
+    try:
+        found = by_equations(problem_of(logs, rig.with_values(part.values), options), options, None)
+    except DistalError:
+        return None
+    return None if found is None or found.found.interrupted else found
+
+
+def _residual(numbers: Numbers) -> float:
+    """Return the geometric mean over all rows of √(mean ν²/S), a row within its sensors' noise as if it were as large."""
+    ratios = np.maximum([ratio for ratio in numbers.nis[1] if np.isfinite(ratio)], 1.0)
+    return float(np.exp(np.mean(0.5 * np.log(ratios))))
