@@ -22,7 +22,8 @@ _limits: threadpool_limits | None = None
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread; the limits that were there come back when the last of those that are within has left.
 
-    It is for a ``with`` or a decorator, and does nothing to a BLAS that threadpoolctl does not know.
+    It is for a ``with`` or a decorator, and does nothing to a BLAS that threadpoolctl does not know. Some BLAS take limits
+    from the main thread only: they come back when that leaves, too.
     """
     global _within, _limits
     with _changing:
@@ -34,6 +35,8 @@ def one_blas_thread() -> Iterator[None]:
     finally:
         with _changing:
             _within -= 1
-            if _within == 0 and _limits is not None:
+            last = _within == 0
+            if _limits is not None and (last or threading.current_thread() is threading.main_thread()):
                 _limits.restore_original_limits()
+            if last:
                 _limits = None

@@ -1,0 +1,225 @@
+"""The rig's equations along known motion: against a textbook twin in NumPy, and numbers of plants that share no code."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from benchmarks.strangers.foreign_plants import finger_log, finger_rig
+from benchmarks.strangers.hands_plants import ropes_log, ropes_rig
+
+from distal import Log, Rig, load_rig, simulate
+from distal.fitting import Options
+from distal.fitting.inverse import INTERVAL, MEMORY, InverseProblem, inverse_problem
+from distal.fitting.jackknife import numbers_without
+from distal.fitting.lacking import named_part, parts_of
+from distal.fitting.numbers import Numbers, by_equations, problem_of
+from distal.logs import true_angles
+from distal.rig import build_rig
+
+pytestmark = pytest.mark.compiled
+
+STIFFNESS, ARM, RADIUS, PRETENSION = 9000.0, 8e-3, 6e-3, 5.0
+SPRING, REST, LINK, LOAD, CONSTANT = 0.3, -0.2, 4e-4, 0.1, 0.004
+RATE = 100.0
+
+
+def rig(**changed: object) -> Rig:
+    raw = {
+        "name": "one cable against a spring",
+        "joints": [
+            {
+                "name": "j",
+                "inertia": 1e-5,
+                "damping": 0.0,
+                "initial": {"value": 0.0, "std": 0.1},
+                "friction": {"coefficient": {"value": LINK, "std": 2e-4}, "radius": 1.0, "preload": 1.0},
+                "spring": {"stiffness": {"value": SPRING, "std": 0.05}, "rest_angle": REST},
+            }
+        ],
+        "drives": [
+            {
+                "name": "m",
+                "kind": "capstan",
+                "inertia": 1e-4,
+                "radius": RADIUS,
+                "friction": {"constant": {"value": CONSTANT, "std": 0.002}, "load": {"value": LOAD, "std": 0.05}},
+            }
+        ],
+        "tendons": [
+            {
+                "name": "t",
+                "joint": "j",
+                "drive": "m",
+                "side": 1,
+                "insertion": {"kind": "pulley", "radius": {"value": ARM, "std": 4e-4}},
+                "stiffness": {"value": STIFFNESS, "std": 900.0},
+                "pretension": PRETENSION,
+            }
+        ],
+        "sensors": [
+            {"name": "x", "measures": "position", "of": "m", "rate": RATE, "noise": 1e-4},
+            {"name": "u", "measures": "force", "of": "m", "rate": RATE, "noise": 1e-3},
+            {"name": "enc", "measures": "angle", "of": "j", "rate": RATE, "noise": 1e-3},
+        ],
+    }
+    return build_rig(raw, "rig").with_values(changed) if changed else build_rig(raw, "rig")
+
+
+def made(seconds: float = 20.0, seed: int = 0, stiffness: float = STIFFNESS) -> Log:
+    """Return a log of the quasi-static joint: torques in balance but for friction, which rests inside its limits."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(seconds * RATE)) / RATE
+    drive = 1.0 + 0.5 * np.sin(0.9 * time + seed) + 0.25 * np.sin(2.3 * time)
+    theta, force = np.empty(len(time)), np.empty(len(time))
+    at, way = 0.0, 0.0
+    for k, s in enumerate(drive):
+        soft = stiffness * ARM**2 + SPRING
+        middle = (ARM * (PRETENSION + stiffness * RADIUS * s) + SPRING * REST) / soft
+
+        def limit(angle: float, s: float = s) -> float:
+            return LINK * (1.0 + PRETENSION + stiffness * (RADIUS * s - ARM * angle))
+
+        low, high = middle - limit(middle) / soft, middle + limit(middle) / soft
+        at = min(max(at, low), high)
+        way = np.clip(way + (s - drive[k - 1] if k else 0.0) / 2e-3, -1.0, 1.0)
+        tension = PRETENSION + stiffness * (RADIUS * s - ARM * at)
+        theta[k], force[k] = at, RADIUS * tension + way * (CONSTANT + LOAD * RADIUS * tension)
+    channels = {"x": drive + 1e-5 * rng.normal(size=len(time)), "u": force + 1e-3 * rng.normal(size=len(time))}
+    return Log(time, channels, {"theta": theta + 1e-3 * rng.normal(size=len(time))}, f"seed {seed}")
+
+
+def equations(log: Log, described: Rig) -> InverseProblem:
+    found = inverse_problem(problem_of([log], described, Options()))
+    assert found is not None
+    return found
+
+
+def test_rows_are_those_of_a_textbook_twin() -> None:
+    """Force less pull and friction; the joint's balance over its stiffness: (T r − k (θ − θ0)) / (k_t r² + k)."""
+    described = rig()
+    problem = equations(made(), described)
+    known = problem.known[0]
+    found = problem.at(np.zeros(problem.size))[0].values
+    assert problem.measured == ("u", "j")
+    turned, q, a, read = (known.rows[:, i] for i in (slice(1, 3), slice(3, 5), slice(7, 9), 9))
+    direction, expected = np.zeros(2), np.empty((len(q), 2))
+    limit = described.joints[0].friction
+    assert limit is not None
+    for k in range(len(q)):
+        direction = np.clip(direction + turned[k], -1.0, 1.0)
+        theta, s = q[k]
+        tension = max(PRETENSION + STIFFNESS * (RADIUS * s - ARM * theta), 0.0)
+        expected[k, 0] = read[k] - RADIUS * tension - direction[1] * (CONSTANT + LOAD * RADIUS * tension)
+        balance = 1e-5 * a[k, 0] - tension * ARM + SPRING * (theta - REST)
+        stiffness = STIFFNESS * ARM**2 + SPRING
+        expected[k, 1] = -(balance + direction[0] * LINK * (1.0 + tension)) / stiffness
+    there = known.compared
+    np.testing.assert_allclose(found[there], expected[there], rtol=1e-9, atol=1e-12)
+    assert np.isnan(found[~there]).all()
+    assert np.median(np.diff(known.time)) == pytest.approx(INTERVAL)
+    spans = np.subtract(*np.percentile(q, (95, 5), axis=0))
+    np.testing.assert_allclose(np.abs(turned[5]), np.abs(q[5] - q[4]) / (MEMORY * spans), rtol=0.05)
+
+
+def test_a_plants_numbers_are_found_in_seconds() -> None:
+    """Arm, stiffness, spring and drive friction of a plant that differs, within three of their standard errors and 5 %."""
+    log = made(30.0, 1)
+    start = rig(
+        **{
+            "tendons.t.insertion.radius": {"value": 8.4e-3, "std": 4e-4},
+            "joints.j.spring.stiffness": {"value": 0.33, "std": 0.05},
+            "drives.m.friction.load": {"value": 0.14, "std": 0.05},
+        }
+    )
+    found = by_equations(problem_of([log], start, Options()), Options(), None)
+    assert found is not None
+    assert found.found.converged
+    for name, true in (("insertion radius", ARM), ("spring stiffness", SPRING), ("friction load", LOAD)):
+        part = next(one for one in found.fitted if one.name.startswith(name))
+        assert part.identified, name
+        assert part.value == pytest.approx(true, rel=0.05), name
+        assert abs(part.value - true) < 3.0 * part.error, name
+
+
+def test_what_is_not_read_cannot_be_asked() -> None:
+    """A joint without a truth, or a drive without a place: the filter is asked then, and with a homing move too."""
+    log = made(8.0)
+    problem = problem_of([log], rig(), Options())
+    assert by_equations(problem, Options(homing=1.0), None) is None
+    blind = replace(log, truth={"theta": np.where(log.time < 0.5, log.truth["theta"], np.nan)})
+    assert inverse_problem(problem_of([blind], rig(), Options())) is None
+    unread = load_rig("finger-2n")
+    one = simulate(unread, "finger", 1)
+    half = replace(one, truth={"theta_mcp": one.truth["theta_mcp"]})
+    assert inverse_problem(problem_of([half], unread, Options())) is None
+
+
+@lru_cache
+def ropes() -> tuple[list[Log], Numbers]:
+    logs = [ropes_log(seed, "calibration", 20.0) for seed in (300, 301, 302)]
+    found = by_equations(problem_of(logs, ropes_rig(), Options()), Options(), None)
+    assert found is not None
+    return logs, found
+
+
+def test_what_moves_inside_is_stepped_along() -> None:
+    """Creep and backlash of ropes: without either the equations lack more."""
+    logs, found = ropes()
+    lacking = np.array(found.nis[1])
+    bare = ropes_rig().with_values({f"tendons.{i}.creep": None for i in (0, 1)})
+    without = by_equations(problem_of(logs, bare, Options()), Options(), None)
+    assert without is not None
+    assert np.sum(np.log(without.nis[1])) > np.sum(np.log(lacking)) + 0.5
+
+
+def test_a_newton_step_leaves_a_log_out() -> None:
+    """The numbers without a log, by one step, beside those that a whole search of the others finds: a fifth of an error."""
+    logs, found = ropes()
+    (quick,) = (one for one in numbers_without(found, logs, [0, 1, 1])[:1])
+    whole = by_equations(problem_of(logs[1:], ropes_rig(), Options()), Options(), None)
+    assert whole is not None
+    compared = [(a, b) for a, b in zip(quick.fitted, whole.fitted) if a.identified and b.identified and not a.noise]
+    away = [abs(a.value - b.value) / b.error for a, b in compared]
+    came = [
+        abs(a.value - b.value) / b.error for (a, b) in zip(found.fitted, whole.fitted) if b.identified and not b.noise
+    ]
+    assert len(away) >= 8
+    assert np.median(away) < 0.25
+    assert np.median(away) <= np.median(came)
+
+
+def test_the_part_that_a_rig_lacks_is_named() -> None:
+    """Ropes whose play the rig file does not say; with it nothing is named, and of a rig without noise nothing is tried."""
+    logs, found = ropes()
+    silent = ropes_rig().with_values({f"drives.{i}.backlash": None for i in (0, 1)})
+    numbers = by_equations(problem_of(logs, silent, Options()), Options(), None)
+    assert numbers is not None
+    part = named_part(logs, silent, Options(), numbers)
+    assert part is not None
+    assert part.name == "play between drives and tendons"
+    assert set(part.values) == {f"drives.{name}.backlash.width" for name in ("flexor", "extensor")}
+    assert named_part(logs, ropes_rig(), Options(), found) is None
+    quiet = replace(numbers, nis=(numbers.nis[0], tuple(0.5 for _ in numbers.nis[1])))
+    assert named_part(logs, silent, Options(), quiet) is None
+    assert named_part(logs, silent, Options(free=("tendons.*.stiffness",)), numbers) is None
+
+
+def test_every_part_can_be_added_to_a_plain_rig() -> None:
+    described = rig()
+    names = [part.name for part in parts_of(described) if part.values]
+    assert len(names) == 4
+    for part in parts_of(described):
+        assert described.with_values(part.values) != described
+
+
+def test_a_foreign_finger_stays_near_its_priors() -> None:
+    """Physics that the rig lacks does not drive its numbers to absurd values: no prior weighs nothing."""
+    logs = [finger_log(seed, 10.0) for seed in (50, 51, 52)]
+    assert all(true_angles(log, ["finger"]) is not None for log in logs)
+    found = by_equations(problem_of(logs, finger_rig(), Options()), Options(), None)
+    assert found is not None
+    far = [abs(p.value - p.start) / p.prior_std for p in found.fitted if p.identified and not p.noise]
+    assert max(far) < 6.0
