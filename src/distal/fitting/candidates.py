@@ -94,6 +94,7 @@ class Candidate:
 class _Run:
     """What a filter makes of the logs with numbers that have not seen them, by the index of the log."""
 
+    rig: Rig
     rigs: Sequence[Rig]
     hold: bool
     data: Mapping[int, Samples]
@@ -111,31 +112,23 @@ def filter_candidate(
         numbers: None for those of the rig as it came.
         others: candidates before it; where their filters err far less, it gets no map.
     """
-    run, hold = _run(training, numbers, False), False
-    if numbers is not None and run.data and training.options.homing is None:
+    run = _run(training, numbers, False)
+    plain = Candidate(name, run.rig, numbers, False, {}, np.inf, run.data, tuple(run.refused), training.part)
+    least = min((mean_rms(one.data) for one in others if one.data), default=np.inf)
+    if not run.data or mean_rms(run.data) > FAR * least:
+        judged = bool(run.data) and len(set(training.folds)) > 1
+        return replace(plain, error=mean_rms(run.data)) if judged else plain
+    if numbers is not None and training.options.homing is None:
         surer = _run(training, numbers, True)
         if len(surer.data) == len(run.data) and mean_rms(surer.data) < SURER * mean_rms(run.data):
-            run, hold = surer, True
-    rig = (
-        training.rig
-        if numbers is None
-        else described(training.rig, assignments(numbers.fitted, numbers.problem.filter.rig, hold))
-    )
-    if not run.data:
-        return Candidate(name, rig, numbers, hold, {}, np.inf, {}, tuple(run.refused), training.part)
-    plain, least = mean_rms(run.data), min((mean_rms(one.data) for one in others if one.data), default=np.inf)
-    if plain > FAR * least:
-        error = plain if len(set(training.folds)) > 1 else np.inf
-        return Candidate(name, rig, numbers, hold, {}, error, run.data, tuple(run.refused), training.part)
+            run = surer
     homing, samples, ran = training.options.homing, list(run.data.values()), list(run.data)
     own, groups = [run.rigs[i] for i in ran], [training.groups[i] for i in ran]
     half = partly_homed([training.known[i] for i in ran], own, homing, training.options.compiled)
-    kind = discrepancy_of(rig, samples)
-    found = _with_reference_error(map_of(samples, kind, rig, homing, groups, scored=False, partly=half), training)
-    error = _error(samples, kind, found, groups, homing)
-    return Candidate(
-        name, found.rig, numbers, hold, {found.table: found}, error, run.data, tuple(run.refused), training.part
-    )
+    kind = discrepancy_of(run.rig, samples)
+    found = map_of(samples, kind, run.rig, homing, groups, scored=False, partly=half)
+    found, error = _with_reference_error(found, training), _error(samples, kind, found, groups, homing)
+    return replace(plain, rig=found.rig, hold=run.hold, maps={found.table: found}, error=error, data=run.data)
 
 
 def _error(samples: Sequence[Samples], kind: Kind, found: MapFit, groups: Sequence[str], homing: float | None) -> float:
@@ -146,14 +139,15 @@ def _error(samples: Sequence[Samples], kind: Kind, found: MapFit, groups: Sequen
 
 
 def _run(training: Training, numbers: Numbers | None, hold: bool) -> _Run:
-    folds = training.folds
-    if numbers is None:
-        rigs = [training.rig] * len(folds)
-    else:
-        unseen = numbers_without(numbers, training.known, folds)
-        each = [described(training.rig, assignments(own.fitted, own.problem.filter.rig, hold)) for own in unseen]
-        rigs = [each[fold] for fold in folds]
-    return _Run(rigs, hold, *filtered(training.known, rigs, training.options.homing, training.options.compiled))
+    def described_by(own: Numbers) -> Rig:
+        return described(training.rig, assignments(own.fitted, own.problem.filter.rig, hold))
+
+    rig, rigs = training.rig, [training.rig] * len(training.folds)
+    if numbers is not None:
+        each = [described_by(own) for own in numbers_without(numbers, training.known, training.folds)]
+        rig, rigs = described_by(numbers), [each[fold] for fold in training.folds]
+    done = filtered(training.known, rigs, training.options.homing, training.options.compiled)
+    return _Run(rig, rigs, hold, *done)
 
 
 def line_map(training: Training) -> MapFit:

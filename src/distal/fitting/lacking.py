@@ -88,13 +88,13 @@ def named_part(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers
         return None
     best, least = None, NAMED * _residual(numbers)
     for part in parts_of(rig):
-        found = numbers_with(part, logs, rig, options)
+        found = numbers_with(part, logs, rig, options, numbers)
         if found is not None and _residual(found) < least:
             best, least = part, _residual(found)
     return best
 
 
-def numbers_with(part: Part, logs: Sequence[Log], rig: Rig, options: Options) -> Numbers | None:
+def numbers_with(part: Part, logs: Sequence[Log], rig: Rig, options: Options, begin: Numbers) -> Numbers | None:
     """Return the numbers of a rig's equations with a part more, None where the rig cannot have it.
 
     Args:
@@ -102,11 +102,12 @@ def numbers_with(part: Part, logs: Sequence[Log], rig: Rig, options: Options) ->
         logs: of the fit.
         rig: the description as it came.
         options: of the fit.
+        begin: numbers without the part, where the search begins.
     """
     if not part.values:
         return None
     try:
-        found = by_equations(problem_of(logs, rig.with_values(part.values), options), options, None)
+        found = by_equations(problem_of(logs, rig.with_values(part.values), options), options, None, begin)
     except DistalError:
         return None
     return None if found is None or found.found.interrupted else found

@@ -108,7 +108,7 @@ def learn(
             if parts is None:
                 named = named_part(logs, rig, options, found[0])
                 parts = () if named is None else (named,)
-            chosen, candidates = _judged(training, line, found, _with_parts(logs, training, parts), progress)
+            chosen, candidates = _judged(training, line, found, _with_parts(logs, training, parts, found[0]), progress)
         except KeyboardInterrupt:
             found = [replace(own, found=replace(own.found, interrupted=True)) for own in found]
             chosen, candidates = _alone(found[-1], rig), list[Candidate]()
@@ -149,9 +149,11 @@ def _judged(
     return best_of(candidates), candidates
 
 
-def _with_parts(logs: Sequence[Log], training: Training, parts: Sequence[Part]) -> list[tuple[str, Training, Numbers]]:
+def _with_parts(
+    logs: Sequence[Log], training: Training, parts: Sequence[Part], begin: Numbers
+) -> list[tuple[str, Training, Numbers]]:
     """Return name, training and numbers of the equations with each part."""
-    found = [(part, numbers_with(part, logs, training.rig, training.options)) for part in parts]
+    found = [(part, numbers_with(part, logs, training.rig, training.options, begin)) for part in parts]
     return [
         (
             f"{BY_EQUATIONS}, with {part.name}",

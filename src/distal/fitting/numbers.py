@@ -96,20 +96,24 @@ def numbers_of(problem: Problem, options: Options, progress: Progress | None) ->
     return [*([] if equations is None else [equations]), by_filter(problem, options, equations, progress)]
 
 
-def by_equations(problem: Problem, options: Options, progress: Progress | None) -> Numbers | None:
+def by_equations(
+    problem: Problem, options: Options, progress: Progress | None, begin: Numbers | None = None
+) -> Numbers | None:
     """Return the numbers with which a rig's equations lack least, None where they cannot be asked; see `Equations`.
 
     Args:
         problem: of the filter on the same logs.
         options: what is asked of the fit.
         progress: called with what is done.
+        begin: numbers of other equations on the same logs, where the search begins.
     """
     equations = inverse_problem(problem, options.compiled) if options.homing is None else None
     if equations is None:
         return None
-    return _told(
-        equations, _translated(problem, _start(problem, options), equations), searching(progress, "by its equations")
-    )
+    start = _translated(problem, _start(problem, options), equations)
+    if begin is not None:
+        start = _translated(begin.problem, begin.found.z, equations)
+    return _told(equations, start, searching(progress, "by its equations"))
 
 
 def by_filter(problem: Problem, options: Options, begin: Numbers | None, progress: Progress | None) -> Numbers:

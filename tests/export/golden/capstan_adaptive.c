@@ -793,22 +793,23 @@ static void compare(const float* restrict a0, const float* restrict a1, const fl
 
 static void weights(const float* restrict a0, const float* restrict a1, const float* restrict a2, const float* restrict a3, float* restrict r0, float* restrict r1, float* restrict r2) {
   const float v2 = larger(a2[0], 0.0f);
-  const float v6 = a1[0] * a1[0];
-  const float v8 = 9.0f * a0[0];
-  const float v9 = v6 / v8;
-  const float v10 = larger(1.0f, v9);
-  const float v11 = a0[0] * v10;
-  const float v12 = v2 / v11;
-  r0[0] = v12;
-  const float v14 = sqrtf(v12);
-  r1[0] = v14;
-  const float v16 = (float)(a2[0] != 0.0f);
-  const float v18 = (float)(v16 != 0.0f && a3[0] != 0.0f);
-  const float v19 = (v18 != 0.0f ? a1[0] : 0.0f);
-  const float v20 = (float)(v18 == 0.0f);
-  const float v22 = (v20 != 0.0f ? NAN : 0.0f);
-  const float v23 = v19 + v22;
-  r2[0] = v23;
+  const float v5 = larger(a0[0], 1e-30f);
+  const float v8 = a1[0] * a1[0];
+  const float v10 = 9.0f * v5;
+  const float v11 = v8 / v10;
+  const float v12 = larger(1.0f, v11);
+  const float v13 = v5 * v12;
+  const float v14 = v2 / v13;
+  r0[0] = v14;
+  const float v16 = sqrtf(v14);
+  r1[0] = v16;
+  const float v18 = (float)(a2[0] != 0.0f);
+  const float v20 = (float)(v18 != 0.0f && a3[0] != 0.0f);
+  const float v21 = (v20 != 0.0f ? a1[0] : 0.0f);
+  const float v22 = (float)(v20 == 0.0f);
+  const float v24 = (v22 != 0.0f ? NAN : 0.0f);
+  const float v25 = v21 + v24;
+  r2[0] = v25;
 }
 
 static void adaptive(float* restrict state, const float* restrict a1, const float* restrict a2, float* restrict r1) {

@@ -20,8 +20,8 @@ from distal.kernels.mask import is_there, share_used
 UNSURE = 2.0
 """A joint that is fewer standard deviations than this before a stop may be held by it, (24b)."""
 
-SMALLEST_VARIANCE = 1e-300
-"""A row that tells nothing has no variance (a drive without a force sensor, its tendons slack): 0/0 is to be 0."""
+SMALLEST_VARIANCE = 1e-30
+"""A row that tells nothing has no variance (a drive without a force sensor, its tendons slack): 0/0 is 0, in float too."""
 
 
 def updated(
