@@ -39,7 +39,7 @@ class Counted:
 
     def _at(self, z: Floats) -> Any:
         z = np.clip(z, *self.problem.bounds.T)
-        self.runs += 1 + 2 * self.problem.size
+        self.runs += 1 + self.problem.size
         here = self.problem.derivatives(z, self._widths)
         self._widths = widths_at(self.problem, z, here)
         return here

@@ -121,8 +121,9 @@ def test_a_filter_can_say_what_affine_says() -> None:
     own = [replace(one, angles=one.targets + 0.1 * rng.normal(size=one.targets.shape)) for one in data]
     made = discrepancy_kind(CHANNELS, CHANNELS, (), ("j0",), NOISE)
     frame = calibrate_band(own, made, made.sets[0], range(5), None)
-    both = as_discrepancy(line, frame, np.array([0.05, 0.0]))
-    seen = replace(own[2], readings=own[2].readings - [0.05, 0.0], variances=np.ones((400, 1)))
+    both = as_discrepancy(line, frame)
+    assert not both.tracked  # it reads as the line does, not where the filter has the drives
+    seen = replace(own[2], variances=np.ones((400, 1)))
     known, said = predict(line, data[2]), predict(both, seen)
     inside = np.abs(own[2].angles[:, 0] - np.mean([frame.low[2], frame.high[2]])) < 0.5 * (frame.high[2] - frame.low[2])
     np.testing.assert_allclose((said.values + own[2].angles[:, 0])[inside], known.values[inside], atol=1e-12)

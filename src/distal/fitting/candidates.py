@@ -19,7 +19,6 @@ from distal.fitting.reference_error import with_reference_error
 from distal.logs import Log
 from distal.regression import Kind, Samples, as_discrepancy, folds_of, left_out_errors, rms_beyond_noise
 from distal.rig import Rig
-from distal.sensors import place_offsets
 
 AS_IT_CAME, BY_EQUATIONS, BY_FILTER, LINE = (
     "the rig as it came",
@@ -170,11 +169,11 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
         line: see `line_map`.
         base: the filter beside it.
     """
-    frame, rig = base.maps["discrepancy"], base.rig.bare()
+    frame = base.maps["discrepancy"]
     among = [_at_times_of(one, affine_samples(training.known[i], training.rig)) for i, one in base.data.items()]
     among = [replace(one, reference_std=base.data[i].reference_std) for i, one in zip(base.data, among)]
     error = _error(among, affine_of(training.rig), line, [training.groups[i] for i in base.data], None)
-    other = as_discrepancy(line.learned, frame.learned, place_offsets(rig, line.learned.channels))
+    other = as_discrepancy(line.learned, frame.learned)
     note = f"discrepancy: within the range of the logs the angle is that of affine: {line.notes[0].partition(': ')[2]}"
     made = replace(frame.with_map(other), notes=(note, *frame.notes[1:]), terms=line.terms)
     return Candidate(

@@ -40,8 +40,10 @@ def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floa
     carries = carries[last]
     nj, n = truths.shape[1], start.size
     angles, variances = mean_of(carries, n)[:, :nj].copy(), variances_of(carries, n)[:, :nj].copy()
+    tracked = runner.discrepancy is None or runner.discrepancy.tracked
     readings = [
-        carries[:, place] if place is not None else held(samples[:, i]) for i, place in enumerate(runner.places)
+        carries[:, place] if tracked and place is not None else held(samples[:, i])
+        for i, place in enumerate(runner.places)
     ]
     interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
     return Samples(

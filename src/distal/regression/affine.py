@@ -60,7 +60,7 @@ def affine_kind(channels: Sequence[str], positions: Sequence[str], joints: Seque
     )
 
 
-def as_discrepancy(affine: LearnedMap, frame: LearnedMap, offsets: Floats) -> Discrepancy:
+def as_discrepancy(affine: LearnedMap, frame: LearnedMap) -> Discrepancy:
     """Return the discrepancy δ = φᵀ b − θ with which a filter reports the angle of `affine`, within the learned range.
 
     Within the learned range the map replaces the filter's own angle and its error. Beyond it the terms stay constant,
@@ -72,12 +72,9 @@ def as_discrepancy(affine: LearnedMap, frame: LearnedMap, offsets: Floats) -> Di
         offsets: known offsets of the sensors, which the filter takes off its drives' places [SI], (m,).
     """
     m, nj = len(affine.channels), len(affine.joints)
-    shift = np.concatenate([offsets, np.zeros(nj)])
 
     def both(name: str) -> tuple[float, ...]:
-        moved = shift if name in ("centre", "low", "high") else np.zeros(m + nj)
-        values = np.concatenate([getattr(affine, name), np.asarray(getattr(frame, name))[m:]]) - moved
-        return tuple(float(value) for value in values)
+        return (*getattr(affine, name), *getattr(frame, name)[m:])
 
     joints = []
     for j, joint in enumerate(affine.joints):
@@ -97,6 +94,7 @@ def as_discrepancy(affine: LearnedMap, frame: LearnedMap, offsets: Floats) -> Di
     return Discrepancy(
         terms=(*affine.terms, *(f"angle({joint.joint})" for joint in affine.joints)),
         channels=affine.channels,
+        tracked=False,
         **{name: both(name) for name in ("centre", "scale", "low", "high", "rate")},
         width=affine.width,
         distance=affine.distance,

@@ -157,7 +157,7 @@ def reporting_function(
     read = ca.vertcat(*(0 if place is None else following[place] for place in places))
     memories, reports, at, number = [], [], own, given
     for (learned, states, corrects), size, count in zip(maps, sizes, counts):
-        function = map_function(learned, width, [place is not None for place in places])
+        function = map_function(learned, width, [place is not None and learned.tracked for place in places])
         values, gains, variances, _, memory = function(
             carry[at : at + size], x, read, following[list(range(joints))], p[number : number + count]
         )

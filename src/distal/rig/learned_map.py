@@ -77,6 +77,9 @@ class LearnedMap(Description):
     )
     reach: float = Field(gt=0.0, description="largest such distance in the logs")
     correlation_time: Annotated[float, In("s", "positive")] = Field(description="of what is left")
+    tracked: bool = Field(
+        True, description="whether places of drives are as the filter tracks them; else as their sensors read them"
+    )
     own: float = Field(1.0, ge=0.0, le=1.0, description="share of the filter's own standard deviation that counts")
     spread: Row = Field(description="RMS over the logs of what is mapped: outside the range so much is not known")
     band: Row = Field(description="c, one for each joint: factor on the standard deviation, by logs left out")

@@ -186,7 +186,7 @@ class AdaptiveFilter(KernelEstimator):
             for k, at in enumerate(self.places)
         ]
         for learned in self._maps:
-            memory = ca.vertcat(memory, first_memory(learned, ca.vertcat(*placed), mask))
+            memory = ca.vertcat(memory, first_memory(learned, ca.vertcat(*placed) if learned.tracked else values, mask))
         symbols, p = context.mechanism.parameters.symbols, ca.SX.sym("p", len(self._p))
         found = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
         return ca.Function("prior", [values, given, p], found)
