@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from distal.estimators import affine_of, affine_samples
+from distal.fitting.checks import unknown_joints
 from distal.fitting.fitted import assignments, described
 from distal.fitting.jackknife import numbers_without
 from distal.fitting.lacking import Part
@@ -16,8 +17,8 @@ from distal.fitting.maps import MapFit, map_of
 from distal.fitting.numbers import Numbers
 from distal.fitting.options import Options
 from distal.fitting.reference_error import with_reference_error
-from distal.logs import Log
-from distal.regression import Kind, Samples, as_discrepancy, folds_of, left_out_errors, rms_beyond_noise
+from distal.logs import Log, true_angles
+from distal.regression import Kind, Samples, as_discrepancy, folds_of, groups_of, left_out_errors, rms_beyond_noise
 from distal.rig import Rig
 
 AS_IT_CAME, BY_EQUATIONS, BY_FILTER, LINE = (
@@ -38,6 +39,19 @@ LINE_COSTS = 1.1
 """The angle is taken from the line if the others err by this many times as much: it knows nothing beyond the logs."""
 
 
+def groups_among(logs: Sequence[Log], options: Options) -> tuple[str, ...]:
+    """Return which logs are left out together: those of one unit, else each alone.
+
+    Args:
+        logs: some of the fit's.
+        options: of the fit.
+    """
+    names = [log.source for log in logs]
+    if options.units is None or not names:
+        return tuple(str(i) for i in range(len(names)))
+    return tuple(groups_of(names, options.units, 1))
+
+
 @dataclass(frozen=True)
 class Training:
     """What candidates learn from.
@@ -47,6 +61,7 @@ class Training:
         groups: of each, which are left out together.
         rig: the description as it came.
         options: of the fit.
+        unknown: joints whose angle is known in no log.
         part: that the description has more than as it came.
     """
 
@@ -54,7 +69,27 @@ class Training:
     groups: tuple[str, ...]
     rig: Rig
     options: Options
+    unknown: tuple[str, ...] = ()
     part: Part | None = None
+
+    @classmethod
+    def of(cls, logs: Sequence[Log], rig: Rig, options: Options) -> Training:
+        """Return what candidates learn from.
+
+        Args:
+            logs: of the fit.
+            rig: the description as it came.
+            options: of the fit.
+        """
+        joints = [joint.name for joint in rig.joints]
+        known = tuple(log for log in logs if true_angles(log, joints) is not None)
+        unknown = tuple(unknown_joints(known, rig)) if known else ()
+        return cls(known, groups_among(known, options), rig, options, unknown)
+
+    @property
+    def judges(self) -> bool:
+        """Whether candidates can be judged: every joint's angle is known in some log."""
+        return bool(self.known) and not self.unknown
 
     @property
     def folds(self) -> list[int]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from distal.errors import FitError
 from distal.estimators import StateKind
 from distal.fitting.problem import Problem
 from distal.logs import true_angles
+from distal.rig import Sensor
 
 Floats = NDArray[np.float64]
 
@@ -39,37 +42,41 @@ def curves(problem: Problem, z: Floats) -> dict[str, object]:
         raise FitError(
             "curves need a log with truth and a position sensor with a linearity; give both, or leave --curves out"
         )
-    runner = problem.filter.runner
-    kinds, parts = runner.state_kinds, runner.state_parts
-    ends = [problem.states(j, z) for j in known]
-    states = runner.states
-    start, spread = states.means, states.stds
+    ends = [(problem.data[j].log.source, *problem.states(j, z)) for j in known]
     found: dict[str, object] = {}
     for sensor in sensors:
-        weights_of = [kind is StateKind.LINEARITY and part == sensor.name for kind, part in zip(kinds, parts)]
-        at = np.flatnonzero(weights_of)
-        block = np.ix_(at, at)
-        prior = np.diag(1.0 / spread[at] ** 2)
-        precision, weighted = prior.copy(), prior @ start[at]
-        single = []
-        for means, covariances in ends:
-            own = np.linalg.inv(covariances[block])
-            precision += own - prior
-            weighted += own @ means[at] - prior @ start[at]
-            single.append((means[at], covariances[block]))
-        precision = (precision + precision.T) / 2
-        weights = np.linalg.solve(precision, weighted)
-        for j, (mean, covariance) in zip(known, single):
-            away = mean - weights
-            # what a log knows no better than the prior says nothing of whether it agrees
-            distance = float(away @ np.linalg.solve(covariance + 1e-18 * np.eye(len(at)), away))
-            if len(known) > 1 and distance > AGREE**2 * len(at):
-                raise FitError(
-                    f"{problem.data[j].log.source}: the curve of sensor '{sensor.name}' is not that of the other logs; "
-                    "was it mounted anew? Leave --curves out"
-                )
-        left = np.linalg.inv(precision)
-        share = float(np.sqrt(np.trace(left) / np.sum(spread[at] ** 2)))
-        found[f"sensors.{sensor.name}.curve"] = [float(f"{w:.4g}") for w in weights]
-        found[f"sensors.{sensor.name}.linearity"] = float(f"{min(LINEARITY_LEFT * share, 1.0) * sensor.linearity:.3g}")
+        found |= _of_sensor(problem, sensor, ends)
     return found
+
+
+def _of_sensor(problem: Problem, sensor: Sensor, ends: Sequence[tuple[str, Floats, Floats]]) -> dict[str, object]:
+    """Return the curve and what is left of the linearity of one sensor, from names, means and covariances of logs' ends."""
+    runner = problem.filter.runner
+    weights_of = [
+        kind is StateKind.LINEARITY and part == sensor.name
+        for kind, part in zip(runner.state_kinds, runner.state_parts)
+    ]
+    at = np.flatnonzero(weights_of)
+    block, start, spread = np.ix_(at, at), runner.states.means[at], runner.states.stds[at]
+    prior = np.diag(1.0 / spread**2)
+    precision, weighted = prior.copy(), prior @ start
+    for _, means, covariances in ends:
+        own = np.linalg.inv(covariances[block])
+        precision += own - prior
+        weighted += own @ means[at] - prior @ start
+    precision = (precision + precision.T) / 2
+    weights = np.linalg.solve(precision, weighted)
+    for source, means, covariances in ends if len(ends) > 1 else ():
+        away = means[at] - weights
+        # what a log knows no better than the prior says nothing of whether it agrees
+        distance = float(away @ np.linalg.solve(covariances[block] + 1e-18 * np.eye(len(at)), away))
+        if distance > AGREE**2 * len(at):
+            raise FitError(
+                f"{source}: the curve of sensor '{sensor.name}' is not that of the other logs; "
+                "was it mounted anew? Leave --curves out"
+            )
+    share = float(np.sqrt(np.trace(np.linalg.inv(precision)) / np.sum(spread**2)))
+    return {
+        f"sensors.{sensor.name}.curve": [float(f"{w:.4g}") for w in weights],
+        f"sensors.{sensor.name}.linearity": float(f"{min(LINEARITY_LEFT * share, 1.0) * sensor.linearity:.3g}"),
+    }

@@ -94,11 +94,7 @@ def fit(
         compiled=compiled,
     )
     read = _read(logs, rig, truth, homing)
-    known = [log for log in read if true_angles(log, [joint.name for joint in rig.joints]) is not None]
-    sources = [log.source for log in read]
-    groups = [str(i) for i in range(len(read))] if units is None else groups_of(sources, units)
-    folds = folds_of(groups)
-    enough = len({group for log, group in zip(read, groups) if any(log is one for one in known)}) >= FOR_LEAVING_OUT
+    folds, enough = _folds(read, rig, units)
     parts = len(set(folds)) + 1 if enough else 1
     learned = learn(read, rig, options, of_part(progress, 0, parts), early=early)
     for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
@@ -113,6 +109,14 @@ def fit(
     if enough and "discrepancy" in learned.maps and not learned.interrupted:
         done, asked = leave_out(read, rig, folds, of_fold, homing), parts - 1
     return Fit.of(learned, rig, read, options, tuple(done), asked)
+
+
+def _folds(logs: Sequence[Log], rig: Rig, units: str | None) -> tuple[list[int], bool]:
+    """Return the fold of each log, and whether logs of known angle are enough to leave each out once."""
+    groups = [str(i) for i in range(len(logs))] if units is None else groups_of([log.source for log in logs], units)
+    joints = [joint.name for joint in rig.joints]
+    known = {group for log, group in zip(logs, groups) if true_angles(log, joints) is not None}
+    return folds_of(groups), len(known) >= FOR_LEAVING_OUT
 
 
 def _read(

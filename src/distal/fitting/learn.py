@@ -16,10 +16,10 @@ from distal.fitting.candidates import (
     Training,
     best_of,
     filter_candidate,
+    groups_among,
     line_candidate,
     line_map,
 )
-from distal.fitting.checks import unknown_joints
 from distal.fitting.curves import curves
 from distal.fitting.fitted import FittedNumber, assignments, described
 from distal.fitting.lacking import Part, named_part, numbers_with
@@ -27,8 +27,7 @@ from distal.fitting.maps import MapFit, learn_contact
 from distal.fitting.numbers import Numbers, numbers_of, problem_of
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress, judging
-from distal.logs import Log, true_angles, true_torques
-from distal.regression import groups_of
+from distal.logs import Log, true_torques
 from distal.rig import Rig
 
 
@@ -92,37 +91,51 @@ def learn(
     Raises:
         FitError: the logs cannot be fitted.
     """
-    known = tuple(log for log in logs if true_angles(log, [joint.name for joint in rig.joints]) is not None)
-    unknown = unknown_joints(known, rig) if known else []
-    judged = bool(known) and not unknown
-    training = Training(known, _groups(known, options), rig, options)
-    line = line_map(training) if judged else None
+    training = Training.of(logs, rig, options)
+    line = line_map(training) if training.judges else None
     problem = problem_of(logs, rig, options)
     if line is not None and early is not None:
         early(line)
     found = numbers_of(problem, options, progress)
-    if line is None:
-        chosen, candidates = _alone(found[-1], rig), list[Candidate]()
-    else:
-        try:
-            if parts is None:
-                named = named_part(logs, rig, options, found[0])
-                parts = () if named is None else (named,)
-            chosen, candidates = _judged(training, line, found, _with_parts(logs, training, parts, found[0]), progress)
-        except KeyboardInterrupt:
-            found = [replace(own, found=replace(own.found, interrupted=True)) for own in found]
-            chosen, candidates = _alone(found[-1], rig), list[Candidate]()
+    chosen, candidates = _chosen(logs, training, line, found, parts, progress)
     numbers = found[-1] if chosen.numbers is None else chosen.numbers
-    maps = ([line] if line is not None else []) + list(chosen.maps.values())
     bends = dict(curves(numbers.problem.of_filter, numbers.found.z)) if options.curves else {}
     learned = described(chosen.rig.bare(), bends)
-    maps += _contact_map(logs, learned, options)
-    whole = learned.with_values({one.table: one.learned.model_dump() for one in maps}) if maps else learned
-    doubts = (*numbers.doubts, *_unknown(unknown), *chosen.refused, *_as_it_came(chosen, candidates))
-    tried = tuple((one.name, one.error) for one in sorted(candidates, key=lambda one: (one is not chosen, one.error)))
-    kept = chosen.numbers is not None
-    tables = {one.table: one for one in maps}
-    return Learned(whole, numbers, kept, chosen.hold, bends, tables, chosen.part, tried, doubts)
+    maps = [*([] if line is None else [line]), *chosen.maps.values(), *_contact_map(logs, learned, options)]
+    return Learned(
+        rig=learned.with_values({one.table: one.learned.model_dump() for one in maps}),
+        numbers=numbers,
+        kept=chosen.numbers is not None,
+        hold=chosen.hold,
+        curves=bends,
+        maps={one.table: one for one in maps},
+        part=chosen.part,
+        candidates=tuple(
+            (one.name, one.error) for one in sorted(candidates, key=lambda one: (one is not chosen, one.error))
+        ),
+        doubts=(*numbers.doubts, *_unknown(training.unknown), *chosen.refused, *_as_it_came(chosen, candidates)),
+    )
+
+
+def _chosen(
+    logs: Sequence[Log],
+    training: Training,
+    line: MapFit | None,
+    found: Sequence[Numbers],
+    parts: Sequence[Part] | None,
+    progress: Progress | None,
+) -> tuple[Candidate, list[Candidate]]:
+    """Return the candidate that is written, and all that were judged; numbers alone where none can be, or Ctrl-C came."""
+    if line is None:
+        return _alone(found[-1], training.rig), []
+    try:
+        if parts is None:
+            named = named_part(logs, training.rig, training.options, found[0])
+            parts = () if named is None else (named,)
+        return _judged(training, line, found, _with_parts(logs, training, parts, found[0]), progress)
+    except KeyboardInterrupt:
+        numbers = replace(found[-1], found=replace(found[-1].found, interrupted=True))
+        return _alone(numbers, training.rig), []
 
 
 def _judged(
@@ -195,15 +208,4 @@ def _contact_map(logs: Sequence[Log], learned: Rig, options: Options) -> list[Ma
     felt = [log for log in logs if true_torques(log, [joint.name for joint in learned.joints]) is not None]
     if not felt or any(joint.external_torque.std == 0.0 for joint in learned.joints):
         return []
-    return [learn_contact(felt, learned, options.homing, _groups(felt, options), scored=False)]
-
-
-def _groups(logs: Sequence[Log], options: Options) -> tuple[str, ...]:
-    """Return which logs are left out together: those of one unit, else each alone."""
-    names = [log.source for log in logs]
-    own = (
-        [str(i) for i in range(len(names))]
-        if options.units is None or not names
-        else groups_of(names, options.units, 1)
-    )
-    return tuple(own)
+    return [learn_contact(felt, learned, options.homing, groups_among(felt, options), scored=False)]
