@@ -32,6 +32,9 @@ AS_IT_CAME, BY_EQUATIONS, BY_FILTER, LINE = (
 SURER = 0.85
 """Filters take the numbers as they are (`hold`) if that brings the angle's error below this share."""
 
+CORRECTED_COSTS = 1.25
+"""The same of the rig as it came where a map corrects it: what the map bends to fit, it bends beyond the logs too."""
+
 FAR = 1.5
 """A filter whose angle errs by so many times that of another is no base for a map."""
 
@@ -217,12 +220,18 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate:
-    """Return the candidate that errs least on logs left out; a line costs `LINE_COSTS`.
+    """Return the candidate that errs least on logs left out; a line costs `LINE_COSTS`, a corrected rig as it came more.
 
     Args:
         candidates: in the order in which equal ones are preferred.
     """
-    return min(candidates, key=lambda one: one.error * (LINE_COSTS if one.name == LINE else 1.0))
+
+    def cost(one: Candidate) -> float:
+        if one.name == AS_IT_CAME and any(found.terms.corrects for found in one.maps.values()):
+            return CORRECTED_COSTS * one.error
+        return LINE_COSTS * one.error if one.name == LINE else one.error
+
+    return min(candidates, key=cost)
 
 
 def _at_times_of(one: Samples, straight: Samples) -> Samples:
