@@ -35,6 +35,9 @@ SURER = 0.85
 CORRECTED_COSTS = 1.25
 """The same of the rig as it came where a map corrects it: what the map bends to fit, it bends beyond the logs too."""
 
+PART_COSTS = 1.1
+"""The same of a part more: a rig file with fewer is preferred."""
+
 FAR = 1.5
 """A filter whose angle errs by so many times that of another is no base for a map."""
 
@@ -220,16 +223,17 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate:
-    """Return the candidate that errs least on logs left out; a line costs `LINE_COSTS`, a corrected rig as it came more.
+    """Return the candidate that errs least on logs left out, what a line, a part or a corrected rig as it came costs added.
 
     Args:
         candidates: in the order in which equal ones are preferred.
     """
 
     def cost(one: Candidate) -> float:
+        share = PART_COSTS if one.part is not None else 1.0
         if one.name == AS_IT_CAME and any(found.terms.corrects for found in one.maps.values()):
-            return CORRECTED_COSTS * one.error
-        return LINE_COSTS * one.error if one.name == LINE else one.error
+            share *= CORRECTED_COSTS
+        return share * one.error * (LINE_COSTS if one.name == LINE else 1.0)
 
     return min(candidates, key=cost)
 

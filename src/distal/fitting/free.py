@@ -90,7 +90,8 @@ class Free:
         """
         low, high = self.bounds
         z = float(np.clip(z, low, high))
-        return float(self.start * np.exp(z)) if self.logarithmic else self.start + self.scale * z
+        found = float(self.start * np.exp(z)) if self.logarithmic else self.start + self.scale * z
+        return min(max(found, self.low), self.high)  # rounding may lead beyond a bound
 
     def values(self, z: float) -> tuple[float, ...]:
         """Return all numbers at a coordinate.

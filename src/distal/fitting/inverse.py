@@ -4,9 +4,11 @@ With q = (angles, places) known, and v and a from it, the equations of `Mechanis
 
     forces      U_i − (pull_i(q, v) + l_i d_i + α_i |d_i|)
     tensions    T_measured − T(q, v)
-    joints      −(M a + pulls − passive forces + l d)_j / |∂(…)_j/∂q_j|, as an angle
+    joints      −(M a + pulls − passive forces + l d)_j
 
-with friction limits l of mean and asymmetry α, and d the direction of motion with a memory of a hundredth of the range.
+each over its effective standard deviation, √(σ² + Σ (∂row/∂q_k)² σ_k²), with what is left of the noise of angles
+and places: a stiffness that multiplies their noise would come out too small (Clutton-Brock, Technometrics 9, 1967).
+Friction has limits of mean l and asymmetry α; d is the direction of motion with a memory of a hundredth of the range.
 What moves inside (plays, points of sheaths, creep) is stepped along the known motion. This is identification by the
 inverse dynamic model (Gautier and Khalil, IEEE T-RA 6, 1990; Janot et al., IEEE T-CST 22, 2014).
 """
@@ -20,7 +22,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from distal.expressions import Scalar
 from distal.fitting.filter import Data, FitFilter
@@ -52,8 +54,8 @@ MOST_ITERATIONS = 50
 ENOUGH = 0.02
 """It ends where two steps after each other gain less than this of −ln p."""
 
-SOFTEST = 1e-6
-"""Least stiffness by which a torque is told as an angle [N m/rad]."""
+LEAST_VARIANCE = 1e-18
+"""Least effective variance of a row, so that nothing is divided by zero [SI²]."""
 
 
 @dataclass(frozen=True)
@@ -114,21 +116,20 @@ class Equations:
         joints = [self.mechanism.rig.joints[j].name for j in self.mechanism.free]
         return (*(s.name for _, s in (*self.forces, *self.tensions)), *joints)
 
-    @property
-    def variances(self) -> Floats:
-        """Variance of each row's own noise, (m,): of its sensor, or of the joint's reference."""
-        of = {sensor.of: sensor for sensor in self.fit.references}
-        joints = [of[self.mechanism.rig.joints[j].name] for j in self.mechanism.free]
-        return np.array([variance(s) for s in (*(s for _, s in (*self.forces, *self.tensions)), *joints)])
-
     def _function(self) -> ca.Function:
-        """Return (carry, x, p) → (carry⁺, residuals) with carry (directions, inside), x (dt, turned, q, v, a, read)."""
+        """Return (carry, x, p) → (carry⁺, residuals) with carry (directions, inside), x
+
+        (dt, turned, q, v, a, σ_q², read).
+        """
         mechanism, context, nb, nj = self.mechanism, self.context, self.mechanism.n_bodies, self.mechanism.n_joints
         p, count = mechanism.parameters.symbols, len(mechanism.plays) + len(mechanism.strains)
         sensors = [s for _, s in (*self.forces, *self.tensions)]
-        carry, x = ca.SX.sym("carry", nb + count), ca.SX.sym("x", 1 + 4 * nb + len(sensors))
-        dt, turned, q, v, a, read = ca.vertsplit(x, [0, 1, *(1 + nb * k for k in range(1, 5)), x.numel()])
-        q = ca.vertcat(q[:nj], *(context.corrected(s, q[nj + i]) for i, s in enumerate(self.places) if s is not None))
+        carry, x = ca.SX.sym("carry", nb + count), ca.SX.sym("x", 1 + 5 * nb + len(sensors))
+        ends = [0, 1, *(1 + nb * k for k in range(1, 6)), x.numel()]
+        dt, turned, motion, v, a, unsure, read = ca.vertsplit(x, ends)
+        q = ca.vertcat(
+            motion[:nj], *(context.corrected(s, motion[nj + i]) for i, s in enumerate(self.places) if s is not None)
+        )
         direction = ca.fmax(ca.fmin(carry[:nb] + turned, 1), -1)
         inside, strains = carry[nb:], carry[nb + len(mechanism.plays) :]
         if count:
@@ -155,11 +156,12 @@ class Equations:
         ]
         first = len(self.forces)
         rows += [context.corrected(s, read[first + k]) - tensions[i] for k, (i, s) in enumerate(self.tensions)]
-        spread = ca.densify(mechanism.spread[:, :])
-        lacking = -ca.mtimes(spread.T, balance[:nj] + friction[:nj])
-        softness = ca.mtimes(spread.T**2, balance[nj:])
-        rows += [lacking[k] / softness[k] for k in range(len(mechanism.free))]
-        outputs = [ca.vertcat(direction, inside), ca.vertcat(*rows)]
+        rows += ca.vertsplit(-ca.mtimes(ca.densify(mechanism.spread).T, (balance + friction)[:nj]))
+        lacking, own = ca.vertcat(*rows), [context.noise(s) for s in sensors]
+        noise = ca.vertcat(*own, *(LEAST_VARIANCE for _ in mechanism.free))
+        noise += ca.mtimes(ca.jacobian(lacking, motion) ** 2, unsure)
+        residuals = lacking / ca.sqrt(ca.fmax(noise, LEAST_VARIANCE))
+        outputs = [ca.vertcat(direction, inside), residuals]
         return ca.Function(
             "equations",
             [carry, x, p],
@@ -169,18 +171,17 @@ class Equations:
         )
 
     def _forces(self) -> ca.Function:
-        """Return (q, v, a, p) → tensions, pulls, the joints' balance and its stiffness, friction up and down."""
+        """Return (q, v, a, p) → tensions, pulls, all bodies' balance without friction, friction up and down."""
         mechanism, nb, nj = self.mechanism, self.mechanism.n_bodies, self.mechanism.n_joints
         q, v, a = (ca.SX.sym(name, nb) for name in "qva")
         tendons = mechanism.pulls(q, v, settled=True)
         passive = mechanism.passive_forces(q)
         pulls = mechanism.dampings() * v - tendons.forces - passive
-        balance = ca.mtimes(mechanism.mass_matrix(q), a[:nj]) + pulls[:nj]
-        stiffness = ca.fmax(ca.fabs(ca.diag(ca.jacobian(balance, q)[:, :nj])), SOFTEST)
+        balance = ca.vertcat(ca.mtimes(mechanism.mass_matrix(q), a[:nj]) + pulls[:nj], pulls[nj:])
         limits = mechanism.friction_limits(q, v, tendons.joint, tendons.drive)
         up, down = (ca.vertcat(*(getattr(limit, side) for limit in limits)) for side in ("up", "down"))
         p = mechanism.parameters.symbols
-        return ca.Function("forces", [q, v, a, p], [tendons.drive, pulls, ca.vertcat(balance, stiffness), up, down])
+        return ca.Function("forces", [q, v, a, p], [tendons.drive, pulls, balance, up, down])
 
     def _begin(self) -> ca.Function:
         """Return (q, p) → the carry before the first sample: no direction yet, plays in the middle, creep settled."""
@@ -223,9 +224,13 @@ class Equations:
         width = MEMORY * np.subtract(*np.percentile(q[there], (95, 5), axis=0)) + 1e-12
         every = max(1, round(INTERVAL / step))
         kept = slice(None, None, every)
+        # smoothing leaves a share of the noise of each angle and place
+        left = float(np.sum(savgol_coeffs(window, 3) ** 2))
+        noise = [variance(s) for s in (*(of[name] for name in joints), *self.places) if s is not None]
+        unsure = np.tile(left * np.array(noise), (len(q[kept]), 1))
         read = columns([s for _, s in (*self.forces, *self.tensions)])[kept]
         turned = np.diff(q[kept], axis=0, prepend=q[:1]) / width
-        rows = np.column_stack([np.diff(time[kept], prepend=time[0]), turned, q[kept], v[kept], a[kept], read])
+        rows = np.column_stack([np.diff(time[kept], prepend=time[0]), turned, q[kept], v[kept], a[kept], unsure, read])
         edge, inner = window // every + 1, np.arange(len(rows))
         compared = np.asarray(there[kept] & (inner >= edge) & (inner < len(rows) - edge))
         return Known(rows, time[kept], compared)
@@ -314,7 +319,7 @@ class InverseProblem(Problem):
     def _compared(self, log: int, ys: Floats) -> Innovations:
         assert self.equations is not None
         values = np.where(self.known[log].compared[:, None], ys, np.nan)
-        return Innovations(values, np.broadcast_to(self.equations.variances, values.shape))
+        return Innovations(values, np.ones(values.shape))
 
 
 def inverse_problem(problem: Problem, compiled: bool = True) -> InverseProblem | None:

@@ -13,7 +13,7 @@ from distal.fitting.options import Options
 from distal.logs import Log
 from distal.rig import Pulley, Rig
 
-UNEXPLAINED = 4.0
+UNEXPLAINED = 16.0
 """Parts are tried where some row of the equations has a mean ν²/S above this."""
 
 NAMED = 0.85
