@@ -171,6 +171,10 @@ def test_what_is_not_read_cannot_be_asked() -> None:
     log = made(8.0)
     problem = problem_of([log], rig(), Options())
     assert by_equations(problem, Options(homing=1.0), None) is None
+    fast = replace(log, time=log.time / 50.0)  # 0.12 s are 600 of its 800 samples
+    assert (
+        inverse_problem(problem_of([fast], rig(**{f"sensors.{k}.rate": 5000.0 for k in range(3)}), Options())) is None
+    )
     blind = replace(log, truth={"theta": np.where(log.time < 0.5, log.truth["theta"], np.nan)})
     assert inverse_problem(problem_of([blind], rig(), Options())) is None
     unread = load_rig("finger-2n")

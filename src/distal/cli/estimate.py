@@ -106,39 +106,24 @@ def estimate_command(
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
-    from distal.diagnosis import diagnose
-    from distal.estimators import DEFAULT, ESTIMATORS, make_estimator
-    from distal.estimators.affine import NEEDS
-    from distal.homing import at_known_angle
-    from distal.logs import file_of, read_log, true_angles, write_together
-    from distal.results import ANGLE_UNITS, PANELS, check_panels, figure_bytes, plot_estimates, plot_kind
+    from distal.logs import read_log, write_together
+    from distal.results import ANGLE_UNITS, PANELS, check_panels, plot_kind
     from distal.rig import load_rig
-    from distal.run import estimate, log_health
-    from distal.run import smooth as smoothed
 
     if out is None and (unit != "rad" or every):
         raise EstimationError(f"{'--all' if every else '--unit'} is about the file of --out, which is not given")
     if unit not in ANGLE_UNITS:
         raise EstimationError(f"--unit {unit}: angles are written in {' or '.join(ANGLE_UNITS)}")
+    home = seconds(homing) if homing is not None else None
     if len(logs) > 1:
-        asked = {
-            "--homing-angle": bool(homing_angle),
-            "--plot": plot is not None,
-            "--smooth": smooth,
-            "--passes": passes > 1,
-        }
-        asked["a second --estimator"] = len(estimator or ()) > 1
-        wrong = [name for name, there in asked.items() if there]
-        if wrong:
-            raise EstimationError(f"{', '.join(wrong)} is for one log, {len(logs)} came; give one log")
+        _check_for_many(len(logs), homing_angle, plot, smooth, passes, estimator)
         from distal.cli.batch import estimate_many, estimates_of
+        from distal.estimators import DEFAULT
 
         check_outputs(estimates_of(logs, out), logs=logs, rig=rig, truth=truth)
-        home = seconds(homing) if homing is not None else None
         described, name = load_rig(rig, settings(set_, repeated)), (estimator or [DEFAULT])[0]
         estimate_many(logs, described, name, truth, home, out, unit=unit, every=every)
         return
-    log = logs[0]
     panels = check_panels(PANELS if "all" in (panel or ()) else tuple(dict.fromkeys(panel or ())))
     if plot is not None:
         plot_kind(plot)
@@ -146,60 +131,17 @@ def estimate_command(
         raise EstimationError("--panel says what --plot draws; give --plot too")
     check_outputs([*to_file("--out", out), *to_file("--plot", plot)], logs=logs, rig=rig, truth=truth)
     description = load_rig(rig, settings(set_, repeated))
-    data = read_log(log, description, truth)
+    data = read_log(logs[0], description, truth)
     _describe(data, description)
-    origin = data.truth_source
-    known = true_angles(data, [joint.name for joint in description.joints]) is not None
-    for name in estimator or ():
-        if name not in ESTIMATORS:
-            make_estimator(name, description)  # says what is allowed
-    names = list(dict.fromkeys(estimator or ([DEFAULT, *ESTIMATORS] if known else [DEFAULT])))
-    if not estimator and len(description.joints) > MOST_FULL:
-        # their joints are filtered together, where those of adaptive are finger by finger
-        left = [name for name in names if name.startswith("ekf")]
-        names = [name for name in names if name not in left]
-        if left:
-            joints = len(description.joints)
-            say(f"{' and '.join(left)} left out: a compiler takes minutes over {joints} joints; ask with -e")
-    home = seconds(homing) if homing is not None else None
-    for known_place in homing_angle or ():
-        if home is None:
-            raise EstimationError(
-                "--homing-angle says where the joint stands while homing; give --homing too, e.g. 0.5s"
-            )
-        which, place = joint_angle(known_place)
-        data, description = at_known_angle(data, description, home, *place, which)
-        about, off = map(degrees, place)
-        say(f"home: {which or 'the joint'} stands at {about:g}° ± {off:g}° for the first {home:g} s")
-    # in a comparison that nobody chose, what cannot run is a row that says what it needs
-    missing = estimator is None and description.affine is None and home is None
-    lost: DistalError | None = None
-    results, failed = [], {"affine": f"affine {NEEDS}"} if missing and "affine" in names else {}
-    for name in names:
-        if name in failed:
-            continue
-        try:
-            results.append(estimate(data, description, name, passes, homing=home))
-        except DistalError as problem:
-            failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # most name themselves
-            lost = lost or (problem if name == names[0] else None)
-    if lost is not None:  # what is to be written; the others are shown all the same
-        if known and results:
-            _compare(results, failed)
-        raise lost
+    names = _names(estimator, data, description)
+    origin, known = data.truth_source, _is_known(data, description)
+    if homing_angle:
+        data, description = _at_home(data, description, homing_angle, home)
+    results, failed = _estimates(data, description, names, passes, home, comparing=estimator is None, known=known)
     if smooth:
-        if home is not None:
-            raise EstimationError("--smooth uses the whole log and --homing its beginning; give one of them")
-        results.insert(0, smoothed(data, description))
-    made: dict[Path, bytes | str] = {}
-    if out is not None:
-        made[out] = file_of(results[0].columns(unit, every=every), out)
-    if plot is not None:
-        drawn = results if estimator else results[:1]
-        health = log_health(data, description) if "health" in panels else None
-        figure = plot_estimates(drawn, panels=panels, log=data, rig=description, health=health)
-        made[plot] = figure_bytes(figure, plot)
-    write_together(made)
+        results.insert(0, _smoothed(data, description, home))
+    drawn = results if estimator else results[:1]
+    write_together(_files(data, description, results[0], drawn, (out, plot), panels, unit=unit, every=every))
     if known:
         read = "not read" if homing_angle else "used"
         used = f"; {read} for the first {home:g} s, compared with afterwards" if home is not None else ""
@@ -208,16 +150,144 @@ def estimate_command(
     else:
         for why in failed.values():
             failure(why)
+    _say(results, data, description, home, what_if=what_if, written=(out, plot))
+
+
+def _check_for_many(
+    count: int,
+    homing_angle: list[str] | None,
+    plot: Path | None,
+    smooth: bool,
+    passes: int,
+    estimator: list[str] | None,
+) -> None:
+    """Refuse options that are for one log."""
+    asked = {
+        "--homing-angle": bool(homing_angle),
+        "--plot": plot is not None,
+        "--smooth": smooth,
+        "--passes": passes > 1,
+        "a second --estimator": len(estimator or ()) > 1,
+    }
+    wrong = [name for name, there in asked.items() if there]
+    if wrong:
+        raise EstimationError(f"{', '.join(wrong)} is for one log, {count} came; give one log")
+
+
+def _is_known(log: Log, rig: Rig) -> bool:
+    from distal.logs import true_angles
+
+    return true_angles(log, [joint.name for joint in rig.joints]) is not None
+
+
+def _names(asked: list[str] | None, log: Log, rig: Rig) -> list[str]:
+    """Return the estimators to run: those asked for; else the default, beside all others where the truth is known."""
+    from distal.estimators import DEFAULT, ESTIMATORS, make_estimator
+
+    for name in asked or ():
+        if name not in ESTIMATORS:
+            make_estimator(name, rig)  # says what is allowed
+    names = list(dict.fromkeys(asked or ([DEFAULT, *ESTIMATORS] if _is_known(log, rig) else [DEFAULT])))
+    left = [name for name in names if name.startswith("ekf")]
+    if asked or len(rig.joints) <= MOST_FULL or not left:
+        return names
+    # their joints are filtered together, where those of adaptive are finger by finger
+    say(f"{' and '.join(left)} left out: a compiler takes minutes over {len(rig.joints)} joints; ask with -e")
+    return [name for name in names if name not in left]
+
+
+def _at_home(log: Log, rig: Rig, places: list[str], home: float | None) -> tuple[Log, Rig]:
+    """Return log and rig in which joints stand at known angles while homing."""
+    from distal.homing import at_known_angle
+
+    if home is None:
+        raise EstimationError("--homing-angle says where the joint stands while homing; give --homing too, e.g. 0.5s")
+    for known_place in places:
+        which, place = joint_angle(known_place)
+        log, rig = at_known_angle(log, rig, home, *place, which)
+        about, off = map(degrees, place)
+        say(f"home: {which or 'the joint'} stands at {about:g}° ± {off:g}° for the first {home:g} s")
+    return log, rig
+
+
+def _estimates(
+    log: Log, rig: Rig, names: list[str], passes: int, home: float | None, *, comparing: bool, known: bool
+) -> tuple[list[Estimate], dict[str, str]]:
+    """Return the estimates, and of those that cannot run why; where it is the first, the others are shown all the same."""
+    from distal.estimators.affine import NEEDS
+    from distal.run import estimate
+
+    # in a comparison that nobody chose, what cannot run is a row that says what it needs
+    missing = comparing and rig.affine is None and home is None and "affine" in names
+    results, failed = list["Estimate"](), {"affine": f"affine {NEEDS}"} if missing else {}
+    lost: DistalError | None = None
+    for name in (name for name in names if name not in failed):
+        try:
+            results.append(estimate(log, rig, name, passes, homing=home))
+        except DistalError as problem:
+            failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # most name themselves
+            lost = lost or (problem if name == names[0] else None)
+    if lost is not None:
+        if known and results:
+            _compare(results, failed)
+        raise lost
+    return results, failed
+
+
+def _smoothed(log: Log, rig: Rig, home: float | None) -> Estimate:
+    from distal.run import smooth
+
+    if home is not None:
+        raise EstimationError("--smooth uses the whole log and --homing its beginning; give one of them")
+    return smooth(log, rig)
+
+
+def _files(
+    log: Log,
+    rig: Rig,
+    final: Estimate,
+    drawn: list[Estimate],
+    paths: tuple[Path | None, Path | None],
+    panels: tuple[str, ...],
+    *,
+    unit: str,
+    every: bool,
+) -> dict[Path, bytes | str]:
+    """Return what is written, by its path: the estimate, and the figure."""
+    from distal.logs import file_of
+    from distal.results import figure_bytes, plot_estimates
+    from distal.run import log_health
+
+    (out, plot), made = paths, dict[Path, bytes | str]()
+    if out is not None:
+        made[out] = file_of(final.columns(unit, every=every), out)
+    if plot is not None:
+        health = log_health(log, rig) if "health" in panels else None
+        made[plot] = figure_bytes(plot_estimates(drawn, panels=panels, log=log, rig=rig, health=health), plot)
+    return made
+
+
+def _say(
+    results: list[Estimate],
+    log: Log,
+    rig: Rig,
+    home: float | None,
+    *,
+    what_if: bool,
+    written: tuple[Path | None, ...],
+) -> None:
+    """Print the angle in words, notes, what the log says of the rig, and what was written."""
+    from distal.diagnosis import diagnose
+
     final = results[0]
     for joint in range(len(final.joint_names)):
         say(final.in_words(joint))
-    notes = list(dict.fromkeys(note for result in results for note in result.notes))
-    for note in notes:
+    for note in dict.fromkeys(note for result in results for note in result.notes):
         if note != final.unseen:
             say(note)
     # a smoothed estimate is of the same log and rig, and its innovations are the filter's
-    say(diagnose(final, data, description, home, what_if=what_if).text)
-    for path in (out, plot):
+    say(diagnose(final, log, rig, home, what_if=what_if).text)
+    for path in written:
         if path is not None:
             say(f"wrote {path}")
     if final.unseen is not None:

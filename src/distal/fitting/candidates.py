@@ -32,17 +32,17 @@ AS_IT_CAME, BY_EQUATIONS, BY_FILTER, LINE = (
 SURER = 0.85
 """Filters take the numbers as they are (`hold`) if that brings the angle's error below this share."""
 
-CORRECTED_COSTS = 1.25
-"""The same of the rig as it came where a map corrects it: what the map bends to fit, it bends beyond the logs too."""
-
-PART_COSTS = 1.1
-"""The same of a part more: a rig file with fewer is preferred."""
-
 FAR = 1.5
 """A filter whose angle errs by so many times that of another is no base for a map."""
 
 LINE_COSTS = 1.1
 """The angle is taken from the line if the others err by this many times as much: it knows nothing beyond the logs."""
+
+PART_COSTS = 1.1
+"""The same of a part more: a rig file with fewer is preferred."""
+
+CORRECTED_COSTS = 1.25
+"""The same of the rig as it came where a map corrects it: what the map bends to fit, it bends beyond the logs too."""
 
 
 def groups_among(logs: Sequence[Log], options: Options) -> tuple[str, ...]:

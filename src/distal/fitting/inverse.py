@@ -117,9 +117,9 @@ class Equations:
         return (*(s.name for _, s in (*self.forces, *self.tensions)), *joints)
 
     def _function(self) -> ca.Function:
-        """Return (carry, x, p) → (carry⁺, residuals) with carry (directions, inside), x
+        """Return (carry, x, p) → (carry⁺, residuals).
 
-        (dt, turned, q, v, a, σ_q², read).
+        The carry is (directions, inside), x is (dt, turned, q, v, a, σ_q², read).
         """
         mechanism, context, nb, nj = self.mechanism, self.context, self.mechanism.n_bodies, self.mechanism.n_joints
         p, count = mechanism.parameters.symbols, len(mechanism.plays) + len(mechanism.strains)
@@ -215,10 +215,10 @@ class Equations:
         of = {sensor.of: sensor for sensor in self.fit.references}
         q, time = np.column_stack([columns([of[name] for name in joints]), columns(self.places)]), data.log.time
         there = np.asarray(np.isfinite(q).all(axis=1))
-        if np.count_nonzero(there) < FEWEST:
-            return None
         step = float(np.median(np.diff(time)))
         window = max(5, round(SMOOTHED / step) | 1)
+        if np.count_nonzero(there) < max(FEWEST, 3 * window):
+            return None
         filled = np.column_stack([np.interp(time, time[there], column[there]) for column in q.T])
         q, v, a = (savgol_filter(filled, window, 3, k, step, axis=0) for k in range(3))
         width = MEMORY * np.subtract(*np.percentile(q[there], (95, 5), axis=0)) + 1e-12
