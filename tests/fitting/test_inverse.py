@@ -159,6 +159,9 @@ def test_a_plants_numbers_are_found_in_seconds() -> None:
     found = by_equations(problem_of([log], start, Options()), Options(), None)
     assert found is not None
     assert found.found.converged
+    noise, scale = next(p for p in found.fitted if p.noise and p.name.endswith("sensor u")), found.nis[1][0]
+    assert noise.value == pytest.approx(1e-3 * np.sqrt(found.problem.scales(found.problem.at(found.found.z))[0]))
+    assert 1e-3 < noise.value <= 1.01e-3 * np.sqrt(scale)
     for name, true in (("insertion radius", ARM), ("spring stiffness", SPRING), ("friction load", LOAD)):
         part = next(one for one in found.fitted if one.name.startswith(name))
         assert part.identified, name

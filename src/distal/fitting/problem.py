@@ -28,10 +28,10 @@ from distal.kernels.mask import COMPARED_ONLY
 Floats = NDArray[np.float64]
 
 
-MOST_ITERATIONS = 20
+MOST_ITERATIONS = 30
 """A search takes so many iterations at most: each filters all logs once for every number."""
 
-ENOUGH = 0.1
+ENOUGH = 0.3
 """It ends where two steps after each other gain less than this of −ln p: a filter's has kinks of this size."""
 
 
