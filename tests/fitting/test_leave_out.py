@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -146,6 +147,31 @@ def test_ctrl_c_ends_all_folds(others: list[Log], alone: Learned) -> None:
 
     assert leave_out(others, finger_rig(), [0, 1], interrupted, None) == []
     assert calls == [1]
+
+
+@pytest.mark.parametrize("where", ["doubts", "jackknife", "lacking"])
+def test_ctrl_c_is_not_taken_for_an_answer(
+    where: str, monkeypatch: pytest.MonkeyPatch, others: list[Log], alone: Learned
+) -> None:
+    """A search that is stopped ends with the best so far: wherever it was, the fit ends there too, with its numbers."""
+    module = import_module(f"distal.fitting.{where}")
+    name = "by_equations" if where == "lacking" else "search"
+    whole, calls = getattr(module, name), list[int]()
+
+    def stopped(*arguments: object, **named: object) -> object:
+        calls.append(1)
+        found = whole(*arguments, **named)
+        if where == "lacking":
+            return replace(found, found=replace(found.found, interrupted=True))
+        return replace(found, interrupted=True)
+
+    monkeypatch.setattr(module, name, stopped)
+    monkeypatch.setattr("distal.fitting.lacking.UNEXPLAINED", 0.0)
+    found = learn(others, finger_rig().bare(), OPTIONS)
+    assert found.interrupted
+    assert len(calls) == 1
+    assert found.kept
+    assert [part.value for part in found.fitted] == [part.value for part in alone.numbers.fitted]
 
 
 def test_each_joint_is_homed_by_its_own_truth() -> None:

@@ -134,6 +134,8 @@ def contradictions(problem: Problem, found: Found) -> list[str]:
         start = found.z[[at[problem.free.index(part)] for part, _ in alone.parts]]
         noise = np.array([part.noise for part, _ in alone.parts])
         own = search(alone.assessed(start), start, most=FEW_ITERATIONS, fixed=noise)
+        if own.interrupted:
+            raise KeyboardInterrupt  # the caller has the numbers of all logs
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = float(np.nanmax(_sizes(alone.at(start)[0]) / _sizes(alone.at(own.z)[0]), initial=0.0))
         if ratio > worst:

@@ -47,6 +47,8 @@ def without(numbers: Numbers, logs: Sequence[Log]) -> Numbers:
     own = np.array([k for k, (_, log) in enumerate(problem.parts) if log is None or not out[log]])
     at = rest.summed([one for one, gone in zip(found.derivatives.of_logs, out) if not gone], found.z[own])
     again = search(rest, found.z[own], most=NEWTON_STEPS, fixed=numbers.left[own], known=at)
+    if again.interrupted:
+        raise KeyboardInterrupt  # a log that was not left out to its end judges nothing
     square = np.ix_(own, own)
     errors = replace(known, covariance=known.covariance[square], told=known.told[own], together=known.together[own])
     left, held = numbers.left[own], numbers.held[own]

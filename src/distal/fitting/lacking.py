@@ -110,7 +110,9 @@ def numbers_with(part: Part, logs: Sequence[Log], rig: Rig, options: Options, be
         found = by_equations(problem_of(logs, rig.with_values(part.values), options), options, None, begin)
     except DistalError:
         return None
-    return None if found is None or found.found.interrupted else found
+    if found is not None and found.found.interrupted:
+        raise KeyboardInterrupt  # a search ends with the best so far; the caller has numbers without the part
+    return found
 
 
 def _residual(numbers: Numbers) -> float:

@@ -126,7 +126,7 @@ def _chosen(
     progress: Progress | None,
 ) -> tuple[Candidate, list[Candidate]]:
     """Return the candidate that is written, and all that were judged; numbers alone where none can be, or Ctrl-C came."""
-    if line is None:
+    if line is None or found[-1].found.interrupted:
         return _alone(found[-1], training.rig), []
     try:
         if parts is None:

@@ -174,8 +174,11 @@ def _told(problem: Problem, start: Floats, progress: Callable[[int, float], None
     doubts = list[str]()
     if not found.interrupted:
         doubts += doubts_of(problem, found.z, after)
-        doubts += contradictions(problem, found) if len(problem.data) > 1 else []
         doubts += [] if found.converged else [NOT_CONVERGED]
+        try:
+            doubts += contradictions(problem, found) if len(problem.data) > 1 else []
+        except KeyboardInterrupt:
+            found = replace(found, interrupted=True)
     fitted = tuple(fitted_numbers(problem, found, uncertainty, left, held))
     begun = float(problem.costs([zero])[0])
     return Numbers(problem, found, uncertainty, fitted, left, held, tuple(doubts), (before, after), begun)
