@@ -154,7 +154,7 @@ def test_what_moves_inside(tmp_path: Path) -> None:
             "drives.0.backlash.width": {"value": 4e-3, "std": 1e-3},
             "drives.0.cogging": {"periods": 21, "cosine": {"value": 0.0, "std": 2e-3}},
             "tendons.0.creep": {"share": {"value": 0.2, "std": 0.1}, "time": {"value": 3.0, "std": 1.0}},
-            "tendons.1.damping": 0.0,
+            "tendons.1.stiffening": {"value": 200.0, "std": 40.0},
             "tendons.1.path": {"friction": {"value": 0.1, "std": 0.03}, "wrap": 1.5, "nodes": 2, "let_out": 0.8},
             "sensors.motor_torque.gain": {"value": 1.0, "std": 0.02},
         }

@@ -29,6 +29,16 @@ def stretched(elongation: Scalar, stiffening: Scalar) -> Scalar:
     return ca.if_else(small, elongation * (1 + x / 2), curve / safe)
 
 
+def stretched_slope(elongation: Scalar, stiffening: Scalar) -> Scalar:
+    """Return the slope of `stretched`, e^{a δ}, at most e² of the first one.
+
+    Args:
+        elongation: δ [m].
+        stiffening: a [1/m] ≥ 0.
+    """
+    return ca.exp(ca.fmin(stiffening * elongation, STEEPEST))
+
+
 def polynomial_torque(away: Scalar, stiffness: Scalar, quadratic: Scalar, cubic: Scalar) -> Scalar:
     """Return −(k x + k₂ x² + k₃ x³), the torque of a spring about its rest angle [N m].
 

@@ -13,6 +13,7 @@ from typing import TypeAlias
 import casadi as ca
 
 from distal.expressions import Scalar
+from distal.model.elasticity import stretched, stretched_slope
 from distal.rig import Rig
 
 NEWTON_STEPS = 3
@@ -85,42 +86,71 @@ def balanced(place: Scalar, bounds: Bounds, pull: Pull, friction: Scalar = 0) ->
 class Sheath:
     """A cable in its sheath, as springs in series with points of friction between them.
 
-    With N points the springs at the ends have stiffness 2 N k and those between N k, so that all together have k; at each
-    point the tensions of its sides are within e^{±μβ/N} of each other (the capstan equation).
+    With N points the stretches at the ends are 1/(2N) of the cable and those between 1/N, so that all together have its
+    stiffness; at each point the tensions of its sides are within e^{±μβ/N} of each other (the capstan equation).
 
     Args:
         stiffness: of the whole cable, k [N/m].
         drawn: e^{μβ/N} as it is drawn in.
         let_out: the same as it is let out.
         count: points, N.
+        stiffening: a [1/m] of the whole cable, None for a linear spring; see `stretched`.
+        pretension: tension about which it stiffens [N].
     """
 
     stiffness: Scalar
     drawn: Scalar
     let_out: Scalar
     count: int
+    stiffening: Scalar | None = None
+    pretension: Scalar = 0.0
 
-    def springs(self) -> list[Scalar]:
-        """Return the stiffness of each stretch of the cable, from the drive to the joint, (N + 1,) [N/m]."""
-        ends, between = 2 * self.count * self.stiffness, self.count * self.stiffness
-        return [ends, *([between] * (self.count - 1)), ends]
+    @property
+    def shares(self) -> list[float]:
+        """The share of the cable's length that each stretch is, from the drive to the joint, (N + 1,)."""
+        return [1 / (2 * self.count), *([1 / self.count] * (self.count - 1)), 1 / (2 * self.count)]
+
+    def tension(self, stretch: int, extension: Scalar) -> tuple[Scalar, Scalar]:
+        """Return the tension of a stretch of the cable [N], negative where slack, and its slope [N/m].
+
+        Args:
+            stretch: its index, from the drive.
+            extension: beyond its length without tension [m].
+        """
+        whole, slope = extension / self.shares[stretch], self.stiffness / self.shares[stretch]
+        if self.stiffening is None:
+            return self.stiffness * whole, slope
+        beyond = whole - self.pretension / self.stiffness
+        tension = self.pretension + self.stiffness * stretched(beyond, self.stiffening)
+        return tension, slope * stretched_slope(beyond, self.stiffening)
 
     def bounds(self, point: int, before: Scalar, after: Scalar) -> Bounds:
-        """Return the bounds of a point between its neighbours.
+        """Return the bounds of a point m between its neighbours.
 
-        It is drawn in where k₁ (l − m) > e k₂ (m − r), and let out where k₂ (m − r) > e k₁ (l − m).
+        It is drawn in where T₁(l − m) > e T₂(m − r), and let out where T₂(m − r) > e T₁(l − m).
 
         Args:
             point: its index, from the drive.
             before: displacement of the neighbour towards the drive, l [m].
             after: of the one towards the joint, r [m].
         """
-        springs = self.springs()
-        near, far = springs[point], springs[point + 1]
-        drawn = (near * before + self.drawn * far * after) / (near + self.drawn * far)
-        let_out = (self.let_out * near * before + far * after) / (self.let_out * near + far)
+        drawn = self._held_at(point, before, after, 1, self.drawn)
+        let_out = self._held_at(point, before, after, self.let_out, 1)
         # a cable that is slack lies anywhere between its ends
         return Bounds(ca.fmin(drawn, let_out), ca.fmax(drawn, let_out))
+
+    def _held_at(self, point: int, before: Scalar, after: Scalar, near: Scalar, far: Scalar) -> Scalar:
+        """Return m at which a T₁(l − m) = b T₂(m − r), a and b being `near` and `far`."""
+        first, last = near / self.shares[point], far / self.shares[point + 1]
+        place = (first * before + last * after) / (first + last)
+        if self.stiffening is None:
+            return place
+        farthest = ca.fabs(before - after) + self.pretension / self.stiffness
+        for _ in range(NEWTON_STEPS):
+            (t1, k1), (t2, k2) = self.tension(point, before - place), self.tension(point + 1, place - after)
+            step = (near * t1 - far * t2) / (near * k1 + far * k2 + SOFTEST)
+            place = place + ca.fmax(ca.fmin(step, farthest), -farthest)
+        return place
 
     def settled(self, points: list[Scalar], drive: Scalar, joint: Scalar) -> list[Scalar]:
         """Return where the points come to rest, by sweeps from end to end and back.
@@ -162,8 +192,7 @@ class Sheath:
             drive: displacement of the drive's end [m].
             joint: of the joint's end [m].
         """
-        springs = self.springs()
-        near, far = springs[0] * (drive - points[0]), springs[-1] * (points[-1] - joint)
+        near, far = self.tension(0, drive - points[0])[0], self.tension(self.count, points[-1] - joint)[0]
         return ca.fmax(near, 0), ca.fmax(far, 0)
 
 

@@ -140,29 +140,39 @@ class Tendons:
             q: coordinates, (n_bodies,) [rad, m].
             settled: it has come to rest already: what is remembered is where it is.
         """
-        tied, inside = [q[i] for i in range(self.n_bodies)], list[Scalar]()
+        first = sum(part.backlash is not None for part in self.rig.drives)
         remembered = [self.parameters[name] for name in self.plays] if self.remembers else None
-        for i in range(self.n_drives):
-            if self.rig.drives[i].backlash is not None:
-                held = None if remembered is None else remembered[len(inside)]
-                inside.append(self._far_side(i, ca.vertcat(*tied), held, settled))
-                tied[self.n_joints + i] = inside[-1]
-        for j, joint in enumerate(self.rig.joints):
-            if joint.backlash is not None:
-                tied[j] = self._pulley(j, ca.vertcat(*tied))
-        at = ca.vertcat(*tied)
-        elongated = self.elongations(at)
+        points = None if remembered is None else remembered[first:]
+        tied, far_sides = self._tied(q, remembered, points, settled)
+        elongated, inside = self.elongations(tied), list[Scalar]()
         for i in range(self.n_tendons):
             sheath = self.sheath(i, q)
             if sheath is None:
                 continue
-            ends = self._ends(i, at, elongated)
-            points = None if remembered is None else remembered[len(inside) : len(inside) + sheath.count]
+            ends = self._ends(i, tied, elongated)
             if points is None:
                 inside += sheath.middle(*ends)
             else:
-                inside += points if settled else sheath.settled(points, *ends)
-        return Place(at, tuple(inside))
+                own = points[len(inside) : len(inside) + sheath.count]
+                inside += own if settled else sheath.settled(own, *ends)
+        if points and not settled:  # what the points have let go, the far sides of backlashes take up
+            tied, far_sides = self._tied(q, far_sides, inside, settled)
+        return Place(tied, (*far_sides, *inside))
+
+    def _tied(
+        self, q: Vector, remembered: Sequence[Scalar] | None, points: Sequence[Scalar] | None, settled: bool
+    ) -> tuple[Vector, list[Scalar]]:
+        """Return q with the far sides of backlashes in place of the near ones, and the drives' far sides."""
+        tied, far_sides = [q[i] for i in range(self.n_bodies)], list[Scalar]()
+        for i in range(self.n_drives):
+            if self.rig.drives[i].backlash is not None:
+                held = None if remembered is None else remembered[len(far_sides)]
+                far_sides.append(self._far_side(i, ca.vertcat(*tied), held, points, settled))
+                tied[self.n_joints + i] = far_sides[-1]
+        for j, joint in enumerate(self.rig.joints):
+            if joint.backlash is not None:
+                tied[j] = self._pulley(j, ca.vertcat(*tied), points)
+        return ca.vertcat(*tied), far_sides
 
     def bounds(self, which: int, q: Vector) -> Bounds:
         """Return between which places one of `plays` stays, the others being where they are remembered to be.
@@ -176,7 +186,8 @@ class Tendons:
             near = gap(q[self.n_joints + int(index)], self.parameters[f"drives.{index}.backlash.width"])
             if self.rig.drives[int(index)].backlash.held:  # type: ignore[union-attr]
                 return near
-            rests = self._far_side(int(index), q, self.parameters[self.plays[which]], False)
+            points = [self.parameters[name] for name in self.plays if name.startswith("tendons.")]
+            rests = self._far_side(int(index), q, self.parameters[self.plays[which]], points, False)
             return Bounds(rests, rests)
         place, sheath, point = self.place(q, settled=True), self.sheath(int(index), q), int(rest[-1])
         assert sheath is not None
@@ -186,7 +197,9 @@ class Tendons:
         after = joint if point == sheath.count - 1 else place.inside[first + point + 1]
         return sheath.bounds(point, before, after)
 
-    def _far_side(self, drive: int, q: Vector, before: Scalar | None, settled: bool) -> Scalar:
+    def _far_side(
+        self, drive: int, q: Vector, before: Scalar | None, points: Sequence[Scalar] | None, settled: bool
+    ) -> Scalar:
         """Return where the far side of a drive's backlash is."""
         part, body, p = self.rig.drives[drive].backlash, self.n_joints + drive, self.parameters
         assert part is not None  # it is asked for drives with backlash
@@ -197,22 +210,30 @@ class Tendons:
         start = near.middle if before is None else before
         if part.held:
             return near.hold(start)
-        return balanced(start, near, self._pull_along(body, q), p[f"{path}.friction"])
+        return balanced(start, near, self._pull_along(body, q, points), p[f"{path}.friction"])
 
-    def _pulley(self, joint: int, q: Vector) -> Scalar:
+    def _pulley(self, joint: int, q: Vector, points: Sequence[Scalar] | None) -> Scalar:
         """Return where the pulley of a joint with backlash is: the tendons turn it until it meets the link."""
         near = gap(q[joint], self.parameters[f"joints.{joint}.backlash.width"])
-        return balanced(q[joint], near, self._pull_along(joint, q))
+        return balanced(q[joint], near, self._pull_along(joint, q, points))
 
-    def _pull_along(self, body: int, q: Vector) -> Pull:
-        """Return place → (Σ T ∂ℓ/∂q, its slope) of the tendons along one coordinate, the others being at q."""
-        at = ca.SX.sym("q", self.n_bodies)
-        pull = ca.dot(self.length_jacobian(at)[:, body], self._taut(self.elastic_forces(at)))
-        function = ca.Function("pull", [at, self.parameters.symbols], [pull, ca.jacobian(pull, at)[body]])
+    def _pull_along(self, body: int, q: Vector, points: Sequence[Scalar] | None) -> Pull:
+        """Return place → (Σ T ∂ℓ/∂q, its slope) of the tendons along one coordinate, the others being at q.
+
+        Points of sheaths hold meanwhile; without them a cable is a spring.
+        """
+        at, held = ca.SX.sym("q", self.n_bodies), ca.SX.sym("points", len(points or ()))
+        tensions = self._taut(self.elastic_forces(at))
+        if points:
+            joint, drive = self._end_tensions(at, ca.vertsplit(held))
+            tensions = ca.vertcat(*(joint if body < self.n_joints else drive))
+        pull = ca.dot(self.length_jacobian(at)[:, body], tensions)
+        symbols = [at, self.parameters.symbols, held]
+        function = ca.Function("pull", symbols, [pull, ca.jacobian(pull, at)[body]])
 
         def along(place: Scalar) -> tuple[Scalar, Scalar]:
             entries = [place if i == body else q[i] for i in range(self.n_bodies)]
-            force, slope = function(ca.vertcat(*entries), self.parameters.symbols)
+            force, slope = function(ca.vertcat(*entries), self.parameters.symbols, ca.vertcat(*(points or ())))
             return force, slope
 
         return along
@@ -230,14 +251,12 @@ class Tendons:
         p, name = self.parameters, f"tendons.{tendon}"
         exponent = self.wrapped(tendon, q) / path.nodes
         out = ca.exp(exponent * p[f"{name}.path.let_out"])
-        return Sheath(p[f"{name}.stiffness"], ca.exp(exponent), out, path.nodes)
+        stiffening = p[f"{name}.stiffening"] if p.has(f"{name}.stiffening") else None
+        cable = p[f"{name}.stiffness"], ca.exp(exponent), out, path.nodes
+        return Sheath(*cable, stiffening, p[f"{name}.pretension"])
 
     def stiffest(self, tendon: int) -> Scalar:
-        """Return the stiffness of a tendon that its ends feel at once [N/m]: in a sheath that of the stretch at the end.
-
-        Args:
-            tendon: its index.
-        """
+        """Return the stiffness of a tendon that its ends feel at once [N/m]: in a sheath that of the stretch at the end."""
         path, k = self.rig.tendons[tendon].path, self.parameters[f"tendons.{tendon}.stiffness"]
         return k if path is None or path.nodes == 0 else 2 * path.nodes * k
 
@@ -273,32 +292,33 @@ class Tendons:
             v: velocities, (n_bodies,).
             settled: see `place`.
         """
-        p, place = self.parameters, self.place(q, settled)
-        elastic, jacobian = self.elastic_forces(place.q), self.length_jacobian(place.q)
-        rates, elongated = ca.mtimes(jacobian, v), self.elongations(place.q)
-        joint, drive = list[Scalar](), list[Scalar]()
-        at = sum(part.backlash is not None for part in self.rig.drives)
-        for i in range(self.n_tendons):
-            path, sheath = f"tendons.{i}", self.sheath(i, q)
-            if sheath is not None:
-                points = list(place.inside[at : at + sheath.count])
-                at += sheath.count
-                near, far = sheath.tensions(points, *self._ends(i, place.q, elongated))
-                joint.append(far)
-                drive.append(near)
-                continue
-            if p.has(f"{path}.damping"):
-                damped = elastic[i] + p[f"{path}.damping"] * rates[i]
-                joint.append(ca.if_else(ca.logic_and(elastic[i] > 0, damped > 0), damped, 0))
-            else:
-                joint.append(self._taut(elastic[i]))
-            drive.append(joint[-1])
-        tensions, nj = (ca.vertcat(*joint), ca.vertcat(*drive)), self.n_joints
+        p, place, nj = self.parameters, self.place(q, settled), self.n_joints
+        jacobian = self.length_jacobian(place.q)
+        rates = ca.mtimes(jacobian, v)
+        first = sum(part.backlash is not None for part in self.rig.drives)
+        ends = self._end_tensions(place.q, place.inside[first:])
+        for tensions in ends:
+            for i in range(self.n_tendons):
+                path = f"tendons.{i}"
+                if p.has(f"{path}.damping"):
+                    damped = tensions[i] + p[f"{path}.damping"] * rates[i]
+                    tensions[i] = ca.if_else(ca.logic_and(tensions[i] > 0, damped > 0), damped, 0)
+        joint, drive = (ca.vertcat(*tensions) for tensions in ends)
         if all(self.sheath(i, q) is None for i in range(self.n_tendons)):
-            forces = -ca.mtimes(jacobian.T, tensions[0])
-        else:
-            forces = -ca.vertcat(ca.mtimes(jacobian[:, :nj].T, tensions[0]), ca.mtimes(jacobian[:, nj:].T, tensions[1]))
-        return Pulls(*tensions, forces)
+            return Pulls(joint, joint, -ca.mtimes(jacobian.T, joint))
+        forces = -ca.vertcat(ca.mtimes(jacobian[:, :nj].T, joint), ca.mtimes(jacobian[:, nj:].T, drive))
+        return Pulls(joint, drive, forces)
+
+    def _end_tensions(self, q: Vector, points: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
+        """Return the tensions without damping at the joints' and at the drives' ends, points of sheaths being given [N]."""
+        elongated, left = self.elongations(q), list(points)
+        joint = [self._taut(force) for force in ca.vertsplit(self.elastic_forces(q))]
+        drive = list(joint)
+        for i in range(self.n_tendons):
+            if (sheath := self.sheath(i, q)) is not None:
+                drive[i], joint[i] = sheath.tensions(left[: sheath.count], *self._ends(i, q, elongated))
+                del left[: sheath.count]
+        return joint, drive
 
     def tensions(self, q: Vector, v: Vector) -> Vector:
         """Return the tensions of all tendons at their drives, (n_tendons,) [N]; see `pulls`.
@@ -342,11 +362,7 @@ class Tendons:
         return elongated
 
     def creeps(self, tendon: int) -> list[str]:
-        """Return the paths of a tendon's creeps.
-
-        Args:
-            tendon: its index.
-        """
+        """Return the paths of a tendon's creeps."""
         part = self.rig.tendons[tendon]
         return [f"tendons.{tendon}.{name}" for name in ("creep", "slow_creep") if getattr(part, name) is not None]
 

@@ -305,25 +305,12 @@ def _share_alike(rig: Rig) -> None:
 
 def _plays_apart(rig: Rig) -> None:
     """Refuse plays that cannot be put one behind the other."""
-    sheathed = [tendon for tendon in rig.tendons if tendon.path is not None and tendon.path.nodes > 0]
     several = {name for tendon in rig.tendons if len(tendon.joints) > 1 for name in tendon.joints}
     for joint in rig.joints:
         if joint.backlash is not None and (rig.is_chain or joint.name in several):
             raise ValueError(
                 f"joints.{joint.name}.backlash: is not supported on a chain, nor where a tendon crosses several joints; "
                 "describe it at the drive"
-            )
-        if joint.backlash is not None and any(joint.name in tendon.joints for tendon in sheathed):
-            raise ValueError(
-                f"joints.{joint.name}.backlash: is not supported where a tendon of the joint has path.nodes; set nodes to "
-                "0, or describe the backlash at the drive"
-            )
-    for drive in rig.drives:
-        loose = drive.backlash is not None and not drive.backlash.held
-        if loose and any(tendon.drive == drive.name for tendon in sheathed):
-            raise ValueError(
-                f"drives.{drive.name}.backlash.held: false is not supported where a tendon of the drive has path.nodes; "
-                "leave it out"
             )
 
 

@@ -202,11 +202,3 @@ class Tendon(Description):
         if self.slow_creep is not None and self.creep is None:
             raise ValueError("slow_creep: is a second one; call the only one 'creep'")
         return self
-
-    @model_validator(mode="after")
-    def _sheathed(self) -> Self:
-        if self.path is not None and self.path.nodes > 0:
-            for name in ("damping", "stiffening"):
-                if not getattr(self, name).absent:
-                    raise ValueError(f"{name}: a tendon with path.nodes is a linear spring without it; leave out one")
-        return self

@@ -112,6 +112,26 @@ def test_where_a_rope_begins_is_read_from_its_tension() -> None:
 
 
 @pytest.mark.compiled
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"tendons.1.stiffening": {"value": 300.0, "std": 50.0}, "tendons.1.damping": 5.0},
+        {"joints.0.backlash.width": 0.05},
+        {"drives.0.backlash": {"width": 0.05, "held": False}},
+    ],
+)
+def test_a_sheath_with_what_else_a_cable_has(values: dict[str, object]) -> None:
+    """It stiffens, its joint or its drive is loose: the band contains the angle, and the filter is not lost."""
+    path = {"friction": {"value": 0.15, "std": 0.05}, "wrap": 1.0, "nodes": 2}
+    rig = load_rig("capstan-joint").with_values({"tendons.1.path": path, **values})
+    servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
+    scenario = build_scenario({"rig": "capstan-joint", "duration": 4.0, "drives": {"motor": {"servo": servo}}}, "servo")
+    rms, inside = errors(estimate(simulate(rig, scenario, 3), rig))
+    assert rms < 0.5
+    assert inside > 0.95
+
+
+@pytest.mark.compiled
 def test_live_and_smoothed() -> None:
     """Sample by sample it gives the numbers of the log; the smoother takes plays and creep along."""
     name = "sheath"
