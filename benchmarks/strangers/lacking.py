@@ -176,7 +176,7 @@ def run_rig(seed: int) -> Raw:
     found = fit(logs[:FITTED], described)
     said: Raw = {"seed": seed, "kind": rig.kind, "has": list(has), "part": found.part or None}
     said |= {"fit_s": time.process_time() - began, "converged": bool(found.converged)}
-    said["candidates"] = [(name, float(np.rad2deg(error))) for name, error in found.candidates]
+    said["candidates"] = [(name, *map(float, np.rad2deg(errors))) for name, *errors in found.candidates]
     parts = [part for part in found.fitted if part.identified and not part.noise and part.prior_std > 0]
     known = numbers(rig.raw)
     said["values"] = [

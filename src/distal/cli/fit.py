@@ -198,9 +198,14 @@ def _say(result: Fit) -> None:
         names = [part.name for part in rest]
         more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
         say(f"not determined by these logs: {', '.join(names[:MOST_NAMES])}{more}")
-    if any(error < inf for _, error in result.candidates):
-        errors = [(name, f"{degrees(error):.3f}" if error < inf else "–") for name, error in result.candidates]
-        table("what describes the angle on logs left out; the first is written", ["candidate", "RMS error [°]"], errors)
+    if any(error < inf for _, error, _ in result.candidates):
+
+        def shown(error: float) -> str:
+            return f"{degrees(error):.3f}" if error < inf else "–"
+
+        judged = [(name, shown(error), shown(beyond)) for name, error, beyond in result.candidates]
+        columns = ["candidate", "RMS error [°]", "beyond what it has seen [°]"]
+        table("what describes the angle on logs left out; the first is written", columns, judged)
     scores = result.scores()
     if scores:
         said = ", ".join(f"{name} {degrees(rms):.3f}° ({100 * inside:.0f} %)" for name, rms, inside in scores)

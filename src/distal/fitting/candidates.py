@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distal.estimators import affine_of, affine_samples
 from distal.fitting.checks import unknown_joints
@@ -18,8 +19,22 @@ from distal.fitting.numbers import Numbers
 from distal.fitting.options import Options
 from distal.fitting.reference_error import with_reference_error
 from distal.logs import Log, true_angles
-from distal.regression import Kind, Samples, as_discrepancy, folds_of, groups_of, left_out_errors, rms_beyond_noise
-from distal.rig import Rig
+from distal.regression import (
+    Errors,
+    Kind,
+    Learner,
+    Samples,
+    as_discrepancy,
+    errors_beyond,
+    fit_coefficients,
+    folds_of,
+    groups_of,
+    left_out_errors,
+    rms_beyond_noise,
+)
+from distal.rig import LearnedMap, Rig
+
+Bools = NDArray[np.bool_]
 
 AS_IT_CAME, BY_EQUATIONS, BY_FILTER, LINE = (
     "the rig as it came",
@@ -34,15 +49,6 @@ SURER = 0.85
 
 FAR = 1.5
 """A filter whose angle errs by so many times that of another is no base for a map."""
-
-LINE_COSTS = 1.1
-"""The angle is taken from the line if the others err by this many times as much: it knows nothing beyond the logs."""
-
-PART_COSTS = 1.1
-"""The same of a part more: a rig file with fewer is preferred."""
-
-CORRECTED_COSTS = 1.25
-"""The same of the rig as it came where a map corrects it: what the map bends to fit, it bends beyond the logs too."""
 
 
 def groups_among(logs: Sequence[Log], options: Options) -> tuple[str, ...]:
@@ -114,6 +120,7 @@ class Candidate:
         hold: whether filters take the numbers as they are.
         maps: learned beside the numbers, by the name of the table.
         error: RMS error of the angle on logs left out [rad]; infinite where it cannot run.
+        beyond: the same in the outer part of these logs, with a map of the inner part of the others [rad].
         data: what its filter makes of the logs with numbers that have not seen them, by the index of the log.
         refused: sentences on logs that its filter could not follow.
         part: that the description has more than as it came.
@@ -125,6 +132,7 @@ class Candidate:
     hold: bool
     maps: Mapping[str, MapFit]
     error: float
+    beyond: float
     data: Mapping[int, Samples]
     refused: tuple[str, ...] = ()
     part: Part | None = None
@@ -153,11 +161,11 @@ def filter_candidate(
         others: candidates before it; where their filters err far less, it gets no map.
     """
     run = _run(training, numbers, False)
-    plain = Candidate(name, run.rig, numbers, False, {}, np.inf, run.data, tuple(run.refused), training.part)
+    plain = Candidate(name, run.rig, numbers, False, {}, np.inf, np.inf, run.data, tuple(run.refused), training.part)
     least = min((mean_rms(one.data) for one in others if one.data), default=np.inf)
     if not run.data or mean_rms(run.data) > FAR * least:
         judged = bool(run.data) and len(set(training.folds)) > 1
-        return replace(plain, error=mean_rms(run.data)) if judged else plain
+        return replace(plain, error=mean_rms(run.data), beyond=mean_rms(run.data)) if judged else plain
     if numbers is not None and training.options.homing is None:
         surer = _run(training, numbers, True)
         if len(surer.data) == len(run.data) and mean_rms(surer.data) < SURER * mean_rms(run.data):
@@ -167,15 +175,29 @@ def filter_candidate(
     half = partly_homed([training.known[i] for i in ran], own, homing, training.options.compiled)
     kind = discrepancy_of(run.rig, samples)
     found = map_of(samples, kind, run.rig, homing, groups, scored=False, partly=half)
-    found, error = _with_reference_error(found, training), _error(samples, kind, found, groups, homing)
-    return replace(plain, rig=found.rig, hold=run.hold, maps={found.table: found}, error=error, data=run.data)
+    found, folds = _with_reference_error(found, training), folds_of(groups)
+    error = _rms(samples, left_out_errors(samples, kind, found.terms, folds, homing))
+    beyond = error
+    if homing is None:
+
+        def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
+            return fit_coefficients([samples[i].part(part) for i, part in zip(logs, parts)], kind, found.terms)
+
+        beyond = _beyond(samples, kind, folds, learned, error)
+    maps = {found.table: found}
+    return replace(plain, rig=found.rig, hold=run.hold, maps=maps, error=error, beyond=beyond, data=run.data)
 
 
-def _error(samples: Sequence[Samples], kind: Kind, found: MapFit, groups: Sequence[str], homing: float | None) -> float:
+def _rms(samples: Sequence[Samples], errors: Sequence[Sequence[Errors]]) -> float:
     """Return the RMS error on logs left out beyond the reference's own noise [rad], infinite where none is left out."""
-    noise = max(one.reference_std for one in samples)
-    error = rms_beyond_noise(left_out_errors(samples, kind, found.terms, folds_of(groups), homing), noise)
+    error = rms_beyond_noise(errors, max(one.reference_std for one in samples))
     return error if np.isfinite(error) else np.inf
+
+
+def _beyond(samples: Sequence[Samples], kind: Kind, folds: Sequence[int], learned: Learner, error: float) -> float:
+    """Return the RMS error in the outer part of logs left out, that on whole logs where nothing is known there [rad]."""
+    beyond = _rms(samples, errors_beyond(samples, kind, folds, learned))
+    return beyond if np.isfinite(beyond) else error
 
 
 def _run(training: Training, numbers: Numbers | None, hold: bool) -> _Run:
@@ -213,29 +235,35 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
     frame = base.maps["discrepancy"]
     among = [_at_times_of(one, affine_samples(training.known[i], training.rig)) for i, one in base.data.items()]
     among = [replace(one, reference_std=base.data[i].reference_std) for i, one in zip(base.data, among)]
-    error = _error(among, affine_of(training.rig), line, [training.groups[i] for i in base.data], None)
+    folds = folds_of([training.groups[i] for i in base.data])
+    kind, samples = affine_of(training.rig), list(base.data.values())
+    error = _rms(among, left_out_errors(among, kind, line.terms, folds, None))
+    ranges = discrepancy_of(training.rig, samples)
+
+    def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
+        inner = [samples[i].part(part) for i, part in zip(logs, parts)]
+        straight = [among[i].part(np.isin(among[i].time, own.time)) for i, own in zip(logs, inner)]
+        own_line = fit_coefficients(straight, kind, line.terms)
+        return as_discrepancy(own_line, fit_coefficients(inner, ranges, frame.terms))
+
+    beyond = _beyond(samples, ranges, folds, learned, error)
     other = as_discrepancy(line.learned, frame.learned)
     note = f"discrepancy: within the range of the logs the angle is that of affine: {line.notes[0].partition(': ')[2]}"
     made = replace(frame.with_map(other), notes=(note, *frame.notes[1:]), terms=line.terms)
     return Candidate(
-        LINE, made.rig, base.numbers, base.hold, {made.table: made}, error, base.data, base.refused, base.part
+        LINE, made.rig, base.numbers, base.hold, {made.table: made}, error, beyond, base.data, base.refused, base.part
     )
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate:
-    """Return the candidate that errs least on logs left out, what a line, a part or a corrected rig as it came costs added.
+    """Return the candidate with the least geometric mean of its errors on logs left out, √(error · beyond).
+
+    Twice the error within the range of the logs so weighs as much as twice that beyond it.
 
     Args:
         candidates: in the order in which equal ones are preferred.
     """
-
-    def cost(one: Candidate) -> float:
-        share = PART_COSTS if one.part is not None else 1.0
-        if one.name == AS_IT_CAME and any(found.terms.corrects for found in one.maps.values()):
-            share *= CORRECTED_COSTS
-        return share * one.error * (LINE_COSTS if one.name == LINE else 1.0)
-
-    return min(candidates, key=cost)
+    return min(candidates, key=lambda one: one.error * one.beyond)
 
 
 def _at_times_of(one: Samples, straight: Samples) -> Samples:

@@ -43,7 +43,7 @@ class Learned:
         curves: path → value of the position sensors' systematic errors.
         maps: what was learned beside the numbers, by the name of its table: ``affine``, ``discrepancy``, ``contact``.
         part: physics that the rig lacked and the description has now, if any.
-        candidates: name and error on logs left out [rad] of each that was tried, the chosen one first.
+        candidates: name, and error on logs left out and in their outer part [rad], of each tried, the chosen one first.
         doubts: sentences with the reasons not to trust the fit.
     """
 
@@ -54,7 +54,7 @@ class Learned:
     curves: Mapping[str, object]
     maps: Mapping[str, MapFit]
     part: Part | None
-    candidates: tuple[tuple[str, float], ...]
+    candidates: tuple[tuple[str, float, float], ...]
     doubts: tuple[str, ...]
 
     @property
@@ -111,7 +111,8 @@ def learn(
         maps={one.table: one for one in maps},
         part=chosen.part,
         candidates=tuple(
-            (one.name, one.error) for one in sorted(candidates, key=lambda one: (one is not chosen, one.error))
+            (one.name, one.error, one.beyond)
+            for one in sorted(candidates, key=lambda one: (one is not chosen, one.error))
         ),
         doubts=(*numbers.doubts, *_unknown(training.unknown), *chosen.refused, *_as_it_came(chosen, candidates)),
     )
@@ -181,7 +182,7 @@ def _with_parts(
 def _alone(numbers: Numbers, rig: Rig) -> Candidate:
     """Return the numbers as a description that nothing judges: no log has the angle of every joint."""
     made = described(rig, assignments(numbers.fitted, numbers.problem.filter.rig))
-    return Candidate("numbers", made, numbers, False, {}, float("nan"), {})
+    return Candidate("numbers", made, numbers, False, {}, float("nan"), float("nan"), {})
 
 
 def _unknown(joints: Sequence[str]) -> list[str]:

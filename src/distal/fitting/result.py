@@ -58,7 +58,7 @@ class Fit:
         doubts: sentences with the reasons not to trust the fit.
         hold: whether filters are to take the numbers as they are.
         added: path → what the part put into the description.
-        candidates: name and RMS error on logs left out [rad] of each way that was tried, the chosen one first.
+        candidates: name, and RMS error on logs left out and in their outer part [rad], of each tried, the chosen one first.
     """
 
     rig: Rig
@@ -88,7 +88,7 @@ class Fit:
     doubts: tuple[str, ...] = ()
     hold: bool = False
     added: Mapping[str, object] = field(default_factory=dict)
-    candidates: tuple[tuple[str, float], ...] = ()
+    candidates: tuple[tuple[str, float, float], ...] = ()
 
     @classmethod
     def of(
@@ -186,10 +186,10 @@ class Fit:
 
     def advice(self) -> list[str]:
         """Return what to know before the rig is used, one sentence each: doubts, hidden errors, advice."""
-        errors = dict(self.candidates)
+        errors = {name: error for name, error, _ in self.candidates}
         lines = [f"doubt: {line}" for line in self.doubts]
         if self.part:
-            own, (_, best) = errors.get(BY_EQUATIONS, np.inf), self.candidates[0]
+            own, (_, best, _) = errors.get(BY_EQUATIONS, np.inf), self.candidates[0]
             lines.insert(
                 0, f"your rig lacks {self.part} ({np.rad2deg(own):.2g}° → {np.rad2deg(best):.2g}°): it is in the file"
             )

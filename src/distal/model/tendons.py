@@ -127,11 +127,9 @@ class Tendons:
 
     def length_jacobian(self, q: Vector) -> Matrix:
         """Return ∂ℓ/∂q, (n_tendons, n_bodies): the moment arms, with minus the sign of the torque."""
-        symbols = ca.SX.sym("q", self.n_bodies)
-        jacobian = ca.Function(
-            "jacobian", [symbols, self.parameters.symbols], [ca.jacobian(self.elongations(symbols), symbols)]
-        )
-        return jacobian(q, self.parameters.symbols)
+        symbols, p = ca.SX.sym("q", self.n_bodies), self.parameters.symbols
+        jacobian = ca.Function("jacobian", [symbols, p], [ca.jacobian(self.elongations(symbols), symbols)])
+        return jacobian(q, p)
 
     def place(self, q: Vector, settled: bool = False) -> Place:
         """Return where what moves inside comes to rest as the bodies have come to q.
@@ -223,11 +221,11 @@ class Tendons:
         Points of sheaths hold meanwhile; without them a cable is a spring.
         """
         at, held = ca.SX.sym("q", self.n_bodies), ca.SX.sym("points", len(points or ()))
-        tensions = self._taut(self.elastic_forces(at))
+        forces = self.elastic_forces(at)
         if points:
-            joint, drive = self._end_tensions(at, ca.vertsplit(held))
-            tensions = ca.vertcat(*(joint if body < self.n_joints else drive))
-        pull = ca.dot(self.length_jacobian(at)[:, body], tensions)
+            joint, drive = self._end_forces(at, ca.vertsplit(held))
+            forces = ca.vertcat(*(joint if body < self.n_joints else drive))
+        pull = ca.dot(self.length_jacobian(at)[:, body], self._taut(forces))
         symbols = [at, self.parameters.symbols, held]
         function = ca.Function("pull", symbols, [pull, ca.jacobian(pull, at)[body]])
 
@@ -296,23 +294,23 @@ class Tendons:
         jacobian = self.length_jacobian(place.q)
         rates = ca.mtimes(jacobian, v)
         first = sum(part.backlash is not None for part in self.rig.drives)
-        ends = self._end_tensions(place.q, place.inside[first:])
-        for tensions in ends:
+        taut: list[list[Scalar]] = []
+        for elastic in self._end_forces(place.q, place.inside[first:]):
+            taut.append([self._taut(force) for force in elastic])
             for i in range(self.n_tendons):
-                path = f"tendons.{i}"
-                if p.has(f"{path}.damping"):
-                    damped = tensions[i] + p[f"{path}.damping"] * rates[i]
-                    tensions[i] = ca.if_else(ca.logic_and(tensions[i] > 0, damped > 0), damped, 0)
-        joint, drive = (ca.vertcat(*tensions) for tensions in ends)
+                if p.has(f"tendons.{i}.damping"):
+                    damped = elastic[i] + p[f"tendons.{i}.damping"] * rates[i]
+                    taut[-1][i] = ca.if_else(ca.logic_and(elastic[i] > 0, damped > 0), damped, 0)
+        joint, drive = (ca.vertcat(*tensions) for tensions in taut)
         if all(self.sheath(i, q) is None for i in range(self.n_tendons)):
             return Pulls(joint, joint, -ca.mtimes(jacobian.T, joint))
         forces = -ca.vertcat(ca.mtimes(jacobian[:, :nj].T, joint), ca.mtimes(jacobian[:, nj:].T, drive))
         return Pulls(joint, drive, forces)
 
-    def _end_tensions(self, q: Vector, points: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
-        """Return the tensions without damping at the joints' and at the drives' ends, points of sheaths being given [N]."""
+    def _end_forces(self, q: Vector, points: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
+        """Return `elastic_forces` at the joints' and at the drives' ends, points of sheaths being given [N]."""
         elongated, left = self.elongations(q), list(points)
-        joint = [self._taut(force) for force in ca.vertsplit(self.elastic_forces(q))]
+        joint = ca.vertsplit(self.elastic_forces(q))
         drive = list(joint)
         for i in range(self.n_tendons):
             if (sheath := self.sheath(i, q)) is not None:

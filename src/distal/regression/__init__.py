@@ -2,6 +2,7 @@
 
 from distal.regression.affine import affine_kind, as_discrepancy
 from distal.regression.band import NORMAL, Errors, conformal_factor, inflate_band, rms_beyond_noise, student
+from distal.regression.beyond import Learner, errors_beyond
 from distal.regression.contact import contact_kind
 from distal.regression.discrepancy import discrepancy_kind
 from distal.regression.features import Predicted, Samples, design, half_ranges, limits, outside, predict
@@ -24,6 +25,7 @@ __all__ = [
     "NORMAL",
     "Errors",
     "Kind",
+    "Learner",
     "Predicted",
     "Samples",
     "Terms",
@@ -36,6 +38,7 @@ __all__ = [
     "correlated_samples",
     "design",
     "discrepancy_kind",
+    "errors_beyond",
     "errors_of",
     "first_memory",
     "fit_coefficients",

@@ -89,6 +89,16 @@ def half_ranges(learned: LearnedMap) -> Floats:
     return halves
 
 
+def middles(learned: LearnedMap) -> Floats:
+    """Return the middle of the learned range of each reading and angle [SI].
+
+    Args:
+        learned: with its range.
+    """
+    middle: Floats = (np.asarray(learned.high) + np.asarray(learned.low)) / 2.0
+    return middle
+
+
 def limits(learned: LearnedMap) -> tuple[Floats, Floats]:
     """Return the limits within which the terms follow each reading and angle [SI].
 
@@ -97,6 +107,25 @@ def limits(learned: LearnedMap) -> tuple[Floats, Floats]:
     """
     half = half_ranges(learned)
     return np.asarray(learned.low) - learned.MARGIN * half, np.asarray(learned.high) + learned.MARGIN * half
+
+
+def drawn_in(learned: LearnedMap, samples: Samples) -> Floats:
+    """Return the share s of their way from the middle of the range at which readings and angles enter the terms, (k,).
+
+    s = min(1, (1 + MARGIN) / max_i |x_i − m_i| / h_i) with m_i in the middle of a range of half-length h_i: the terms stay
+    as they are where the straight line to the middle leaves the range. Readings and angles depend on each other; were each
+    held at the end of its own range, large coefficients that cancel inside would no longer do so outside.
+
+    Args:
+        learned: with its range.
+        samples: of the log.
+    """
+    used = list(learned.used)
+    if np.isinf(learned.MARGIN) or not used:
+        return np.ones(len(samples.time))
+    away = np.abs(samples.every[:, : len(learned.centre)] - middles(learned)) / half_ranges(learned)
+    share: Floats = np.minimum(1.0, (1.0 + learned.MARGIN) / np.maximum(away[:, used].max(axis=1), 1.0))
+    return share
 
 
 def variables(
@@ -171,8 +200,9 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
         learned: terms, scales and ranges.
         samples: of the log, whole, since plays remember.
     """
-    clipped = np.clip(samples.every[:, : len(learned.centre)], *limits(learned))
-    scaled = (clipped - np.asarray(learned.centre)) / np.asarray(learned.scale)
+    middle = middles(learned)
+    inner = middle + drawn_in(learned, samples)[:, None] * (samples.every[:, : len(learned.centre)] - middle)
+    scaled = (inner - np.asarray(learned.centre)) / np.asarray(learned.scale)
     plays = {i: played(scaled[:, i], learned.width[i]) for i in learned.played}
     values = variables(learned, list(scaled.T), plays, learned.width)
     every = columns(learned.terms, values, np.ones(len(scaled)))
@@ -229,7 +259,7 @@ def beyond_homing(learned: LearnedMap, samples: Samples, joint: int, values: Flo
 
 
 def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
-    """Return the slope of a map over the filter's own angle of a joint, ∂(map)/∂θ, over a log, (k,).
+    """Return the slope of a map over the filter's own angle of a joint, ∂(map)/∂θ, over a log, (k,); 0 where it is held.
 
     Args:
         learned: the map.
@@ -242,7 +272,8 @@ def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
     low, high = (limit[column] for limit in limits(learned))
     angles = samples.angles[:, joint]
     slope = learned.joints[joint].coefficients[learned.terms.index(name)] / learned.scale[column]
-    shown: Floats = np.where((angles > low) & (angles < high), slope, 0.0) * fade(learned, outside(learned, samples))
+    follows = np.where((angles > low) & (angles < high), drawn_in(learned, samples), 0.0)
+    shown: Floats = follows * slope * fade(learned, outside(learned, samples))
     return shown
 
 

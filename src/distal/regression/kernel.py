@@ -76,11 +76,15 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     readings = [places[i] if placed[i] else ca.if_else(there[i], x[1 + i], held[i]) for i in range(m)]
     symbols = ca.SX.sym("symbols", n)
     half = ca.fmax((high - low) / 2, SMALLEST_HALF)
-    clipped = [symbols[i] for i in range(n)]
-    if np.isfinite(learned.MARGIN):
-        ends = low - learned.MARGIN * half, high + learned.MARGIN * half
-        clipped = [ca.fmin(ca.fmax(symbols[i], ends[0][i]), ends[1][i]) for i in range(n)]
-    scaled = [(clipped[i] - centre[i]) / scale[i] for i in range(n)]
+    middle, share_in = (high + low) / 2, ca.SX.sym("share")
+    scaled = [(middle[i] + share_in * (symbols[i] - middle[i]) - centre[i]) / scale[i] for i in range(n)]
+    inner, follows = ca.SX(1), [ca.SX(1)] * n
+    if np.isfinite(learned.MARGIN) and learned.used:
+        away = [ca.fabs(symbols[i] - middle[i]) / half[i] for i in range(n)]
+        inner = (1 + learned.MARGIN) / ca.fmax(
+            1 + learned.MARGIN, ca.mmax(ca.vertcat(*(away[i] for i in learned.used)))
+        )
+        follows = [ca.if_else(each < 1 + learned.MARGIN, 1, 0) for each in away]
     after = {
         i: ca.fmin(ca.fmax(plays[at], scaled[i] - half_play[i]), scaled[i] + half_play[i])
         for at, i in enumerate(learned.played)
@@ -97,7 +101,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     for j in range(nj):
         coefficients, covariance, std = own[3 * j : 3 * j + 3]
         value = ca.dot(coefficients, shown)
-        slopes = faded * ca.jacobian(ca.dot(coefficients, phi), symbols)
+        slopes = faded * ca.jacobian(ca.dot(coefficients, phi), symbols).T * ca.vertcat(*follows)
         variance = band[j] ** 2 * (_form(covariance, shown) + std**2) + far**2 * (std**2 + spread[j] ** 2)
         corrected = symbols[m + j] + value if n > m else value
         past = ca.fmax(0, ca.fmax(homed_low[j] - corrected, corrected - homed_high[j]))
@@ -109,8 +113,8 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         variances.append(variance)
     results = [ca.vertcat(*part) for part in (values, gains, variances)]
     results += [far, ca.vertcat(*readings, *aged, *(after[i] for i in learned.played))]
-    given = ca.vertcat(*readings, angles)[:n]
-    results = ca.substitute(results, [symbols], [given])
+    results = ca.substitute(results, [share_in], [inner])
+    results = ca.substitute(results, [symbols], [ca.vertcat(*readings, angles)[:n]])
     return ca.Function("map", [memory, x, places, angles, numbers], ca.cse([ca.densify(each) for each in results]))
 
 

@@ -59,7 +59,7 @@ class LearnedMap(Description):
     """
 
     MARGIN: ClassVar[float] = np.inf
-    """Terms go on beyond the learned range by this share of half of it; further out they stay as they are."""
+    """Terms go on beyond the learned range by this share of half of it; further out they stay as they are there."""
 
     FADE: ClassVar[float] = np.inf
     """So many halves of the learned range beyond its end, all terms of a curve but the constant count half."""
@@ -171,6 +171,14 @@ class LearnedMap(Description):
     def uses_angles(self) -> bool:
         """Whether the filter's own angles may be variables."""
         return len(self.centre) > len(self.channels)
+
+    @property
+    def used(self) -> tuple[int, ...]:
+        """Indices of the readings, then of the angles, that stand in some term."""
+        there = {factor for term in self.terms for factor in factors(term)}
+        forms = [(form.format(name) for form in ("{}", "abs({})", "play({})", "slip({})")) for name in self.channels]
+        forms += [(f"angle({joint.joint})" for _ in "1") for joint in self.joints] if self.uses_angles else []
+        return tuple(i for i, each in enumerate(forms) if there.intersection(each))
 
     @property
     def played(self) -> tuple[int, ...]:

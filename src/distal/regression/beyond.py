@@ -1,0 +1,71 @@
+"""How a map extrapolates: learned from the inner part of what logs cover, judged on the outer part of logs left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import FitError
+from distal.regression.band import Errors
+from distal.regression.features import Samples
+from distal.regression.folds import splits
+from distal.regression.learn import Kind, errors_of
+from distal.rig import LearnedMap
+
+Bools = NDArray[np.bool_]
+
+Learner: TypeAlias = Callable[[Sequence[int], Sequence[Bools]], LearnedMap]
+"""(Indices of logs, which of their samples) → the map that these teach."""
+
+INNER = 0.7
+"""Share of all samples that lie in the inner part."""
+
+COVERED = (0.5, 99.5)
+"""Percentiles between which logs cover what is read: a single spike is no range."""
+
+
+def inner_parts(data: Sequence[Samples]) -> list[Bools]:
+    """Return which samples of each log lie in the inner part, where max_i |x_i − m_i| / h_i is small.
+
+    The maximum is over all readings and angles; m_i is the middle of the range of one, h_i half of its length.
+
+    Args:
+        data: of the logs.
+    """
+    every = np.vstack([one.every for one in data])
+    low, high = np.percentile(every, COVERED, axis=0)
+    moving = high > low
+    middle, half = (low + high)[moving] / 2, (high - low)[moving] / 2
+    far = [np.max(np.abs(one.every[:, moving] - middle) / half, axis=1, initial=0.0) for one in data]
+    limit = np.quantile(np.concatenate(far), INNER)
+    return [np.asarray(own <= limit) for own in far]
+
+
+def errors_beyond(
+    data: Sequence[Samples],
+    kind: Kind,
+    folds: Sequence[int],
+    learn: Learner,
+) -> list[list[Errors]]:
+    """Return the errors in the outer part of each log with what the inner parts of the logs of other folds teach.
+
+    Args:
+        data: of the logs.
+        kind: of the map.
+        folds: of the logs.
+        learn: returns the map that parts of logs teach.
+    """
+    parts, errors = inner_parts(data), []
+    for out, rest in splits(folds) if len(set(folds)) > 1 else ():
+        try:
+            learned = learn(rest, [parts[i] for i in rest])
+        except FitError:
+            continue  # without these logs nothing is known of a joint
+        for i in out:
+            outer = np.where(parts[i][:, None], np.nan, data[i].targets)
+            errors.append(errors_of(learned, replace(data[i], targets=outer), kind, None))
+    return errors
