@@ -231,6 +231,16 @@ def test_the_outer_part_of_a_log_is_judged_by_what_the_inner_parts_of_others_tea
     assert came.beyond == pytest.approx(np.mean(np.sqrt(np.array(squares) - noise**2)), rel=1e-9)
 
 
+def test_a_rig_as_it_came_has_to_gain_more_where_a_map_corrects_it(others: list[Log], alone: Learned) -> None:
+    training = Training(tuple(others), ("0", "1"), finger_rig().bare(), OPTIONS)
+    came, fitted = (filter_candidate(name, training, n) for name, n in ((AS_IT_CAME, None), ("x", alone.numbers)))
+    assert came.maps["discrepancy"].terms.corrects
+    fitted = replace(fitted, error=0.02, beyond=0.02)
+    assert best_of([fitted, replace(came, error=0.017, beyond=0.017)]) is fitted
+    assert best_of([fitted, replace(came, error=0.0159, beyond=0.0159)]).name == AS_IT_CAME
+    assert best_of([fitted, replace(came, error=0.019, beyond=0.019, maps={})]).name == AS_IT_CAME
+
+
 def test_a_rig_as_it_came_keeps_its_numbers(others: list[Log]) -> None:
     """As it came it is a candidate like the others, and its numbers are not touched."""
     rig = finger_rig().bare()

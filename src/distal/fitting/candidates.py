@@ -21,8 +21,6 @@ from distal.fitting.reference_error import with_reference_error
 from distal.logs import Log, true_angles
 from distal.regression import (
     Errors,
-    Kind,
-    Learner,
     Samples,
     as_discrepancy,
     errors_beyond,
@@ -49,6 +47,10 @@ SURER = 0.85
 
 FAR = 1.5
 """A filter whose angle errs by so many times that of another is no base for a map."""
+
+
+CORRECTED_COSTS = 1.25
+"""Errors of the rig as it came count so many times where a map corrects it: the map bends elsewhere too."""
 
 
 def groups_among(logs: Sequence[Log], options: Options) -> tuple[str, ...]:
@@ -177,27 +179,19 @@ def filter_candidate(
     found = map_of(samples, kind, run.rig, homing, groups, scored=False, partly=half)
     found, folds = _with_reference_error(found, training), folds_of(groups)
     error = _rms(samples, left_out_errors(samples, kind, found.terms, folds, homing))
-    beyond = error
-    if homing is None:
 
-        def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
-            return fit_coefficients([samples[i].part(part) for i, part in zip(logs, parts)], kind, found.terms)
+    def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
+        return fit_coefficients([samples[i].part(part) for i, part in zip(logs, parts)], kind, found.terms)
 
-        beyond = _beyond(samples, kind, folds, learned, error)
+    beyond = _rms(samples, errors_beyond(samples, kind, folds, homing, learned), error)
     maps = {found.table: found}
     return replace(plain, rig=found.rig, hold=run.hold, maps=maps, error=error, beyond=beyond, data=run.data)
 
 
-def _rms(samples: Sequence[Samples], errors: Sequence[Sequence[Errors]]) -> float:
-    """Return the RMS error on logs left out beyond the reference's own noise [rad], infinite where none is left out."""
+def _rms(samples: Sequence[Samples], errors: Sequence[Sequence[Errors]], unknown: float = np.inf) -> float:
+    """Return the RMS error on logs left out beyond the reference's own noise [rad], `unknown` where none is left out."""
     error = rms_beyond_noise(errors, max(one.reference_std for one in samples))
-    return error if np.isfinite(error) else np.inf
-
-
-def _beyond(samples: Sequence[Samples], kind: Kind, folds: Sequence[int], learned: Learner, error: float) -> float:
-    """Return the RMS error in the outer part of logs left out, that on whole logs where nothing is known there [rad]."""
-    beyond = _rms(samples, errors_beyond(samples, kind, folds, learned))
-    return beyond if np.isfinite(beyond) else error
+    return error if np.isfinite(error) else unknown
 
 
 def _run(training: Training, numbers: Numbers | None, hold: bool) -> _Run:
@@ -246,7 +240,7 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
         own_line = fit_coefficients(straight, kind, line.terms)
         return as_discrepancy(own_line, fit_coefficients(inner, ranges, frame.terms))
 
-    beyond = _beyond(samples, ranges, folds, learned, error)
+    beyond = _rms(samples, errors_beyond(samples, ranges, folds, None, learned), error)
     other = as_discrepancy(line.learned, frame.learned)
     note = f"discrepancy: within the range of the logs the angle is that of affine: {line.notes[0].partition(': ')[2]}"
     made = replace(frame.with_map(other), notes=(note, *frame.notes[1:]), terms=line.terms)
@@ -263,7 +257,12 @@ def best_of(candidates: Sequence[Candidate]) -> Candidate:
     Args:
         candidates: in the order in which equal ones are preferred.
     """
-    return min(candidates, key=lambda one: one.error * one.beyond)
+
+    def cost(one: Candidate) -> float:
+        bends = one.name == AS_IT_CAME and any(found.terms.corrects for found in one.maps.values())
+        return (CORRECTED_COSTS if bends else 1.0) * float(np.sqrt(one.error * one.beyond))
+
+    return min(candidates, key=cost)
 
 
 def _at_times_of(one: Samples, straight: Samples) -> Samples:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -49,6 +48,7 @@ def errors_beyond(
     data: Sequence[Samples],
     kind: Kind,
     folds: Sequence[int],
+    homing: float | None,
     learn: Learner,
 ) -> list[list[Errors]]:
     """Return the errors in the outer part of each log with what the inner parts of the logs of other folds teach.
@@ -57,6 +57,7 @@ def errors_beyond(
         data: of the logs.
         kind: of the map.
         folds: of the logs.
+        homing: length of the homing window [s], or None.
         learn: returns the map that parts of logs teach.
     """
     parts, errors = inner_parts(data), []
@@ -66,6 +67,5 @@ def errors_beyond(
         except FitError:
             continue  # without these logs nothing is known of a joint
         for i in out:
-            outer = np.where(parts[i][:, None], np.nan, data[i].targets)
-            errors.append(errors_of(learned, replace(data[i], targets=outer), kind, None))
+            errors.append(errors_of(learned, data[i], kind, homing, ~parts[i]))
     return errors

@@ -18,6 +18,7 @@ from distal.regression.window import calibrate_window
 from distal.rig import JointMap, LearnedMap
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 ENOUGH_LOGS = 5
 """With fewer logs than this, the variation from log to log is hardly known, and the band is widened for that."""
@@ -277,7 +278,9 @@ def _thinned(values: Floats) -> Floats:
     return values[:: _step(len(values))]
 
 
-def errors_of(learned: LearnedMap, out: Samples, kind: Kind, homing: float | None) -> list[Errors]:
+def errors_of(
+    learned: LearnedMap, out: Samples, kind: Kind, homing: float | None, among: Bools | None = None
+) -> list[Errors]:
     """Return errors on a left-out log, the variances of the map without its band's factor, and the filter's, per joint.
 
     Args:
@@ -285,10 +288,11 @@ def errors_of(learned: LearnedMap, out: Samples, kind: Kind, homing: float | Non
         out: the log.
         kind: what is learned.
         homing: length of the homing window [s], or None; with it errors count after the window.
+        among: which samples count besides, (k,); None for all.
     """
-    late = np.ones(len(out.time), dtype=bool)
+    late = np.ones(len(out.time), dtype=bool) if among is None else among
     if homing is not None:
-        late = out.time >= homing
+        late = late & (out.time >= homing)
         learned, _ = calibrate_window(learned, out, out.window(homing), kind.by_motion)
     errors = []
     for j in range(len(learned.joints)):
