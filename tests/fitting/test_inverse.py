@@ -14,7 +14,7 @@ from distal import Log, Rig, load_rig, simulate
 from distal.fitting import Options
 from distal.fitting.inverse import INTERVAL, MEMORY, InverseProblem, inverse_problem
 from distal.fitting.jackknife import numbers_without
-from distal.fitting.lacking import named_part, parts_of
+from distal.fitting.lacking import named_parts, parts_of
 from distal.fitting.numbers import Numbers, by_equations, problem_of
 from distal.logs import true_angles
 from distal.rig import build_rig
@@ -226,14 +226,13 @@ def test_the_part_that_a_rig_lacks_is_named() -> None:
     silent = ropes_rig().with_values({f"drives.{i}.backlash": None for i in (0, 1)})
     numbers = by_equations(problem_of(logs, silent, Options()), Options(), None)
     assert numbers is not None
-    part = named_part(logs, silent, Options(), numbers)
-    assert part is not None
+    (part, _), *_ = named_parts(logs, silent, Options(), numbers)
     assert part.name == "play between drives and tendons"
     assert set(part.values) == {f"drives.{name}.backlash.width" for name in ("flexor", "extensor")}
-    assert named_part(logs, ropes_rig(), Options(), found) is None
+    assert named_parts(logs, ropes_rig(), Options(), found) == []
     quiet = replace(numbers, nis=(numbers.nis[0], tuple(0.5 for _ in numbers.nis[1])))
-    assert named_part(logs, silent, Options(), quiet) is None
-    assert named_part(logs, silent, Options(free=("tendons.*.stiffness",)), numbers) is None
+    assert named_parts(logs, silent, Options(), quiet) == []
+    assert named_parts(logs, silent, Options(free=("tendons.*.stiffness",)), numbers) == []
 
 
 def test_every_part_can_be_added_to_a_plain_rig() -> None:

@@ -19,6 +19,9 @@ UNEXPLAINED = 16.0
 NAMED = 0.85
 """A part is named where with it the rows' residuals are below this share, in the geometric mean of all rows."""
 
+MOST_PARTS = 2
+"""So many parts are added at most."""
+
 NODES = 2
 """Points of friction along a cable (docs/results/fits.md)."""
 
@@ -37,6 +40,14 @@ class Part:
 
     name: str
     values: Mapping[str, object]
+
+    def and_(self, other: Part) -> Part:
+        """Return both as one part.
+
+        Args:
+            other: that is added after it.
+        """
+        return Part(f"{self.name} and {other.name}", {**self.values, **other.values})
 
 
 def parts_of(rig: Rig) -> Iterator[Part]:
@@ -60,14 +71,16 @@ def parts_of(rig: Rig) -> Iterator[Part]:
     }
     unknown = {"value": 0.0, "std": 0.2}
     arms = {
-        f"tendons.{tendon.name}.insertion": {
+        f"tendons.{tendon.name}.{meeting.path}": {
+            **meeting.shape.model_dump(exclude_none=True),
             "kind": "linkage",
-            "radius": tendon.insertion.radius.model_dump(exclude_defaults=True),
             "slope": unknown,
-            "curvature": unknown,
+            # a tendon's arms at several joints move it together: no log tells so much of each
+            **({"curvature": unknown} if len(tendon.meetings) == 1 else {}),
         }
         for tendon in rig.tendons
-        if isinstance(tendon.insertion, Pulley)
+        for meeting in tendon.meetings
+        if isinstance(meeting.shape, Pulley)
     }
     yield Part("friction along the cable", sheaths)
     yield Part("creep of the tendons", {f"tendons.{t.name}.creep": creep for t in rig.tendons if t.creep is None})
@@ -75,8 +88,8 @@ def parts_of(rig: Rig) -> Iterator[Part]:
     yield Part("moment arms that change with the angle", arms)
 
 
-def named_part(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> Part | None:
-    """Return the part with which a rig's equations lack least along some logs, None where none helps.
+def named_parts(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> list[tuple[Part, Numbers]]:
+    """Return the part with which a rig's equations lack least along some logs, and it together with a second one.
 
     Args:
         logs: of the fit.
@@ -84,13 +97,25 @@ def named_part(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers
         options: of the fit.
         numbers: of its equations.
     """
-    if not numbers.by_equations or options.free or max(numbers.nis[1], default=0.0) < UNEXPLAINED:
+    found = list[tuple[Part, Numbers]]()
+    while numbers.by_equations and len(found) < MOST_PARTS and not options.free:
+        named = _named(logs, rig, options, numbers)
+        if named is None:
+            break
+        part, numbers = named
+        rig = rig.with_values(part.values)
+        found.append((part if not found else found[-1][0].and_(part), numbers))
+    return found
+
+
+def _named(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> tuple[Part, Numbers] | None:
+    if max(numbers.nis[1], default=0.0) < UNEXPLAINED:
         return None
     best, least = None, NAMED * _residual(numbers)
     for part in parts_of(rig):
         found = numbers_with(part, logs, rig, options, numbers)
         if found is not None and _residual(found) < least:
-            best, least = part, _residual(found)
+            best, least = (part, found), _residual(found)
     return best
 
 

@@ -22,7 +22,7 @@ from distal.fitting.candidates import (
 )
 from distal.fitting.curves import curves
 from distal.fitting.fitted import FittedNumber, assignments, described
-from distal.fitting.lacking import Part, named_part, numbers_with
+from distal.fitting.lacking import Part, named_parts, numbers_with
 from distal.fitting.maps import MapFit, learn_contact
 from distal.fitting.numbers import Numbers, numbers_of, problem_of
 from distal.fitting.options import Options
@@ -130,10 +130,13 @@ def _chosen(
     if line is None or found[-1].found.interrupted:
         return _alone(found[-1], training.rig), []
     try:
+        own = training.rig, training.options
         if parts is None:
-            named = named_part(logs, training.rig, training.options, found[0])
-            parts = () if named is None else (named,)
-        return _judged(training, line, found, _with_parts(logs, training, parts, found[0]), progress)
+            more = named_parts(logs, *own, found[0])
+        else:
+            tried = [(part, numbers_with(part, logs, *own, found[0])) for part in parts]
+            more = [(part, numbers) for part, numbers in tried if numbers is not None]
+        return _judged(training, line, found, more, progress)
     except KeyboardInterrupt:
         numbers = replace(found[-1], found=replace(found[-1].found, interrupted=True))
         return _alone(numbers, training.rig), []
@@ -143,7 +146,7 @@ def _judged(
     training: Training,
     line: MapFit,
     found: Sequence[Numbers],
-    more: Sequence[tuple[str, Training, Numbers]],
+    more: Sequence[tuple[Part, Numbers]],
     progress: Progress | None,
 ) -> tuple[Candidate, list[Candidate]]:
     """Return the best of the numbers, of the rig as it came, and of a line beside the better of these; and all of them."""
@@ -151,7 +154,10 @@ def _judged(
         (BY_EQUATIONS if own.by_equations else BY_FILTER, own) for own in reversed(found) if not own.found.interrupted
     ]
     ways: list[tuple[str, Training, Numbers | None]] = [(name, training, own) for name, own in named]
-    ways += [*more, (AS_IT_CAME, training, None)]
+    for part, numbers in more:
+        described_as = replace(training, rig=training.rig.with_values(part.values), part=part)
+        ways.append((f"{BY_EQUATIONS}, with {part.name}", described_as, numbers))
+    ways.append((AS_IT_CAME, training, None))
     filters = list[Candidate]()
     for name, described_as, own in ways:
         judging(progress, f"judging {name}", len(filters), len(ways))
@@ -161,22 +167,6 @@ def _judged(
         return base, filters
     candidates = filters if training.options.homing is not None else [*filters, line_candidate(training, line, base)]
     return best_of(candidates), candidates
-
-
-def _with_parts(
-    logs: Sequence[Log], training: Training, parts: Sequence[Part], begin: Numbers
-) -> list[tuple[str, Training, Numbers]]:
-    """Return name, training and numbers of the equations with each part."""
-    found = [(part, numbers_with(part, logs, training.rig, training.options, begin)) for part in parts]
-    return [
-        (
-            f"{BY_EQUATIONS}, with {part.name}",
-            replace(training, rig=training.rig.with_values(part.values), part=part),
-            own,
-        )
-        for part, own in found
-        if own is not None
-    ]
 
 
 def _alone(numbers: Numbers, rig: Rig) -> Candidate:
