@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import numpy as np
+from functools import cached_property
+from math import exp, inf, isnan, log, log1p
 
 STEPPING = 1e-3
 """Share of a value that the model's time step and the lines between samples leave uncertain, however long the logs."""
@@ -63,14 +63,14 @@ class Free:
     @property
     def has_prior(self) -> bool:
         """Whether there is a prior."""
-        return not np.isnan(self.std)
+        return not isnan(self.std)
 
     @property
     def spread(self) -> float:
         """Standard deviation of the prior in the coordinate; NaN where there is none."""
         if not self.has_prior:
             return float("nan")
-        return float(np.log1p(self.std / self.start)) if self.logarithmic else self.std / self.scale
+        return log1p(self.std / self.start) if self.logarithmic else self.std / self.scale
 
     def coordinate(self, value: float) -> float:
         """Return the coordinate of a value of the first number, 0 for one that has no logarithm.
@@ -80,7 +80,7 @@ class Free:
         """
         if not self.logarithmic:
             return (value - self.start) / self.scale
-        return float(np.log(value / self.start)) if value > 0.0 else 0.0
+        return log(value / self.start) if value > 0.0 else 0.0
 
     def value(self, z: float) -> float:
         """Return the first number at a coordinate, within its bounds.
@@ -89,8 +89,8 @@ class Free:
             z: the coordinate.
         """
         low, high = self.bounds
-        z = float(np.clip(z, low, high))
-        found = float(self.start * np.exp(z)) if self.logarithmic else self.start + self.scale * z
+        z = min(max(z, low), high)
+        found = self.start * exp(z) if self.logarithmic else self.start + self.scale * z
         return min(max(found, self.low), self.high)  # rounding may lead beyond a bound
 
     def values(self, z: float) -> tuple[float, ...]:
@@ -104,11 +104,11 @@ class Free:
             return (first,) * len(self.starts)
         return tuple(first * start / self.start for start in self.starts)
 
-    @property
+    @cached_property
     def bounds(self) -> tuple[float, float]:
         """Bounds of the coordinate."""
         if self.logarithmic:
-            return float(np.log(self.low / self.start)), float(np.log(self.high / self.start))
+            return _log(self.low / self.start), _log(self.high / self.start)
         return (self.low - self.start) / self.scale, (self.high - self.start) / self.scale
 
     def unit(self, z: float) -> float:
@@ -129,3 +129,7 @@ class Free:
             z: the coordinate.
         """
         return self.value(z) if self.logarithmic else self.scale
+
+
+def _log(value: float) -> float:
+    return log(value) if value > 0.0 else -inf
