@@ -35,6 +35,10 @@ FIRST = 9000
 """Seeds begin here: nothing was chosen on these logs."""
 
 
+TWICE = 185
+"""At this angle the spring of the given joint pulls with twice its largest torque in calibration [°]."""
+
+
 def given(name: str, folder: Path) -> Logs:
     """Return rig, calibration logs and other logs of one of the two rigs in `newcomer`, drawn by its plant."""
     home = Path(os.environ["DISTAL_DATA"]) / "newcomer"
@@ -63,6 +67,11 @@ def given(name: str, folder: Path) -> Logs:
                 path("ramps", others.setdefault("ramps", [])), *plant.traj_random(30, 0, 70, FIRST + 100 + k), k, 0
             )
         plant.write(path("sine", others.setdefault("sine", [])), *plant.traj_sine(30, FIRST), 60, 0)
+        for kind, high in {"ten times faster": 70, "twice the torque, ten times faster": TWICE}.items():
+            for k in range(2):
+                time_, wish = plant.traj_random(300, 0, high, FIRST + 200 + k)
+                fast = path(kind, others.setdefault(kind, []))
+                plant.write(fast, time_[: len(time_) // 10], wish[::10], 70 + k, 0)
     read = {kind: [read_log(one, rig) for one in paths] for kind, paths in others.items()}
     return rig, [read_log(one, rig) for one in calibration], read
 

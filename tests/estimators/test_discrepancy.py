@@ -96,7 +96,9 @@ def naive(
     for s, u, theta, variance in zip(place, torque, angle, own):
         held, age = (u, 0.0) if np.isfinite(u) else (held, age + dt)
         raw = np.array([s, held, theta])
-        x, y, a = (np.clip(raw, low - 0.5 * half, high + 0.5 * half) - centre) / scale
+        middle = (low + high) / 2
+        drawn = 1.5 / max(1.5, *(np.abs(raw - middle) / half))
+        x, y, a = (middle + drawn * (raw - middle) - centre) / scale
         play = y if play is None else min(max(play, y - d.width[1]), y + d.width[1])
         phi = np.array([1.0, x, x * y, play, y * abs(y), a])
         z = (raw[:2] - centre[:2]) / scale[:2]
@@ -107,12 +109,12 @@ def naive(
         phi[1:] *= faded
         total = phi @ covariance @ phi + std**2 + far**2 * (std**2 + d.spread[0] ** 2)
         inside = low[2] - 0.5 * half[2] < theta < high[2] + 0.5 * half[2]
-        total += (d.own * (1.0 + (faded * b[5] / scale[2] if inside else 0.0))) ** 2 * variance
-        if age > 0.0:
+        total += (d.own * (1.0 + (faded * drawn * b[5] / scale[2] if inside else 0.0))) ** 2 * variance
+        if age > 0.0 and low[1] - 0.5 * half[1] < held < high[1] + 0.5 * half[1]:
             step = 1e-6
             ends = []
             for moved in (held - step, held + step):
-                m = (np.clip(moved, low[1] - 0.5 * half[1], high[1] + 0.5 * half[1]) - centre[1]) / scale[1]
+                m = (middle[1] + drawn * (moved - middle[1]) - centre[1]) / scale[1]
                 p = min(max(play, m - d.width[1]), m + d.width[1]) if abs(abs(y - play) - d.width[1]) < 1e-12 else play
                 ends.append(b[2] * x * m + b[3] * p + b[4] * m * abs(m))
             total += (faded * (ends[1] - ends[0]) / (2 * step) * min(d.rate[1] * age, 2 * half[1])) ** 2

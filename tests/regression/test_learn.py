@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from distal.errors import FitError
 from distal.regression import (
@@ -17,6 +19,7 @@ from distal.regression import (
     fit_coefficients,
     inflate_band,
     learn_map,
+    outside,
     predict,
     rms_beyond_noise,
 )
@@ -25,6 +28,7 @@ from distal.regression.extrapolation import cost_beyond
 from distal.regression.features import beyond_homing
 from distal.regression.kernel import map_function, memory_size, numbers_of
 from distal.regression.learn import Kind, Terms, choose_terms
+from distal.rig import Discrepancy
 
 CHANNELS, NOISE = ("a", "b"), np.array([1e-3, 1e-3])
 
@@ -131,6 +135,32 @@ def test_a_filter_can_say_what_affine_says() -> None:
     np.testing.assert_allclose(said.own[inside], 0.0, atol=1e-20)
     far = replace(seen, angles=seen.angles + 50.0)
     np.testing.assert_allclose(predict(both, far).own, 1.0)
+    # or the line goes on, whatever the filter says there
+    beyond = replace(far, readings=3.0 * far.readings)
+    assert outside(both, beyond).min() > 0.0
+    going_on = predict(as_discrepancy(line, frame, follows=True), beyond)
+    np.testing.assert_allclose(going_on.values + beyond.angles[:, 0], predict(line, beyond).values, atol=1e-9)
+    np.testing.assert_allclose(going_on.own, 0.0, atol=1e-20)
+
+
+@given(st.floats(1.0, 20.0), st.floats(-1.0, 1.0), st.booleans())
+def test_coefficients_that_cancel_inside_the_range_cancel_beyond_it(far: float, turn: float, negative: bool) -> None:
+    """Two readings of one motion with opposite coefficients say nothing together, also where one range ends earlier."""
+    learned = fit_coefficients([run(0)], kind(), kind().sets[0])
+    at = [learned.terms.index(name) for name in CHANNELS]
+    coefficients = np.zeros(len(learned.terms))
+    coefficients[at] = (50.0, -50.0)
+    own = learned.joints[0].model_copy(update={"coefficients": tuple(coefficients)})
+    raw = {**learned.model_dump(), "centre": (0.0, 0.0), "scale": (1.0, 1.0), "low": (-1.0, -0.6), "high": (1.0, 0.6)}
+    held = Discrepancy.model_validate({**raw, "joints": (own.model_dump(),)})
+    motion = far * (-1.0 if negative else 1.0)
+    readings, none = np.array([[motion, motion], [motion, turn * motion]]), np.zeros((2, 1))
+    one = replace(run(0), time=np.arange(2.0), readings=readings, angles=none[:, :0], targets=none, variances=none)
+    values = predict(held, one).values
+    assert values[0] == pytest.approx(0.0, abs=1e-9)
+    # 1.5 halves of a range beyond its middle a point stays where the way to the middle leaves
+    share = min(1.0, 1.5 / far, 0.9 / max(abs(turn) * far, 1e-12))
+    assert values[1] == pytest.approx(50.0 * share * (motion - turn * motion), abs=1e-9)
 
 
 def lacking(seed: int, slope: float) -> Samples:

@@ -21,6 +21,7 @@ from distal.fitting.reference_error import with_reference_error
 from distal.logs import Log, true_angles
 from distal.regression import (
     Errors,
+    Learner,
     Samples,
     as_discrepancy,
     errors_beyond,
@@ -219,7 +220,9 @@ def line_map(training: Training) -> MapFit:
 
 
 def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candidate:
-    """Return the candidate that reports the line's angle within the range of the logs, and moves with a filter beyond it.
+    """Return the candidate that reports the line's angle within the range of the logs.
+
+    Beyond it the line goes on, or the angle moves with a filter: what errs less in the outer part of logs left out.
 
     Args:
         training: what it learns from.
@@ -234,15 +237,22 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
     error = _rms(among, left_out_errors(among, kind, line.terms, folds, None))
     ranges = discrepancy_of(training.rig, samples)
 
-    def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
-        inner = [samples[i].part(part) for i, part in zip(logs, parts)]
-        straight = [among[i].part(np.isin(among[i].time, own.time)) for i, own in zip(logs, inner)]
-        own_line = fit_coefficients(straight, kind, line.terms)
-        return as_discrepancy(own_line, fit_coefficients(inner, ranges, frame.terms))
+    def learner(follows: bool) -> Learner:
+        def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
+            inner = [samples[i].part(part) for i, part in zip(logs, parts)]
+            straight = [among[i].part(np.isin(among[i].time, own.time)) for i, own in zip(logs, inner)]
+            own_line = fit_coefficients(straight, kind, line.terms)
+            return as_discrepancy(own_line, fit_coefficients(inner, ranges, frame.terms), follows)
 
-    beyond = _rms(samples, errors_beyond(samples, ranges, folds, None, learned), error)
-    other = as_discrepancy(line.learned, frame.learned)
-    note = f"discrepancy: within the range of the logs the angle is that of affine: {line.notes[0].partition(': ')[2]}"
+        return learned
+
+    ways = [
+        (_rms(samples, errors_beyond(samples, ranges, folds, None, learner(one)), error), one) for one in (False, True)
+    ]
+    beyond, follows = min(ways)
+    other = as_discrepancy(line.learned, frame.learned, follows)
+    where = "" if follows else "within the range of the logs "
+    note = f"discrepancy: {where}the angle is that of affine: {line.notes[0].partition(': ')[2]}"
     made = replace(frame.with_map(other), notes=(note, *frame.notes[1:]), terms=line.terms)
     return Candidate(
         LINE, made.rig, base.numbers, base.hold, {made.table: made}, error, beyond, base.data, base.refused, base.part

@@ -60,16 +60,16 @@ def affine_kind(channels: Sequence[str], positions: Sequence[str], joints: Seque
     )
 
 
-def as_discrepancy(affine: LearnedMap, frame: LearnedMap) -> Discrepancy:
+def as_discrepancy(affine: LearnedMap, frame: LearnedMap, follows: bool = False) -> Discrepancy:
     """Return the discrepancy δ = φᵀ b − θ with which a filter reports the angle of `affine`, within the learned range.
 
-    Within the learned range the map replaces the filter's own angle and its error. Beyond it the terms stay constant,
-    and the reported angle follows the filter's motion.
+    Within the learned range the map replaces the filter's own angle and its error. Beyond it the terms stay constant, and
+    the reported angle follows the filter's motion; or the straight line goes on.
 
     Args:
         affine: the map of readings.
         frame: a discrepancy of the same logs, for the range of the filter's own angles.
-        offsets: known offsets of the sensors, which the filter takes off its drives' places [SI], (m,).
+        follows: whether the line goes on beyond the range.
     """
     m, nj = len(affine.channels), len(affine.joints)
 
@@ -100,7 +100,8 @@ def as_discrepancy(affine: LearnedMap, frame: LearnedMap) -> Discrepancy:
         distance=affine.distance,
         reach=affine.reach,
         correlation_time=affine.correlation_time,
-        spread=frame.spread,
+        spread=affine.spread if follows else frame.spread,
+        follows=follows,
         band=affine.band,
         logs=affine.logs,
         dropped=affine.dropped,

@@ -106,7 +106,7 @@ def limits(learned: LearnedMap) -> tuple[Floats, Floats]:
         learned: with its range.
     """
     half = half_ranges(learned)
-    return np.asarray(learned.low) - learned.MARGIN * half, np.asarray(learned.high) + learned.MARGIN * half
+    return np.asarray(learned.low) - learned.margin * half, np.asarray(learned.high) + learned.margin * half
 
 
 def drawn_in(learned: LearnedMap, samples: Samples) -> Floats:
@@ -121,10 +121,10 @@ def drawn_in(learned: LearnedMap, samples: Samples) -> Floats:
         samples: of the log.
     """
     used = list(learned.used)
-    if np.isinf(learned.MARGIN) or not used:
+    if np.isinf(learned.margin) or not used:
         return np.ones(len(samples.time))
     away = np.abs(samples.every[:, : len(learned.centre)] - middles(learned)) / half_ranges(learned)
-    share: Floats = np.minimum(1.0, (1.0 + learned.MARGIN) / np.maximum(away[:, used].max(axis=1), 1.0))
+    share: Floats = np.minimum(1.0, (1.0 + learned.margin) / np.maximum(away[:, used].max(axis=1), 1.0))
     return share
 
 

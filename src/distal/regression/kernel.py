@@ -79,12 +79,12 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     middle, share_in = (high + low) / 2, ca.SX.sym("share")
     scaled = [(middle[i] + share_in * (symbols[i] - middle[i]) - centre[i]) / scale[i] for i in range(n)]
     inner, follows = ca.SX(1), [ca.SX(1)] * n
-    if np.isfinite(learned.MARGIN) and learned.used:
+    if np.isfinite(learned.margin) and learned.used:
         away = [ca.fabs(symbols[i] - middle[i]) / half[i] for i in range(n)]
-        inner = (1 + learned.MARGIN) / ca.fmax(
-            1 + learned.MARGIN, ca.mmax(ca.vertcat(*(away[i] for i in learned.used)))
+        inner = (1 + learned.margin) / ca.fmax(
+            1 + learned.margin, ca.mmax(ca.vertcat(*(away[i] for i in learned.used)))
         )
-        follows = [ca.if_else(each < 1 + learned.MARGIN, 1, 0) for each in away]
+        follows = [ca.if_else(each < 1 + learned.margin, 1, 0) for each in away]
     after = {
         i: ca.fmin(ca.fmax(plays[at], scaled[i] - half_play[i]), scaled[i] + half_play[i])
         for at, i in enumerate(learned.played)

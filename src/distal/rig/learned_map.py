@@ -80,6 +80,9 @@ class LearnedMap(Description):
     tracked: bool = Field(
         True, description="whether places of drives are as the filter tracks them; else as their sensors read them"
     )
+    follows: bool = Field(
+        False, description="whether terms go on beyond the learned range; else they stay as they are there"
+    )
     own: float = Field(1.0, ge=0.0, le=1.0, description="share of the filter's own standard deviation that counts")
     spread: Row = Field(description="RMS over the logs of what is mapped: outside the range so much is not known")
     band: Row = Field(description="c, one for each joint: factor on the standard deviation, by logs left out")
@@ -161,6 +164,11 @@ class LearnedMap(Description):
         ]
         angles = [f"angle({joint.joint})" for joint in self.joints] if self.uses_angles else []
         return (*of_channels, *angles)
+
+    @property
+    def margin(self) -> float:
+        """By which share of half the learned range terms go on beyond it."""
+        return np.inf if self.follows else self.MARGIN
 
     @property
     def fades_over(self) -> float:
