@@ -115,6 +115,29 @@ def test_a_study_that_is_not_done_has_no_answer(linear: tuple[Plan, Space]) -> N
         answer_of(plan, space, made(plan, space, np.ones(3)))
 
 
+@pytest.mark.parametrize("texts", [["no room"], ["no room", "no room", "left all bounds"]])
+def test_where_every_run_failed_there_is_no_answer(linear: tuple[Plan, Space], texts: list[str]) -> None:
+    """However many of them say the same."""
+    plan, space = linear
+    columns = made(plan, space, np.full(1200, np.nan))
+    columns["problem"] = np.array([texts[k % len(texts)] for k in range(1200)])
+    with pytest.raises(StudyError, match="every run failed, so there is no answer: no room"):
+        answer_of(plan, space, columns)
+
+
+def test_a_study_of_which_some_runs_failed_has_an_answer(linear: tuple[Plan, Space]) -> None:
+    """Two of them with one message, as many as there are texts; or all but one."""
+    plan, space = linear
+    for failed in (2, 1199):
+        rms = np.full(1200, 0.5)
+        rms[:failed] = np.nan
+        columns = made(plan, space, rms)
+        columns["problem"] = np.where(np.arange(1200) < failed, "no room", "")
+        answer = answer_of(plan, space, columns)
+        assert answer.problems == {"no room": failed}
+        assert answer.overall.met == 1200 - failed
+
+
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Answer]:
     vary = {STIFF: {"from": "500 N/m", "to": "5 kN/m", "scale": "log"}, "sensors.u1": [True, False]}

@@ -183,9 +183,9 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
     of_scenario = {names[k]: proportion(met[:, k] == 1) for k in asked}
     influences = influences_of(plan, space, columns, rms)
     regions = _regions(plan, space, columns, good, influences)
-    said, counts = np.unique(columns["problem"].astype(str), return_counts=True)
-    problems = {str(text): int(count) for text, count in zip(said, counts) if text}
-    if sum(problems.values()) == len(said):
+    texts, counts = np.unique(columns["problem"].astype(str), return_counts=True)
+    problems = {str(text): int(count) for text, count in zip(texts, counts) if text}
+    if sum(problems.values()) == len(columns["problem"]):
         raise StudyError(f"every run failed, so there is no answer: {max(problems, key=lambda text: problems[text])}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # nothing but problems has no mean
