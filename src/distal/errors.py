@@ -73,7 +73,6 @@ def one_line(text: str, longest: int = LONGEST_LINE) -> str:
     """Return a message as one line that a terminal shows as it is: control characters are written out.
 
     Args:
-        text: the message.
         longest: characters that it may have.
     """
     plain = " ".join(printable(text).split())
@@ -96,7 +95,6 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return a hint that names the nearest known word and lists all, e.g. ``; did you mean 'mass'? (known: …)``.
 
     Args:
-        word: the word that came.
         known: the words that are allowed.
     """
     names = sorted(name if len(name) <= 40 else name[:39] + "…" for name in known)

@@ -100,11 +100,7 @@ WRONG, BUG, STOPPED, NO_READER = 2, 70, 130, 141
 
 
 def ended_by(problem: BaseException) -> object:
-    """Say in one line on stderr what ended a command, and return its exit code.
-
-    Args:
-        problem: what was raised.
-    """
+    """Say in one line on stderr what ended a command, and return its exit code."""
     # typer ends with 1 where the reader of a pipe went away, and with nothing else
     if isinstance(problem, BrokenPipeError) or (isinstance(problem, SystemExit) and problem.code == 1):
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

@@ -68,10 +68,6 @@ def estimate_many(
     A log that cannot be estimated is reported and skipped; the others go on, and the command ends with code 2.
 
     Args:
-        logs: their paths.
-        rig: the description.
-        estimator: its name.
-        truth: the true angle's column.
         homing: for how long the truth is used [s].
         out: folder for the estimates, or None.
         unit: of the angles in them: rad or deg.
@@ -130,7 +126,6 @@ def estimates_of(logs: list[Path], out: Path | None) -> list[Output]:
     """Return the estimate's file of each log.
 
     Args:
-        logs: their paths.
         out: the folder, or None.
 
     Raises:
@@ -153,23 +148,13 @@ def _estimate_of(log: Path) -> str:
 
 
 def runs_of(seed: int, runs: int) -> dict[int, str]:
-    """Return seed → name of the log's file.
-
-    Args:
-        seed: of the first run.
-        runs: how many.
-    """
+    """Return seed → name of the log's file."""
     digits = len(str(seed + runs - 1))
     return {number: f"run_{number:0{digits}d}.csv" for number in range(seed, seed + runs)}
 
 
 def logs_of(seed: int, runs: int, out: Path) -> list[Output]:
     """Return the file of each run of a simulation.
-
-    Args:
-        seed: of the first run.
-        runs: how many.
-        out: the folder.
 
     Raises:
         OutputError: the folder is named like a file.
@@ -198,11 +183,6 @@ def simulate_many(
     """Simulate a scenario with seeds from `seed` on, and write each log to a folder.
 
     Args:
-        rig: the description.
-        scenario: what is done.
-        seed: of the first run.
-        runs: how many.
-        out: the folder.
         settings: options that `distal estimate` needs.
         truth: whether what no sensor reads is written beside it.
     """

@@ -65,12 +65,7 @@ RepeatedOption = Annotated[
 
 
 def settings(set_: list[str] | None, repeated: str | None) -> list[str]:
-    """Return what is set in the rig, by --set and by options that stand for it.
-
-    Args:
-        set_: of the option --set.
-        repeated: of the option --repeated.
-    """
+    """Return what is set in the rig, by --set and by options that stand for it."""
     return [*(set_ or ()), *([] if repeated is None else [f'log.time.repeated="{repeated}"'])]
 
 
@@ -139,9 +134,6 @@ def angle(text: str) -> tuple[float, float]:
 def joint_angle(text: str) -> tuple[str | None, tuple[float, float]]:
     """Return the joint, None if none is named, and its angle with std: ``pip: 0 deg ± 1 deg`` or ``0 deg`` (see `angle`).
 
-    Args:
-        text: as typed.
-
     Raises:
         UnitError: it is no angle.
     """
@@ -151,9 +143,6 @@ def joint_angle(text: str) -> tuple[str | None, tuple[float, float]]:
 
 def seconds(text: str) -> float:
     """Return a time given as ``3s``, ``200 ms`` or a bare number [s].
-
-    Args:
-        text: as typed.
 
     Raises:
         UnitError: it is no time.

@@ -43,7 +43,6 @@ def check_outputs(
 
     Args:
         outputs: every file that will be written, by `to_file` and `to_folder`.
-        logs: that are read.
         rig: a shipped rig's name or a path.
         scenario: a shipped scenario's name or a path.
         truth: a column's name or a path.

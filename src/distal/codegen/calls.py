@@ -9,10 +9,6 @@ from distal.codegen.workspace import Step, Workspace
 def call(work: Workspace, step: Step) -> list[str]:
     """Write a call of another function.
 
-    Args:
-        work: the function.
-        step: the instruction.
-
     Raises:
         CodeError: the called function has an operation that has no C here.
     """

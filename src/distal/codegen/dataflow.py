@@ -56,7 +56,6 @@ class Dataflow:
         """Return the last instruction that reads a value.
 
         Args:
-            number: of the value.
             otherwise: the answer if nothing reads it.
         """
         return self._last.get(number, otherwise)

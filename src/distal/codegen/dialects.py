@@ -34,11 +34,7 @@ class Dialect(Protocol):
         ...
 
     def prelude(self, text: str) -> str:
-        """Return the C that the operations need before the first function.
-
-        Args:
-            text: the functions.
-        """
+        """Return the C that the operations need before the first function."""
         ...
 
     def constant(self, value: float) -> str:
@@ -51,11 +47,6 @@ class Dialect(Protocol):
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
         """Return the C of one operation.
-
-        Args:
-            operation: CasADi's number of it.
-            a: first operand.
-            b: second one.
 
         Raises:
             CodeError: there is none.
@@ -117,11 +108,6 @@ class Plain:
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
         """Return the C of one operation.
-
-        Args:
-            operation: CasADi's number of it.
-            a: first operand.
-            b: second one.
 
         Raises:
             CodeError: there is none.
@@ -229,11 +215,7 @@ class Lanes:
         return ALWAYS_INLINE
 
     def prelude(self, text: str) -> str:
-        """Return the vector types and what the operations need.
-
-        Args:
-            text: the functions.
-        """
+        """Return the vector types and what the operations need."""
         lines = [_VECTORS.format(bytes=8 * self.count, lanes=self.count)]
         for operation, name in CALLED.items():
             if name not in VECTORED and operation != ca.OP_CONSTPOW:
@@ -251,11 +233,6 @@ class Lanes:
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
         """Return the C of one operation.
-
-        Args:
-            operation: CasADi's number of it.
-            a: first operand.
-            b: second one.
 
         Raises:
             CodeError: there is none.

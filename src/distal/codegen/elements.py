@@ -10,10 +10,6 @@ from distal.codegen.workspace import Step, Workspace
 def each(work: Workspace, step: Step) -> list[str]:
     """Write an operation of scalars for each element.
 
-    Args:
-        work: the function.
-        step: the instruction.
-
     Raises:
         CodeError: the operation has no C here.
     """

@@ -20,9 +20,7 @@ def framed(
         function: the function; its inputs become ``a0`` …, its outputs ``r0`` ….
         name: in C.
         in_place: the first input and the first output are one array, ``state``.
-        dialect: how numbers are written.
         arrays: declarations that the lines need.
-        lines: the body.
     """
     kind, skip = dialect.type, 1 if in_place else 0
     inputs = [f"a{i}" for i in range(skip, function.n_in())]

@@ -51,7 +51,6 @@ def write_matrices(
         function: the function (MX).
         name: in C.
         in_place: the first input and the first output are one array.
-        dialect: how numbers are written.
         index: type of tables of indices.
         written: writes a function that is called, unless it is there already.
 

@@ -43,12 +43,7 @@ class Value:
     numbers: tuple[float, ...] = ()
 
     def part(self, offset: int, size: int) -> Value:
-        """Return some of the numbers, as a view.
-
-        Args:
-            offset: of the first one.
-            size: how many.
-        """
+        """Return some of the numbers, as a view."""
         if self.home is None:
             return replace(self, size=size, numbers=self.numbers[offset : offset + size])
         return Value(self.home, self.offset + offset, size, self.block)
@@ -85,30 +80,19 @@ class Scratch:
         """Return a new piece of scratch.
 
         Args:
-            size: how many numbers.
-            first: instruction that writes it.
             last: last one that reads it.
         """
         self.blocks.append(Block(size, first, last))
         return Value("w", 0, size, len(self.blocks) - 1)
 
     def keep(self, value: Value, until: int) -> None:
-        """Let a value's block be in use at least until an instruction; what is not in scratch stays anyway.
-
-        Args:
-            value: the numbers.
-            until: the instruction.
-        """
+        """Let a value's block be in use at least until an instruction; what is not in scratch stays anyway."""
         if value.block >= 0:
             block = self.blocks[value.block]
             block.last = max(block.last, until)
 
     def settled(self, lines: list[str]) -> list[str]:
-        """Return lines with their marks replaced; nothing can be added to scratch afterwards.
-
-        Args:
-            lines: of the whole function.
-        """
+        """Return lines with their marks replaced; nothing can be added to scratch afterwards."""
         self._lay_out()
         return [_MARK.sub(self._settled, line) for line in lines]
 
@@ -155,18 +139,11 @@ class Tables:
         self.lines: list[str] = []
 
     def constants(self, numbers: tuple[float, ...]) -> str:
-        """Return the name of a table of constants.
-
-        Args:
-            numbers: what is in it.
-        """
+        """Return the name of a table of constants."""
         return self._table("c", self._dialect.type, [self._dialect.entry(number) for number in numbers])
 
     def indices(self, numbers: list[int]) -> str:
         """Return the name of a table of indices.
-
-        Args:
-            numbers: what is in it.
 
         Raises:
             CodeError: the type of indices does not hold them.
@@ -200,11 +177,7 @@ class Memory:
         self.scratch = Scratch()
 
     def address(self, value: Value) -> str:
-        """Return the C of a value's address.
-
-        Args:
-            value: the numbers.
-        """
+        """Return the C of a value's address."""
         if value.size == 0:
             return "0"
         if value.home is None:
@@ -217,7 +190,6 @@ class Memory:
         """Return the C of one of a value's numbers.
 
         Args:
-            value: the numbers.
             index: which one; text is C.
         """
         if value.home is None:
@@ -235,12 +207,7 @@ class Memory:
         return f"{value.home}[{value.offset} + {index}]" if value.offset else f"{value.home}[{index}]"
 
     def copy(self, to: Value, value: Value) -> list[str]:
-        """Return the C that copies a value.
-
-        Args:
-            to: where to.
-            value: what.
-        """
+        """Return the C that copies a value."""
         n = value.size
         if n <= UNROLLED:
             return [f"  {self.at(to, i)} = {self.at(value, i)};" for i in range(n)]

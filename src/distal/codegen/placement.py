@@ -23,35 +23,18 @@ class Placement:
         return self._values[number]
 
     def put(self, number: int, value: Value) -> Value:
-        """Let a value be at a place, and return it.
-
-        Args:
-            number: of the value.
-            value: its place.
-        """
+        """Let a value be at a place, and return it."""
         self._values[number] = value
         self._beside.setdefault((value.home, value.block), []).append(number)
         return value
 
     def view(self, k: int, number: int, value: Value) -> None:
-        """Let a result be a view of another value, whose place is then needed as long as the view is.
-
-        Args:
-            k: the instruction.
-            number: of its result.
-            value: what is seen.
-        """
+        """Let a result be a view of another value, whose place is then needed as long as the view is."""
         self.put(number, value)
         self._memory.scratch.keep(value, self._flow.last(number, k))
 
     def new(self, k: int, number: int, size: int) -> Value:
-        """Return new scratch for a result.
-
-        Args:
-            k: the instruction.
-            number: of its result.
-            size: of it.
-        """
+        """Return new scratch for a result."""
         return self.put(number, self._memory.scratch.new(size, k, self._flow.last(number, k)))
 
     def over_an_input(self, k: int, size: int) -> Value:
@@ -59,7 +42,6 @@ class Placement:
 
         Args:
             k: the instruction: it reads each element before it writes the same one.
-            size: of its result.
         """
         number = self._flow.makes[k][0]
         for over in self._flow.reads[k]:

@@ -28,10 +28,6 @@ UNROLLED_SUM = 9
 def product(work: Workspace, step: Step) -> list[str]:
     """Write z + x y, dense or with one sparse factor.
 
-    Args:
-        work: the function.
-        step: the instruction.
-
     Raises:
         CodeError: z is sparse, or both x and y are.
     """
@@ -74,12 +70,7 @@ def _called(work: Workspace, step: Step, function: ca.Function) -> list[str]:
 
 
 def rank_one(work: Workspace, step: Step) -> list[str]:
-    """Write A + α x yᵀ.
-
-    Args:
-        work: the function.
-        step: the instruction.
-    """
+    """Write A + α x yᵀ."""
     _, alpha, x, y = step.inputs
     rows, columns, at = step.node.size1(), step.node.size2(), work.memory.at
     work.cost.operations += 2 * rows * columns
@@ -95,12 +86,7 @@ def rank_one(work: Workspace, step: Step) -> list[str]:
 
 
 def dot(work: Workspace, step: Step) -> list[str]:
-    """Write the sum of products of two values' numbers.
-
-    Args:
-        work: the function.
-        step: the instruction.
-    """
+    """Write the sum of products of two values' numbers."""
     x, y = step.inputs
     at, dialect = work.memory.at, work.memory.dialect
     work.cost.operations += 2 * x.size

@@ -21,7 +21,6 @@ def write_scalars(
         function: the function (SX).
         name: in C.
         in_place: the first input and the first output are one array: it is read at once and written last.
-        dialect: how numbers are written.
         written: writes a function that is called, unless it is there already.
 
     Raises:

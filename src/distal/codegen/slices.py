@@ -14,44 +14,25 @@ from distal.codegen.workspace import Step, Workspace
 
 
 def argument(work: Workspace, step: Step) -> list[str]:
-    """See an argument, or a part of it, where the caller has it.
-
-    Args:
-        work: the function.
-        step: the instruction.
-    """
+    """See an argument, or a part of it, where the caller has it."""
     info = step.node.info()
     home = "state" if work.in_place and info["ind"] == 0 else f"a{info['ind']}"
     return _seen(work, step, Value(home, int(info["offset"]), int(step.node.nnz())))
 
 
 def constant(work: Workspace, step: Step) -> list[str]:
-    """Keep constants until they are used: then they are literals, or in a table.
-
-    Args:
-        work: the function.
-        step: the instruction.
-    """
+    """Keep constants until they are used: then they are literals, or in a table."""
     numbers = tuple(float(x) for x in step.node.to_DM().nonzeros())
     return _seen(work, step, Value(None, 0, len(numbers), numbers=numbers))
 
 
 def shape(work: Workspace, step: Step) -> list[str]:
-    """See the same numbers in another shape.
-
-    Args:
-        work: the function.
-        step: the instruction.
-    """
+    """See the same numbers in another shape."""
     return _seen(work, step, step.inputs[0])
 
 
 def transpose(work: Workspace, step: Step) -> list[str]:
     """Write a transpose; a row is a column.
-
-    Args:
-        work: the function.
-        step: the instruction.
 
     Raises:
         CodeError: a sparse matrix.
@@ -73,10 +54,6 @@ def transpose(work: Workspace, step: Step) -> list[str]:
 def get(work: Workspace, step: Step) -> list[str]:
     """Write a slice: neighbours are a view, others are gathered.
 
-    Args:
-        work: the function.
-        step: the instruction.
-
     Raises:
         CodeError: a slice with structural zeros.
     """
@@ -93,10 +70,6 @@ def get(work: Workspace, step: Step) -> list[str]:
 
 def put(work: Workspace, step: Step) -> list[str]:
     """Write numbers, or add them, into a slice of a value.
-
-    Args:
-        work: the function.
-        step: the instruction.
 
     Raises:
         CodeError: a slice with structural zeros.
@@ -116,10 +89,6 @@ def put(work: Workspace, step: Step) -> list[str]:
 def join(work: Workspace, step: Step) -> list[str]:
     """Put values side by side, or columns on top of each other.
 
-    Args:
-        work: the function.
-        step: the instruction.
-
     Raises:
         CodeError: matrices on top of each other.
     """
@@ -135,10 +104,6 @@ def join(work: Workspace, step: Step) -> list[str]:
 
 def split(work: Workspace, step: Step) -> list[str]:
     """See pieces of a value, one after the other.
-
-    Args:
-        work: the function.
-        step: the instruction.
 
     Raises:
         CodeError: matrices that lie on top of each other.

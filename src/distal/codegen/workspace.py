@@ -84,11 +84,7 @@ class Workspace:
     cost: Cost = field(default_factory=Cost)
 
     def step(self, k: int) -> Step:
-        """Return one instruction.
-
-        Args:
-            k: which one.
-        """
+        """Return one instruction."""
         flow = self.flow
         inputs = [self.placement[number] for number in flow.reads[k]]
         return Step(k, flow.operations[k], flow.function.instruction_MX(k), inputs, flow.makes[k])

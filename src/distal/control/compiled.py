@@ -91,11 +91,7 @@ class LoopShape:
 
 @lru_cache(maxsize=8)
 def loop_kernel(shape: LoopShape) -> Kernel:
-    """Return the kernel of a loop, one sample for each period.
-
-    Args:
-        shape: of the loop.
-    """
+    """Return the kernel of a loop, one sample for each period."""
     carry_of, x_of, p_of, nj = shape.carry, shape.x, shape.p, len(shape.rig.joints)
     carry, x, p = ca.MX.sym("carry", carry_of.size), ca.MX.sym("x", x_of.size), ca.MX.sym("p", p_of.size)
     before = {
@@ -140,7 +136,6 @@ def drive_numbers(rig: Rig, dt: float) -> Floats:
     """Return of each drive the share of a command that an interval brings, and its bounds, (3, n_drives).
 
     Args:
-        rig: the plant's.
         dt: length of an interval [s].
     """
     share = [1.0 - exp(-dt / drive.lag) if drive.lag > 0.0 else 1.0 for drive in rig.drives]
@@ -225,10 +220,5 @@ def scan_loop(
 
 @lru_cache(maxsize=8)
 def plant_kernel(plant: Mechanism, count: int) -> Kernel:
-    """Return the plant's own kernel.
-
-    Args:
-        plant: its equations.
-        count: sub-steps in an interval.
-    """
+    """Return the plant's own kernel."""
     return Kernel(plant_function(plant, count))

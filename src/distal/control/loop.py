@@ -119,7 +119,6 @@ def closed_loop(
     Args:
         rig: as filters know it; or a shipped rig's name, or a path.
         scenario: what is done to it; or a shipped scenario's name, or a path.
-        seed: of the sensors' errors.
         controller: default the PID of the scenario's ``[control]``.
         period: default that of ``[control]``.
         feedback: "encoder", "ratio" or an estimator's name; default that of ``[control]``.
@@ -178,10 +177,8 @@ def run_controller(
     """Run a controller on a plant that steps, this package's or another simulator's, until that has finished.
 
     Args:
-        plant: what is controlled.
         controller: (time, measured, estimate) → commands by drive.
         feedback: "encoder", "ratio" or an estimator's name.
-        seed: of the sensors' errors.
         encoder_step: of the encoder in the joint, for that feedback [rad].
 
     Raises:

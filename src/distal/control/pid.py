@@ -62,7 +62,6 @@ def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: Ve
     c is a constant tension without any torque, raised together where a slider's tendon would otherwise have to push.
 
     Args:
-        mechanism: the rig's equations.
         angles: of the joints [rad], (n_joints,).
         torques: wanted [N m], (n_joints,).
         tension: of all tendons without a torque, as far as it makes none [N].
@@ -83,11 +82,7 @@ def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: Ve
 
 
 def memory_layout(rig: Rig) -> Layout:
-    """Return the layout of what a PID remembers.
-
-    Args:
-        rig: the description.
-    """
+    """Return the layout of what a PID remembers."""
     n = len(rig.joints)
     return Layout(integral=n, speed=n, last=n, rests=n, begun=1, commands=len(rig.drives))
 
@@ -98,10 +93,6 @@ def pid_function(rig: Rig, controlled: tuple[int, ...]) -> ca.Function:
     τ = k_p e + k_i ∫ e dt − k_d ω with e = 0 in the dead band, which ends stick–slip (Armstrong-Hélouvry, Dupont and
     Canudas de Wit, Automatica 30, 1994), cut at the joint's `torque_limit`; the integral stands while it is cut. Nothing
     changes while an angle is not known.
-
-    Args:
-        rig: the description.
-        controlled: indices of the joints.
     """
     mechanism, nj, own = Mechanism(rig), len(rig.joints), memory_layout(rig)
     angles, stds, memory = ca.SX.sym("angles", nj), ca.SX.sym("stds", nj), ca.SX.sym("memory", own.size)
@@ -127,11 +118,7 @@ def pid_function(rig: Rig, controlled: tuple[int, ...]) -> ca.Function:
 
 
 def gains_of(joints: Mapping[str, JointControl]) -> Floats:
-    """Return the gains of some joints, (5, n), in the order of `GAINS`.
-
-    Args:
-        joints: by name.
-    """
+    """Return the gains of some joints, (5, n), in the order of `GAINS`."""
     columns = [[getattr(joint, name) for name in GAINS] for joint in joints.values()]
     return np.array([[UNBOUNDED if value is None else value for value in column] for column in columns]).T
 
@@ -159,11 +146,7 @@ class PID:
         self.held: tuple[Held, ...] = ()
 
     def part(self, name: str) -> Floats:
-        """Return a part of what it remembers: "integral" [N m], "speed" [rad/s], "rests", "commands".
-
-        Args:
-            name: which.
-        """
+        """Return a part of what it remembers: "integral" [N m], "speed" [rad/s], "rests", "commands"."""
         return self._layout.view(self.memory, name)
 
     def __call__(self, time: float, measured: Mapping[str, float], estimate: Reading) -> dict[str, float]:
@@ -172,7 +155,6 @@ class PID:
         Args:
             time: [s].
             measured: by sensor; not used.
-            estimate: of the joints' angles.
         """
         largest = max(estimate.angle_stds, default=inf)
         if not all(isfinite(angle) for angle in estimate.angles):

@@ -108,11 +108,7 @@ class ControlledPlant:
         return self._prepared
 
     def errors(self, seed: int) -> SensorErrors | None:
-        """Return the errors of all sensors in a run; None where they are not all read once a period, at once.
-
-        Args:
-            seed: of the run.
-        """
+        """Return the errors of all sensors in a run; None where they are not all read once a period, at once."""
         sensors = self._plant.rig.sensors
         whole = len(self._all_rows) % self._per_period == 0
         alike = all(abs(one.rate * self.period - 1.0) < 1e-9 and one.delay == one.lag == 0.0 for one in sensors)
@@ -136,11 +132,7 @@ class ControlledPlant:
         return self._y[self._done, : self._plant.n_joints].copy()
 
     def reset(self, seed: int = 0) -> list[tuple[float, Floats]]:
-        """Go back to the start and return the samples at time zero; see `step`.
-
-        Args:
-            seed: of the sensors' errors.
-        """
+        """Go back to the start and return the samples at time zero; see `step`."""
         rig, (carry, first) = self._plant.rig, self._begin
         self._carry: Floats = carry
         self._done, self._taken = 0, 0
@@ -245,12 +237,7 @@ class _Rate:
 
 
 def travel_of(plant: Mechanism, sensor: Sensor) -> tuple[float, float]:
-    """Return the travel over which a sensor's linearity is defined, before the motion is known.
-
-    Args:
-        plant: the plant's equations.
-        sensor: one of its rig's.
-    """
+    """Return the travel over which a sensor's linearity is defined, before the motion is known."""
     if sensor.measures == "position":
         return travel(plant, [drive.name for drive in plant.rig.drives].index(sensor.of))
     if sensor.measures == "angle":

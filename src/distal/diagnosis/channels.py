@@ -108,11 +108,7 @@ class Channels:
 
 
 def channels_of(estimate: Estimate) -> Channels:
-    """Return what the innovations of an estimate are like.
-
-    Args:
-        estimate: over a log.
-    """
+    """Return what the innovations of an estimate are like."""
     scaled = estimate.innovations / np.sqrt(estimate.innovation_variances)
     # the first moments still settle what the prior left open
     settled = estimate.time >= estimate.time[0] + min(0.5, 0.1 * float(np.ptp(estimate.time)))

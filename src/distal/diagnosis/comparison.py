@@ -29,9 +29,6 @@ def disagreement(result: Estimate, log: Log, rig: Rig, homing: float | None = No
     first sample and now: δθ = (2 f + |F − F_0| σ_k/k)/(k r), with friction f up to the limits that the rig declares.
 
     Args:
-        result: the estimate.
-        log: that it is of.
-        rig: the description.
         homing: for how long the truth is used [s], or None.
     """
     forces = any(sensor.name in log.channels for sensor in rig.sensors_of("force"))
@@ -54,9 +51,6 @@ def disagreement_with_map(result: Estimate, log: Log, rig: Rig, homing: float | 
     """Return where `affine`, whose map the rig file has, lies outside both bands for a good share of the time.
 
     Args:
-        result: the estimate.
-        log: that it is of.
-        rig: the description.
         homing: for how long the truth is used [s], or None.
     """
     if rig.affine is None:
@@ -73,13 +67,7 @@ def disagreement_with_map(result: Estimate, log: Log, rig: Rig, homing: float | 
 
 
 def stretch(log: Log, rig: Rig, joint: str) -> Floats:
-    """Return by how much friction and an unknown stiffness may turn a joint for a kinematic estimate [rad], (k,).
-
-    Args:
-        log: the log.
-        rig: the description.
-        joint: its name.
-    """
+    """Return by how much friction and an unknown stiffness may turn a joint for a kinematic estimate [rad], (k,)."""
     parts = []
     drives = {drive.name: drive for drive in rig.drives}
     for tendon in rig.tendons:

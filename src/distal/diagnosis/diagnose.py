@@ -45,9 +45,6 @@ def diagnose(
     explain a disagreement, or else what cannot be tested.
 
     Args:
-        result: an estimate.
-        log: that it is of.
-        rig: the description.
         homing: for how long the truth was used [s], or None.
         compiled: compile the kernel where possible.
         ranges: channel → lowest and highest value that a fit has seen, SI; default those of the rig's `[affine]`, if any.
@@ -93,12 +90,7 @@ def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:
 
 
 def elsewhere(log: Log, rig: Rig) -> list[Finding]:
-    """Return the displacements that are where their drives cannot be.
-
-    Args:
-        log: the log.
-        rig: the description.
-    """
+    """Return the displacements that are where their drives cannot be."""
     found, mechanism = [], Mechanism(rig)
     for sensor in rig.sensors_of("position"):
         values = log.channels.get(sensor.name)
@@ -115,7 +107,6 @@ def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Fi
     """Return the channels that left what a fit has seen.
 
     Args:
-        log: the log.
         ranges: channel → lowest and highest value of the fit, SI.
     """
     found = []

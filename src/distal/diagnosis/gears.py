@@ -31,7 +31,6 @@ def geared(log: Log, rig: Rig) -> list[Finding]:
 
     Args:
         log: the log, with the angle of the joint; without it nothing is found.
-        rig: the description.
     """
     known, found = true_angles(log, [joint.name for joint in rig.joints]), list[Finding]()
     for sensor, joint, expected in _expected(log, rig):
@@ -52,12 +51,7 @@ def geared(log: Log, rig: Rig) -> list[Finding]:
 
 
 def out_of_reach(log: Log, rig: Rig) -> list[Finding]:
-    """Return the capstans whose angle would turn their joint much further than it can turn.
-
-    Args:
-        log: the log.
-        rig: the description.
-    """
+    """Return the capstans whose angle would turn their joint much further than it can turn."""
     found = []
     for sensor, joint, expected in _expected(log, rig):
         span = float(np.nanmax(expected) - np.nanmin(expected)) if np.isfinite(expected).any() else 0.0

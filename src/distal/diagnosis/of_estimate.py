@@ -62,7 +62,6 @@ def diagnose_estimate(estimate: Estimate, further: Sequence[Finding] = ()) -> Di
     """Return what an estimate's innovations and states say, and what else was found.
 
     Args:
-        estimate: over a log.
         further: what was found by other means, see `distal.diagnose`.
     """
     channels = channels_of(estimate)

@@ -95,11 +95,7 @@ class Rerun:
         self.base = self(Change())
 
     def __call__(self, change: Change) -> Outcome:
-        """Return what the filter gives with a change.
-
-        Args:
-            change: what is different.
-        """
+        """Return what the filter gives with a change."""
         runner, run = self.runner, self._run
         samples = run.samples.copy()
         for name, factor in change.channels.items():

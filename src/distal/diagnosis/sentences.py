@@ -10,23 +10,14 @@ from distal.diagnosis.finding import Finding
 
 
 def all_drift(channels: Sequence[str]) -> Finding:
-    """Return the finding that all channels' innovations are correlated.
-
-    Args:
-        channels: names of the channels.
-    """
+    """Return the finding that all channels' innovations are correlated."""
     several = ", ".join(channels)
     why = "something acts that the rig does not have (a hand: external_torque; friction at a drive)"
     return Finding("drifts", several, f"innovations of {several} drift: {why}")
 
 
 def some_drift(channels: Sequence[str], correlation: float) -> Finding:
-    """Return the finding that some channels' innovations are correlated.
-
-    Args:
-        channels: names of the channels.
-        correlation: largest of neighbouring innovations.
-    """
+    """Return the finding that some channels' innovations are correlated."""
     several = ", ".join(channels)
     text = f"innovations of {several} are not white (correlation {correlation:.1f})"
     return Finding("drifts", several, f"{text}: geometry, stiffness or friction is off")
@@ -36,7 +27,6 @@ def disagrees_since(channel: str, since: float) -> Finding:
     """Return the finding that a sensor disagrees from some time [s] to the end.
 
     Args:
-        channel: name of the channel.
         since: from when on [s].
     """
     text = f"sensor {channel} disagrees from {since:.1f} s on: its innovations are too large to the end"
@@ -47,7 +37,6 @@ def one_too_large(channel: str, ratio: float) -> Finding:
     """Return that the innovations of one channel are too large, by the mean of ν²/S.
 
     Args:
-        channel: name of the channel.
         ratio: mean of ν²/S.
     """
     text = f"sensor {channel} disagrees: innovations {np.sqrt(ratio):.1f}× larger than expected"
@@ -58,7 +47,6 @@ def several_too_large(channels: Sequence[str], ratio: float) -> Finding:
     """Return that the innovations of several channels are too large, by the mean of ν²/S.
 
     Args:
-        channels: names of the channels.
         ratio: mean of ν²/S.
     """
     text = f"innovations {np.sqrt(ratio):.1f}× larger than expected: the rig's stiffness, friction or geometry is off"
@@ -69,7 +57,6 @@ def hardly_compared(channel: str, share: float) -> Finding:
     """Return the finding that few samples of a channel are compared.
 
     Args:
-        channel: name of the channel.
         share: of the log, or of its samples.
     """
     text = f"only {100 * share:.0f} % of {channel} could be compared (missing, or the slider at a stop)"
@@ -80,7 +67,6 @@ def not_tested(channel: str, ratio: float) -> Finding:
     """Return the finding that a channel tests nothing: its innovations are far too small, by the mean of ν²/S.
 
     Args:
-        channel: name of the channel.
         ratio: mean of ν²/S.
     """
     text = f"not tested by {channel}: its innovations are only {np.sqrt(ratio):.2f} of the expected size"
@@ -91,11 +77,7 @@ def left_its_prior(state: str, value: float, std: float, prior: float, prior_std
     """Return the finding that a state ends far outside its prior.
 
     Args:
-        state: name of the state.
-        value: where it ends, SI.
-        std: of that, SI.
         prior: mean of its prior, SI.
-        prior_std: of its prior, SI.
     """
     return Finding(
         "left its prior", state, f"{state} is {value:.3g} ± {std:.1g}, its prior {prior:.3g} ± {prior_std:.1g}"
@@ -106,7 +88,6 @@ def does_not_settle(state: str, change: float) -> Finding:
     """Return that a state still moves at the end of the log, by how much since its middle.
 
     Args:
-        state: name of the state.
         change: since the middle of the log, SI.
     """
     return Finding("left its prior", state, f"{state} does not settle: it moves by {change:.2g} late")
@@ -116,7 +97,6 @@ def turns_too_far(joint: str, covered: float) -> Finding:
     """Return the finding that an angle covers more than a joint can [rad].
 
     Args:
-        joint: name of the joint.
         covered: range of its angle [rad].
     """
     degrees = np.rad2deg(covered)
@@ -125,22 +105,13 @@ def turns_too_far(joint: str, covered: float) -> Finding:
 
 
 def friction_undeclared(drive: str, value: float) -> Finding:
-    """Return that a drive has friction that the rig does not declare [N, N m].
-
-    Args:
-        drive: name of the drive.
-        value: where it ends, SI.
-    """
+    """Return that a drive has friction that the rig does not declare [N, N m]."""
     size = f"friction that the rig does not have: {value:.2g} at '{drive}' [SI]"
     return Finding("friction", drive, f"{size} (set drives.{drive}.friction, or a hand acts)")
 
 
 def drive_elsewhere(sensor: str) -> Finding:
-    """Return the finding that a displacement is where its drive cannot be.
-
-    Args:
-        sensor: name of the sensor.
-    """
+    """Return the finding that a displacement is where its drive cannot be."""
     return Finding("cannot be there", sensor, f"{sensor} is where its drive cannot be: wrong unit, zero or side?")
 
 
@@ -148,10 +119,8 @@ def outside_the_fit(channel: str, share: float, low: float, high: float) -> Find
     """Return the finding that a channel left the range of a fit, SI.
 
     Args:
-        channel: name of the channel.
         share: of the log, or of its samples.
         low: lowest value of the fit, SI.
-        high: highest, SI.
     """
     text = f"{channel} is outside the range of the fit for {100 * share:.0f} % of the log ({low:.3g} to {high:.3g})"
     return Finding("out of range", channel, text)
@@ -161,7 +130,6 @@ def kinematics_disagree(estimator: str, share: float) -> Finding:
     """Return that a kinematic estimate lies outside both bands.
 
     Args:
-        estimator: name of the estimator.
         share: of the log, or of its samples.
     """
     text = f"{estimator} lies outside both bands {100 * share:.0f} % of the time: stiffness, friction or a zero is off"
@@ -204,12 +172,7 @@ def looks_geared(subject: str, ratio: float, given: float = 1.0) -> Finding:
 
 
 def looks_geared_at_least(subject: str, ratio: float) -> Finding:
-    """Return that a motor would turn its joint further than that can turn.
-
-    Args:
-        subject: the angle's sensor.
-        ratio: by how much further.
-    """
+    """Return that a motor would turn its joint further than that can turn."""
     return looks(subject, f"like a gear of {ratio:.2g} or more, or a unit, that the rig file does not have")
 
 
@@ -226,7 +189,6 @@ def hangs_on_the_start(state: str, spread: float, *, is_angle: bool) -> Finding:
     """Return the finding that the angle depends on the filter's start by more than its band.
 
     Args:
-        state: name of the state.
         spread: of the angle over starts, in its standard deviations.
         is_angle: whether the state is a joint's angle.
     """

@@ -58,21 +58,13 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
 
 
 def turning_too_far(estimate: Estimate) -> list[Finding]:
-    """Return the joints whose angle covers more than any joint that tendons pull turns by.
-
-    Args:
-        estimate: over a log.
-    """
+    """Return the joints whose angle covers more than any joint that tendons pull turns by."""
     covered = [(joint, float(np.ptp(angles))) for joint, angles in zip(estimate.joint_names, estimate.angles.T)]
     return [sentences.turns_too_far(joint, most) for joint, most in covered if most > LARGEST_TRAVEL]
 
 
 def undeclared_friction(estimate: Estimate) -> list[Finding]:
-    """Return the drives at which the filter found friction that the rig does not declare.
-
-    Args:
-        estimate: over a log.
-    """
+    """Return the drives at which the filter found friction that the rig does not declare."""
     found = []
     for i, (kind, drive) in enumerate(zip(estimate.state_kinds, estimate.state_parts)):
         value, std = estimate.means[-1, i], np.sqrt(estimate.variances[-1, i])

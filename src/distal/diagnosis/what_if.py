@@ -51,8 +51,6 @@ def cannot_test(log: Log, rig: Rig, homing: float | None = None, compiled: bool 
     else is found, and the angle moves by more than its 95 % band.
 
     Args:
-        log: the log.
-        rig: the description.
         homing: for how long the truth is used [s], or None.
         compiled: compile the kernel where possible.
 

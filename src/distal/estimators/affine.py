@@ -54,11 +54,7 @@ START_GROWTH, START_REACH = 10.0, 1.0
 
 
 def affine_of(rig: Rig) -> Kind:
-    """Return the kind of map that gives the joints' angles from a rig's readings.
-
-    Args:
-        rig: the description.
-    """
+    """Return the kind of map that gives the joints' angles from a rig's readings."""
     channels = channels_of(rig, NAME)
     sensors = (*channels.positions, *channels.tensions, *channels.forces)
     noise = np.sqrt([variance(sensor) for sensor in sensors])
@@ -71,7 +67,6 @@ def affine_samples(log: Log, rig: Rig) -> Samples:
 
     Args:
         log: with the truth of the joints, where it is known.
-        rig: the description.
 
     Raises:
         EstimationError: a sensor is not in the log or has no value.
@@ -224,7 +219,6 @@ def affine_function(affine: Affine, width: int) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of the estimator: its angle is the map's value, see `map_function`.
 
     Args:
-        affine: the map.
         width: number of sensors.
     """
     nj = len(affine.joints)
@@ -247,7 +241,6 @@ def learned_alone(window: Samples, kind: Kind) -> LearnedMap:
 
     Args:
         window: samples of the homing move.
-        kind: what is learned.
 
     Raises:
         EstimationError: the window has too few samples.
@@ -271,8 +264,6 @@ def start_of(affine: Affine, joint: int, readings: Mapping[str, tuple[Scalar, Sc
     Outside the learned range its std grows; far outside, or with a missing reading, the map gives no information.
 
     Args:
-        affine: as learned.
-        joint: its index.
         readings: channel → (first reading, 1 where there is one), symbolic.
     """
     own, phi, known, far = affine.joints[joint], dict[str, Scalar](), ca.SX(1), ca.SX(0)

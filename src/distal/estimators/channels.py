@@ -52,7 +52,6 @@ def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = ()) -> Chann
     """Return the sensors that estimators read.
 
     Args:
-        rig: the description.
         name: of the estimator, for messages.
         references: sensors of joints' angles that are read too, while they are known.
 
@@ -93,7 +92,6 @@ def sensor_for(sensors: tuple[Sensor, ...], part: str) -> Sensor | None:
     """Return the sensor of the drive or tendon called `part`, or None.
 
     Args:
-        sensors: to look through.
         part: name of a drive or tendon.
     """
     return next((sensor for sensor in sensors if sensor.of == part), None)

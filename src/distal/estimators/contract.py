@@ -329,7 +329,6 @@ def check_time(name: str, before: float, now: float, first: bool) -> None:
     """Refuse a stamp that does not rise.
 
     Args:
-        name: of the estimator.
         before: stamp of the belief [s].
         now: the new stamp [s].
         first: whether it is the first sample, which may have the belief's own stamp.

@@ -61,7 +61,6 @@ def directions(rig: Rig, angles: Floats | None = None) -> Directions:
     rows is not seen (singular values below `SMALLEST` of the largest). Coupled joints move with theirs.
 
     Args:
-        rig: the description.
         angles: of the joints [rad], (n_joints,); default their `initial` ones.
     """
     mechanism = Mechanism(rig)

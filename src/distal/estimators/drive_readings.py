@@ -19,7 +19,6 @@ def read_drives(rig: Rig, channels: Channels, places: Vector, pulls: Vector, x: 
     """Return places and pulls of the drives after a sample, (n_drives,) each: F⁺ = U + e^{−2π f dt} (F − U), f = `CUT_OFF`.
 
     Args:
-        rig: the description.
         channels: the sensors that are read.
         places: before, (n_drives,) [m, rad].
         pulls: before, F, (n_drives,) [N, N m].
@@ -43,10 +42,7 @@ def first_drives(rig: Rig, channels: Channels, values: Vector, mask: Vector, nom
     """Return places and pulls of the drives at the first sample, (n_drives,) each; 0 and the nominal pull if missing.
 
     Args:
-        rig: the description.
         channels: the sensors that are read.
-        values: of the channels.
-        mask: of these values.
         nominal: pulls, (n_drives,).
     """
     places, pulls = [ca.SX(0) for _ in rig.drives], ca.vertsplit(nominal)
@@ -67,6 +63,5 @@ def tension_share(levers: Sequence[Scalar], own: Sequence[int], tendon: int) -> 
     Args:
         levers: h, a tendon's displacement per displacement of its drive: 1 for a slider, side · R for a capstan.
         own: the tendons of the drive.
-        tendon: one of them.
     """
     return levers[tendon] / sum((levers[i] ** 2 for i in own), ca.SX(0))

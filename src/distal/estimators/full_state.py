@@ -45,11 +45,6 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
 
     carry = (mean, covariance, last pulls); p = (parameters, nominal pulls, input, process and measurement variances).
     The pull over an interval is the straight line between its values at both ends; a missing one holds the last.
-
-    Args:
-        mechanism: the rig's equations.
-        channels: the sensors it reads.
-        count: sub-steps per interval.
     """
     nb, nd, nj = mechanism.n_bodies, mechanism.n_drives, mechanism.n_joints
     n, n_p = 2 * nb, len(mechanism.parameters)
@@ -101,8 +96,6 @@ def expected_measurements(mechanism: Mechanism, measured: Sequence[Sensor], q: V
     """Return h(x), what position and tension sensors should read: s + bias, and T + bias.
 
     Args:
-        mechanism: the rig's equations.
-        measured: the sensors.
         q: coordinates, (n_bodies,).
         v: velocities, (n_bodies,).
     """
@@ -182,7 +175,6 @@ def rig_noise(rig: Rig, name: str = "ekf") -> Noise:
     their linearity, taken as if it were random from sample to sample.
 
     Args:
-        rig: the description.
         name: of the estimator, for messages.
     """
     channels, mechanism = channels_of(rig, name), Mechanism(rig)
@@ -224,9 +216,7 @@ def paper_noise(rig: Rig, q: float = 1e-3, r: float = 1e-9, p0: float = 1.0, nam
     travel, so R is read in mm², 1e-9 m²; docs/results/reproduction.md compares the readings.
 
     Args:
-        rig: the description.
         q: variance added to each state per sample.
-        r: variance of each measurement.
         p0: variance of each state before the first sample.
         name: of the estimator, for messages.
     """

@@ -52,7 +52,6 @@ class Downdate:
         Args:
             gain: g, (n,); zero for an update that does not count.
             at: indices of the states that do not take all of their gain.
-            shares: their κ.
         """
         self._gains.append(gain)
         self._kept.append((tuple(at), gain[list(at)] * (1 - shares)))

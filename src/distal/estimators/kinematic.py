@@ -29,10 +29,7 @@ def kinematic_function(
     low-passed, and F_0 that at the first sample.
 
     Args:
-        mechanism: the rig's equations.
-        channels: the sensors it reads.
         tendons: those whose drive has a position sensor.
-        elastic: remove the stretch.
     """
     k, nd, nj = len(tendons), mechanism.n_drives, mechanism.n_joints
     n, width = nj + k, len(channels.names)

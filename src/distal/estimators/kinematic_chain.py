@@ -37,7 +37,6 @@ def stretches(mechanism: Mechanism, pulls: Vector, elastic: bool) -> list[Scalar
     A drive's pull F is shared so that it is balanced with the smallest changes: T = T_pre + h (F − Σ h T_pre)/Σ h².
 
     Args:
-        mechanism: the rig's equations.
         pulls: of the drives, (n_drives,) [N, N m].
         elastic: whether tendons stretch.
     """
@@ -53,11 +52,7 @@ def stretches(mechanism: Mechanism, pulls: Vector, elastic: bool) -> list[Scalar
 
 
 def unseen_covariance(rig: Rig) -> Floats:
-    """Return what is not known of the joints along directions that no tendon sees, (n_joints, n_joints): as at the start.
-
-    Args:
-        rig: the description.
-    """
+    """Return what is not known of the joints where no tendon sees them, (n_joints, n_joints): as at the start."""
     missed = directions(rig).missed
     stds = np.array([max(joint.initial.std, UNSEEN) for joint in rig.joints if joint.coupled is None])
     covariance: Floats = float(np.mean(stds) ** 2) * missed.T @ missed
@@ -71,10 +66,7 @@ def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int,
     then says which of the postures that fit it is. Zero is the rig's own: θ = 0 and s = 0 at pre-tension.
 
     Args:
-        mechanism: the rig's equations.
-        channels: the sensors it reads.
         tendons: those whose drive has a position sensor.
-        elastic: remove the stretch.
     """
     nd, nj, free = mechanism.n_drives, mechanism.n_joints, mechanism.free
     n, width, p = nj, len(channels.names), mechanism.parameters

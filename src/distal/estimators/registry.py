@@ -37,7 +37,6 @@ def make_estimator(name: str, rig: Rig, compiled: bool = True) -> KernelEstimato
 
     Args:
         name: one of `ESTIMATORS`.
-        rig: the description.
         compiled: compile its kernel where possible.
 
     Raises:

@@ -48,11 +48,7 @@ class Report:
         return cls(tuple(states), *(tuple(own) for own in places))
 
     def only(self, states: Sequence[int]) -> Report:
-        """Return the report of some of the states.
-
-        Args:
-            states: which.
-        """
+        """Return the report of some of the states."""
         kept = [k for k, state in enumerate(self.states) if state in states]
         parts = (self.states, self.values, self.gains, self.variances)
         return Report(*(tuple(part[k] for k in kept) for part in parts))

@@ -75,11 +75,7 @@ def kinds_by_joint(names: Sequence[str], joints: Sequence[str]) -> tuple[tuple[S
 
 
 def kinds_of(runner: NamesStates) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
-    """Return what an estimator's states are, and the parts that they are of, (n,) each.
-
-    Args:
-        runner: the estimator.
-    """
+    """Return what an estimator's states are, and the parts that they are of, (n,) each."""
     if isinstance(runner, SaysKinds):
         return runner.state_kinds, runner.state_parts
     return kinds_by_joint(runner.state_names, [joint.name for joint in runner.rig.joints])
@@ -98,11 +94,7 @@ _OF_DRIVE = {
 
 
 def state_units(runner: NamesStates) -> tuple[str, ...]:
-    """Return the SI units of an estimator's states, (n,): 1 of a plain number, nothing where it is not known.
-
-    Args:
-        runner: the estimator.
-    """
+    """Return the SI units of an estimator's states, (n,): 1 of a plain number, nothing where it is not known."""
     rig: Rig = runner.rig
     by_name = dict.fromkeys((tendon_angle_name(tendon.name) for tendon in rig.tendons), "rad")
     for drive in rig.drives:
@@ -130,7 +122,6 @@ def states_of(
     """Return part → index of its state of a kind, in the order of the parts; one that has none is left out.
 
     Args:
-        kind: which.
         parts: names of joints, drives, tendons or sensors.
         state_kinds: what each state is, (n,).
         state_parts: the part that each state is of, (n,).
@@ -140,9 +131,5 @@ def states_of(
 
 
 def external_torques_of(runner: NamesStates) -> dict[str, int]:
-    """Return joint → index of the state that is the torque on it from outside, in the order of the joints.
-
-    Args:
-        runner: the estimator.
-    """
+    """Return joint → index of the state that is the torque on it from outside, in the order of the joints."""
     return states_of(StateKind.EXTERNAL_TORQUE, [joint.name for joint in runner.rig.joints], *kinds_of(runner))

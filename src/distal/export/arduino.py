@@ -28,10 +28,8 @@ def export_arduino(
     """Write an estimator of a rig as a library for Arduino and PlatformIO.
 
     Args:
-        rig: the description.
         out: the library's folder; made if it is not there. An earlier export's files are replaced, but for those that
             are there to be `EDITED`.
-        estimator: its name.
         single: float and float functions only, else double.
         name: of the library, and prefix of its C names; default from the rig's title and the estimator.
 
@@ -59,12 +57,7 @@ def export_arduino(
 
 
 def arduino_files(rig: Rig, exported: Exported) -> dict[str, str]:
-    """Return the files of a library, name → text, as the Arduino library specification (1.5) lays them out.
-
-    Args:
-        rig: the description.
-        exported: the filter.
-    """
+    """Return the files of a library, name → text, as the Arduino library specification (1.5) lays them out."""
     values = {
         "name": exported.name,
         "NAME": exported.name.upper(),

@@ -9,21 +9,12 @@ from distal.rig import Rig, angle_names, std_name
 
 
 def filled(template: str, values: dict[str, str]) -> str:
-    """Return a template with ``$name$`` replaced; what is put in is not looked at again.
-
-    Args:
-        template: the text.
-        values: name → text.
-    """
+    """Return a template with ``$name$`` replaced; what is put in is not looked at again."""
     return re.sub(r"\$(\w+)\$", lambda m: values[m[1]], template)
 
 
 def comment(text: str) -> str:
-    """Return a text that may stand in a comment of C.
-
-    Args:
-        text: anything.
-    """
+    """Return a text that may stand in a comment of C."""
     plain = "".join(c if c.isprintable() else " " for c in text)[:200]
     for ends, harmless in (("\\", "/"), ("??", "? ?"), ("*/", "* /"), ("/*", "/ *"), ("*/", "* /")):
         plain = plain.replace(ends, harmless)
@@ -34,9 +25,6 @@ def angle_fields(rig: Rig) -> list[tuple[str, str]]:
     """Return the names of angle and standard deviation of each joint in an exported filter's output.
 
     ``angle`` and ``angle_std`` for one joint, else those of `angle_names`, with _ for what C does not allow in a name.
-
-    Args:
-        rig: the description.
     """
     joints = [joint.name for joint in rig.joints]
     if len(joints) == 1:
@@ -49,11 +37,7 @@ def angle_fields(rig: Rig) -> list[tuple[str, str]]:
 
 
 def torque_fields(runner: KernelEstimator) -> list[tuple[str, str]]:
-    """Return the states that are torques from outside, and their names in an exported filter's output.
-
-    Args:
-        runner: the estimator.
-    """
+    """Return the states that are torques from outside, and their names in an exported filter's output."""
     known = [runner.state_names[i] for i in external_torques_of(runner).values()]
     return [(name, re.sub(r"[^A-Za-z0-9]", "_", name)) for name in known]
 
@@ -62,7 +46,6 @@ def members(runner: KernelEstimator, name: str) -> str:
     """Return the members of the output that are angles and torques from outside, with their standard deviations.
 
     Args:
-        runner: the estimator.
         name: prefix of the filter's names.
     """
     lines, rig = [], runner.rig
@@ -80,7 +63,6 @@ def outputs(runner: KernelEstimator, n: int) -> str:
     """Return the lines that fill them.
 
     Args:
-        runner: the estimator.
         n: number of its states.
     """
     fields = [(j, *pair) for j, pair in enumerate(angle_fields(runner.rig))]

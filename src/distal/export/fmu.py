@@ -62,9 +62,7 @@ def export_fmu(rig: Rig, out: str | Path, estimator: str = "adaptive", name: str
     deviations, and the health of the stream.
 
     Args:
-        rig: the description.
         out: the file, which ends in .fmu.
-        estimator: its name.
         name: prefix of the names in C, and the model's identifier; default from the rig's title and the estimator.
 
     Raises:

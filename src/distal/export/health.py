@@ -37,9 +37,7 @@ def health_source(runner: KernelEstimator, name: str, dialect: Plain) -> str:
     """Return the C of an estimator's health.
 
     Args:
-        runner: the estimator.
         name: prefix of the filter's names.
-        dialect: which numbers it has.
     """
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
     chosen, number = [sensors[channel] for channel in runner.channels], dialect.constant

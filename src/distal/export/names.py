@@ -35,11 +35,7 @@ DEVICES = re.compile(r"con|prn|aux|nul|com[0-9]|lpt[0-9]")
 
 
 def c_name(text: str) -> str:
-    """Return a text as the beginning of C names.
-
-    Args:
-        text: anything.
-    """
+    """Return a text as the beginning of C names."""
     plain = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")[:100].rstrip("_")
     if not plain or not plain[0].isalpha() or _taken(plain):
         plain = f"rig_{plain}"[:100].rstrip("_")
@@ -48,9 +44,6 @@ def c_name(text: str) -> str:
 
 def checked_name(name: str) -> str:
     """Return a name that C names and files may begin with, as it is.
-
-    Args:
-        name: the name.
 
     Raises:
         ExportError: it is no C identifier, begins with an underscore as those of compilers do, or is taken.

@@ -55,11 +55,7 @@ class ExportedPlant:
 
 
 def resting_pull(plant: Mechanism) -> Floats:
-    """Return the pull on each body that holds a plant at rest: the drives' nominal ones, (n_bodies,).
-
-    Args:
-        plant: its equations.
-    """
+    """Return the pull on each body that holds a plant at rest: the drives' nominal ones, (n_bodies,)."""
     return np.array([0.0] * plant.n_joints + [drive.nominal_force.value for drive in plant.rig.drives])
 
 
@@ -68,7 +64,6 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
 
     Args:
         rig: the description; its values are the true ones.
-        name: prefix of all names.
 
     Raises:
         ExportError: the name is no C identifier, a sensor has a delay, or the plant has no C.

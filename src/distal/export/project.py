@@ -30,9 +30,7 @@ def export_c(
     """Write an estimator of a rig as C99 to a folder.
 
     Args:
-        rig: the description.
         out: the folder; made if it is not there. An earlier export's files are replaced, others left.
-        estimator: its name.
         single: float and float functions only, else double.
         name: prefix of all names; default from the rig's title and the estimator.
         home: how well an angle is known where a joint homes, std [rad]; default it does not home while it runs.
@@ -76,10 +74,6 @@ def export_files(name: str, plant: bool = False) -> tuple[str, ...]:
 def check_ours(folder: Path, names: Iterable[str]) -> None:
     """Refuse to replace what is not an export of ours.
 
-    Args:
-        folder: of the export.
-        names: of its files.
-
     Raises:
         OutputError: a file is there and was not written by an export, or cannot be read.
     """
@@ -93,11 +87,7 @@ def check_ours(folder: Path, names: Iterable[str]) -> None:
 
 
 def project_files(exported: Exported) -> dict[str, str]:
-    """Return the files of a project, name → text.
-
-    Args:
-        exported: the filter.
-    """
+    """Return the files of a project, name → text."""
     texts = (
         exported.header,
         exported.source,
@@ -109,11 +99,7 @@ def project_files(exported: Exported) -> dict[str, str]:
 
 
 def readme(exported: Exported) -> str:
-    """Return what a user of the filter should know.
-
-    Args:
-        exported: the filter.
-    """
+    """Return what a user of the filter should know."""
     kind, size = ("float", 4) if exported.single else ("double", 8)
     calls = (
         ", ".join(f"{count} {name}{'f' if exported.single else ''}" for name, count in exported.library.items())

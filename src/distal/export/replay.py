@@ -13,7 +13,6 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
     """Return a C program that reads a log and writes t, then angles and torques from outside with their stds.
 
     Args:
-        runner: the estimator.
         name: prefix of the filter's names.
     """
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
@@ -44,11 +43,7 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
 
 
 def c_string(text: str) -> str:
-    """Return a text as a string of C, byte by byte where it is not plain.
-
-    Args:
-        text: anything.
-    """
+    """Return a text as a string of C, byte by byte where it is not plain."""
     plain = (chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in text.encode())
     return f'"{"".join(plain)}"'
 

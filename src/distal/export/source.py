@@ -78,8 +78,6 @@ def c_filter(
     """Return an estimator of a rig as C99.
 
     Args:
-        rig: the description.
-        estimator: its name.
         single: float and float functions only, else double.
         name: prefix of all names; default from the rig's title and the estimator.
         home: how well an angle is known where a joint homes, std [rad]; then samples have one for each joint, see
@@ -188,7 +186,6 @@ def begun(states: int, whole: bool) -> dict[str, str]:
     """Return what the template's beginning is filled with.
 
     Args:
-        states: how many.
         whole: whether the prior is a covariance, else its diagonal.
     """
     if whole:

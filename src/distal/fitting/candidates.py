@@ -55,12 +55,7 @@ CORRECTED_COSTS = 1.25
 
 
 def groups_among(logs: Sequence[Log], options: Options) -> tuple[str, ...]:
-    """Return which logs are left out together: those of one unit, else each alone.
-
-    Args:
-        logs: some of the fit's.
-        options: of the fit.
-    """
+    """Return which logs are left out together: those of one unit, else each alone."""
     names = [log.source for log in logs]
     if options.units is None or not names:
         return tuple(str(i) for i in range(len(names)))
@@ -92,9 +87,7 @@ class Training:
         """Return what candidates learn from.
 
         Args:
-            logs: of the fit.
             rig: the description as it came.
-            options: of the fit.
         """
         joints = [joint.name for joint in rig.joints]
         known = tuple(log for log in logs if true_angles(log, joints) is not None)
@@ -158,8 +151,6 @@ def filter_candidate(
     """Return the candidate of a filter with some numbers, and the map of what its angle then lacks.
 
     Args:
-        name: of the candidate.
-        training: what it learns from.
         numbers: None for those of the rig as it came.
         others: candidates before it; where their filters err far less, it gets no map.
     """
@@ -208,11 +199,7 @@ def _run(training: Training, numbers: Numbers | None, hold: bool) -> _Run:
 
 
 def line_map(training: Training) -> MapFit:
-    """Return the map of the estimator `affine`: angles as a straight line of what the sensors read.
-
-    Args:
-        training: what it learns from.
-    """
+    """Return the map of the estimator `affine`: angles as a straight line of what the sensors read."""
     data = [affine_samples(log, training.rig) for log in training.known]
     data = [one.part(np.asarray(np.isfinite(one.targets).any(axis=1))) for one in data]
     found = map_of(data, affine_of(training.rig), training.rig, training.options.homing, training.groups, scored=False)
@@ -225,9 +212,7 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
     Beyond it the line goes on, or the angle moves with a filter: what errs less in the outer part of logs left out.
 
     Args:
-        training: what it learns from.
         line: see `line_map`.
-        base: the filter beside it.
     """
     frame = base.maps["discrepancy"]
     among = [_at_times_of(one, affine_samples(training.known[i], training.rig)) for i, one in base.data.items()]

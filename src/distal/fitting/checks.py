@@ -37,10 +37,6 @@ RATIO_RANGE = (1 / 12, 12.0)
 def check_logs(logs: Sequence[Log], rig: Rig) -> None:
     """Refuse logs without motion, dead sensors, and truths in a wrong unit or of a wrong sign.
 
-    Args:
-        logs: as read.
-        rig: the description.
-
     Raises:
         FitError: see above; names the log and the sensor.
     """
@@ -86,7 +82,6 @@ def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:
 
     Args:
         logs: with a truth.
-        rig: the description.
     """
     names = [joint.name for joint in rig.joints]
     known = np.zeros(len(names), dtype=bool)

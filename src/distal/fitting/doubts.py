@@ -53,7 +53,6 @@ def nis_of(problem: Problem, z: Floats) -> tuple[float, ...]:
     """Return the mean of ν²/S per channel over all logs.
 
     Args:
-        problem: of the fit.
         z: coordinates, (n,).
     """
     ratios = np.vstack([run.values**2 / run.variances for run in problem.at(z)])
@@ -64,7 +63,6 @@ def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
     """Return sentences on where the logs still do not agree with the rig.
 
     Args:
-        problem: of the fit.
         z: coordinates at its end, (n,).
         nis: mean ν²/S per channel there.
     """
@@ -94,12 +92,7 @@ def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
 
 
 def far_from_priors(numbers: Sequence[FittedNumber], problem: Problem) -> list[str]:
-    """Return warnings on values far from their priors, or at a bound.
-
-    Args:
-        numbers: the outcome.
-        problem: that it came from.
-    """
+    """Return warnings on values far from their priors, or at a bound."""
     free = {part.name: part for part in problem.free}
     lines = []
     for part in numbers:
@@ -123,10 +116,6 @@ def contradictions(problem: Problem, found: Found) -> list[str]:
     """Return a doubt about logs that can be explained only with their own numbers: one sentence, or none.
 
     A log is fitted alone, begun at the optimum of all, its noise as it is.
-
-    Args:
-        problem: of all logs.
-        found: where its search ended.
     """
     worst, said = CONTRADICTORY, list[str]()
     for j, data in enumerate(problem.data):

@@ -42,11 +42,7 @@ class Data:
     last: NDArray[np.intp]
 
     def beginning(self, count: int) -> Data:
-        """Return the first samples of the log.
-
-        Args:
-            count: how many.
-        """
+        """Return the first samples of the log."""
         count = min(count, len(self.last))
         log = Log(self.log.time[:count], {}, {}, self.log.source)
         return Data(log, self.samples[:count], self.rows[: self.last[count - 1] + 1], self.last[:count])
@@ -113,10 +109,6 @@ def steps_of(rig: Rig, logs: Sequence[Log]) -> int:
     """Return how many rows per sample all of some logs need, so that displacements between samples are right.
 
     Joints that settle within an interval need one: where a drive went between two slow samples no curve tells.
-
-    Args:
-        rig: the description.
-        logs: of a fit.
     """
     if AdaptiveFilter(rig, False).states.context.joints_settle:
         return 1

@@ -64,7 +64,6 @@ def fit(
         curves: whether the position sensors' systematic curves are learned from logs with truth; only where the same
             sensors, mounted the same way, will be read again.
         truth: where logs are read: the true angle's column.
-        seed: of random starts.
         workers: threads; the numbers do not depend on them.
         compiled: compile kernels where possible.
         progress: called with the progress.

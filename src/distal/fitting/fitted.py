@@ -95,7 +95,6 @@ def assignments(numbers: Sequence[FittedNumber], start: Rig, hold: bool = False)
     """Return path by names → value, with its std where it had one, of what the logs tell.
 
     Args:
-        numbers: every free number.
         start: the description as it came.
         hold: estimators are to take the values as they are.
     """
@@ -131,12 +130,7 @@ def _spread(part: FittedNumber, before: Number, std: float, value: float, start:
 
 
 def only_grows(path: str, rig: Rig) -> bool:
-    """Return whether a noise is never written smaller than it was: what the model does not know, and displacements'.
-
-    Args:
-        path: of the number.
-        rig: the description.
-    """
+    """Return whether a noise is never written smaller than it was: what the model does not know, and displacements'."""
     places = [f"sensors.{i}.noise" for i, sensor in enumerate(rig.sensors) if sensor.measures == "position"]
     return path.endswith(".unmodelled") or path in places
 
@@ -146,7 +140,6 @@ def described(rig: Rig, values: Mapping[str, object]) -> Rig:
 
     Args:
         rig: the description as it came.
-        values: path → value.
     """
     own = {path: value for path, value in values.items() if part_at(rig, ".".join(path.split(".")[:2])) is not None}
     return rig.with_values(own) if own else rig

@@ -40,11 +40,7 @@ def fitted_text(rig: Rig, start: Rig, values: Mapping[str, object], head: str, t
 
 
 def plain(raw: Mapping[str, object]) -> dict[str, object]:
-    """Return a description as TOML can hold it: no empty values, no SI tags that are found again on reading.
-
-    Args:
-        raw: as dumped.
-    """
+    """Return a description as TOML can hold it: no empty values, no SI tags that are found again on reading."""
     return {key: _plain(value) for key, value in raw.items() if value is not None and key != "si"}
 
 

@@ -73,32 +73,20 @@ class Free:
         return log1p(self.std / self.start) if self.logarithmic else self.std / self.scale
 
     def coordinate(self, value: float) -> float:
-        """Return the coordinate of a value of the first number, 0 for one that has no logarithm.
-
-        Args:
-            value: of the first number.
-        """
+        """Return the coordinate of a value of the first number, 0 for one that has no logarithm."""
         if not self.logarithmic:
             return (value - self.start) / self.scale
         return log(value / self.start) if value > 0.0 else 0.0
 
     def value(self, z: float) -> float:
-        """Return the first number at a coordinate, within its bounds.
-
-        Args:
-            z: the coordinate.
-        """
+        """Return the first number at a coordinate, within its bounds."""
         low, high = self.bounds
         z = min(max(z, low), high)
         found = self.start * exp(z) if self.logarithmic else self.start + self.scale * z
         return min(max(found, self.low), self.high)  # rounding may lead beyond a bound
 
     def values(self, z: float) -> tuple[float, ...]:
-        """Return all numbers at a coordinate.
-
-        Args:
-            z: the coordinate.
-        """
+        """Return all numbers at a coordinate."""
         first = self.value(z)
         if len(set(self.starts)) == 1:
             return (first,) * len(self.starts)
@@ -112,22 +100,14 @@ class Free:
         return (self.low - self.start) / self.scale, (self.high - self.start) / self.scale
 
     def unit(self, z: float) -> float:
-        """Return how much of the coordinate is all of the value, or of the scale where the value may be zero or negative.
-
-        Args:
-            z: the coordinate.
-        """
+        """Return how much of the coordinate is all of the value, or of the scale where that may be zero or negative."""
         if not self.logarithmic and self.low >= 0.0 and self.start > 0.0:
             # slopes over the same share for all: what shows only as a product is then seen as one, kinks and all
             return max(self.value(z) / self.scale, 0.1)
         return 1.0
 
     def slope(self, z: float) -> float:
-        """Return d value/dz.
-
-        Args:
-            z: the coordinate.
-        """
+        """Return d value/dz."""
         return self.value(z) if self.logarithmic else self.scale
 
 

@@ -201,11 +201,7 @@ class Equations:
         return ca.Function("begin", [q, p], ca.substitute([carry], [own], [p[: own.numel()]]))
 
     def known(self, data: Data) -> Known | None:
-        """Return a log as the equations take it, None where angles and places are hardly known together.
-
-        Args:
-            data: of the fit.
-        """
+        """Return a log as the equations take it, None where angles and places are hardly known together."""
         channels, joints = list(self.fit.runner.channels), [joint.name for joint in self.mechanism.rig.joints]
 
         def columns(sensors: Sequence[Sensor | None]) -> Floats:
@@ -284,11 +280,7 @@ class InverseProblem(Problem):
         return self.known[log].time
 
     def among(self, logs: Sequence[int]) -> InverseProblem:
-        """Return the problem of some of the logs.
-
-        Args:
-            logs: their indices.
-        """
+        """Return the problem of some of the logs."""
         found = super().among(logs)
         assert isinstance(found, InverseProblem)
         return replace(found, known=tuple(self.known[j] for j in logs))
@@ -297,7 +289,6 @@ class InverseProblem(Problem):
         """Return the same problem: its whole logs take no longer than the beginnings do elsewhere.
 
         Args:
-            share: of each log.
             least: samples of a log, at least.
         """
         return replace(self, worth=None)
@@ -326,7 +317,6 @@ def inverse_problem(problem: Problem, compiled: bool = True) -> InverseProblem |
     """Return the equations' problem of the same logs and numbers but for noise, None where the equations cannot be asked.
 
     Args:
-        problem: of the filter.
         compiled: compile the kernel where possible.
     """
     if not Equations.apply_to(problem.filter):

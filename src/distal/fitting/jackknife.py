@@ -25,9 +25,7 @@ def numbers_without(numbers: Numbers, known: Sequence[Log], folds: Sequence[int]
     """Return for each fold the numbers that the other logs tell; those of all where there is one fold.
 
     Args:
-        numbers: that all logs tell.
         known: logs with a truth.
-        folds: of these.
     """
     if len(set(folds)) < 2 or numbers.found.interrupted:
         return [numbers] * len(set(folds))
@@ -35,12 +33,7 @@ def numbers_without(numbers: Numbers, known: Sequence[Log], folds: Sequence[int]
 
 
 def without(numbers: Numbers, logs: Sequence[Log]) -> Numbers:
-    """Return the numbers that the other logs tell; which of them are fitted, and their stds, stay those of all logs.
-
-    Args:
-        numbers: that all logs tell.
-        logs: that are left out.
-    """
+    """Return the numbers that the other logs tell; which of them are fitted, and their stds, stay those of all logs."""
     problem, found, known = numbers.problem, numbers.found, numbers.uncertainty
     out = [any(data.log is log for log in logs) for data in problem.data]
     rest = problem.among([j for j, gone in enumerate(out) if not gone])

@@ -51,11 +51,7 @@ class Part:
 
 
 def parts_of(rig: Rig) -> Iterator[Part]:
-    """Yield the parts that may be added to a rig, one kind at a time.
-
-    Args:
-        rig: the description.
-    """
+    """Yield the parts that may be added to a rig, one kind at a time."""
     sheaths: dict[str, object] = {}
     for tendon in rig.tendons:
         if tendon.path is None:
@@ -92,10 +88,7 @@ def named_parts(logs: Sequence[Log], rig: Rig, options: Options, numbers: Number
     """Return the part with which a rig's equations lack least along some logs, and it together with a second one.
 
     Args:
-        logs: of the fit.
         rig: the description as it came.
-        options: of the fit.
-        numbers: of its equations.
     """
     found = list[tuple[Part, Numbers]]()
     while numbers.by_equations and len(found) < MOST_PARTS and not options.free:
@@ -123,10 +116,7 @@ def numbers_with(part: Part, logs: Sequence[Log], rig: Rig, options: Options, be
     """Return the numbers of a rig's equations with a part more, None where the rig cannot have it.
 
     Args:
-        part: that is added.
-        logs: of the fit.
         rig: the description as it came.
-        options: of the fit.
         begin: numbers without the part, where the search begins.
     """
     if not part.values:

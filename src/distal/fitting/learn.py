@@ -81,9 +81,7 @@ def learn(
     All choices that depend on logs are made here, starting from the original rig.
 
     Args:
-        logs: as read and checked.
         rig: the description, whose values and stds are the priors.
-        options: options of the fit.
         progress: called with what is done.
         parts: that are tried beside the rig's own physics; None for what the residuals name.
         early: called with the straight line as soon as nothing speaks against a fit.

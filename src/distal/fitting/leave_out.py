@@ -70,9 +70,6 @@ def leave_out(
     """Return what is learned from all logs except those of one fold, and its scores on these, for each fold in turn.
 
     Args:
-        logs: of the fit.
-        rig: the original description.
-        folds: of each log.
         learned_from: `learn` of some logs; it gets these and the number of the fold, from 1.
         homing: for how long the reference is used [s], None for never.
 

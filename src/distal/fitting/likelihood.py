@@ -97,7 +97,6 @@ def scales_of(runs: Sequence[Innovations], tolerance: Floats) -> Floats:
     It is the c that makes the innovations most likely, −ln p = ½ Σ (ν²/(c S) + ln c S).
 
     Args:
-        runs: one of each log.
         tolerance: see `Weighing`.
     """
     scales = np.ones(len(tolerance))
@@ -118,7 +117,6 @@ def shares_of(runs: Sequence[Innovations], times: Sequence[Floats]) -> Floats:
     wrong models Müller, Econometrica 81, 2013). Spans are of `CORRELATED` s.
 
     Args:
-        runs: one of each log.
         times: stamps of their samples [s], (k,).
     """
     m = runs[0].values.shape[1]
@@ -137,10 +135,6 @@ def cost_of(run: Innovations, weighing: Weighing) -> float:
     """Return ½ Σ w (ν²/S' + ln S') over what was compared; infinite where the filter left all bounds.
 
     S' is c S, grown to ν²/tolerance for an outlier, as in the filter.
-
-    Args:
-        run: of the filter.
-        weighing: of the channels.
     """
     if not run.bounded:
         return float("inf")
@@ -156,7 +150,6 @@ def evened(run: Innovations, weighing: Weighing) -> Floats:
     """Return by what the values of each channel count more or less, so that their number does not matter, (m,).
 
     Args:
-        run: of the filter.
         weighing: with the numbers that they stand for.
     """
     compared = np.maximum(np.isfinite(run.values).sum(axis=0), FEWEST_SHARE * weighing.counts)
@@ -173,7 +166,6 @@ def derivatives_of(
     Σ ν' ν'ᵀ/S + ½ (ln S)' (ln S)'ᵀ (Gupta and Mehra, IEEE TAC 19, 1974), here with c S in place of S.
 
     Args:
-        base: run at the point.
         ends: run at the upper and at the lower end of each coordinate's step, (n,).
         widths: upper less lower end, (n,); 0 for a coordinate that is not varied.
         weighing: of the channels; where −ln p is least in c, it is that of its slope too.

@@ -34,7 +34,6 @@ def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
     """Return how what the filter's angles lack is learned from some logs.
 
     Args:
-        rig: the description.
         data: of the logs; a sensor that never changes in them is no variable.
     """
     sensors = _sensors(rig)
@@ -102,7 +101,6 @@ def partly_homed(logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None,
 
     Args:
         logs: with truth.
-        rigs: the description for each.
         homing: length of the homing move [s]; None gives nothing.
         compiled: compile kernels where possible.
     """
@@ -190,7 +188,6 @@ def reference_std(rig: Rig, log: Log) -> float:
     Its offset is not counted: it is the same everywhere, and what changes along a log is worth a correction beside it.
 
     Args:
-        rig: the description.
         log: with truth.
     """
     if log.truth_kind is not TruthKind.SENSOR:
@@ -209,12 +206,7 @@ def _noise(sensors: Sequence[Sensor]) -> Floats:
 
 
 def has_torque(log: Log, rig: Rig) -> bool:
-    """Return whether a log has the torque on a joint from outside.
-
-    Args:
-        log: the log.
-        rig: the description.
-    """
+    """Return whether a log has the torque on a joint from outside."""
     torques = true_torques(log, [joint.name for joint in rig.joints])
     return torques is not None and bool(np.isfinite(torques).any())
 
@@ -224,7 +216,6 @@ def torques_of(log: Log, rig: Rig) -> Samples:
 
     Args:
         log: with the torque.
-        rig: the description.
 
     Raises:
         EstimationError: the log lacks a sensor.
@@ -239,11 +230,7 @@ def torques_of(log: Log, rig: Rig) -> Samples:
 
 
 def contact_of(rig: Rig) -> Kind:
-    """Return how the torque from outside is learned from what the sensors of a rig read.
-
-    Args:
-        rig: the description.
-    """
+    """Return how the torque from outside is learned from what the sensors of a rig read."""
     sensors = _sensors(rig)
     positions = [sensor.name for sensor in sensors if sensor.measures == "position"]
     return contact_kind([s.name for s in sensors], positions, [joint.name for joint in rig.joints], _noise(sensors))

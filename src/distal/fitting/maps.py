@@ -100,18 +100,13 @@ class MapFit:
         return plain(self.learned.model_dump())
 
     def with_map(self, learned: LearnedMap) -> MapFit:
-        """Return the same with another map of the kind.
-
-        Args:
-            learned: the map.
-        """
+        """Return the same with another map of the kind."""
         return replace(self, rig=self.rig.model_copy(update={self.table: learned}))
 
     def save(self, path: str | Path, text: str | None = None) -> None:
         """Write the rig file with the map; what stood there survives a failure.
 
         Args:
-            path: where.
             text: TOML of the rig that the map is put into, so that its comments stay; default it is written anew.
 
         Raises:
@@ -245,9 +240,6 @@ def map_of(
     """Return what logs teach of a kind of map, and how it does on logs left out.
 
     Args:
-        data: of the logs.
-        kind: what is learned.
-        rig: the description.
         homing: length of the homing window [s], or None.
         groups: which logs are left out together; default each alone.
         notes: said before those of this function.

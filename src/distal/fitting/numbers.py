@@ -120,7 +120,6 @@ def by_filter(problem: Problem, options: Options, begin: Numbers | None, progres
     """Return the numbers with which a rig's filter predicts what is read best.
 
     Args:
-        problem: of the filter.
         options: what is asked of the fit.
         begin: numbers of its equations, where the search begins; None for the rig's own, and a search of the start.
         progress: called with what is done.
@@ -188,7 +187,6 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
     """Return what is minimised over some logs: what is free, and the filter with it as inputs.
 
     Args:
-        logs: of the fit.
         rig: the description as it came.
         options: what is asked of the fit.
     """
@@ -264,9 +262,7 @@ def fitted_numbers(
     """Return what a search found of every free number, in its own unit.
 
     Args:
-        problem: that was minimised.
         found: where its search ended; without convergence no standard error is told.
-        uncertainty: there.
         left: which coordinates stay at their prior, (n,).
         held: which of them filters are to take as they are, (n,).
     """

@@ -57,11 +57,7 @@ class Observability:
     directions: Directions | None = None
 
     def table(self, rows: int = 10) -> list[tuple[float, float, float, float, str]]:
-        """Return (from [s], to [s], std [rad], std found from lost [rad], word) of equal parts of the log.
-
-        Args:
-            rows: how many.
-        """
+        """Return (from [s], to [s], std [rad], std found from lost [rad], word) of equal parts of the log."""
         edges = np.linspace(self.time[0], self.time[-1], rows + 1)
         # what a window found stands at its end
         number = np.floor((self.time - self.time[0]) / self.window).astype(int)
@@ -117,8 +113,6 @@ def observability(
     found again, friction, slack or stops hide the joint, and only the model's memory holds the angle.
 
     Args:
-        log: sensors over time.
-        rig: the description.
         window: length of the windows [s].
         homing: as for `estimate`.
         joint: name of the joint that is lost; default the first.

@@ -79,18 +79,13 @@ class Problem:
         """Return the same for the beginnings of the logs, not assessed.
 
         Args:
-            share: of each log.
             least: samples of a log, at least.
         """
         data = tuple(one.beginning(max(least, round(share * len(one.last)))) for one in self.data)
         return replace(self, data=data, worth=None)
 
     def among(self, logs: Sequence[int]) -> Problem:
-        """Return the problem of some of the logs; what their values are worth stays.
-
-        Args:
-            logs: their indices.
-        """
+        """Return the problem of some of the logs; what their values are worth stays."""
         worth = self.worth
         if worth is not None:
             worth = replace(worth, counts=tuple(worth.counts[j] for j in logs))
@@ -172,11 +167,7 @@ class Problem:
         return np.array([part.spread if part.has_prior else np.inf for part, _ in self.parts])
 
     def columns(self, log: int) -> list[int]:
-        """Return for each free number the coordinate that holds it in a log.
-
-        Args:
-            log: its index.
-        """
+        """Return for each free number the coordinate that holds it in a log."""
         places = {(id(part), own): k for k, (part, own) in enumerate(self.parts)}
         return [places[id(part), log if part.per_log else None] for part in self.free]
 
@@ -272,11 +263,7 @@ class Problem:
         return Weighing(self._tolerance, share, self._times(log), counts, scale)
 
     def scales(self, runs: Sequence[Innovations]) -> Floats:
-        """Return by what the variance of each channel's innovations is larger than the filter expects, at least 1, (m,).
-
-        Args:
-            runs: one of each log.
-        """
+        """Return by what the variance of each channel's innovations is larger than the filter expects, at least 1, (m,)."""
         return scales_of(runs, self._tolerance)
 
     def at(self, z: Floats) -> list[Innovations]:
@@ -368,7 +355,6 @@ class Problem:
         """Return mean (n,) and covariance (n, n) of the filter's states at the end of a log.
 
         Args:
-            log: its index.
             z: all coordinates, (size,).
         """
         runner, n = self.filter.runner, len(self.filter.runner.state_names)

@@ -44,7 +44,6 @@ def searching(progress: Progress | None, stage: str) -> Callable[[int, float], N
 
     Args:
         progress: called with what is done; None for nothing.
-        stage: its name.
     """
     if progress is None:
         return None
@@ -59,9 +58,7 @@ def judging(progress: Progress | None, stage: str, done: int, count: int) -> Non
 
     Args:
         progress: called with what is done; None for nothing.
-        stage: its name.
         done: candidates that are judged already.
-        count: of all.
     """
     if progress is not None:
         progress(Doing(stage, AFTER_SEARCH + (1.0 - AFTER_SEARCH) * done / count))
@@ -73,6 +70,5 @@ def of_part(progress: Progress | None, part: int, parts: int) -> Progress | None
     Args:
         progress: of the whole fit; None for nothing.
         part: 0 for the fit to all logs, then a fold after the other.
-        parts: how many there are.
     """
     return None if progress is None else lambda doing: progress(replace(doing, part=part, parts=parts))

@@ -42,7 +42,6 @@ def refined(times: Floats, samples: Floats, places: int, steps: int) -> tuple[Fl
         times: stamps [s], (k,).
         samples: (k, n_channels), NaN where missing; displacements come first.
         places: number of displacements.
-        steps: per interval.
     """
     k = len(times)
     if steps == 1 or k < 4:

@@ -103,10 +103,7 @@ class Fit:
         """Return one result: what was learned from logs, and its scores on those left out.
 
         Args:
-            learned: from all logs.
             start: the description as it came.
-            logs: of the fit.
-            options: what was asked.
             folds: each log left out once.
             asked: how many folds there were to be.
         """
@@ -225,7 +222,6 @@ class Fit:
         """Write the fitted rig file; if that fails, the old file is kept.
 
         Args:
-            path: where.
             text: TOML into which the values are written, so that its comments stay; default: a new file.
 
         Raises:

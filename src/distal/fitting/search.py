@@ -77,8 +77,6 @@ def coarse_start(problem: Problem, seed: int, begin: Floats, progress: Progress 
     It begins at a given point, or, where that is the priors' mean, at the likeliest of some points drawn from the priors.
 
     Args:
-        problem: what is minimised.
-        seed: of the points.
         begin: coordinates to begin with, (n,).
         progress: called with the iteration and −ln p after each step.
     """
@@ -99,7 +97,6 @@ def most_likely(
     """Return the problem as its channels are worth at the end, and the most likely coordinates.
 
     Args:
-        problem: what is minimised.
         start: coordinates, (n,).
         progress: called with the iteration and −ln p after each step.
         fixed: coordinates that stay as they are, (n,).
@@ -131,7 +128,6 @@ def search(
     interruption (Ctrl-C) ends it with the best so far.
 
     Args:
-        problem: what is minimised.
         start: coordinates, (n,).
         progress: called with the iteration and −ln p after each step.
         most: iterations; None for the problem's own.
@@ -182,7 +178,6 @@ def hessian(problem: Problem, derivatives: Derivatives) -> Floats:
 
     Args:
         problem: with the prior.
-        derivatives: at a point.
     """
     n = problem.size
     # a very wide prior keeps what neither logs nor priors know from dividing by zero
@@ -207,7 +202,6 @@ def widths_at(problem: Problem, z: Floats, derivatives: Derivatives) -> Floats:
     Args:
         problem: with its coordinates.
         z: the point, (n,).
-        derivatives: there or near by.
     """
     units = np.array([part.unit(float(at)) for (part, _), at in zip(problem.parts, z)])
     alone = 1.0 / np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-300))
@@ -227,11 +221,8 @@ def damped_step(
     """Return the step of Fisher scoring within the bounds, and by how much the quadratic model lowers −ln p.
 
     Args:
-        problem: what is minimised.
         z: the point, (n,).
-        derivatives: there.
         free: which coordinates move, (n,).
-        damping: λ.
     """
     whole, gradient = hessian(problem, derivatives)[np.ix_(free, free)], derivatives.gradient[free]
     scale = np.sqrt(np.maximum(np.diag(whole), 1e-12))

@@ -146,7 +146,6 @@ def paths_of(rig: Rig, wanted: str) -> list[str]:
     """Return the paths, by indices, that a wish names; ``*`` stands for all parts of a kind.
 
     Args:
-        rig: the description.
         wanted: a path, parts by name or index.
 
     Raises:

@@ -22,7 +22,6 @@ def in_stops(times: Floats, truth: Floats, rig: Rig) -> NDArray[np.bool_]:
     Args:
         times: stamps [s], (k,).
         truth: angles of the joints [rad], NaN where not known, (k, n_joints).
-        rig: the description.
     """
     found = np.zeros(truth.shape, dtype=bool)
     for j, (joint, angles) in enumerate(zip(rig.joints, truth.T)):

@@ -66,11 +66,7 @@ class Uncertainty:
         return correlations
 
     def errors_holding(self, held: Bools) -> Floats:
-        """Return standard errors where some coordinates are taken as known, 0 for those, (n,).
-
-        Args:
-            held: which are.
-        """
+        """Return standard errors where some coordinates are taken as known, 0 for those, (n,)."""
         errors, rest = np.zeros(len(held)), ~held
         precision = np.linalg.inv(self.covariance)[np.ix_(rest, rest)]
         errors[rest] = np.sqrt(np.diag(np.linalg.inv(precision)))
@@ -81,8 +77,6 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
     """Return standard errors and what stays unknown at the end of a fit.
 
     Args:
-        problem: that was minimised.
-        derivatives: of −ln p there.
         z: coordinates, (n,).
     """
     limit = problem.prior_stds

@@ -29,9 +29,7 @@ def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floa
     """Return the readings of a filter over a log, its own angles, and true minus own angles.
 
     Args:
-        runner: the filter.
         start: what it believes before the first sample.
-        log: the log.
         samples: values of its channels, (k, n_channels).
         truths: true angles [rad], NaN where not known, (k, n_joints).
     """
@@ -135,7 +133,6 @@ def calibrated(
     Args:
         runner: a filter with a discrepancy, the reference among its channels.
         start: what it believes before the first sample.
-        log: the log.
         samples: values of its channels, the reference known within the window only, (k, n_channels).
         truths: true angles [rad], NaN where not known, (k, n_joints).
         homing: length of the window [s].
@@ -155,7 +152,6 @@ def calibrate_contact(runner: AdaptiveFilter, log: Log, samples: Floats, homing:
 
     Args:
         runner: a filter with a contact.
-        log: the log.
         samples: values of its channels, (k, n_channels).
         homing: length of the window [s].
     """
@@ -174,8 +170,6 @@ def torque_samples(log: Log, rig: Rig, channels: Mapping[str, Floats], torques: 
     """Return the inputs of a contact map over a log: readings less known offsets, missing ones held; and true torques.
 
     Args:
-        log: the log.
-        rig: the description.
         channels: name → readings, in the order of the map, (k,).
         torques: true ones [N m], NaN where not known, (k, n_joints).
     """

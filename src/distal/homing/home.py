@@ -49,7 +49,6 @@ def home(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, known
     Args:
         runner: the filter, the reference among its channels.
         start: what it believes before the first sample.
-        log: the log.
         samples: values of its channels, the reference known within the window, (k, n_channels).
         known: true angles [rad], NaN where not known, (k, n_joints).
         homing: length of the window [s].

@@ -47,7 +47,6 @@ def led_astray(
     Args:
         runner: the filter, with the reference among its channels.
         start: what it believes before the first sample.
-        log: the log.
         samples: values of its channels, the reference known within the window, (k, n_channels).
         known: true angles [rad], NaN where not known, (k, n_joints).
         homing: length of the window [s].
@@ -98,7 +97,6 @@ def with_straight_line(
     Args:
         runner: the filter, without a discrepancy.
         begun: what it believes after the move was used.
-        log: the log.
         samples: values of its channels, (k, n_channels).
         homing: length of the window [s].
     """

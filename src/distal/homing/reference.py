@@ -25,7 +25,6 @@ def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
     They are the rig's own where the truth comes from them; else ones called ``reference`` are added, with `TRUTH_NOISE`.
 
     Args:
-        rig: the description.
         log: with a truth.
 
     Raises:
@@ -57,7 +56,6 @@ def added_reference(rig: Rig, rate: float, joint: str | None = None) -> tuple[Ri
     """Return the rig with one more sensor of a joint's angle, and that sensor.
 
     Args:
-        rig: the description.
         rate: of the sensor [Hz].
         joint: name of the joint; default the first.
     """
@@ -84,8 +82,6 @@ def at_known_angle(
     joints it is called once for each that stands somewhere known; the truth of the others is not used.
 
     Args:
-        log: the log.
-        rig: the description.
         homing: for how long the joint is there [s].
         angle: where [rad].
         std: standard deviation of the constant offset from there [rad].
@@ -136,7 +132,6 @@ def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> Adaptive
     `estimate` with `homing`, and again at any time later.
 
     Args:
-        rig: the description.
         std: standard deviation of the constant offset between that angle and the joint's own [rad].
         compiled: compile its kernel where possible.
 
@@ -164,8 +159,6 @@ def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:
 
     Args:
         homing: [s].
-        log: that it is for.
-        joints: names of the joints.
 
     Raises:
         EstimationError: see above.

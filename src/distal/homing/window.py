@@ -43,7 +43,6 @@ class Window:
         Args:
             runner: the filter, with the reference among its channels.
             start: what it believes before the first sample.
-            log: the log.
             samples: values of its channels, (k, n_channels).
             known: true angles [rad], NaN where not known, (k, n_joints).
             homing: length of the window [s].
@@ -125,7 +124,6 @@ class Window:
 
         Args:
             carry: before the first sample.
-            times: how much is allowed.
         """
         done = self.scan(self.anchored(carry), self.unaided)
         if done is None:

@@ -101,7 +101,6 @@ class Cache:
 
         Args:
             key: what to keep it under.
-            built: the library.
 
         Raises:
             OSError: the cache cannot be written.

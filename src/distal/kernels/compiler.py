@@ -93,9 +93,6 @@ def find_compiler() -> Compiler | str:
 def c_source(function: ca.Function) -> str:
     """Return the C of a kernel (carry, x, p) → (carry, y) with its loop over a whole log.
 
-    Args:
-        function: the CasADi function.
-
     Raises:
         CompileError: the function has an operation that has no C here.
     """
@@ -117,9 +114,6 @@ def c_source(function: ca.Function) -> str:
 def compiled_library(function: ca.Function) -> Path:
     """Return the shared library of a kernel, from the cache or built now.
 
-    Args:
-        function: the CasADi function.
-
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
@@ -129,9 +123,6 @@ def compiled_library(function: ca.Function) -> Path:
 
 def compiled_source(source: str) -> Path:
     """Return the shared library of C source, from the cache or built now.
-
-    Args:
-        source: one file of C.
 
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.

@@ -18,7 +18,6 @@ def grouped(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
     """Yield items in groups for the lanes; those that came before an error are yielded before it is raised.
 
     Args:
-        items: any.
         size: of a group; the last may be smaller.
     """
     group: list[Item] = []
@@ -42,10 +41,7 @@ def in_order(
     """Yield each item with its result, in order, with a few groups in work; what came before an error is yielded before it.
 
     Args:
-        items: may be a generator.
-        size: of a group.
         work: returns the results of a group.
-        workers: threads.
     """
     groups = grouped(items, size)
     waiting: deque[tuple[list[Item], Future[list[Result]]]] = deque()

@@ -119,7 +119,6 @@ def lane_source(function: ca.Function, lanes: int) -> str:
     """Return the C of a kernel over several runs.
 
     Args:
-        function: the CasADi function.
         lanes: how many runs at once.
 
     Raises:

@@ -37,17 +37,12 @@ class Layout:
 
         Args:
             vector: the column; it may be longer than this layout.
-            name: of the part.
         """
         at, shape = self._slices[name], self._shapes[name]
         return vector[at] if len(shape) == 1 else ca.reshape(vector[at], *shape)
 
     def parts(self, vector: Expression) -> dict[str, Expression]:
-        """Return all parts of a column of CasADi's by name, in their shapes.
-
-        Args:
-            vector: the column.
-        """
+        """Return all parts of a column of CasADi's by name, in their shapes."""
         return {name: self.part(vector, name) for name in self._shapes}
 
     def view(self, array: NDArray[Number], name: str) -> NDArray[Number]:
@@ -55,7 +50,6 @@ class Layout:
 
         Args:
             array: it may be longer than this layout.
-            name: of the part.
         """
         at, shape = self._slices[name], self._shapes[name]
         return array[..., at].reshape(*array.shape[:-1], *shape)
@@ -85,7 +79,6 @@ def mean_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
     """Return the mean, (…, n), of carries (…, size).
 
     Args:
-        carry: an array.
         states: number of states n.
     """
     return carry_layout(states).view(carry, "mean")
@@ -95,7 +88,6 @@ def covariance_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
     """Return the covariance, (…, n, n), of carries (…, size).
 
     Args:
-        carry: an array.
         states: number of states n.
     """
     return carry_layout(states).view(carry, "covariance")
@@ -105,7 +97,6 @@ def variances_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
     """Return the variances of the states, (…, n), of carries (…, size).
 
     Args:
-        carry: an array.
         states: number of states n.
     """
     variances: NDArray[Number] = np.diagonal(covariance_of(carry, states), axis1=-2, axis2=-1)

@@ -29,45 +29,25 @@ def bridge(rows: int) -> float:
 
 
 def is_read(mask: Scalar) -> Scalar:
-    """Return 1 where a value was read.
-
-    Args:
-        mask: of the value.
-    """
+    """Return 1 where a value was read."""
     return mask > MISSING
 
 
 def is_there(mask: Scalar) -> Scalar:
-    """Return 1 where there is a value, whatever is done with it.
-
-    Args:
-        mask: of the value.
-    """
+    """Return 1 where there is a value, whatever is done with it."""
     return mask != MISSING
 
 
 def is_bridge(mask: Scalar) -> Scalar:
-    """Return 1 where a displacement crosses a gap.
-
-    Args:
-        mask: of the displacement.
-    """
+    """Return 1 where a displacement crosses a gap."""
     return mask < MISSING
 
 
 def rows_left(mask: Scalar) -> Scalar:
-    """Return how many rows the reading is away that ends a gap: the k of `bridge`; 1 where the displacement crosses none.
-
-    Args:
-        mask: of the displacement.
-    """
+    """Return how many rows the reading is away that ends a gap: the k of `bridge`; 1 where it crosses none."""
     return ca.if_else(is_bridge(mask), -mask, 1)
 
 
 def share_used(mask: Scalar) -> Scalar:
-    """Return 1 where a value corrects the state, else 0.
-
-    Args:
-        mask: of the value.
-    """
+    """Return 1 where a value corrects the state, else 0."""
     return ca.fmax(mask, MISSING)

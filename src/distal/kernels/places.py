@@ -14,12 +14,7 @@ Indices = NDArray[np.intp]
 
 
 def taken(vector: VectorNode, at: Indices) -> VectorNode:
-    """Return some numbers of a vector.
-
-    Args:
-        vector: the whole.
-        at: their places.
-    """
+    """Return some numbers of a vector."""
     return vector[at.tolist()]
 
 
@@ -27,9 +22,7 @@ def placed(parts: Sequence[MatrixNode], places: Sequence[Indices], size: int) ->
     """Return a vector with the numbers of parts at their places, zero elsewhere.
 
     Args:
-        parts: vectors.
         places: where the numbers of each stand.
-        size: of the whole.
     """
     order = np.concatenate(places)
     sources = np.full(size, len(order))

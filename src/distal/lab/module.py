@@ -53,7 +53,6 @@ def lab_module(rig: Rig, estimator: str = "adaptive") -> LabModule:
 
     Args:
         rig: the description; the plant begins with its values.
-        estimator: the filter.
 
     Raises:
         ExportError: ziglang is not installed or failed, or the plant or the filter has no C.

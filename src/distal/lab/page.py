@@ -66,8 +66,6 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
 
     Args:
         rig: the description: what the filter believes, and what is true until a slider is moved.
-        path: where.
-        estimator: the filter.
         source: how the rig is called on the command line, with what is set in it.
 
     Raises:
@@ -96,9 +94,6 @@ def _data(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str,
     """Return what the page's script needs to know of a rig.
 
     Args:
-        rig: the description.
-        module: its plant and filters.
-        estimator: the filter.
         source: how the rig is called on the command line.
     """
     plant, made = module.plant, module.plant.plant

@@ -59,19 +59,12 @@ class Cells:
         )
 
     def column(self, name: str) -> Column:
-        """Return a column as it came.
-
-        Args:
-            name: of the column.
-        """
+        """Return a column as it came."""
         parts = [column for (column,) in self.blocks([name])]
         return parts[0] if len(parts) == 1 else list(chain.from_iterable(parts))
 
     def numbers(self, names: Sequence[str]) -> dict[str, Floats]:
         """Return columns as numbers, NaN where a cell is missing.
-
-        Args:
-            names: of the columns.
 
         Raises:
             LogError: a cell is no finite number.
@@ -106,8 +99,6 @@ def in_memory(
     """Return a table of columns that are in memory.
 
     Args:
-        columns: name → cells.
-        path: what to call it.
         first_row: row number of the first value.
         names: of all columns that the file has; None: of those.
     """
@@ -120,9 +111,7 @@ def numbers_of(column: Column, path: Path, name: str, first_row: int) -> Floats:
     """Return a column as numbers, NaN where a cell is missing.
 
     Args:
-        column: its cells.
         path: what to call the table.
-        name: of the column.
         first_row: row number of the first cell.
 
     Raises:
@@ -153,11 +142,7 @@ def _plain_numbers(cells: list[str]) -> Floats | None:
 
 
 def is_plain(text: str) -> bool:
-    """Return whether Python's numbers in a text are those of a log, which has no ``1_000`` and digits of no other script.
-
-    Args:
-        text: a cell, or several.
-    """
+    """Return whether Python's numbers in a text are those of a log, with no ``1_000`` and no digits of other scripts."""
     return text.isascii() and "_" not in text
 
 

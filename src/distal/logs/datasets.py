@@ -140,7 +140,6 @@ def check_fingerprint(run: str, counts: NDArray[np.int64]) -> None:
     """Refuse a run that is not what it was when distal was made.
 
     Args:
-        run: its number.
         counts: of `counts_of`.
 
     Raises:

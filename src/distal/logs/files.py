@@ -38,7 +38,6 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     Args:
         path: CSV or Parquet; an MCAP file or a ROS bag, with columns ``/topic.field`` (see `open_recording`); or a frame of
             pandas or polars with the same columns and units.
-        rig: the description.
         truth: the true joint angle: a column of the log, or a second file with ``t`` and ``theta`` (rad, or as its
             header says).
 
@@ -159,7 +158,6 @@ def read_truth(
         path: CSV or Parquet, in SI or in the units that its header says (``theta [deg]``); with several joints, a column
             for each (`distal.rig.angle_names`).
         time: stamps of the log [s], (n,).
-        joints: names of the joints.
         start: when the log begins, since 1970 [ns], if it has dates; a file with dates is then aligned with it by date.
 
     Raises:
@@ -255,8 +253,6 @@ def write_log(log: Log, rig: Rig, path: str | Path) -> None:
     """Write a log as `read_log` reads it: the rig's columns and units, then the truth as ``true_…`` in SI.
 
     Args:
-        log: the log.
-        rig: the description.
         path: CSV, or Parquet by its ending.
 
     Raises:
@@ -283,7 +279,6 @@ def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> byt
     """Return columns as the file that `path` will hold, see `write_columns`.
 
     Args:
-        columns: name → values.
         path: where it will be written; its ending gives the format.
 
     Raises:

@@ -13,21 +13,12 @@ _UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]+)\]")
 
 
 def header(name: str, unit: str) -> str:
-    """Return the header of a column: ``theta [rad]``, the name alone where the unit is empty.
-
-    Args:
-        name: of the column.
-        unit: of its numbers.
-    """
+    """Return the header of a column: ``theta [rad]``, the name alone where the unit is empty."""
     return f"{name} [{unit}]" if unit else name
 
 
 def name_and_unit(text: str) -> tuple[str, str | None]:
-    """Return name and unit of a header, None where it has no unit; ``position[0]`` has none.
-
-    Args:
-        text: the header.
-    """
+    """Return name and unit of a header, None where it has no unit; ``position[0]`` has none."""
     found = _UNIT.fullmatch(text)
     return (text, None) if found is None else (found[1], found[2])
 
@@ -36,7 +27,6 @@ def needed(text: str, columns: Collection[str] | None) -> bool:
     """Return whether a column is needed, by its header or by the name in it.
 
     Args:
-        text: the header.
         columns: names of what is needed; None needs all.
     """
     return columns is None or text in columns or name_and_unit(text)[0] in columns
@@ -46,8 +36,6 @@ def units_of(headers: Sequence[str], wanted: Collection[str], source: str) -> di
     """Return wanted name → its header and unit, for columns whose header is not the name alone.
 
     Args:
-        headers: of a table.
-        wanted: names of columns.
         source: what to call the table.
 
     Raises:

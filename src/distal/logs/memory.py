@@ -53,9 +53,7 @@ def check_memory(path: Path, needed: float, why: str) -> None:
     """Refuse a log that would take more memory than is allowed, before it is read.
 
     Args:
-        path: the log.
         needed: what reading it takes [bytes].
-        why: what says so.
 
     Raises:
         LogError: see above.

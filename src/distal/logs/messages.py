@@ -108,9 +108,6 @@ class MessageReader:
     def json(self, text: str | bytes) -> tuple[float, Floats]:
         """Return stamp and sample of a JSON object; nested ones are named with dots or slashes.
 
-        Args:
-            text: of the object.
-
         Raises:
             LogError: it is none, or lacks a stamp.
         """
@@ -149,7 +146,6 @@ def find(message: object, path: str) -> object:
     """Return a member of nested JSON objects and arrays, ``motors/left.force`` or ``position[0]``; None if it is not there.
 
     Args:
-        message: the object.
         path: its name, or names with dots or slashes between them.
     """
     while isinstance(message, dict):
@@ -180,7 +176,6 @@ def number_of(value: object, name: str) -> float:
     """Return a cell or a member as a number, NaN where it is missing.
 
     Args:
-        value: as it came.
         name: of the column, for messages.
 
     Raises:

@@ -121,7 +121,6 @@ def from_mujoco(model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_uni
     actuator on this tendon.
 
     Args:
-        model: the model.
         data: its state, which the loop steps.
         rig: see `distal.rig.from_mujoco` for one made from the model.
         length_unit: metres in one unit of length of the model.

@@ -55,11 +55,7 @@ def serve() -> None:
 
 
 def limit_memory(size: int) -> None:
-    """Let this process have no more than `size` more bytes of memory; where the system has no such limit, nothing is done.
-
-    Args:
-        size: in bytes.
-    """
+    """Let this process have no more than `size` more bytes of memory; where the system has such a limit."""
     try:
         import resource
 
@@ -129,12 +125,7 @@ def packed(columns: Iterable[Column]) -> bytes:
 
 
 def unpacked(payload: bytes, names: Iterable[str]) -> dict[str, Column]:
-    """Return the columns that `packed` wrote.
-
-    Args:
-        payload: the bytes.
-        names: of the columns.
-    """
+    """Return the columns that `packed` wrote."""
     buffer, columns = io.BytesIO(payload), dict[str, Column]()
     for name in names:
         text = buffer.read(1) == b"t"

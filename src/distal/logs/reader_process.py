@@ -32,7 +32,6 @@ def table_by_process(path: Path, columns: Sequence[str] | None) -> Cells:
     """Return what the format's own reader does, read in a process of its own.
 
     Args:
-        path: of the file.
         columns: that are read; None reads all.
 
     Raises:
@@ -47,8 +46,6 @@ def recording_by_process(path: Path, columns: Sequence[str], time: str, unit: fl
 
     Args:
         path: an MCAP file, or a bag.
-        columns: names that are wanted.
-        time: the rig's time column.
         unit: in which it is [s].
 
     Raises:
@@ -112,9 +109,6 @@ class _Reader:
 
     def ask(self, request: Request) -> tuple[Answer, bytes]:
         """Return the answer and the table that comes with it; the process ends where it cannot answer.
-
-        Args:
-            request: what to read.
 
         Raises:
             LogError: reading ended the process.

@@ -35,7 +35,6 @@ def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[
     """Return the schema of an estimate: stamp, angle and std of each joint, torques from outside, health, detail.
 
     Args:
-        joints: names of the joints.
         torques: names of the torques from outside that are estimated.
     """
     number: dict[str, object] = {"type": ["number", "null"]}

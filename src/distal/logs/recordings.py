@@ -27,11 +27,7 @@ LATEST = 9.0e9
 
 
 def is_recording(path: object) -> TypeGuard[str | Path]:
-    """Return whether a path is an MCAP file or a ROS bag.
-
-    Args:
-        path: of a log.
-    """
+    """Return whether a path is an MCAP file or a ROS bag."""
     return isinstance(path, (str, Path)) and format_of(path).messages is not None
 
 
@@ -47,8 +43,6 @@ def open_recording(
 
     Args:
         path: an MCAP file, or a bag of ROS 2 (a folder) or ROS 1.
-        columns: names that are wanted.
-        time: the rig's time column.
         unit: in which it is [s].
 
     Raises:
@@ -112,7 +106,6 @@ def element(read: Read, field: str) -> object:
 
     Args:
         read: gives a field, None where it is not there.
-        field: its name.
     """
     found = re.fullmatch(r"\[([^\[\]]+)\]\.(.+)", field)
     if found is None:

@@ -63,8 +63,6 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     Dates counted in another unit than the rig says are recognised by their size: 1.8e18 can only be nanoseconds.
 
     Args:
-        cells: the open table.
-        name: of the time column.
         unit: in which the rig says that numbers are [s].
 
     Raises:

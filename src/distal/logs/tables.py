@@ -41,7 +41,6 @@ class Table:
         """Return a column in SI by the unit in its header; unchanged where the header has no unit.
 
         Args:
-            name: of the column.
             si: unit of the dimension that is wanted.
 
         Raises:
@@ -124,7 +123,6 @@ def table_of(cells: Cells, wanted: Sequence[str] | None, optional: Iterable[str]
     """Return columns of an open table as numbers; see `read_table`.
 
     Args:
-        cells: the open table.
         wanted: columns that must be there; None takes all.
         optional: columns that are taken where they are there.
 

@@ -36,8 +36,6 @@ def outputs_in(folder: str | Path, names: Iterable[str], by: str) -> list[Output
     """Return the files of a folder that is made if need be.
 
     Args:
-        folder: the folder.
-        names: of its files.
         by: what asks for it, e.g. ``--report``.
     """
     return [Output(Path(folder) / name, by, Path(folder)) for name in names]
@@ -73,11 +71,7 @@ def check_outputs(
 
 
 def shown(path: str | Path) -> str:
-    """Return a path as it can be printed on one line: what is not printable is escaped, and a long one is cut.
-
-    Args:
-        path: the path.
-    """
+    """Return a path as it can be printed on one line: what is not printable is escaped, and a long one is cut."""
     text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(path))
     return text if len(text) <= 200 else f"{text[:60]}…{text[-20:]}"
 

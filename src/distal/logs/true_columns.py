@@ -19,7 +19,6 @@ def true_angles(log: Log, joints: Sequence[str]) -> Floats | None:
     The array is read-only.
 
     Args:
-        log: the log.
         joints: names of the joints, in their order.
     """
     return _columns(log, angle_names(joints))
@@ -29,7 +28,6 @@ def true_torques(log: Log, joints: Sequence[str]) -> Floats | None:
     """Return the true torques on the joints from outside [N m], as `true_angles` does.
 
     Args:
-        log: the log.
         joints: names of the joints, in their order.
     """
     return _columns(log, torque_names(joints))

@@ -59,9 +59,5 @@ FROM_SENSOR = TruthSource(TruthKind.SENSOR)
 
 
 def truth_source_of(source: TruthSource | str) -> TruthSource:
-    """Return where a truth comes from; of a text alone the kind is not known.
-
-    Args:
-        source: as it was told.
-    """
+    """Return where a truth comes from; of a text alone the kind is not known."""
     return TruthSource(place=source) if isinstance(source, str) else source

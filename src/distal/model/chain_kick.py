@@ -112,13 +112,9 @@ def residual(
     """Return A v⁺ + h f − r of the free joints, (n_free,): zero where they slip; its slopes are those of the kick.
 
     Args:
-        mechanism: the rig's equations.
         q: angles before, (n_joints,).
         v: speeds before, (n_joints,).
         after: speeds of the free joints after the kick, (n_free,).
-        loads: what acts.
-        slip: of the free joints.
-        contacts: of the free joints.
         h: length of the kick [s].
     """
     nj, spread = mechanism.n_joints, mechanism.spread
@@ -154,10 +150,8 @@ def chain_kick(
     """Return the joints after a kick and the drift that follows.
 
     Args:
-        mechanism: the rig's equations.
         q: angles before, (n_joints,).
         v: speeds before, (n_joints,).
-        loads: what acts.
         length: of the kick [s].
         drift: length of the drift that follows; in the last kick the one that went before [s].
         last: whether no drift follows: a joint presses against a stop if it is in it.

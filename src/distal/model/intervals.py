@@ -22,7 +22,6 @@ def interval_step(
     a position loop), all per body.
 
     Args:
-        mechanism: the rig's equations.
         count: number of sub-steps.
         rebounds: whether bodies bounce off stops (simulation) or are pressed against them (filters).
         with_servo: whether a spring and damper to a target may act on the bodies.

@@ -214,11 +214,7 @@ class Mechanism(Tendons):
         return ca.vertcat(*own)
 
     def stop(self, body: int) -> tuple[Scalar, Scalar, Scalar, Scalar]:
-        """Return stiffness, damping, low and high end of a body's stops.
-
-        Args:
-            body: its index.
-        """
+        """Return stiffness, damping, low and high end of a body's stops."""
         p, path = self.parameters, self.bodies[body].path
         return p[f"{path}.stop_stiffness"], p[f"{path}.stop_damping"], p[f"{path}.stops.low"], p[f"{path}.stops.high"]
 

@@ -107,7 +107,6 @@ def number_at(rig: Rig, path: str) -> float:
     """Return the number (a parameter's value) at a path of the description.
 
     Args:
-        rig: the description.
         path: keys and indices joined by dots, as in ``--set``.
 
     Raises:

@@ -70,9 +70,7 @@ def balanced(place: Scalar, bounds: Bounds, pull: Pull, friction: Scalar = 0) ->
 
     Args:
         place: before.
-        bounds: of the gap.
         pull: place → (g, g'): what the tendons pull it back with, and its slope.
-        friction: F that holds it.
     """
     now = bounds.hold(place)
     for _ in range(NEWTON_STEPS):
@@ -197,22 +195,14 @@ class Sheath:
 
 
 def plays_of(rig: Rig) -> tuple[str, ...]:
-    """Return the names of what moves inside a rig as a play: far sides of drives' backlashes, then points in sheaths.
-
-    Args:
-        rig: the description.
-    """
+    """Return the names of what moves inside a rig as a play: far sides of drives' backlashes, then points in sheaths."""
     backlashes = [f"drives.{i}.backlash.place" for i, drive in enumerate(rig.drives) if drive.backlash is not None]
     counts = [0 if tendon.path is None else tendon.path.nodes for tendon in rig.tendons]
     return (*backlashes, *(f"tendons.{i}.path.point.{k}" for i, count in enumerate(counts) for k in range(count)))
 
 
 def strains_of(rig: Rig) -> tuple[str, ...]:
-    """Return the names of the slow stretches of a rig's tendons.
-
-    Args:
-        rig: the description.
-    """
+    """Return the names of the slow stretches of a rig's tendons."""
     kinds = ("creep", "slow_creep")
     return tuple(
         f"tendons.{i}.{kind}.strain"

@@ -31,7 +31,6 @@ def responses(
     """Return what depends on the step only, (n_bodies, 4): a, b (see `free_response`), rebound, implicitness.
 
     Args:
-        mechanism: the rig's equations.
         length: of the kick [s].
         drift: length of the drift that follows [s].
         added_inertia: what rides on the bodies beside their own inertia (hung weights), (n_bodies,), or none.
@@ -79,10 +78,6 @@ def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Vector, list[Limit], Vec
     """Return (z, friction impulse, implicit damping) of all bodies: z = a v + b F, before friction and stops.
 
     A body's own share of tendon damping is linearly implicit, so that stiff damping needs no small step.
-
-    Args:
-        mechanism: the rig's equations.
-        kick: its symbols.
     """
     pulls = mechanism.pulls(kick.q, kick.v)
     own = mechanism.tendon_damping(kick.q, pulls.joint)
@@ -99,8 +94,6 @@ def loads_of(mechanism: Mechanism, kick: Kick, settles: bool = False) -> Loads:
     """Return what acts on the joints of a chain in a kick.
 
     Args:
-        mechanism: the rig's equations.
-        kick: its symbols.
         settles: whether the joints come to rest within the kick: then the drives are taken where they end, and stiffness
             is implicit.
     """
@@ -139,8 +132,6 @@ def kicked_chain(
     """Return the joints of a chain after a kick and the drift that follows; see `chain_kick`.
 
     Args:
-        mechanism: the rig's equations.
-        kick: its symbols.
         rebounds: as in `kick_and_drift`.
         last: whether no drift follows.
         settles: see `loads_of`.
@@ -162,8 +153,6 @@ def kick_and_drift(
     """Return (q⁺, v⁺) after one kick and the drift that follows: v⁺ = soft(a v + b F, b · limit), q⁺ = q + h v⁺.
 
     Args:
-        mechanism: the rig's equations.
-        kick: its symbols.
         rebounds: whether bodies bounce off stops whose contact the step does not resolve; a filter that linearises
             takes them as pressed instead, since the slope of a bounce says nothing.
         bodies: which bodies move freely; default all. The others drift with the velocity they have.
@@ -189,12 +178,7 @@ def kick_and_drift(
 
 
 def last_kick(mechanism: Mechanism, kick: Kick) -> Vector:
-    """Return v⁺ after the half kick that ends an interval; its `drift` is the one that went before.
-
-    Args:
-        mechanism: the rig's equations.
-        kick: its symbols.
-    """
+    """Return v⁺ after the half kick that ends an interval; its `drift` is the one that went before."""
     z, limits, damping = impulses(mechanism, kick)
     velocities = list[Scalar]()
     if mechanism.chain is not None:
@@ -262,11 +246,7 @@ def _postures(mechanism: Mechanism) -> list[Floats]:
 
 
 def joint_frequency(mechanism: Mechanism) -> float:
-    """Return the largest natural frequency [rad/s] of the joints on their taut tendons, the drives held.
-
-    Args:
-        mechanism: the rig's equations.
-    """
+    """Return the largest natural frequency [rad/s] of the joints on their taut tendons, the drives held."""
     if mechanism.n_joints > 1:
         return max(_frequency(mechanism, q, range(mechanism.n_joints)) for q in _postures(mechanism))
     p, joints = mechanism.parameters, range(mechanism.n_joints)
@@ -282,7 +262,6 @@ def substeps(mechanism: Mechanism, interval: float) -> int:
     """Return how many sub-steps an interval [s] needs: the rig's `largest_step`, or RESOLUTION/ω of its stiffest mode.
 
     Args:
-        mechanism: the rig's equations.
         interval: time between samples [s].
 
     Raises:

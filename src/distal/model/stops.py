@@ -19,11 +19,6 @@ def restitution(stiffness: Scalar, damping: Scalar, inertia: Scalar) -> Scalar:
 
     e = exp(−(β/ω)(π − arctan(2βω/(ω² − β²)))) with β = b_s/2m, ω² = k_s/m − β²; contact ends where the force, not
     the penetration, is zero (Schwager & Pöschel, Granular Matter 9, 2007). Zero where the contact is overdamped.
-
-    Args:
-        stiffness: k_s.
-        damping: b_s.
-        inertia: m.
     """
     beta = damping / (2 * inertia)
     square = stiffness / inertia - beta * beta
@@ -133,7 +128,6 @@ def kick_at_stops(
     (`Stop.pressed`), or, where it flies in and the rebound leads it away again, it bounces (`bounce`).
 
     Args:
-        stop: the body's stops.
         push: what the kick does to the body.
         position: at the start of the drift.
         before: velocity before the kick.
@@ -164,7 +158,6 @@ def bounce(rebound: Scalar, at_high: Scalar, place: Scalar, flight: Flight) -> t
     Args:
         rebound: coefficient of restitution e, 0 for none.
         at_high: whether it is the upper stop.
-        place: of the stop.
         flight: kick and drift without the stop.
     """
     free, length, drift = flight.free, flight.length, flight.drift
@@ -188,9 +181,7 @@ def velocity_in_stops(stop: Stop, push: Push, position: Scalar, drift: Scalar) -
     """Return v⁺ of a kick that no drift follows: the last half kick of an interval.
 
     Args:
-        stop: the body's stops.
         push: what the kick does to the body.
-        position: where the body is.
         drift: step that the stop's spring is taken over, h [s].
     """
     free = push.free

@@ -19,7 +19,6 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     and S_q⁺ = S_q + h S_v⁺. The derivative of friction is 0 in stick and 1 in slip; stops do not rebound here.
 
     Args:
-        mechanism: the rig's equations.
         count: number of sub-steps.
     """
     n, columns, p = mechanism.n_bodies, 2 * mechanism.n_bodies + mechanism.n_drives, mechanism.parameters.symbols

@@ -84,7 +84,6 @@ class Tendons:
         """Return the displacement [m] of a tendon's proximal end: the slider's, or side · R φ of a capstan.
 
         Args:
-            tendon: its index.
             q: coordinates, (n_bodies,) [rad, m].
         """
         drive = self.drive_of[tendon]
@@ -112,7 +111,6 @@ class Tendons:
         """Return the joint angle [rad] at which a tendon of one joint has ℓ − l = `elongated`, at the drives' place in q.
 
         Args:
-            tendon: its index.
             elongated: ℓ − l [m].
             q: coordinates, (n_bodies,); the joint's own is not used.
         """
@@ -176,7 +174,6 @@ class Tendons:
         """Return between which places one of `plays` stays, the others being where they are remembered to be.
 
         Args:
-            which: its index.
             q: coordinates, (n_bodies,) [rad, m].
         """
         kind, index, *rest = self.plays[which].split(".")
@@ -240,7 +237,6 @@ class Tendons:
         """Return the cable of a tendon as springs and points of friction, None where all friction is at its drive.
 
         Args:
-            tendon: its index.
             q: coordinates, (n_bodies,) [rad, m]: its bends may change with the joint.
         """
         path = self.rig.tendons[tendon].path
@@ -262,7 +258,6 @@ class Tendons:
         """Return Σ μ β of a tendon: its path's and that of its guides at the joints it crosses; β changes with the angle.
 
         Args:
-            tendon: its index.
             q: coordinates, (n_bodies,) [rad, m].
         """
         p, part, total = self.parameters, self.rig.tendons[tendon], ca.SX(0)

@@ -32,11 +32,7 @@ class Measure:
     most: float | None
 
     def margin(self, value: float) -> float:
-        """Return how far a value is within its bound, as a share of the bound; negative outside, −∞ without a value.
-
-        Args:
-            value: of the measure.
-        """
+        """Return how far a value is within its bound, as a share of the bound; negative outside, −∞ without a value."""
         if not np.isfinite(value):
             return -np.inf
         below = np.inf if self.least is None else (value - self.least) / abs(self.least)
@@ -60,11 +56,7 @@ class Statement:
     measures: tuple[Measure, ...]
 
     def margin(self, values: Sequence[float]) -> float:
-        """Return the smallest margin of its measures: the statement holds where it is not negative.
-
-        Args:
-            values: of the measures.
-        """
+        """Return the smallest margin of its measures: the statement holds where it is not negative."""
         return min(measure.margin(value) for measure, value in zip(self.measures, values))
 
 
@@ -107,11 +99,7 @@ class Claim:
     values: Mapping[str, tuple[float, ...]]
 
     def holds(self, plant: str) -> bool:
-        """Return whether all measures are within their bounds on a plant.
-
-        Args:
-            plant: its name.
-        """
+        """Return whether all measures are within their bounds on a plant."""
         return self.statement.margin(self.values[plant]) >= 0.0
 
     @property
@@ -146,8 +134,6 @@ def rms(runs: Sequence[Run], series: str, estimator: str) -> float:
     """Return the RMS error of an estimator, pooled over the seeds of a series [°].
 
     Args:
-        runs: of one plant.
-        series: name of the scenario.
         estimator: key of `Run.estimates`.
     """
     return _pooled([run.estimates[estimator].errors() for run in runs if run.series == series])

@@ -53,18 +53,12 @@ def first_run(runs: Sequence[Run], series: str, plant: str) -> Run:
 
     Args:
         runs: of `all_runs`.
-        series: name of the scenario.
-        plant: its name.
     """
     return next(run for run in runs if run.series == series and run.plant == plant)
 
 
 def end_of_motion(shown: Sequence[Run]) -> float:
-    """Return when the figures of some runs end [s]: a little after the link has come to rest in all.
-
-    Args:
-        shown: what one figure draws.
-    """
+    """Return when the figures of some runs end [s]: a little after the link has come to rest in all."""
     ends = []
     for run in shown:
         theta = run.log.truth["theta"]

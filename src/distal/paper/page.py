@@ -120,8 +120,6 @@ def rms_of(runs: Sequence[Run], plant: str, series: str, estimator: str) -> floa
 
     Args:
         runs: of `all_runs`.
-        plant: its name.
-        series: name of the scenario.
         estimator: key of `Run.estimates`.
     """
     return rms([run for run in runs if run.plant == plant], series, estimator)
@@ -218,11 +216,7 @@ def _cell(measure: Measure, value: float) -> str:
 
 
 def bound_of(measure: Measure) -> str:
-    """Return a measure's bound as text, e.g. ``≥ 1.2``.
-
-    Args:
-        measure: of a statement.
-    """
+    """Return a measure's bound as text, e.g. ``≥ 1.2``."""
     return f"≥ {measure.least:g}" if measure.least is not None else f"≤ {measure.most:g}"
 
 

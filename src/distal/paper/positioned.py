@@ -39,11 +39,7 @@ def positioned(advance: Callable[[], None] = lambda: None) -> list[ClosedLoop]:
 
 
 def positioned_figure(runs: list[ClosedLoop]) -> Figure:
-    """Return the figure of `positioned`.
-
-    Args:
-        runs: of it.
-    """
+    """Return the figure of `positioned`."""
     return plot_control(runs)
 
 

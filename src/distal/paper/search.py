@@ -74,7 +74,6 @@ def plant_of(values: Floats, reading: str, name: str = "drawn") -> Plant:
     Args:
         values: in the order and units of `UNKNOWNS`, (6,).
         reading: of the inextensible estimate, one of `READINGS`.
-        name: of the plant.
     """
     constant, load, exponent, reference, preload, turned = (float(value) for value in values)
     changed: dict[str, object] = {}
@@ -90,11 +89,7 @@ def plant_of(values: Floats, reading: str, name: str = "drawn") -> Plant:
 
 
 def margins_of(plant: Plant) -> Floats:
-    """Return the margin of each statement on a plant, (12,); −∞ where the plant cannot be simulated.
-
-    Args:
-        plant: what moves.
-    """
+    """Return the margin of each statement on a plant, (12,); −∞ where the plant cannot be simulated."""
     try:
         values = measured([run for series in NEEDED for run in run_series(series, plant, statements_only=True)])
     except DistalError:

@@ -133,8 +133,6 @@ def run_series(series: str, plant: Plant, seeds: Sequence[int] = SEEDS, *, state
 
     Args:
         series: one of `SERIES_1` or `SERIES_2`.
-        plant: what moves.
-        seeds: of the sensors' errors.
         statements_only: leave out the estimators that no statement of the paper needs.
     """
     scenario = plant.scenario(series)
@@ -175,7 +173,6 @@ def hung_weights(log: Log, scenario: Scenario) -> Log:
     """Return the log with the hung weights in place of the load cells' readings.
 
     Args:
-        log: of the scenario.
         scenario: what hangs on each drive.
     """
     channels = dict(log.channels)

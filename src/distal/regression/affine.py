@@ -26,9 +26,6 @@ def affine_kind(channels: Sequence[str], positions: Sequence[str], joints: Seque
     """Return the kind of map that gives joints' angles from readings alone.
 
     Args:
-        channels: names of the sensors.
-        positions: those of drives' places.
-        joints: names of the joints.
         noise: standard deviation of each sensor's random error [SI], (m,).
     """
     linear = (CONSTANT, *channels)
@@ -67,7 +64,6 @@ def as_discrepancy(affine: LearnedMap, frame: LearnedMap, follows: bool = False)
     the reported angle follows the filter's motion; or the straight line goes on.
 
     Args:
-        affine: the map of readings.
         frame: a discrepancy of the same logs, for the range of the filter's own angles.
         follows: whether the line goes on beyond the range.
     """

@@ -34,11 +34,7 @@ Errors = tuple[Floats, Floats, Floats]
 
 
 def student(freedom: float) -> float:
-    """Return by what a 95 % band is wider that knows its std from so many degrees of freedom: t_{0.975}/1.96.
-
-    Args:
-        freedom: degrees of freedom.
-    """
+    """Return by what a 95 % band is wider that knows its std from so many degrees of freedom: t_{0.975}/1.96."""
     from scipy.special import stdtrit  # loaded late: it takes as long as all of distal
 
     return float(stdtrit(max(freedom, 1.0), 0.975)) / NORMAL
@@ -49,8 +45,6 @@ def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> fl
 
     Args:
         logs: the errors on each left-out log.
-        least: smallest factor.
-        largest: largest factor.
     """
     needed, weights = [], []
     for error, scaled, fixed in logs:
@@ -90,7 +84,6 @@ def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool)
     worst one decides.
 
     Args:
-        learned: the map.
         errors: on each log left out, of each joint.
         enough: whether there are logs enough to choose.
     """
@@ -123,7 +116,6 @@ def inflate_band(learned: LearnedMap, factors: Sequence[float]) -> LearnedMap:
     """Return a map with a wider or narrower band.
 
     Args:
-        learned: the map.
         factors: on the standard deviation, one for each joint.
     """
     return learned.model_copy(update={"band": tuple(float(c * f) for c, f in zip(learned.band, factors))})
@@ -133,7 +125,6 @@ def widened_between(learned: LearnedMap, wider: float) -> LearnedMap:
     """Return a map whose coefficients differ more from log to log.
 
     Args:
-        learned: the map.
         wider: factor on the standard deviation of the coefficients.
     """
     joints = tuple(

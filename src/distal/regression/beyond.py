@@ -31,9 +31,6 @@ def inner_parts(data: Sequence[Samples]) -> list[Bools]:
     """Return which samples of each log lie in the inner part, where max_i |x_i − m_i| / h_i is small.
 
     The maximum is over all readings and angles; m_i is the middle of the range of one, h_i half of its length.
-
-    Args:
-        data: of the logs.
     """
     every = np.vstack([one.every for one in data])
     low, high = np.percentile(every, COVERED, axis=0)
@@ -54,9 +51,6 @@ def errors_beyond(
     """Return the errors in the outer part of each log with what the inner parts of the logs of other folds teach.
 
     Args:
-        data: of the logs.
-        kind: of the map.
-        folds: of the logs.
         homing: length of the homing window [s], or None.
         learn: returns the map that parts of logs teach.
     """

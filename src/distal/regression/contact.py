@@ -23,9 +23,7 @@ def contact_kind(channels: Sequence[str], positions: Sequence[str], joints: Sequ
     """Return the kind of map of the external torque; friction of the whole chain follows a drive's last direction.
 
     Args:
-        channels: names of the sensors.
         positions: those of drives' places; the others are efforts.
-        joints: names of the joints.
         noise: standard deviation of each sensor's random error [SI], (m,).
     """
     efforts = [name for name in channels if name not in positions]

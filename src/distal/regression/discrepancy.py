@@ -29,10 +29,8 @@ def discrepancy_kind(
     """Return the kind of map of a filter's angle errors, from readings and from the filter's own angles.
 
     Args:
-        channels: names of the sensors.
         moving: those with independent information.
         efforts: those of them that are forces, torques or tensions.
-        joints: names of the joints.
         noise: standard deviation of each sensor's random error [SI], (m,).
     """
     own = tuple(f"angle({joint})" for joint in joints)

@@ -45,8 +45,6 @@ def cost_beyond(learned: LearnedMap, samples: Samples, joint: int, homing: float
 
     Args:
         learned: after the move.
-        samples: of the log.
-        joint: its index.
         homing: length of the homing window [s].
     """
     said = predict(learned, samples, joint)

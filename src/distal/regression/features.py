@@ -65,11 +65,7 @@ class Samples:
         return replace(self, usable=usable, **{name: getattr(self, name)[rows] for name in names})
 
     def window(self, homing: float) -> Bools:
-        """Return which samples a homing move of so long [s] may use, (k,).
-
-        Args:
-            homing: its length.
-        """
+        """Return which samples a homing move of so long [s] may use, (k,)."""
         early: Bools = self.time < homing
         return early if self.usable is None else early & self.usable
 
@@ -118,7 +114,6 @@ def drawn_in(learned: LearnedMap, samples: Samples) -> Floats:
 
     Args:
         learned: with its range.
-        samples: of the log.
     """
     used = list(learned.used)
     if np.isinf(learned.margin) or not used:
@@ -138,7 +133,6 @@ def variables(
     """Return name → value of what terms are products of.
 
     Args:
-        learned: the map.
         scaled: scaled readings, then scaled angles by the filter: numbers, symbols or arrays.
         plays: index of a channel → its scaled reading after its play.
         widths: half-widths of the plays, (m,).
@@ -159,7 +153,6 @@ def columns(terms: Sequence[str], values: Mapping[str, Value], one: Value) -> li
     """Return the terms' values.
 
     Args:
-        terms: to build.
         values: from `variables`.
         one: the constant, of the kind of the others.
     """
@@ -187,7 +180,6 @@ def played(values: Floats, half: float) -> Floats:
 
     Args:
         values: x, (k,).
-        half: w.
     """
     after: Floats = _play().scan(values[:1], values[:, None], np.array([half]))[1][:, 0]
     return after
@@ -197,7 +189,6 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
     """Return the terms over a log, all but the constant faded outside the learned range, (k, n_terms).
 
     Args:
-        learned: terms, scales and ranges.
         samples: of the log, whole, since plays remember.
     """
     middle = middles(learned)
@@ -218,7 +209,6 @@ def fade(learned: LearnedMap, far: Value) -> Value:
     Nothing constrains a curve where there are no logs, and there the filter alone errs less. Lines do not fade.
 
     Args:
-        learned: the map.
         far: d, from `outside`.
     """
     return 1.0 / (1.0 + (far / learned.fades_over) ** 2)
@@ -231,7 +221,6 @@ def outside(learned: LearnedMap, samples: Samples) -> Floats:
 
     Args:
         learned: with the range.
-        samples: of the log.
     """
     m, every = len(learned.channels), samples.every[:, : len(learned.centre)]
     beyond = np.maximum(np.asarray(learned.low) - every, every - np.asarray(learned.high)) / half_ranges(learned)
@@ -247,8 +236,6 @@ def beyond_homing(learned: LearnedMap, samples: Samples, joint: int, values: Flo
 
     Args:
         learned: the map after the move; before it nothing is beyond.
-        samples: of the log.
-        joint: its index.
         values: of the map, which are added to the filter's own angle, (k,).
     """
     if not learned.homed:
@@ -259,13 +246,7 @@ def beyond_homing(learned: LearnedMap, samples: Samples, joint: int, values: Flo
 
 
 def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
-    """Return the slope of a map over the filter's own angle of a joint, ∂(map)/∂θ, over a log, (k,); 0 where it is held.
-
-    Args:
-        learned: the map.
-        samples: of the log.
-        joint: its index.
-    """
+    """Return the slope of a map over the filter's own angle of a joint, ∂(map)/∂θ, over a log, (k,); 0 where it is held."""
     name, column = f"angle({learned.joints[joint].joint})", len(learned.channels) + joint
     if name not in learned.terms:
         return np.zeros(len(samples.time))
@@ -297,11 +278,6 @@ def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:
 
     d is from `outside`, h from `beyond_homing`, κ is `LearnedMap.extrapolation`; of the filter's own variance
     own² (1 + ∂(map)/∂θ)² counts.
-
-    Args:
-        learned: the map.
-        samples: of the log, whole.
-        joint: its index.
     """
     own, phi, far = learned.joints[joint], design(learned, samples), outside(learned, samples)
     values = phi @ np.asarray(own.coefficients)

@@ -13,21 +13,13 @@ MOST_FOLDS = 6
 
 
 def folds_of(groups: Sequence[str]) -> list[int]:
-    """Return the fold of each log: logs of one group are in one fold, and there are `MOST_FOLDS` at most.
-
-    Args:
-        groups: of the logs.
-    """
+    """Return the fold of each log: logs of one group are in one fold, and there are `MOST_FOLDS` at most."""
     every = list(dict.fromkeys(groups))
     return [every.index(name) % MOST_FOLDS for name in groups]
 
 
 def splits(folds: Sequence[int]) -> Iterator[tuple[list[int], list[int]]]:
-    """Yield for each fold which logs are left out and which are left, by their indices.
-
-    Args:
-        folds: of the logs.
-    """
+    """Yield for each fold which logs are left out and which are left, by their indices."""
     for fold in sorted(set(folds)):
         out = [i for i, own in enumerate(folds) if own == fold]
         yield out, [i for i, own in enumerate(folds) if own != fold]
@@ -37,7 +29,6 @@ def groups_of(names: Sequence[str], pattern: str | None, least: int = 2) -> list
     """Return the group of each log: its own name, or what a regular expression finds in it.
 
     Args:
-        names: of the logs.
         pattern: regular expression whose first parenthesis names the group, e.g. ``run_(.)``; None for one log each.
         least: so many groups there must be.
 

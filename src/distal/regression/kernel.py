@@ -21,11 +21,7 @@ UNREAD_AGE = 1e6
 
 
 def memory_size(learned: LearnedMap) -> int:
-    """Return how many numbers are remembered: readings held, their ages, plays.
-
-    Args:
-        learned: the map.
-    """
+    """Return how many numbers are remembered: readings held, their ages, plays."""
     return 2 * len(learned.channels) + len(learned.played)
 
 
@@ -36,11 +32,7 @@ def _number_sizes(learned: LearnedMap) -> list[int]:
 
 
 def numbers_of(learned: LearnedMap) -> Floats:
-    """Return the parameters of `map_function`, (n_p,).
-
-    Args:
-        learned: the map.
-    """
+    """Return the parameters of `map_function`, (n_p,)."""
     names = ("centre", "scale", "low", "high", "rate", "width", "distance", "reach", "own", "spread", "band")
     parts = [np.asarray(getattr(learned, name), dtype=np.float64).ravel() for name in names]
     homed = np.array(learned.homed or [ANYWHERE] * len(learned.joints))
@@ -122,7 +114,6 @@ def first_memory(learned: LearnedMap, values: Vector, mask: Vector) -> Vector:
     """Return the memory before the first sample: the readings of that sample, or usual ones.
 
     Args:
-        learned: the map.
         values: of the channels, those of the map first.
         mask: 1 where there is a value.
     """

@@ -94,8 +94,6 @@ def learn_map(
     """Return the map that logs teach, its terms chosen and its band sized by logs left out, and these terms.
 
     Args:
-        data: of the logs.
-        kind: what is learned.
         folds: of the logs; those of one are left out together.
         homing: learn for the use after a homing window of so long [s], or None.
         partly: some of the logs, by their index, after a homing move that covers half of their range: their errors
@@ -124,9 +122,7 @@ def choose_terms(data: Sequence[Samples], kind: Kind, folds: Sequence[int], homi
     """Return the set of terms with the least error on left-out logs, fewer terms preferred; of a single log on its halves.
 
     Args:
-        data: of the logs.
         kind: with the sets, fewer terms first.
-        folds: of the logs.
         homing: length of the homing window [s], or None.
     """
     sets = kind.sets
@@ -179,11 +175,6 @@ def _halves(data: Sequence[Samples]) -> list[Samples]:
 def fit_coefficients(data: Sequence[Samples], kind: Kind, chosen: Terms) -> LearnedMap:
     """Return what some logs teach with a set of terms by random effects, its band not yet sized.
 
-    Args:
-        data: of the logs.
-        kind: what is learned.
-        chosen: the terms.
-
     Raises:
         FitError: what is mapped is known in no log.
     """
@@ -213,13 +204,7 @@ def fit_coefficients(data: Sequence[Samples], kind: Kind, chosen: Terms) -> Lear
 
 
 def frame(data: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMap, list[int]]:
-    """Return a map with scales and range of some logs, its coefficients zero, and which of its terms tell something.
-
-    Args:
-        data: of the logs.
-        kind: what is learned.
-        chosen: the terms.
-    """
+    """Return a map with scales and range of some logs, its coefficients zero, and which of its terms tell something."""
     every, m, size = np.vstack([one.every for one in data]), len(kind.channels), len(chosen.terms)
     centre, spread = every.mean(axis=0), every.std(axis=0)
     alone = independent(every[:, :m] - centre[:m], kind.noise)
@@ -284,9 +269,6 @@ def errors_of(
     """Return errors on a left-out log, the variances of the map without its band's factor, and the filter's, per joint.
 
     Args:
-        learned: what other logs teach.
-        out: the log.
-        kind: what is learned.
         homing: length of the homing window [s], or None; with it errors count after the window.
         among: which samples count besides, (k,); None for all.
     """
@@ -308,10 +290,6 @@ def left_out_errors(
     """Return the errors on each log with what the logs of other folds teach.
 
     Args:
-        data: of the logs.
-        kind: what is learned.
-        chosen: the terms.
-        folds: of the logs.
         homing: length of the homing window [s], or None.
     """
     errors = []
@@ -338,9 +316,6 @@ def calibrate_band(
     Of `OWNS`, the shares of the filter's own std, the one that gives the narrowest sized band is used.
 
     Args:
-        data: of the logs.
-        kind: what is learned.
-        chosen: the terms.
         folds: of the logs; those of one are left out together.
         homing: length of the homing window [s], or None.
     """

@@ -241,7 +241,6 @@ def filled(joint: JointMap, columns: Sequence[int], mean: Floats, covariance: Fl
     """Return a joint's map with some of its coefficients; the others are zero for certain.
 
     Args:
-        joint: whose.
         columns: which coefficients, (n,).
         mean: theirs [rad], (n,).
         covariance: theirs [rad²], (n, n).

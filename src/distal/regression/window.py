@@ -28,8 +28,6 @@ def calibrate_window(
     correlated, so several samples count as one. A window that is far off widens the prior.
 
     Args:
-        learned: as learned from logs.
-        samples: of the run, whole.
         window: where its targets may be used, (k,).
         by_motion: take residuals as correlated for as long as the motion: errors that depend on the place repeat with it.
     """
@@ -53,8 +51,6 @@ def _covered(learned: LearnedMap, samples: Samples, window: Bools) -> tuple[tupl
     """Return lowest and highest truth of each joint in a window; one that is not known there has no bounds.
 
     Args:
-        learned: the map.
-        samples: of the log.
         window: which of them, (k,).
     """
     known = [window & np.isfinite(target) for target in samples.targets.T]
@@ -67,7 +63,6 @@ def seen(learned: LearnedMap, samples: Samples) -> LearnedMap:
 
     Args:
         learned: with its range.
-        samples: of a homing window.
     """
     m, every = len(learned.channels), samples.every[:, : len(learned.centre)]
     z = (samples.readings - np.asarray(learned.centre)[:m]) / np.asarray(learned.scale)[:m]

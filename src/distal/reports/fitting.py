@@ -36,7 +36,6 @@ def fit_report(
     """Write one self-contained page on a fit, ``index.html``, and return where it is.
 
     Args:
-        fit: the outcome.
         logs: that it was fitted to.
         out: folder, made if need be.
         advance: called after each of 2 len(logs) + 2 steps.

@@ -35,10 +35,8 @@ def draw_traces(log: Log, before: Estimate, after: Estimate, rig: Rig) -> Figure
     """Return truth, estimate after and before the fit, their errors, and what the filter compared, over one log.
 
     Args:
-        log: the log.
         before: estimate with the rig as it came.
         after: with the fitted one.
-        rig: the fitted one.
     """
     # a page with a dozen logs stays small: no more points than a printed line can show
     some, words = slice(None, None, max(1, len(log) // POINTS)), log_health(log, rig)
@@ -69,7 +67,6 @@ def draw_residuals(logs: Sequence[Log], before: Sequence[Estimate], after: Seque
         logs: with or without truth.
         before: estimates with the rig as it came.
         after: with the fitted one.
-        rig: the description.
     """
     force = next(iter(rig.sensors_of("force") or rig.sensors_of("tension")), None)
     joints = range(len(rig.joints))

@@ -29,13 +29,7 @@ OBLIQUE = ((0.83, 0.56, 0.0), (-0.19, 0.28, 0.94))
 
 
 def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
-    """Return the HTML of a picture of the chain that is played and scrubbed, and what moves it, to stand behind the curves.
-
-    Args:
-        estimate: of the log.
-        log: the log.
-        rig: the description.
-    """
+    """Return the HTML of a picture of the chain that is played and scrubbed, and what moves it, for behind the curves."""
     step = max(1, -(-len(log) // MOST_FRAMES))
     some, time = slice(None, None, step), from_start(estimate.time)
     tensions = [None if values is None else _numbers(values[some], 2) for values in _tensions(rig, log)]
@@ -76,7 +70,6 @@ def chain_shape(rig: Rig, most: float) -> dict[str, object]:
     """Return what `chain_script` draws of a rig: its joints, its tendons, how it is seen, and colours.
 
     Args:
-        rig: the description.
         most: tension at the end of the scale of colours [N].
     """
     links = _links(rig)
@@ -97,11 +90,7 @@ def chain_shape(rig: Rig, most: float) -> dict[str, object]:
 
 
 def tension_scale(most: str) -> str:
-    """Return the scale of colours of the tensions, as HTML.
-
-    Args:
-        most: its end, in words.
-    """
+    """Return the scale of colours of the tensions, as HTML."""
     ramp = ", ".join(f"rgb{colour}" for colour in CIVIDIS)
     return (
         f"<span style='white-space:nowrap'>tension 0 <span style='display:inline-block;width:6rem;height:.7rem;"

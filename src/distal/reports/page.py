@@ -47,9 +47,7 @@ def page(title: str, lead: str, parts: Sequence[str]) -> str:
     """Return a whole page.
 
     Args:
-        title: plain text.
         lead: one paragraph of plain text below it.
-        parts: HTML, in order.
     """
     return (
         "<!doctype html>\n<html lang='en'>\n<head>\n<meta charset='utf-8'>\n"
@@ -63,7 +61,6 @@ def heading(text: str, level: int = 2) -> str:
     """Return a section's heading.
 
     Args:
-        text: plain text.
         level: 2 for a section, 3 for a part of one.
     """
     return f"<h{level}>{escape(text)}</h{level}>"
@@ -78,7 +75,6 @@ def svg_of(made: Figure, said: str = "") -> str:
     """Return a figure as an SVG element.
 
     Args:
-        made: the figure.
         said: what it shows, for those who cannot see it.
     """
     buffer = io.StringIO()
@@ -93,7 +89,6 @@ def picture(svg: str, caption: str) -> str:
 
     Args:
         svg: an SVG file's text, or its element.
-        caption: plain text.
     """
     drawing = svg[svg.index("<svg") :]
     return f"<figure>{drawing}<figcaption>{escape(caption)}</figcaption></figure>"
@@ -103,8 +98,6 @@ def html_table(columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: S
     """Return a table; cells are HTML.
 
     Args:
-        columns: headings, plain text.
-        rows: cells, HTML.
         numbers: indices of the columns that hold numbers.
     """
     mark = [" class='n'" if i in numbers else "" for i in range(len(columns))]

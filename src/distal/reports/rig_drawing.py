@@ -47,9 +47,6 @@ def draw_rig(rig: Rig) -> Figure:
     """Return a drawing of a rig in its zero pose.
 
     Joints, pulleys and spools are to scale, tendons are shortened. Each joint is seen along its own axis.
-
-    Args:
-        rig: the description.
     """
     sheet = Sheet()
     arms = np.array([[t.arms().get(joint.name, 0.0) for joint in rig.joints] for t in rig.tendons])
@@ -81,11 +78,7 @@ def draw_rig(rig: Rig) -> Figure:
 
 
 def rig_svg(rig: Rig) -> str:
-    """Return the drawing of a rig as an SVG element for a page, with a text that says what it shows.
-
-    Args:
-        rig: the description.
-    """
+    """Return the drawing of a rig as an SVG element for a page, with a text that says what it shows."""
     joints, tendons = (", ".join(part.name for part in parts) for parts in (rig.joints, rig.tendons))
     drives = ", ".join(f"{drive.name} ({drive.kind})" for drive in rig.drives)
     said = f"Drawing of the rig {rig.name}: joints {joints}; drives {drives}; tendons {tendons}"

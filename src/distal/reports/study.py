@@ -68,10 +68,6 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     """Write the answer of a study as ``index.html`` and ``answer.json``, and return where the page is.
 
     Args:
-        plan: the study.
-        space: its designs.
-        columns: its rows.
-        answer: what they say.
         folder: where; it must exist.
 
     Raises:

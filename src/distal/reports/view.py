@@ -46,10 +46,6 @@ def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, said: Se
     """Write one self-contained HTML file on an estimate, and return where it is; nothing is fetched when it is opened.
 
     Args:
-        estimate: of the log.
-        log: the log.
-        rig: the description.
-        path: where.
         said: lines of text above the curves, such as those of `distal.diagnose`.
 
     Raises:

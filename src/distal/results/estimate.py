@@ -105,11 +105,7 @@ class Estimate:
         return f"<p>{escape(repr(self))}</p>{html_rows(self.summary())}"
 
     def in_words(self, joint: int = 0) -> str:
-        """Return one line: the range of a joint's angle, its band, and its error where the truth is known.
-
-        Args:
-            joint: its index.
-        """
+        """Return one line: the range of a joint's angle, its band, and its error where the truth is known."""
         row = self.summary()[joint]
         which = "angle" if len(self.joint_names) == 1 else f"angle of {row['joint']}"
         text = (
@@ -279,7 +275,6 @@ class Estimate:
         Args:
             sigmas: limit in standard deviations; with 5 there was no false contact in ten minutes
                 (`python -m benchmarks.strangers contact`).
-            joint: its index.
 
         Raises:
             EstimationError: as `external_torques`.

@@ -29,9 +29,7 @@ def draw_innovations(axes: Axes, time: Floats, result: Curves) -> None:
     """Draw what was measured minus what was predicted, in standard deviations, with the ±2 that 95 % should be within.
 
     Args:
-        axes: where.
         time: from the first sample on [s], (k,).
-        result: the estimate.
     """
     ratios = result.innovations / np.sqrt(result.innovation_variances)
     axes.axhspan(-2.0, 2.0, color=PALE, linewidth=0)
@@ -52,8 +50,6 @@ def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
     """Draw the forces, tensions and motor torques of a log.
 
     Args:
-        axes: where.
-        log: the log.
         rig: the description, whose sensors say what a channel is.
     """
     sensors = [s for s in rig.sensors if s.measures in ("force", "tension") and s.name in log.channels]
@@ -71,7 +67,6 @@ def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:
     """Draw when a stream of the log has which word for its health, a line for each word that occurs.
 
     Args:
-        axes: where.
         time: from the first sample on [s], (k,).
         health: a word for each sample.
     """

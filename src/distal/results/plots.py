@@ -72,7 +72,6 @@ def plot_estimates(
     Where the truth is not known, the half-width of the band stands below instead of the errors.
 
     Args:
-        estimates: of the same log.
         path: where to save; None only returns the figure.
         title: above the axes; default the rig's name.
         bands: draw the 95 % bands.
@@ -126,9 +125,6 @@ def _across(made: Figure, axes: Sequence[Axes], row: int, columns: int) -> Axes:
 
 def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
     """Return the names of panels as they are.
-
-    Args:
-        panels: names.
 
     Raises:
         OutputError: one is not of `PANELS`.
@@ -209,9 +205,6 @@ def draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int = 0, bands: 
     """Draw a joint's errors with the bands about zero; a short event does not flatten the rest.
 
     Args:
-        axes: where.
-        estimates: of the same log.
-        joint: index of the joint.
         bands: draw the 95 % bands.
     """
     errors = [_error(result, joint) for result in estimates]
@@ -231,7 +224,6 @@ def limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half:
     """Choose the limits of an error axis so that `SHARE` of the time fills it, and mark what is beyond.
 
     Args:
-        axes: whose.
         errors: name, times and errors of each curve.
         half: half-width of the first one's band; where it is much wider than the errors it runs out of the picture.
     """
@@ -269,12 +261,7 @@ def _usual(size: Floats) -> float:
 
 
 def truth_of(result: Curves, joint: int) -> Floats | None:
-    """Return a joint's true angle [rad], (k,), None where it is nowhere known.
-
-    Args:
-        result: the estimate.
-        joint: index of the joint.
-    """
+    """Return a joint's true angle [rad], (k,), None where it is nowhere known."""
     if result.truths is None or not np.isfinite(result.truths[:, joint]).any():
         return None
     return result.truths[:, joint]
@@ -293,12 +280,9 @@ def draw_estimate(
     """Draw one estimate of a joint and its 95 % band [°], and return its handle for a legend.
 
     Args:
-        axes: where.
-        result: the estimate.
         index: of its colour and dash.
         band: draw the 95 % band.
         label: in the legend; default the estimator's name.
-        joint: index of the joint.
     """
     theta, half = np.rad2deg(result.angles[:, joint]), np.rad2deg(BAND * result.angle_stds[:, joint])
     time, name = from_start(result.time), label or result.estimator

@@ -65,9 +65,6 @@ def figure(
     """Make a figure in distal's style without touching the user's backend or settings.
 
     Args:
-        rows: of axes.
-        columns: of axes.
-        size: in inches.
         options: of matplotlib's `Figure.subplots`.
     """
     try:
@@ -101,10 +98,6 @@ def plot_kind(path: str | Path) -> str:
 def save_figure(drawing: Figure, path: str | Path) -> None:
     """Write a figure whole or not at all, in the format of its suffix.
 
-    Args:
-        drawing: the figure.
-        path: where.
-
     Raises:
         OutputError: the format is unknown or the file cannot be written.
     """
@@ -115,7 +108,6 @@ def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
     """Return a figure as the file that `path` will hold.
 
     Args:
-        drawing: the figure.
         path: where it will be written; its suffix gives the format.
 
     Raises:
@@ -140,9 +132,7 @@ def legend_above(axes: Axes, entries: Sequence[tuple[Artist, str]] = (), most: i
     """Put the legend above the axes, where it never lies on a curve.
 
     Args:
-        axes: whose.
         entries: handles and labels; default those of the axes.
-        most: columns.
     """
     handles, labels = zip(*entries) if entries else axes.get_legend_handles_labels()
     if handles:
@@ -160,10 +150,5 @@ def legend_above(axes: Axes, entries: Sequence[tuple[Artist, str]] = (), most: i
 
 
 def title_above(drawing: Figure, title: str) -> None:
-    """Put a title above everything else, to the left.
-
-    Args:
-        drawing: the figure.
-        title: plain text.
-    """
+    """Put a title above everything else, to the left."""
     drawing.suptitle(plain(title[:90]), fontsize=9, x=0.01, ha="left")

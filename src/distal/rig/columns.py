@@ -35,18 +35,10 @@ def torque_names(joints: Sequence[str]) -> tuple[str, ...]:
 
 
 def std_name(name: str) -> str:
-    """Return the name of the standard deviation of what is called `name`: ``theta_std``, ``std of inertia of joint pip``.
-
-    Args:
-        name: of a state.
-    """
+    """Return the name of the std of what is called `name`: ``theta_std``, ``std of inertia of joint pip``."""
     return f"std of {name}" if " " in name else f"{name}_std"
 
 
 def tendon_angle_name(tendon: str) -> str:
-    """Return the name of the angle that one tendon alone gives, of the kinematic estimators: ``tendon_angle_TENDON``.
-
-    Args:
-        tendon: its name.
-    """
+    """Return the name of the angle that one tendon alone gives, of the kinematic estimators: ``tendon_angle_TENDON``."""
     return f"tendon_angle_{tendon}"

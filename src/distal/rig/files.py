@@ -43,7 +43,6 @@ def read_text(path: Path, error: type[DistalError]) -> str:
     """Return the text of a file (UTF-8), or raise `error` with the reason in plain words.
 
     Args:
-        path: the file.
         error: the kind of error to raise.
     """
     try:

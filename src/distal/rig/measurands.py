@@ -28,7 +28,6 @@ def with_unit(raw: object, index: int, parts: Parts) -> object:
     """Return the raw sensor with the SI unit of what it measures, or as it came if pydantic will refuse it anyway.
 
     Args:
-        raw: the sensor's table.
         index: of the sensor, for messages.
         parts: the rig's drives, tendons and joints.
 
@@ -71,7 +70,6 @@ def measured_unit(measures: object, part: Slider | Capstan | Tendon | Joint) -> 
 
     Args:
         measures: one of `MEASURED` for such a part.
-        part: of which.
     """
     if isinstance(part, (Slider, Capstan)):
         return position_unit(part) if measures == "position" else effort_unit(part)

@@ -13,7 +13,6 @@ def name_in(items: Sequence[object], index: int) -> str | None:
 
     Args:
         items: parts of a description, checked or raw.
-        index: of the item.
     """
     names = [_get(item, "name") or _get(item, "joint") for item in items]
     name = names[index] if index < len(names) else None
@@ -25,7 +24,6 @@ def index_of(items: Sequence[object], key: str) -> int | None:
 
     Args:
         items: parts of a description, checked or raw.
-        key: of the path.
     """
     if key.isascii() and key.isdigit() and len(key) < 10:
         return int(key) if int(key) < len(items) else None
@@ -83,7 +81,6 @@ def in_words(root: object, *paths: str) -> str:
     Numbers that differ only in their part are named together, "stiffness of all tendons".
 
     Args:
-        root: the description.
         paths: of the numbers; ``*`` stands for all parts of a kind.
     """
     parts_of: dict[tuple[str, str, str], list[str]] = {}

@@ -19,7 +19,6 @@ def known_to_a_factor(path: str, value: float, std: float) -> bool:
     """Return whether of a positive number only the order of magnitude is known.
 
     Args:
-        path: of the number.
         value: SI.
         std: what is not known of it.
     """
@@ -27,11 +26,7 @@ def known_to_a_factor(path: str, value: float, std: float) -> bool:
 
 
 def is_arm(path: str) -> bool:
-    """Return whether a number is a moment arm: it shows in the readings as its product with the angle only.
-
-    Args:
-        path: of the number.
-    """
+    """Return whether a number is a moment arm: it shows in the readings as its product with the angle only."""
     return ".insertion." in path or ".crossings." in path or (path.startswith("drives.") and path.endswith(".radius"))
 
 
@@ -69,7 +64,6 @@ def number(rig: Rig, path: str) -> Number:
     """Return a number of a description by its path.
 
     Args:
-        rig: the description.
         path: as in ``--set``; parts by index or by name.
 
     Raises:

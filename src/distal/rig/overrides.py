@@ -56,7 +56,6 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
     Args:
         raw: nested tables and lists, as read from TOML.
         path: keys joined by dots, parts by name (or index).
-        value: what to put there.
         error: the kind of error to raise.
 
     Raises:

@@ -25,11 +25,7 @@ class Part:
     indices: dict[str, tuple[int, ...]]
 
     def whole_path(self, path: str) -> str:
-        """Return the path in the whole rig of a number of the part; both have indices of parts in them.
-
-        Args:
-            path: in the part.
-        """
+        """Return the path in the whole rig of a number of the part; both have indices of parts in them."""
         kind, _, rest = path.partition(".")
         if kind not in self.indices:
             return path
@@ -57,9 +53,6 @@ def independent_parts(rig: Rig) -> tuple[Part, ...]:
     """Return the parts of a rig that share no link, tendon, drive, coupling or common error; one if all is one.
 
     A rig with maps learned from logs stays whole.
-
-    Args:
-        rig: the whole.
     """
     joints = [joint.name for joint in rig.joints]
     group = {name: name for name in joints}

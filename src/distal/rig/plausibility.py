@@ -27,11 +27,7 @@ LARGEST_OFFSET = 2.0
 
 
 def doubts(rig: Rig) -> list[str]:
-    """Return what is allowed in a rig but is probably a mistake, one sentence each.
-
-    Args:
-        rig: the description.
-    """
+    """Return what is allowed in a rig but is probably a mistake, one sentence each."""
     said = []
     for path, name, value in _numbers(rig):
         low, high, unit = USUAL[name]

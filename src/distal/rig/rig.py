@@ -188,11 +188,7 @@ class Rig(Description):
         return any(joint.link is not None or joint.coupled is not None for joint in self.joints)
 
     def parent_of(self, joint: int) -> int | None:
-        """Return the index of the joint on whose link another sits, None for the base.
-
-        Args:
-            joint: index of the other.
-        """
+        """Return the index of the joint on whose link another sits, None for the base."""
         given = self.joints[joint].parent
         if given is None:
             return joint - 1 if joint > 0 else None
@@ -315,12 +311,7 @@ def _plays_apart(rig: Rig) -> None:
 
 
 def parameters_below(part: Description, path: str) -> Iterator[tuple[str, Parameter]]:
-    """Yield the parameters below a part, with their paths.
-
-    Args:
-        part: of a description.
-        path: of the part.
-    """
+    """Yield the parameters below a part, with their paths."""
     for name in type(part).model_fields:
         value = getattr(part, name)
         if isinstance(value, Parameter):

@@ -202,20 +202,12 @@ Sensor = Annotated[LengthSensor | AngleSensor | ForceSensor | TorqueSensor, Fiel
 
 
 def gain_of(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) -> Parameter:
-    """Return what a sensor reads for one unit of what it measures; exactly 1 for displacements and angles.
-
-    Args:
-        sensor: which.
-    """
+    """Return what a sensor reads for one unit of what it measures; exactly 1 for displacements and angles."""
     return sensor.gain if isinstance(sensor, (ForceSensor, TorqueSensor)) else Parameter(value=1.0)
 
 
 def step_of(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) -> float:
-    """Return the quantisation step of what a sensor measures, behind its gear: its `resolution` is that before it.
-
-    Args:
-        sensor: which.
-    """
+    """Return the quantisation step of what a sensor measures, behind its gear: its `resolution` is that before it."""
     return sensor.resolution / (sensor.gear if isinstance(sensor, AngleSensor) else 1.0)
 
 
@@ -237,11 +229,7 @@ def log_factor(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) 
 
 
 def log_unit(sensor: LengthSensor | AngleSensor | ForceSensor | TorqueSensor) -> str:
-    """Return the unit of a log's numbers.
-
-    Args:
-        sensor: whose they are.
-    """
+    """Return the unit of a log's numbers."""
     counted_in = "A" if isinstance(sensor, TorqueSensor) and sensor.newton_metres_per_ampere is not None else sensor.si
     return sensor.unit or counted_in
 

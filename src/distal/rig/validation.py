@@ -22,14 +22,7 @@ SHOWN = 3
 
 
 def validated(kind: type[Checked], raw: Mapping[str, object], source: str, error: type[DistalError]) -> Checked:
-    """Check a raw description of some kind; its problems become one line of an error of that kind.
-
-    Args:
-        kind: of description.
-        raw: as parsed.
-        source: its name in messages.
-        error: to raise.
-    """
+    """Check a raw description of some kind; its problems become one line of an error of that kind."""
     try:
         return kind.model_validate(raw)
     except ValidationError as problem:
@@ -47,10 +40,7 @@ def explain(problem: ValidationError, source: str, root: type[BaseModel], raw: M
     """Return one line for pydantic's findings: the first few in full, the number of others.
 
     Args:
-        problem: what pydantic found.
         source: what to call the description.
-        root: the description's model.
-        raw: as parsed.
     """
     findings = problem.errors(include_url=False)
     # a list whose items are all wrong is not short of items

@@ -35,11 +35,7 @@ class Hour:
 
 
 def by_hour(pieces: Iterable[PieceEstimate]) -> tuple[Hour, ...]:
-    """Return error and band of each hour; the pieces are read one by one.
-
-    Args:
-        pieces: of one log.
-    """
+    """Return error and band of each hour; the pieces are read one by one."""
     sums = dict[int, np.ndarray]()
     for piece in pieces:
         errors, half = piece.angles - piece.truths, BAND * piece.angle_stds
@@ -63,7 +59,6 @@ def plot_hours(found: Mapping[str, Sequence[Hour]], path: str | Path | None = No
     """Draw error, half of the band and the share inside it over the hours, a curve for each way of estimating.
 
     Args:
-        found: by name.
         path: where to save; None only returns the figure.
     """
     with figure(2, 1, (6.5, 4.4), sharex=True, height_ratios=(3, 2)) as (made, (errors, shares)):

@@ -69,11 +69,7 @@ CAPPED = 25.0
 
 
 def overdue(sensors: Sequence[Sensor]) -> Floats:
-    """Return after which time without a value each sensor is missing [s]; a known angle, which homes, never is.
-
-    Args:
-        sensors: that a filter reads.
-    """
+    """Return after which time without a value each sensor is missing [s]; a known angle, which homes, never is."""
     return np.array([inf if sensor.measures == "angle" else OVERDUE / sensor.rate for sensor in sensors])
 
 

@@ -40,8 +40,6 @@ def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Fl
     """Return the values of some channels of a log, (k, n_channels).
 
     Args:
-        log: the log.
-        channels: names of sensors.
         name: of the estimator, for messages.
 
     Raises:
@@ -73,8 +71,6 @@ def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
     """Return the samples with wild values taken as missing, and warn of each sensor that has them.
 
     Args:
-        log: the log.
-        channels: names of sensors.
         samples: their values, (k, n_channels).
     """
     wild = np.abs(samples) > LARGEST_READING
@@ -170,20 +166,12 @@ class Run:
 
 
 def reads_reference(runner: Estimator) -> bool:
-    """Return whether an estimator reads sensors of the joints' angles.
-
-    Args:
-        runner: the estimator.
-    """
+    """Return whether an estimator reads sensors of the joints' angles."""
     return bool(references_of(runner))
 
 
 def references_of(runner: Estimator) -> dict[str, int]:
-    """Return channel → index of the joint, for each sensor of a joint's angle that an estimator reads.
-
-    Args:
-        runner: the estimator.
-    """
+    """Return channel → index of the joint, for each sensor of a joint's angle that an estimator reads."""
     joints = [joint.name for joint in runner.rig.joints]
     sensors = {sensor.name: joints.index(sensor.of) for sensor in runner.rig.sensors_of("angle")}
     return {channel: sensors[channel] for channel in runner.channels if channel in sensors}
@@ -196,7 +184,6 @@ def runner_for(
 
     Args:
         log: the log, or one like it.
-        rig: the description.
         estimator: a name or a ready one.
         compiled: compile kernels where possible.
         homing: for how long the truth is used [s], or None.
@@ -220,7 +207,6 @@ def known_early(log: Log, homing: float) -> Log:
     """Return the log with the truth of only those joints that have a reference value during homing.
 
     Args:
-        log: the log.
         homing: for how long the truth is used [s].
     """
     early = log.time - log.time[0] < homing
@@ -232,7 +218,6 @@ def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
     """Return a log, ready for an estimator.
 
     Args:
-        log: the log.
         runner: the estimator; see `runner_for`.
         homing: for how long the truth is used [s], or None.
 
@@ -259,7 +244,6 @@ def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
     """Raise an error if an estimate diverged.
 
     Args:
-        run: of which.
         means: (k, n).
         spreads: variances, (k, n).
 
@@ -281,7 +265,6 @@ def finished(
     """Return the estimate of a run.
 
     Args:
-        run: of which.
         means: (k, n).
         spreads: variances of the states, (k, n).
         innovations: (k, m).
@@ -350,8 +333,6 @@ def with_channel(log: Log, name: str, values: Floats) -> Log:
     """Return the log with one more channel, or another one in its place.
 
     Args:
-        log: the log.
-        name: of the channel.
         values: SI, (k,).
     """
     return replace(log, channels={**log.channels, name: values})

@@ -42,8 +42,6 @@ def estimate_pieces(
     """Estimate the joints' angles piece after piece; the belief goes on from one to the next.
 
     Args:
-        pieces: of one log.
-        rig: the description.
         estimator: a name, of one with a kernel.
         known_std: how well the angles are known where a piece says so [rad]; None: they are not used. Only `adaptive`
             reads them.

@@ -16,12 +16,7 @@ FAR = 10.0
 
 
 def place_range(mechanism: Mechanism, sensor: Sensor) -> tuple[float, float]:
-    """Return the limits of a position sensor's values, infinite for other sensors.
-
-    Args:
-        mechanism: the rig's equations.
-        sensor: one of the rig's.
-    """
+    """Return the limits of a position sensor's values, infinite for other sensors."""
     if sensor.measures != "position":
         return -1e300, 1e300
     drives = mechanism.rig.drives

@@ -26,8 +26,6 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     columns for those that take a share of the gain (`StateVector.slow`); P^s holds for any C.
 
     Args:
-        log: sensors over time.
-        rig: the description.
         compiled: compile the kernel where possible.
 
     Raises:
@@ -96,10 +94,8 @@ def correct(means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bo
     Args:
         means: to change, of all rows, (k, n).
         covariances: to change, (k, n, n).
-        log: sensors over time.
         rig: with a discrepancy.
         compiled: compile the kernel where possible.
-        last: each sample's own row.
     """
     runner = AdaptiveFilter(rig, compiled)
     samples = samples_of(log, runner.channels, runner.name)

@@ -101,11 +101,7 @@ class SensorErrors:
         return np.column_stack([*first, curves.weights, curves.phases])
 
     def draws(self, count: int) -> Floats:
-        """Return the random numbers that the next samples will have, (count, n).
-
-        Args:
-            count: of samples.
-        """
+        """Return the random numbers that the next samples will have, (count, n)."""
         if len(self._drawn) < count:
             more = max(AHEAD, count)
             self._drawn = np.vstack([self._drawn, np.column_stack([rng.normal(size=more) for rng in self._rngs])])
@@ -129,7 +125,6 @@ def measure(sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.r
     """Return what a sensor reads of a whole run, see `SensorErrors`.
 
     Args:
-        sensor: its description.
         true: what there is to measure, SI, (n,).
         travel: ends of the travel over which the linearity is defined.
         rng: draws the curve and the noise.
@@ -155,11 +150,6 @@ def systematic_variance(sensor: Sensor) -> float:
 
 
 def place_offsets(rig: Rig, names: Sequence[str]) -> Floats:
-    """Return the known offsets that are taken off the readings of drives' places, 0 for other sensors [SI], (n,).
-
-    Args:
-        rig: the description.
-        names: of the sensors.
-    """
+    """Return the known offsets that are taken off the readings of drives' places, 0 for other sensors [SI], (n,)."""
     sensors = {sensor.name: sensor for sensor in rig.sensors}
     return np.array([sensors[name].bias.value if sensors[name].measures == "position" else 0.0 for name in names])

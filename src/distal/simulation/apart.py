@@ -14,11 +14,7 @@ from distal.rig import Part, independent_parts
 
 
 def parts_of_plant(mechanism: Mechanism) -> tuple[Part, ...]:
-    """Return the parts of a plant that do not touch each other; none where there is only one.
-
-    Args:
-        mechanism: the plant's equations.
-    """
+    """Return the parts of a plant that do not touch each other; none where there is only one."""
     parts = independent_parts(mechanism.rig)
     return () if len(parts) == 1 or mechanism.parameters.inside else parts
 
@@ -29,8 +25,6 @@ def plants_apart(
     """Return (carry, x, p) → (carry⁺, y) of the whole, see `plant_function`, by the functions of its parts.
 
     Args:
-        mechanism: the plant's equations.
-        parts: of its rig.
         plant: equations of a part → its function.
         rubbing: drives of the whole with friction inside their transmission.
     """

@@ -35,8 +35,6 @@ def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyI
     """Return the scenario's signals at `time` [s], (n,).
 
     Args:
-        scenario: what is done.
-        mechanism: to what.
         time: start of each interval [s], (n,).
 
     Raises:
@@ -101,10 +99,6 @@ def _known(given: Iterable[str], names: list[str], where: str, kind: str) -> Non
 
 def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
     """Return the joints' angles at the start [rad], (n_joints,): the scenario's, else the rig's `initial`.
-
-    Args:
-        scenario: what is done.
-        mechanism: to what.
 
     Raises:
         ScenarioError: an unknown joint, or no angle.

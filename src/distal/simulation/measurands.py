@@ -15,12 +15,7 @@ Floats = NDArray[np.float64]
 
 
 def columns_of(plant: Mechanism, sensor: Sensor) -> tuple[int, int]:
-    """Return where in the plant's output (`plant_function`) stands what a sensor measures, and its rate; −1: none.
-
-    Args:
-        plant: the plant's equations.
-        sensor: one of its rig's.
-    """
+    """Return where in the plant's output (`plant_function`) stands what a sensor measures, and its rate; −1: none."""
     rig, n = plant.rig, plant.n_bodies
     if sensor.measures == "tension":
         return 2 * n + [tendon.name for tendon in rig.tendons].index(sensor.of), -1
@@ -33,24 +28,14 @@ def columns_of(plant: Mechanism, sensor: Sensor) -> tuple[int, int]:
 
 
 def true_values(motion: Motion, sensor: Sensor) -> Floats:
-    """Return what there is to measure over a motion, (k,).
-
-    Args:
-        motion: of the plant.
-        sensor: one of its rig's.
-    """
+    """Return what there is to measure over a motion, (k,)."""
     own, rate = columns_of(motion.plant, sensor)
     # a command is ahead of where the drive is
     return motion.y[:, own] + sensor.lag * motion.y[:, rate] if sensor.lag > 0.0 else motion.y[:, own]
 
 
 def range_of(motion: Motion, sensor: Sensor) -> tuple[float, float]:
-    """Return the travel over which a sensor's linearity is defined: between stops, else what the motion uses.
-
-    Args:
-        motion: of the plant.
-        sensor: one of its rig's.
-    """
+    """Return the travel over which a sensor's linearity is defined: between stops, else what the motion uses."""
     rig = motion.plant.rig
     parts = {"angle": rig.joints, "position": rig.drives}.get(sensor.measures, ())
     stops = next((part.stops for part in parts if part.name == sensor.of), None)

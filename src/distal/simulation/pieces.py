@@ -93,7 +93,6 @@ def numbers_at(plant: Mechanism, path: str) -> list[int]:
     """Return which of the plant's numbers a path names; ``*`` stands for all parts of a kind.
 
     Args:
-        plant: the plant's equations.
         path: by names or indices of parts.
 
     Raises:

@@ -26,10 +26,6 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     carry = (q, v, friction inside each drive's transmission, what moves inside); x = (effort, added inertia, servo, dt);
     y = (q, v, tensions, pull on each body), the pull being what a load cell or torque sensor between source and body
     reads: U = W − (W/g) ẍ for a hung weight.
-
-    Args:
-        mechanism: the plant's equations.
-        count: sub-steps per interval.
     """
     n, rubbing, nx = mechanism.n_bodies, hysteretic(mechanism), len(mechanism.parameters.inside)
     parts = parts_of_plant(mechanism)
@@ -59,11 +55,7 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
 
 
 def settled_function(mechanism: Mechanism) -> ca.Function:
-    """Return (q, dt, p) → what moves inside after an interval at whose end the bodies are at q.
-
-    Args:
-        mechanism: the plant's equations.
-    """
+    """Return (q, dt, p) → what moves inside after an interval at whose end the bodies are at q."""
     q, dt, p = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("dt"), mechanism.parameters.symbols
     inside = [*mechanism.place(q).inside, *mechanism.crept(q, dt)]
     return ca.Function("inside", [q, dt, p], [ca.densify(ca.cse(ca.vertcat(*inside)))])
@@ -71,11 +63,7 @@ def settled_function(mechanism: Mechanism) -> ca.Function:
 
 @lru_cache(maxsize=32)
 def inside_function(mechanism: Mechanism) -> ca.Function:
-    """Return (q, p) → what moves inside when the plant has long stood at q: in the middle, and crept as the rig says.
-
-    Args:
-        mechanism: the plant's equations.
-    """
+    """Return (q, p) → what moves inside when the plant has long stood at q: in the middle, and crept as the rig says."""
     still, at = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
     pulls, p = still.pulls(at, ca.SX.zeros(mechanism.n_bodies)), still.parameters
     strains = []
@@ -100,12 +88,7 @@ RESOLVED = 0.5
 
 
 def presliding_stiffness(mechanism: Mechanism, drive: int) -> Scalar:
-    """Return the stiffness of a drive's internal friction before it slips, in the drive's coordinate.
-
-    Args:
-        mechanism: the plant's equations.
-        drive: its index.
-    """
+    """Return the stiffness of a drive's internal friction before it slips, in the drive's coordinate."""
     p, body = mechanism.parameters, mechanism.n_joints + drive
     levers = mechanism.length_jacobian(ca.SX.zeros(mechanism.n_bodies))[:, body]
     stiffness = (levers[j] ** 2 * p[f"tendons.{j}.stiffness"] for j in range(mechanism.n_tendons))
@@ -113,11 +96,7 @@ def presliding_stiffness(mechanism: Mechanism, drive: int) -> Scalar:
 
 
 def longest_interval(mechanism: Mechanism) -> float:
-    """Return the longest interval [s] that resolves the friction inside the transmissions; infinite where there is none.
-
-    Args:
-        mechanism: the plant's equations.
-    """
+    """Return the longest interval [s] that resolves the friction inside the transmissions; infinite where there is none."""
     q, p, longest = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters, float("inf")
     for i in hysteretic(mechanism):
         slopes = ca.jacobian(mechanism.stretch(i, q), q)
@@ -147,7 +126,6 @@ def internal_friction(mechanism: Mechanism, drives: list[int]) -> InternalFricti
     friction is reached within a stretch of h/k_s, a twentieth of that at which the springs alone would carry it.
 
     Args:
-        mechanism: the plant's equations.
         drives: those with hysteresis.
     """
     n, p = mechanism.n_bodies, mechanism.parameters
@@ -230,7 +208,6 @@ def at_rest(
     """Return the carry of a plant at rest, and what its kernel would put out there, (1, n_y).
 
     Args:
-        mechanism: the plant's equations.
         inputs: what acts; the first interval counts.
         start: coordinates, (n_bodies,).
         kernel: of `plant_function`.
@@ -251,11 +228,9 @@ def run_plant(mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float
     """Return the plant's motion at the start and after every interval.
 
     Args:
-        mechanism: the plant's equations.
         inputs: what acts in each interval, n of them.
         start: coordinates at rest, (n_bodies,).
         dt: length of an interval [s].
-        count: sub-steps per interval.
 
     Raises:
         ScenarioError: the motion left all bounds.
@@ -273,7 +248,6 @@ def run_plants(
     """Return the motions of several runs of one plant, side by side where there are lanes for that.
 
     Args:
-        mechanism: the plant's equations.
         runs: what acts, and coordinates at rest, of each; at most as many as there are lanes.
         dt: length of an interval [s].
         kernel: of `plant_function`.
@@ -299,11 +273,7 @@ def run_plants(
 
 @lru_cache(maxsize=32)
 def resting_force(mechanism: Mechanism) -> ca.Function:
-    """Return (q, p) → the elastic forces of the tendons on the bodies at rest.
-
-    Args:
-        mechanism: the plant's equations.
-    """
+    """Return (q, p) → the elastic forces of the tendons on the bodies at rest."""
     still, q = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
     tied = still.place(q).q
     pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
@@ -316,7 +286,6 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs, force:
     A slack tendon counts as if it could push, so that a drive without a pull stands where its tendon is just straight.
 
     Args:
-        mechanism: the plant's equations.
         angles: joint angles [rad], (n_joints,).
         inputs: what acts; the first interval counts.
         force: `resting_force` of a plant of the same structure, where there is one.

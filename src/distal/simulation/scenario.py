@@ -218,7 +218,6 @@ def scenario_rig(scenario: Scenario, assignments: Sequence[str] = ()) -> Rig:
     """Return the rig that a scenario names, with the scenario's ``[set]`` values: what filters know.
 
     Args:
-        scenario: the scenario.
         assignments: ``path=value`` each, as with `load_rig`; they win over ``[set]``.
 
     Raises:

@@ -52,9 +52,6 @@ def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int =
 def check_open(scenario: Scenario) -> None:
     """Refuse a scenario that a controller commands, or whose plant changes: it needs another kind of run.
 
-    Args:
-        scenario: what is done.
-
     Raises:
         ScenarioError: it has a controller, a schedule or a rezero.
     """
@@ -125,7 +122,6 @@ def timing(plant: Mechanism, scenario: Scenario, period: float | None = None) ->
     """Return the length of an interval [s], the number of intervals, and the sub-steps of each.
 
     Args:
-        plant: the plant's equations.
         scenario: what is done to it.
         period: time that whole intervals must fill [s]; default that between two samples of the fastest sensor.
 
@@ -149,7 +145,6 @@ def intervals_of(plant: Mechanism, filled: float) -> tuple[float, int]:
     """Return the length of an interval [s], and the sub-steps of each.
 
     Args:
-        plant: the plant's equations.
         filled: time that whole intervals must fill [s].
     """
     dt = filled / ceil(filled / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
@@ -161,8 +156,6 @@ def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
 
     Args:
         prepared: the scenario on the rig.
-        motion: of the plant.
-        seed: of the sensors' errors.
     """
     # several plants of one structure move together: its numbers are those of the plant itself
     motion, rig, duration = Motion(prepared.plant, motion.y), prepared.plant.rig, prepared.scenario.duration
@@ -184,7 +177,6 @@ def true_motion(motion: Motion, grid: Floats, stamps: Floats) -> dict[str, Float
     """Return the truth of a log: angles, torques on the joints, places and forces of drives, tensions, (k,) each.
 
     Args:
-        motion: of the plant.
         grid: its stamps [s].
         stamps: of the log [s], (k,).
     """
@@ -201,7 +193,6 @@ def stamps_of(rig: Rig, duration: float) -> Floats:
     """Return the stamps at which any of a rig's sensors is sampled [s], (k,).
 
     Args:
-        rig: the description.
         duration: of the scenario [s].
     """
     rates = {sensor.rate for sensor in rig.sensors} or {100.0}

@@ -160,8 +160,6 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
     """Return what the rows of a finished study say.
 
     Args:
-        plan: the study.
-        space: its designs.
         columns: its rows, by design, seed and scenario.
 
     Raises:
@@ -196,12 +194,7 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
 
 
 def words_of(plan: Plan, name: str) -> str:
-    """Return what a column is, in words.
-
-    Args:
-        plan: the study.
-        name: of the column.
-    """
+    """Return what a column is, in words."""
     own = name.removeprefix(BUILT)
     if own in (ESTIMATOR, FEEDBACK):
         return own
@@ -232,9 +225,6 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
     """Return which numbers matter, most first: first-order Sobol indices by RBD-FAST (Tarantola et al., 2006; SALib).
 
     Args:
-        plan: the study.
-        space: its designs.
-        columns: its rows.
         rms: RMS error of each rig [°], (n,).
     """
     try:
@@ -284,7 +274,6 @@ def said_of(name: str, value: Value, unit: str) -> str:
     """Return in words what something that varies is.
 
     Args:
-        name: of it, in words.
         value: SI.
         unit: SI.
     """

@@ -133,8 +133,6 @@ def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | Non
     """Check a raw study and load what it names.
 
     Args:
-        raw: as parsed.
-        source: its name in messages.
         beside: the folder to which paths are relative; None for shipped names only and paths as they are.
 
     Raises:

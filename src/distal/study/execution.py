@@ -40,9 +40,6 @@ def run_study(
     """Run what is not there yet of a study; rows are written as chunks end.
 
     Args:
-        plan: the study.
-        space: its designs.
-        folder: where rows go.
         workers: processes here; default one per core.
         scheduler: address of a Dask scheduler, ``tcp://host:8786``, whose workers run the chunks instead.
         progress: called with the number of runs that are done and of all.

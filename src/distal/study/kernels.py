@@ -30,12 +30,7 @@ class Kernels:
     filters: dict[tuple[str, str], _Filters] = field(default_factory=dict)
 
     def plant(self, mechanism: Mechanism, count: int) -> tuple[Mechanism, Kernel]:
-        """Return a mechanism of the same structure and its kernel.
-
-        Args:
-            mechanism: of a plant.
-            count: sub-steps per interval.
-        """
+        """Return a mechanism of the same structure and its kernel."""
         parts = [_masked(getattr(mechanism.rig, kind).model_dump()) for kind in ("base", "stepping")]
         parts += [_masked(_open(one.model_dump())) for kind in PARTS for one in getattr(mechanism.rig, kind)]
         key = repr((parts, mechanism.parameters.names, count))
@@ -50,8 +45,6 @@ class Kernels:
         process has done before.
 
         Args:
-            rig: the description.
-            family: what tells the study.
             others: the rigs of the study in their order.
         """
         shape = _shape(rig)

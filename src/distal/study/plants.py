@@ -31,11 +31,7 @@ class Draw:
 
 
 def draws_of(rig: Rig) -> tuple[Draw, ...]:
-    """Return what is drawn of a rig: every number with a std, and what several err by together.
-
-    Args:
-        rig: the description.
-    """
+    """Return what is drawn of a rig: every number with a std, and what several err by together."""
     found, common = list[Draw](), dict[str, tuple[float, list[str]]]()
     for kind in KINDS:
         for i, part in enumerate(getattr(rig, kind)):
@@ -53,7 +49,6 @@ def scores(draws: Sequence[Draw], seed: Sequence[int]) -> dict[str, float]:
     """Return how many standard deviations each draw is off; a draw's number depends on its name and the seed alone.
 
     Args:
-        draws: what is drawn.
         seed: whole numbers that say which rig this is.
     """
     keys = ([*seed, crc32(draw.name.encode())] for draw in draws)
@@ -67,8 +62,6 @@ def built_values(rig: Rig, draws: Sequence[Draw], score: Mapping[str, float]) ->
     known to a factor only from the log-normal one, as filters take them.
 
     Args:
-        rig: the description.
-        draws: of it.
         score: how many standard deviations each is off.
     """
     values: dict[str, float] = {}

@@ -75,12 +75,7 @@ _TURNS = Lock()  # threads of a process take turns: they share the kernels
 
 
 def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
-    """Return the rows of some designs: one for each design, rig as built and scenario; an error of a run is a row.
-
-    Args:
-        plan: the study.
-        designs: their indices.
-    """
+    """Return the rows of some designs: one for each design, rig as built and scenario; an error of a run is a row."""
     with _TURNS, one_blas_thread():
         return _rows(plan, designs)
 
@@ -145,8 +140,6 @@ def run_tasks(
     """Return the estimates or closed loops of some runs, or why there is none, in their order.
 
     Args:
-        plan: the study.
-        tasks: the runs.
         space: all designs, the first of which in each structure has the constants of its filters' kernel; None for any.
         homing: for how long the true angle is used [s], or None.
     """
@@ -241,22 +234,13 @@ class _Ready:
     runner: Estimator
 
     def drawn(self, seed: tuple[int, ...]) -> dict[str, float]:
-        """Return path → value of one rig as built.
-
-        Args:
-            seed: which rig.
-        """
+        """Return path → value of one rig as built."""
         nominal = seed[-1] == NOMINAL
         score = dict.fromkeys((one.name for one in self.draws), 0.0) if nominal else scores(self.draws, seed)
         return built_values(self.rig, self.draws, score)
 
     def built(self, scenario: Scenario, seed: tuple[int, ...]) -> Prepared:
-        """Return the scenario on one rig as built.
-
-        Args:
-            scenario: what is done.
-            seed: which rig.
-        """
+        """Return the scenario on one rig as built."""
         plant = Mechanism(self.rig.with_values({**self.drawn(seed), **self.fixed}), remembers=True)
         start = equilibrium(plant, initial_angles(scenario, plant), self.inputs, resting_force(self.mechanism))
         return Prepared(self.rig, scenario, plant, self.inputs, start, *self.timing)

@@ -72,9 +72,6 @@ class Axis:
 def axes_of(plan: Plan) -> tuple[Axis, ...]:
     """Return what varies in a study, in the order of its file.
 
-    Args:
-        plan: the study.
-
     Raises:
         StudyError: a path leads nowhere, a range is empty, or a value is wrong.
     """
@@ -171,20 +168,11 @@ class Space:
         return map(self.design, range(len(self)))
 
     def design(self, index: int) -> dict[str, Value]:
-        """Return what varies in a design: path → value, SI.
-
-        Args:
-            index: of the design.
-        """
+        """Return what varies in a design: path → value, SI."""
         return {axis.path: axis.at(float(share)) for axis, share in zip(self.axes, self.shares[index])}
 
     def chunks(self, runs_per_design: int, size: int = 48) -> list[tuple[int, ...]]:
-        """Return the designs in parts of about `size` runs, those with the same choices beside each other.
-
-        Args:
-            runs_per_design: seeds times scenarios.
-            size: runs of a chunk.
-        """
+        """Return the designs in parts of about `size` runs, those with the same choices beside each other."""
         chosen = [i for i, axis in enumerate(self.axes) if axis.choices]
         counts = np.array([len(self.axes[i].choices) for i in chosen])
         which = np.minimum(self.shares[:, chosen] * counts, counts - 1).astype(int)
@@ -197,9 +185,6 @@ class Space:
 
 def space_of(plan: Plan) -> Space:
     """Return the designs of a study; the same study always has the same.
-
-    Args:
-        plan: the study.
 
     Raises:
         StudyError: what varies is wrong, or a grid has too many designs.
@@ -236,7 +221,6 @@ def rig_of(rig: Rig, design: Design) -> Rig:
     """Return the rig of a design, without the sensors that it leaves out.
 
     Args:
-        rig: the study's.
         design: what varies: path → value, SI.
 
     Raises:

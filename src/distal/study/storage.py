@@ -51,10 +51,6 @@ class Folder:
     def write(self, chunk: int, rows: Rows) -> None:
         """Write the rows of a chunk.
 
-        Args:
-            chunk: its number.
-            rows: column → values.
-
         Raises:
             OutputError: they cannot be written; what was there stays.
         """
@@ -125,10 +121,6 @@ def _bytes(table: pyarrow.Table) -> bytes:
 def open_folder(plan: Plan, path: str | Path) -> Folder:
     """Return a study's folder, made if need be; one that holds rows of the same study goes on.
 
-    Args:
-        plan: the study.
-        path: of the folder.
-
     Raises:
         StudyError: it is a folder of another study, or pyarrow is not installed.
         OutputError: it cannot be made or written.
@@ -167,10 +159,6 @@ def _check(label: Path, plan: Plan) -> None:
 
 
 def design_columns(columns: Mapping[str, NDArray[np.generic]]) -> list[str]:
-    """Return the names of the columns that hold what varies.
-
-    Args:
-        columns: of the rows.
-    """
+    """Return the names of the columns that hold what varies."""
     others = {"design", "seed", "scenario", "met", "problem", "seconds", *MEASURES}
     return [name for name in columns if name not in others and not name.startswith(BUILT)]

@@ -78,7 +78,6 @@ def suggestions(
     the standard error of the difference between the same plants with and without the option.
 
     Args:
-        plan: the study.
         done: called with how many options are done, and of how many.
 
     Raises:
@@ -109,11 +108,7 @@ def _told(base: Suggestion, one: Suggestion) -> float:
 
 
 def options_of(rig: Rig) -> list[Option]:
-    """Return what could be done; the first is to leave the rig as it is.
-
-    Args:
-        rig: the description.
-    """
+    """Return what could be done; the first is to leave the rig as it is."""
     found, groups = [Option("as it is", rig)], dict[str, dict[str, object]]()
     for draw in draws_of(rig):
         if draw.paths[0].startswith("sensors."):

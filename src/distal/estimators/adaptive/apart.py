@@ -45,11 +45,7 @@ class Apart:
 
 @lru_cache(maxsize=32)
 def parts_of(states: StateVector) -> tuple[Apart, ...]:
-    """Return the parts of a filter that do not touch each other; none where there is only one.
-
-    Args:
-        states: of the whole rig.
-    """
+    """Return the parts of a filter that do not touch each other; none where there is only one."""
     context = states.context
     parameters = context.mechanism.parameters
     parts = independent_parts(context.mechanism.rig)
@@ -124,11 +120,9 @@ def side_by_side(
     """Return (carry, x, p) → (carry⁺, y) of the whole, whose parts' filters are given.
 
     Args:
-        parts: the parts.
         filters: of the parts, (carry, x, p) → (carry⁺, y) each.
         layouts: (states, drives) → layout of a carry.
         sizes: number of states, drives, inputs and innovations of the whole.
-        numbers: of its parameters.
         trace: whether the predicted mean, its covariance and the transition stand behind y.
     """
     n, nd, width, m = sizes

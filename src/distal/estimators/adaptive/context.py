@@ -92,48 +92,25 @@ class FilterContext:
         return SETTLING_SUBSTEPS if self.joints_settle else needed
 
     def position_sensor(self, drive: int) -> Sensor | None:
-        """Return the sensor of a drive's position, or None.
-
-        Args:
-            drive: its index.
-        """
+        """Return the sensor of a drive's position, or None."""
         return sensor_for(self.channels.positions, self.mechanism.rig.drives[drive].name)
 
     def force_sensor(self, drive: int) -> Sensor | None:
-        """Return the sensor of a drive's force or torque, or None.
-
-        Args:
-            drive: its index.
-        """
+        """Return the sensor of a drive's force or torque, or None."""
         return sensor_for(self.channels.forces, self.mechanism.rig.drives[drive].name)
 
     def value(self, x: Vector, sensor: Sensor) -> Scalar:
-        """Return what a sensor reads in a sample, without its known offset and gain; what 0 stands for where it is missing.
-
-        Args:
-            x: the sample.
-            sensor: one of the channels.
-        """
+        """Return what a sensor reads in a sample, without its known offset and gain; what 0 stands for where missing."""
         return self.corrected(sensor, x[1 + self.channels.names.index(sensor.name)])
 
     def corrected(self, sensor: Sensor, reading: Scalar) -> Scalar:
-        """Return a reading without the sensor's known offset and gain.
-
-        Args:
-            sensor: one of the rig's.
-            reading: what it reads.
-        """
+        """Return a reading without the sensor's known offset and gain."""
         offset = reading - self.offset(sensor)
         gain = self.number(f"{self.path(sensor)}.gain", gain_of(sensor).value)
         return offset if isinstance(gain, float) and gain == 1.0 else offset / gain
 
     def mask(self, x: Vector, sensor: Sensor) -> Scalar:
-        """Return the mask of a sensor's value in a sample, see `distal.kernels.mask`; a wild value is missing.
-
-        Args:
-            x: the sample.
-            sensor: one of the channels.
-        """
+        """Return the mask of a sensor's value in a sample, see `distal.kernels.mask`; a wild value is missing."""
         k, width = self.channels.names.index(sensor.name), len(self.channels.names)
         return x[1 + width + k] * self.credible(sensor, x[1 + k])
 
@@ -144,7 +121,6 @@ class FilterContext:
 
         Args:
             sensor: one of the channels; what measures no position is always credible.
-            reading: what it reads.
         """
         if sensor.measures != "position":
             return 1
@@ -154,74 +130,41 @@ class FilterContext:
         return away <= MOST_TRAVELS * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
 
     def number(self, path: str, otherwise: float) -> Scalar:
-        """Return a number of the description: an input of the filter where it is given, else a constant.
-
-        Args:
-            path: of the number.
-            otherwise: its value.
-        """
+        """Return a number of the description: an input of the filter where it is given, else a constant."""
         p = self.mechanism.parameters
         return p[path] if path in p.inputs else otherwise
 
     def noise(self, sensor: Sensor) -> Scalar:
-        """Return the variance of a sensor's random error, σ² + Δ²/12.
-
-        Args:
-            sensor: one of the rig's.
-        """
+        """Return the variance of a sensor's random error, σ² + Δ²/12."""
         sigma = self.number(f"{self.path(sensor)}.noise", sensor.noise)
         return sigma * sigma + step_of(sensor) ** 2 / 12.0
 
     def offset(self, sensor: Sensor) -> Scalar:
-        """Return a sensor's constant offset as far as it is known.
-
-        Args:
-            sensor: one of the rig's.
-        """
+        """Return a sensor's constant offset as far as it is known."""
         return self.number(f"{self.path(sensor)}.bias", sensor.bias.value)
 
     def bias_std(self, sensor: Sensor) -> float:
-        """Return how unsure a sensor's offset is: nothing where the offset is an input of the filter (a fit).
-
-        Args:
-            sensor: one of the rig's.
-        """
+        """Return how unsure a sensor's offset is: nothing where the offset is an input of the filter (a fit)."""
         return 0.0 if f"{self.path(sensor)}.bias" in self.mechanism.parameters.inputs else float(sensor.bias.filter_std)
 
     def gain_std(self, sensor: Sensor) -> float:
-        """Return how unsure a sensor's gain is, as a share of it: nothing where it is an input of the filter (a fit).
-
-        Args:
-            sensor: one of the rig's.
-        """
+        """Return how unsure a sensor's gain is, as a share of it: nothing where it is an input of the filter (a fit)."""
         gain = gain_of(sensor)
         given = f"{self.path(sensor)}.gain" in self.mechanism.parameters.inputs
         return 0.0 if given else float(gain.filter_std / gain.value)
 
     def path(self, sensor: Sensor) -> str:
-        """Return the path of a sensor in the description.
-
-        Args:
-            sensor: one of the rig's.
-        """
+        """Return the path of a sensor in the description."""
         names = [each.name for each in self.mechanism.rig.sensors]
         return f"sensors.{names.index(sensor.name)}"
 
     def unmodelled(self, joint: int) -> Scalar:
-        """Return the random torque of a joint that the model does not know, as the std of ω that it makes in 1 s [rad/s].
-
-        Args:
-            joint: its index.
-        """
+        """Return the random torque of a joint that the model lacks, as the std of ω that it makes in 1 s [rad/s]."""
         rig = self.mechanism.rig
         return self.robustness.unmodelled * self.number(f"joints.{joint}.unmodelled", rig.joints[joint].unmodelled)
 
     def declares_friction(self, drive: int) -> bool:
-        """Return whether the rig declares friction at a drive: more than `Robustness.declared_friction` at its load.
-
-        Args:
-            drive: its index.
-        """
+        """Return whether the rig declares friction at a drive: more than `Robustness.declared_friction` at its load."""
         part = self.mechanism.rig.drives[drive]
         lever = part.radius.value if part.kind == "capstan" else 1.0
         tendons = [t for t in self.mechanism.rig.tendons if t.drive == part.name]

@@ -95,11 +95,7 @@ class Tracks(Generic[Expression]):
         return Drive(**dict(zip(TRACKED, numbers)))
 
     def of(self, drive: int) -> Expression:
-        """Return one drive's numbers as a vector, `TRACKED`.
-
-        Args:
-            drive: its index.
-        """
+        """Return one drive's numbers as a vector, `TRACKED`."""
         first, n = MEMORY * drive, self._n
         parts = self.vector[first : first + MEMORY], self.vector[MEMORY * n + drive]
         made: Expression = ca.vertcat(*parts, self.vector[(MEMORY + 1) * n + drive])
@@ -120,7 +116,6 @@ def remembered_place(drive: int, name: str) -> int:
     """Return where a number of a drive stands in what is remembered of all drives, which stand one after the other.
 
     Args:
-        drive: index of the drive.
         name: of the number, one of `REMEMBERED`.
     """
     return MEMORY * drive + REMEMBERED.index(name)
@@ -159,11 +154,7 @@ class Silence:
 
 
 def tracking(states: StateVector) -> ca.Function:
-    """Return (mean, memory, x, p) → tracks of all drives; see `Tracks`. A drive that nothing measures has zeros.
-
-    Args:
-        states: the state vector.
-    """
+    """Return (mean, memory, x, p) → tracks of all drives; see `Tracks`. A drive that nothing measures has zeros."""
     context = states.context
     n, p = context.n_drives, ca.MX.sym("p", context.mechanism.parameters.symbols.numel())
     mean, memory, x = ca.MX.sym("mean", len(states)), ca.MX.sym("memory", MEMORY * n), ca.MX.sym("x", context.width)
@@ -230,7 +221,6 @@ def _track(robustness: Robustness, judged: bool, follows: bool) -> ca.Function:
     """Return (memory, told, dt) → what is known of one drive after a reading, `TRACKED`; the same for all alike.
 
     Args:
-        robustness: the guards.
         judged: whether its force says if a jump is real.
         follows: whether the joints follow the drives.
     """
@@ -266,7 +256,6 @@ def track(
         mask: of the reading, see `distal.kernels.mask`.
         noise: variance of the sensor's random error.
         dt: length of the interval [s].
-        robustness: the guards.
         silence: what a long silence of the sensor means; None where none is long.
         force_evidence: the drive's force, or None.
     """

@@ -38,7 +38,6 @@ def adaptive_function(states: StateVector, resolution: float | None = None, trac
     """Return (carry, x, p) → (carry⁺, y) of the displacement-driven filter; y = (innovations, variances).
 
     Args:
-        states: the state vector.
         resolution: of the joints' motion; see `FilterContext.substeps`.
         trace: append the predicted mean, its covariance and the transition to y, for smoothing.
     """

@@ -27,7 +27,6 @@ def follow(states: StateVector, prediction: Prediction, interval: Interval) -> N
     """Move everything inside to where it is at the end of an interval, in place.
 
     Args:
-        states: the state vector.
         prediction: to change.
         interval: with its sample.
     """
@@ -63,10 +62,6 @@ def following_function(states: StateVector, block: BacklashOrSheathState | Strai
     """Return (state, variance, tracks, x, p) → (mean, slopes, rest) of one number inside, at the end of an interval.
 
     A play: the moments of clip(z, a, b) of a normal z (`clip_moments`). A strain: the model's, with its slopes.
-
-    Args:
-        states: the state vector.
-        block: which.
     """
     context, n, nd = states.context, len(states), states.context.n_drives
     mechanism, nj, p = context.mechanism, context.n_joints, context.mechanism.parameters.symbols

@@ -15,11 +15,7 @@ from distal.rig import known_to_a_factor
 
 
 def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
-    """Return joint → indices of its friction's states, for joints whose friction is known to a factor only.
-
-    Args:
-        states: the state vector.
-    """
+    """Return joint → indices of its friction's states, for joints whose friction is known to a factor only."""
     p, found = states.context.mechanism.parameters, dict[int, list[int]]()
     for block in states.blocks:
         if not isinstance(block, UncertainParameter) or block.acts != "value":
@@ -37,7 +33,6 @@ def friction_stds(states: StateVector, q: Vector, v: Vector, mean: Vector, covar
     """Return joint → standard deviation of its friction limit by what is not known of its friction [N m].
 
     Args:
-        states: the state vector.
         q: coordinates, (n_bodies,).
         v: velocities, (n_bodies,).
         mean: of the state, symbols, (n,).

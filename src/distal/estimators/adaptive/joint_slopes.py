@@ -61,7 +61,6 @@ def moving(
     """Return the bodies after a sub-step, the drives moving as they were measured to.
 
     Args:
-        context: the rig.
         kick: its symbols; the joints' efforts are `torques`.
         torques: on the joints from outside, symbols, (n_joints,).
         stds: standard deviations of these and of friction limits, together, symbols, (n_joints,).

@@ -51,11 +51,8 @@ def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Ve
     """Return what is compared: U = Σ T ∂ℓ/∂s + b ṡ + friction of each drive, measured tensions, a reference's angle.
 
     Args:
-        states: the state vector.
         state: symbolic, (n,).
-        tracks: of the drives.
         rates: mean speed of each drive over the interval, (n_drives,).
-        x: the sample.
     """
     context, mechanism, nj = states.context, states.context.mechanism, states.context.n_joints
     places = [states.place(i, tracks[i].place, state) for i in range(context.n_drives)]
@@ -103,13 +100,7 @@ def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Ve
 
 
 def away_from_stops(context: FilterContext, drive: int, place: Scalar) -> Scalar:
-    """Return 1 where a drive is certainly not at a stop: there the contact force is unknown, (17).
-
-    Args:
-        context: the rig.
-        drive: its index.
-        place: what its sensor reads.
-    """
+    """Return 1 where a drive is certainly not at a stop: there the contact force is unknown, (17)."""
     part, sensor = context.mechanism.rig.drives[drive], context.position_sensor(drive)
     if part.stops is None or sensor is None:
         return ca.SX(1)
@@ -123,9 +114,6 @@ def row_functions(states: StateVector) -> tuple[list[Row], ca.Function]:
     """Return what is compared, and (state, tracks, rates, x, p) → (values, slopes) of all of it.
 
     Values are residual, limit, asymmetry, variance and mask of each row; slopes of the first three are columns.
-
-    Args:
-        states: the state vector.
     """
     context, state = states.context, ca.SX.sym("state", len(states))
     vector, rates = ca.SX.sym("tracks", Tracks.size(context.n_drives)), ca.SX.sym("rates", context.n_drives)

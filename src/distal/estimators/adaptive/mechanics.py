@@ -8,11 +8,7 @@ from distal.estimators.adaptive.context import FilterContext
 
 
 def mechanics_function(context: FilterContext) -> ca.Function:
-    """Return (q, v, p) → tensions, pulls on the bodies, their dampings, friction limits and asymmetries, slopes by q.
-
-    Args:
-        context: the rig.
-    """
+    """Return (q, v, p) → tensions, pulls on the bodies, their dampings, friction limits and asymmetries, slopes by q."""
     mechanism = context.mechanism
     q, v, p = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("v", mechanism.n_bodies), mechanism.parameters.symbols
     tendons = mechanism.pulls(q, v, settled=True)

@@ -58,8 +58,6 @@ def moved(states: StateVector, count: int, mean: VectorNode, covariance: MatrixN
     """Return the joints after an interval, moved by sub-steps with their slopes.
 
     Args:
-        states: the state vector.
-        count: sub-steps per interval.
         mean: before, (n,).
         covariance: before, (n, n).
         interval: with its sample.

@@ -38,8 +38,6 @@ def play(
     where it is held at a limit, it is as certain as the limit. Noise of U does not wear it down.
 
     Args:
-        states: the state vector.
-        drive: its index.
         prediction: to change.
         rates: mean speed of each drive over the interval, (n_drives,).
         remembered: effort, smoothed; see `smoothed_effort`.
@@ -74,10 +72,7 @@ def smoothed_effort(context: FilterContext, block: Transmitted, remembered: Scal
     """Return a drive's measured effort, smoothed; 0 stands for none yet.
 
     Args:
-        context: the rig.
         block: of what the drive transmits.
-        remembered: the last one.
-        x: the sample.
     """
     effort = context.value(x, block.sensor)
     following = remembered + reading_weight(block) * (effort - remembered)
@@ -87,12 +82,7 @@ def smoothed_effort(context: FilterContext, block: Transmitted, remembered: Scal
 
 
 def play_function(states: StateVector, drive: int) -> ca.Function:
-    """Return (state, variance of z, tracks, rates, effort, x, p) → (z⁺, its slopes, rest, there, effort⁺) of a play.
-
-    Args:
-        states: the state vector.
-        drive: its index.
-    """
+    """Return (state, variance of z, tracks, rates, effort, x, p) → (z⁺, its slopes, rest, there, effort⁺) of a play."""
     context, n, nd = states.context, len(states), states.context.n_drives
     mechanism, p, nj = context.mechanism, context.mechanism.parameters.symbols, context.n_joints
     transmitted = states.transmitted(drive)

@@ -21,7 +21,6 @@ def predicted(
     Only angles and speeds move: the rest of the covariance stays, but for walks.
 
     Args:
-        states: the state vector.
         mean: before, (n,).
         covariance: before, (n, n).
         moved: the joints after the interval.
@@ -82,12 +81,6 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
 
     What an unknown place does within one interval is small, but it stays wrong until it is measured again: the longer
     it is missing, the more the joint has followed it. One missing sample does no harm. Equation (12).
-
-    Args:
-        context: the rig.
-        joint: index of the joint.
-        tracks: of the drives, now.
-        memory: of the drives.
     """
     rig, total, drives = context.mechanism.rig, ca.SX(0), Tracks(tracks, context.n_drives)
     name = rig.joints[joint].name
@@ -111,7 +104,6 @@ def revert(states: StateVector, prediction: Prediction, interval: Interval) -> N
     """Let what fades fade towards zero over an interval, in place: x⁺ = f x, variance σ² (1 − f²) added. Equation (13).
 
     Args:
-        states: the state vector.
         prediction: to change.
         interval: with its sample.
     """
@@ -135,7 +127,6 @@ def set_row(covariance: MatrixNode, at: int, row: VectorNode, variance: ScalarNo
 
     Args:
         covariance: (n, n).
-        at: which.
         row: the new one, (n, 1).
         variance: what stands on the diagonal.
     """

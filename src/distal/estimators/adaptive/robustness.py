@@ -149,7 +149,6 @@ def is_far(robustness: Robustness, away: Scalar, motion: Scalar, noise: Scalar) 
     """Return 1 where a displacement is farther from where it should be than the recent motion can have led: (1).
 
     Args:
-        robustness: the guards.
         away: reading less the place that the mean speed leads to [m, rad].
         motion: mean square of the recent motion, and what is unknown of the place [m², rad²].
         noise: variance of the sensor's random error.
@@ -184,7 +183,6 @@ def chance_of_jump(robustness: Robustness, doubt: Scalar, evidence: Scalar, judg
     """Return the chance that a reading that is far away is a real jump: (2).
 
     Args:
-        robustness: the guards.
         doubt: for how long readings have been far away [s].
         evidence: of the force, see `jump_evidence`.
         judged: 1 where there is such evidence.
@@ -198,7 +196,6 @@ def followed_share(robustness: Robustness, lost: Scalar) -> Scalar:
     """Return how far a joint has followed a drive whose place is lost, from 0 to 1: (12).
 
     Args:
-        robustness: the guards.
         lost: for how long [s].
     """
     return (lost / (lost + robustness.follow_time)) ** STILL_LOST
@@ -211,7 +208,6 @@ def extra_variance(robustness: Robustness, lost: Scalar, unknown: Scalar) -> Sca
     which they are independent, would otherwise share the residual between them.
 
     Args:
-        robustness: the guards.
         lost: for how long [s].
         unknown: variance of the place [m², rad²].
     """
@@ -219,13 +215,7 @@ def extra_variance(robustness: Robustness, lost: Scalar, unknown: Scalar) -> Sca
 
 
 def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar) -> Scalar:
-    """Return S' = S max(1, ν²/(c S)), c = `wild_force`: a wild force counts less the farther it is, (22).
-
-    Args:
-        robustness: the guards.
-        variance: of the innovation, S.
-        innovation: ν.
-    """
+    """Return S' = S max(1, ν²/(c S)), c = `wild_force`: a wild force counts less the farther it is, (22)."""
     if not isfinite(robustness.wild_force):
         return variance
     return variance * ca.fmax(1, innovation**2 / (robustness.wild_force * variance))

@@ -109,7 +109,6 @@ def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> Motion:
     """Return how a drive moves: mean motion over `MOTION_SPAN` against what its sensor's noise alone would show.
 
     Args:
-        drive: its tracks.
         noise: variance of its position sensor.
         dt: length of the interval [s].
         slow: `SLOW_DECLARED` or `SLOW_UNKNOWN`.
@@ -127,10 +126,6 @@ def compared(context: FilterContext, index: int, drive: Drive, residual: Residua
     """Return how a drive's force is compared.
 
     Args:
-        context: the rig.
-        index: of the drive.
-        drive: its tracks.
-        residual: of its force.
         dt: length of the interval [s].
     """
     sensor = context.position_sensor(index)

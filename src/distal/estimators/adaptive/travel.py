@@ -13,10 +13,6 @@ def travel(mechanism: Mechanism, drive: int) -> tuple[float, float]:
 
     Without stops: ±`REACH` of the joint about the place that the nominal force stretches the tendon to; of a tendon over
     several joints what their own stops allow.
-
-    Args:
-        mechanism: the rig's equations.
-        drive: its index.
     """
     part = mechanism.rig.drives[drive]
     if part.stops is not None:

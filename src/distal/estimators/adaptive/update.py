@@ -37,7 +37,6 @@ def updated(
     P⁺ = P − P aᵀ a P/S', but where states take a share of the gain only: equations (22) to (26).
 
     Args:
-        states: the state vector.
         prediction: for the sample; it is not changed.
         rates: mean speed of each drive over the interval.
         memory: what is remembered of each drive's force; see `Comparison`.
@@ -113,10 +112,6 @@ def comparison_function(states: StateVector, row: Row) -> ca.Function:
 
     Numbers are the changes of residual, limit and asymmetry since the prior, the variances of residual and limit by the
     state's, and what is remembered of the drive.
-
-    Args:
-        states: the state vector.
-        row: which.
     """
     context = states.context
     values, numbers = ca.SX.sym("values", 5), ca.SX.sym("numbers", 6)
@@ -138,10 +133,6 @@ def weights(robustness: Robustness, trusted: bool) -> ca.Function:
     """Return (S, ν, mask, counts) → (1/S' where it is used, its root, ν to show), see `robust_variance`.
 
     What is not compared (its drive at a stop) has no innovation to show.
-
-    Args:
-        robustness: the guards.
-        trusted: never taken as wild.
     """
     spread, innovation, mask, counts = (ca.SX.sym(name) for name in ("S", "nu", "mask", "counts"))
     known = ca.fmax(spread, SMALLEST_VARIANCE)

@@ -19,7 +19,6 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
     """Yield the messages of a file, as they were recorded.
 
     Args:
-        path: of the file.
         topics: names of the topics are put into it.
 
     Raises:

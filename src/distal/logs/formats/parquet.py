@@ -30,7 +30,6 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
     """Return columns of a Parquet file as far as it has them.
 
     Args:
-        path: of the file.
         columns: that are read; None reads all.
 
     Raises:
@@ -95,11 +94,7 @@ def _column(path: Path, name: str, column: Any) -> Column:
 
 
 def write_parquet(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    """Return columns as the content of a file.
-
-    Args:
-        columns: name → values.
-    """
+    """Return columns as the content of a file."""
     import pyarrow
     import pyarrow.parquet
 

@@ -17,11 +17,7 @@ TABLES = tuple(ending for one in FORMATS if one.read is not None for ending in o
 
 
 def format_of(path: str | Path) -> Format:
-    """Return the format of a log by its name, of a folder by what is in it; a name without a known ending is CSV.
-
-    Args:
-        path: of a log.
-    """
+    """Return the format of a log by its name, of a folder by what is in it; a name without a known ending is CSV."""
     path = Path(path)
     for one in FORMATS:
         try:

@@ -8,22 +8,13 @@ import numpy as np
 
 
 def stamp_of(message: object) -> int | None:
-    """Return the stamp of a message's header [ns], None where it has none.
-
-    Args:
-        message: of ROS.
-    """
+    """Return the stamp of a message's header [ns], None where it has none."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     return None if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def field(message: object, path: str) -> object:
-    """Return a field of a message of ROS, ``wrench.force.z`` or ``position[0]``; None if it is not there.
-
-    Args:
-        message: of ROS.
-        path: its name.
-    """
+    """Return a field of a message of ROS, ``wrench.force.z`` or ``position[0]``; None if it is not there."""
     for part in _parts(path):
         if isinstance(part, int):
             if not isinstance(message, Sequence | np.ndarray) or part >= len(message):

@@ -42,11 +42,7 @@ def _arms_of(rig: Rig) -> Callable[[Floats], Floats]:
 
 
 def changing_arms(rig: Rig) -> Changing:
-    """Return (tendon, joint) → angles [rad] and arms [m], of those that change with the joint's own angle.
-
-    Args:
-        rig: the description.
-    """
+    """Return (tendon, joint) → angles [rad] and arms [m], of those that change with the joint's own angle."""
     look, found = _arms_of(rig), Changing()
     for j, joint in enumerate(rig.joints):
         low, high = joint.stops or (-np.pi / 3, np.pi / 3)
@@ -60,11 +56,7 @@ def changing_arms(rig: Rig) -> Changing:
 
 
 def table_width(rig: Rig) -> float:
-    """Return the width of the table of moment arms [in].
-
-    Args:
-        rig: the description.
-    """
+    """Return the width of the table of moment arms [in]."""
     first, widths = _columns(rig)
     return first + sum(widths)
 
@@ -78,8 +70,6 @@ def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
     """Write the moment arms as a table, and return the corner right and below it.
 
     Args:
-        sheet: to draw on.
-        rig: the description.
         arms: (n_tendons, n_joints) [m].
         at: corner left and above [in].
     """
@@ -108,8 +98,6 @@ def draw_curves(axes: Axes, rig: Rig, changing: Changing) -> None:
     """Draw the arms that change over the joint's own angle.
 
     Args:
-        axes: where.
-        rig: the description.
         changing: of `changing_arms`.
     """
     for (i, j), (angles, arms) in list(changing.items())[:MOST_CURVES]:

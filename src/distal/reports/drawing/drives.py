@@ -37,12 +37,7 @@ class Lane:
 
 
 def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[Line]:
-    """Return what is written beside a drive: name, sizes, sensors.
-
-    Args:
-        rig: the description.
-        drive: which.
-    """
+    """Return what is written beside a drive: name, sizes, sensors."""
     found = [Line(drive.name, bold=True)]
     if isinstance(drive, Capstan):
         found.append(Line(f"spool r {written(drive.radius.value, 'm')}"))
@@ -61,8 +56,6 @@ def draw_capstan(sheet: Sheet, drive: Capstan, lines: Sequence[Line], at: Point,
     """Draw a motor seen along its shaft, with its spool in front.
 
     Args:
-        sheet: to draw on.
-        drive: which.
         lines: what is written beside it, for its badges.
         at: centre [in].
         scale: [in/m].
@@ -97,7 +90,6 @@ def motor_half(drive: Capstan, scale: float) -> float:
     """Return half the side of a motor's flange [in].
 
     Args:
-        drive: which.
         scale: [in/m].
     """
     return max(1.15 * scale * drive.radius.value, 0.2)
@@ -109,8 +101,6 @@ def draw_slider(
     """Draw a carriage on its rail, pulled from the left, and return where its tendons begin [in].
 
     Args:
-        sheet: to draw on.
-        drive: which.
         lines: what is written beside it, for its badges.
         right: right end of the rail [in].
         lanes: heights of its tendons [in].
@@ -145,7 +135,6 @@ def glyph_width(rig: Rig, scale: float) -> float:
     """Return the width of the column of drives, without what is written beside them [in].
 
     Args:
-        rig: the description.
         scale: [in/m].
     """
     widths = [2 * motor_half(d, scale) + 0.45 if isinstance(d, Capstan) else RAIL + BADGE for d in rig.drives]
@@ -153,9 +142,5 @@ def glyph_width(rig: Rig, scale: float) -> float:
 
 
 def block_height(lines: Sequence[Line]) -> float:
-    """Return the height of lines of text [in].
-
-    Args:
-        lines: of it.
-    """
+    """Return the height of lines of text [in]."""
     return len(lines) * PITCH

@@ -26,12 +26,7 @@ LINK = 10.0
 
 
 def meetings_at(rig: Rig, joint: Joint) -> list[tuple[int, Meeting]]:
-    """Return how tendons meet a joint, each with the tendon's index.
-
-    Args:
-        rig: the description.
-        joint: which.
-    """
+    """Return how tendons meet a joint, each with the tendon's index."""
     return [(i, m) for i, tendon in enumerate(rig.tendons) for m in tendon.meetings if joint.name in m.joints]
 
 
@@ -39,8 +34,6 @@ def joint_lines(rig: Rig, index: int, turn: int) -> list[Line]:
     """Return what is written of a joint.
 
     Args:
-        rig: the description.
-        index: of the joint.
         turn: +1 where a positive angle turns counter-clockwise on paper.
     """
     joint = rig.joints[index]
@@ -87,11 +80,7 @@ def _sizes(rig: Rig, joint: Joint) -> list[str]:
 
 
 def axis_name(axis: tuple[float, float, float]) -> str:
-    """Return the name of a joint's axis.
-
-    Args:
-        axis: a unit vector.
-    """
+    """Return the name of a joint's axis."""
     for k, name in enumerate("xyz"):
         if abs(abs(axis[k]) - 1.0) < 1e-9:
             return f"{'−' if axis[k] < 0 else ''}{name}"
@@ -102,8 +91,6 @@ def draw_link(sheet: Sheet, stand: Stand, scale: float, ends: Sequence[Point]) -
     """Draw the link that a joint turns.
 
     Args:
-        sheet: to draw on.
-        stand: where the joint stands.
         scale: [in/m].
         ends: the joints on it, or its tip [in]; where one is drawn away from its place, the link is dashed.
     """
@@ -125,7 +112,6 @@ def draw_coupling(sheet: Sheet, one: Point, other: Point, ratio: float) -> None:
     """Draw a rigid coupling as a belt between two joints.
 
     Args:
-        sheet: to draw on.
         one: the joint that leads [in].
         other: the joint that follows [in].
         ratio: radians of it per radian of the other; a belt for a negative one is crossed.
@@ -154,10 +140,6 @@ def draw_joint(
     """Draw what turns about a joint's axis, its springs, its stops and its sensors.
 
     Args:
-        sheet: to draw on.
-        rig: the description.
-        index: of the joint.
-        stand: where it stands.
         scale: [in/m].
         around: radius at which stops and the angle's arrow stand [in].
         lines: what is written of it, for its badges.
@@ -263,8 +245,6 @@ def draw_pin(sheet: Sheet, stand: Stand, pin: Point, scale: float) -> None:
     """Draw the lever to a pin that a tendon ends at.
 
     Args:
-        sheet: to draw on.
-        stand: where the joint stands.
         pin: [in].
         scale: [in/m].
     """

@@ -12,7 +12,6 @@ def letters(sensor_measures: str, kind: str) -> str:
     """Return the letter of a sensor's badge.
 
     Args:
-        sensor_measures: what it measures.
         kind: "slider", "capstan", "joint" or "tendon": of what.
     """
     of_drive = {"slider": {"position": "x", "force": "U"}, "capstan": {"position": "φ", "force": "τ"}}
@@ -23,8 +22,6 @@ def sensor_lines(rig: Rig, of: str, measures: Sequence[str], kind: str) -> list[
     """Return a line with its badge for each sensor of a part.
 
     Args:
-        rig: the description.
-        of: name of the part.
         measures: what sensors of such a part measure.
         kind: as in `letters`.
     """

@@ -59,9 +59,6 @@ def views_of(rig: Rig) -> list[View]:
 
     Joints with parallel axes are seen from one side. The others are seen so that +θ turns as at the first joint: a tendon
     that stays on one side of all joints does so on paper.
-
-    Args:
-        rig: the description.
     """
     found: list[View] = []
     for i, joint in enumerate(rig.joints):
@@ -78,11 +75,7 @@ def views_of(rig: Rig) -> list[View]:
 
 
 def view_along(axis: tuple[float, float, float]) -> View:
-    """Return how an axis is seen: about y, x points right and z up, and a positive angle turns clockwise.
-
-    Args:
-        axis: a unit vector.
-    """
+    """Return how an axis is seen: about y, x points right and z up, and a positive angle turns clockwise."""
     a = np.asarray(axis)
     right = np.array([1.0, 0.0, 0.0]) - a[0] * a
     if float(np.linalg.norm(right)) < 0.3:
@@ -98,7 +91,6 @@ def stands(rig: Rig, arm: float) -> list[Stand]:
     """Return where the joints stand.
 
     Args:
-        rig: the description.
         arm: the largest moment arm [m].
     """
     views = views_of(rig)
@@ -159,9 +151,6 @@ def gravity_on_paper(rig: Rig) -> tuple[Floats, float] | None:
     """Return the direction of free fall on paper, (right, up, towards the reader), and its size [m/s²].
 
     None where it moves nothing.
-
-    Args:
-        rig: the description.
     """
     if any(joint.gravity is not None for joint in rig.joints):
         return np.array([0.0, -1.0, 0.0]), 9.80665

@@ -38,12 +38,7 @@ class Wheel:
 
 
 def heading(one: Wheel, other: Wheel) -> float:
-    """Return the direction of the straight line that leaves one circle and meets the next one [rad].
-
-    Args:
-        one: nearer to the drive.
-        other: the next one.
-    """
+    """Return the direction of the straight line that leaves one circle and meets the next one [rad]."""
     across, up = other.centre[0] - one.centre[0], other.centre[1] - one.centre[1]
     apart = hypot(across, up)
     if apart == 0.0:

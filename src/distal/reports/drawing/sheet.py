@@ -58,7 +58,6 @@ def width_of(text: str, size: float, bold: bool = False) -> float:
     """Return the width of a line of text [in].
 
     Args:
-        text: one line.
         size: of the font [pt].
         bold: whether it is.
     """
@@ -76,8 +75,6 @@ def on_circle(centre: Point, radius: float, angle: float) -> Point:
     """Return a point of a circle.
 
     Args:
-        centre: of it.
-        radius: of it.
         angle: counter-clockwise from the right [rad].
     """
     return centre[0] + radius * cos(angle), centre[1] + radius * sin(angle)
@@ -87,8 +84,6 @@ def arc(centre: Point, radius: float, start: float, end: float) -> list[Point]:
     """Return points along an arc.
 
     Args:
-        centre: of its circle.
-        radius: of it.
         start: angle of its first point [rad].
         end: of its last one [rad].
     """
@@ -150,10 +145,8 @@ class Sheet:
 
         Args:
             at: its left end, middle or right end, on its middle line [in].
-            text: of it.
             size: of the font [pt].
             bold: whether it is.
-            colour: of it.
             ha: "left", "center" or "right".
             clear: whether paper is left free around its letters, where lines pass behind.
         """
@@ -173,8 +166,6 @@ class Sheet:
         Args:
             at: the point [in].
             away: direction from the part that is labelled, a unit vector.
-            text: one line.
-            colour: of it.
             bold: whether it is.
         """
         ha = "left" if away[0] > 0.35 else "right" if away[0] < -0.35 else "center"
@@ -190,7 +181,6 @@ class Sheet:
 
         Args:
             at: left end of the first one's middle line [in].
-            lines: from top to bottom.
         """
         for k, line in enumerate(lines):
             x, y = at[0], at[1] - k * PITCH
@@ -214,7 +204,6 @@ class Sheet:
 
         Args:
             points: [in].
-            colour: of it.
             width: of it [pt].
             look: other properties of matplotlib's `Line2D`.
         """
@@ -227,9 +216,7 @@ class Sheet:
 
         Args:
             points: through which its middle goes [in].
-            colour: of it.
             width: of it [pt].
-            edge: colour of the edge.
             order: what is higher lies in front.
         """
         self.line(points, edge, width + 1.2, solid_capstyle="round", zorder=order)
@@ -239,7 +226,6 @@ class Sheet:
         """Put a shape on the sheet.
 
         Args:
-            shape: of matplotlib's patches.
             corners: points of it that stay inside the sheet [in].
         """
         self.axes.add_patch(shape)
@@ -254,8 +240,6 @@ class Sheet:
         Args:
             centre: of it [in].
             radius: of it [in].
-            colour: of its face.
-            edge: colour of its edge.
             order: what is higher lies in front.
             look: other properties of matplotlib's `Circle`.
         """
@@ -271,7 +255,6 @@ class Sheet:
         Args:
             low: its corner left and below [in].
             high: its corner right and above [in].
-            colour: of its face.
             order: what is higher lies in front.
             look: other properties of matplotlib's `Rectangle`.
         """
@@ -285,7 +268,6 @@ class Sheet:
 
         Args:
             points: through which it goes [in].
-            colour: of it.
             width: of it [pt].
             order: what is higher lies in front.
         """

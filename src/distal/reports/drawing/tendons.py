@@ -26,8 +26,6 @@ def wheels(rig: Rig, stands: Sequence[Stand], scale: float) -> list[list[Wheel]]
     """Return the circles and pins that each tendon goes past, from the base outwards [in].
 
     Args:
-        rig: the description.
-        stands: where the joints stand.
         scale: [in/m].
     """
     names = [joint.name for joint in rig.joints]
@@ -56,12 +54,7 @@ def wheels(rig: Rig, stands: Sequence[Stand], scale: float) -> list[list[Wheel]]
 
 
 def tendon_lines(rig: Rig, tendon: Tendon) -> list[Line]:
-    """Return what is written of a tendon below its line: sizes and sensors.
-
-    Args:
-        rig: the description.
-        tendon: which.
-    """
+    """Return what is written of a tendon below its line: sizes and sensors."""
     found = f"k {written(tendon.stiffness.value, 'N/m')}"
     if not tendon.pretension.absent:
         found += f", T₀ {written(tendon.pretension.value, 'N')}"
@@ -80,9 +73,6 @@ def draw_tendon(
     """Draw a tendon with its spring, its name above it and its numbers below.
 
     Args:
-        sheet: to draw on.
-        rig: the description.
-        index: of the tendon.
         lane: where it leaves its drive.
         span: left and right end of the part that is level [in].
         eye: where it goes through the base [in].
@@ -124,11 +114,7 @@ def _wound(spool: Wheel) -> list[Point]:
 
 
 def lane_room(rig: Rig) -> tuple[float, float]:
-    """Return the width of what is written of tendons, and the distance of their lines [in].
-
-    Args:
-        rig: the description.
-    """
+    """Return the width of what is written of tendons, and the distance of their lines [in]."""
     lines = [tendon_lines(rig, tendon) for tendon in rig.tendons]
     names = [width_of(tendon.name, SIZE, True) for tendon in rig.tendons]
     widest = max(*names, *(line.width for own in lines for line in own))

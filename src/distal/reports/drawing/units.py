@@ -21,7 +21,6 @@ def written(value: float, si: str) -> str:
 
     Args:
         value: SI.
-        si: its SI unit.
     """
     if si == "rad":
         return f"{rounded(math.degrees(value))}°"
@@ -35,11 +34,7 @@ def written(value: float, si: str) -> str:
 
 
 def rounded(value: float) -> str:
-    """Return a number to three digits, with a true minus.
-
-    Args:
-        value: the number.
-    """
+    """Return a number to three digits, with a true minus."""
     digits = max(0, 2 - math.floor(math.log10(abs(value)))) if value and abs(value) < 1e3 else 0
     if abs(value) >= 1e5 or digits > 7:
         text = f"{value:.2e}"
@@ -55,6 +50,5 @@ def interval(low: float, high: float, si: str) -> str:
     Args:
         low: SI.
         high: SI.
-        si: their SI unit.
     """
     return f"{written(low, si)} … {written(high, si)}"

@@ -38,7 +38,6 @@ class Linkage(Description):
         """Return how far it draws its tendon from θ = 0 to θ: r [u + s u²/2 + c u³/3], u = θ − θ_c, less that at 0.
 
         Args:
-            size: its numbers by name.
             angle: θ [rad].
         """
         centre, slope, curvature = size("centre"), size("slope"), size("curvature")
@@ -52,7 +51,6 @@ class Linkage(Description):
         """Return ℓ − l, what the joint's angle and the drive's displacement add to the tendon's free length.
 
         Args:
-            size: its numbers by name.
             side: +1 pulls the joint to +θ, −1 to −θ.
             angles: joint angle θ [rad], the only one.
             displacement: of the tendon's proximal end, away from the joint, x [m].
@@ -63,7 +61,6 @@ class Linkage(Description):
         """Return the joint angle θ [rad] at which the tendon has the given ℓ − l: the inverse of `elongation`.
 
         Args:
-            size: its numbers by name.
             side: +1 pulls the joint to +θ, −1 to −θ.
             elongated: ℓ − l [m].
             displacement: x [m].

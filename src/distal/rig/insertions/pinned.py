@@ -28,7 +28,6 @@ class Pinned(Description):
         Mend: the paper prints "− r sin θ" for both tendons; the second insertion is opposite, so it moves the other way.
 
         Args:
-            size: its numbers by name.
             side: +1 pulls the joint to +θ, −1 to −θ.
             angles: joint angle θ [rad], the only one.
             displacement: of the tendon's proximal end, away from the joint, x [m].
@@ -46,7 +45,6 @@ class Pinned(Description):
         angle fits (the drive moved further than the insertion can follow), the nearest one is returned.
 
         Args:
-            size: its numbers by name.
             side: +1 pulls the joint to +θ, −1 to −θ.
             elongated: ℓ − l [m].
             displacement: x [m].

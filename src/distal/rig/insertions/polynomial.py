@@ -82,7 +82,6 @@ class Polynomial(Description):
         """Return ℓ − l = x − scale · (e(θ) − e(0)), what the angles and the drive's displacement add to the free length.
 
         Args:
-            size: its numbers by name.
             side: 1, the signs of its terms say to which side it pulls.
             angles: of its joints, θ [rad].
             displacement: of the tendon's proximal end, away from the joints, x [m].

@@ -24,7 +24,6 @@ class Pulley(Description):
         """Return ℓ − l, what the joint's angle and the drive's displacement add to the tendon's free length.
 
         Args:
-            size: its numbers by name.
             side: +1 pulls the joint to +θ, −1 to −θ.
             angles: joint angle θ [rad], the only one.
             displacement: of the tendon's proximal end, away from the joint, x [m].
@@ -35,7 +34,6 @@ class Pulley(Description):
         """Return the joint angle θ [rad] at which the tendon has the given ℓ − l: the inverse of `elongation`.
 
         Args:
-            size: its numbers by name.
             side: +1 pulls the joint to +θ, −1 to −θ.
             elongated: ℓ − l [m].
             displacement: x [m].

@@ -18,9 +18,6 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
 
     In a model without actuators all tendons that are no springs are pulled.
 
-    Args:
-        model: the model.
-
     Raises:
         RigError: there is no such tendon, or an actuator is a muscle.
     """
@@ -55,10 +52,5 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
 
 
 def tendon_name(model: mujoco.MjModel, tendon: int) -> str:
-    """Return what a tendon is called in the rig.
-
-    Args:
-        model: the model.
-        tendon: its index there.
-    """
+    """Return what a tendon is called in the rig."""
     return named(model.tendon(tendon).name, f"tendon{tendon}")

@@ -50,7 +50,6 @@ def named(given: str, otherwise: str) -> str:
     """Return a name as a rig file takes it.
 
     Args:
-        given: by the model.
         otherwise: what to call a part without a name.
     """
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", given).strip("_-") or otherwise
@@ -59,12 +58,7 @@ def named(given: str, otherwise: str) -> str:
 
 
 def joint_name(model: mujoco.MjModel, joint: int) -> str:
-    """Return what a joint is called in the rig.
-
-    Args:
-        model: the model.
-        joint: its index there.
-    """
+    """Return what a joint is called in the rig."""
     return named(model.joint(joint).name, f"joint{joint}")
 
 
@@ -72,7 +66,6 @@ def carried_by(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
     """Return for each body the kept joint that moves it last, −1 where none does.
 
     Args:
-        model: the model.
         joints: indices of the joints that are kept.
     """
     carrier = [-1] * model.nbody
@@ -86,8 +79,6 @@ def parent_of(model: mujoco.MjModel, joint: int, joints: Sequence[int], carrier:
     """Return the kept joint on whose link another sits, −1 for none.
 
     Args:
-        model: the model.
-        joint: the other.
         joints: indices of the joints that are kept.
         carrier: from `carried_by`.
     """
@@ -102,9 +93,7 @@ def described_joints(
     """Return the raw base and joints: axes, places, links, armature, damping, friction, stops.
 
     Args:
-        model: the model.
         joints: indices of the joints that are kept, in the model's order.
-        units: of the model.
     """
     mujoco = mujoco_module()
     data = mujoco.MjData(model)

@@ -21,7 +21,6 @@ def turning_joints(model: mujoco.MjModel, chain: str | None, joints: Sequence[st
     """Return the indices of the joints that turn about one axis, of those that are asked for.
 
     Args:
-        model: the model.
         chain: name of a body: only joints of it and of what it carries; None for all.
         joints: names of joints; None for all.
 
@@ -59,7 +58,6 @@ def other_joints(
     """Return, in words, which joints outside the choice a driven tendon moves too.
 
     Args:
-        model: the model.
         hinges: indices of the joints that are asked for.
         driven: names of the driven tendons by index.
         turned: which of these joints each of them turns.
@@ -97,9 +95,7 @@ def check_base(model: mujoco.MjModel, first: int, chain: str | None) -> None:
     """Refuse a chain whose base floats, unless it is asked for.
 
     Args:
-        model: the model.
         first: index of the first joint that is kept.
-        chain: what is asked for.
 
     Raises:
         RigError: the base floats.
@@ -121,7 +117,6 @@ def kept_joints(hinges: Sequence[int], turned: Mapping[int, Sequence[int]], coup
     Args:
         hinges: indices of the joints that are asked for.
         turned: which of these each driven tendon turns.
-        coupled: all couplings.
     """
     kept = {hinges[k] for joints in turned.values() for k in joints}
     for one in coupled:

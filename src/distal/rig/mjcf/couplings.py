@@ -37,9 +37,6 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
     """Return the couplings of joints, and what of the model's equalities is left out, in words.
 
     MuJoCo: q₁ − q₁₀ = Σ a_k (q₂ − q₂₀)^k; a bent one is replaced by the nearest straight line over the range.
-
-    Args:
-        model: the model.
     """
     mujoco = mujoco_module()
     found, left = list[Coupled](), list[str]()
@@ -72,13 +69,7 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
 
 
 def kept_range(model: mujoco.MjModel, leader: int, coupled: Sequence[Coupled]) -> tuple[float, float] | None:
-    """Return the range that a joint and those that follow it leave one another, None where there is none.
-
-    Args:
-        model: the model.
-        leader: index of the joint.
-        coupled: all couplings.
-    """
+    """Return the range that a joint and those that follow it leave one another, None where there is none."""
     ends = [range_of(model, leader)] if model.jnt_limited[leader] else []
     for one in coupled:
         if one.leader == leader and model.jnt_limited[one.follower]:

@@ -141,7 +141,6 @@ def sizes(names: Sequence[str], shares: Floats) -> str:
     """Return what is left of each joint's moment arm in words.
 
     Args:
-        names: of the joints.
         shares: what is left of the moment arms.
     """
     return ", ".join(f"{100 * share:.2g} % at {name}" for name, share in zip(names, shares))

@@ -20,11 +20,7 @@ class Guess:
 
 
 def plain(raw: object) -> object:
-    """Return a raw description with the guesses' values.
-
-    Args:
-        raw: tables, lists and values.
-    """
+    """Return a raw description with the guesses' values."""
     if isinstance(raw, Guess):
         return plain(raw.value)
     if isinstance(raw, dict):
@@ -33,11 +29,7 @@ def plain(raw: object) -> object:
 
 
 def guesses(raw: object) -> Iterator[Guess]:
-    """Return the guesses in a raw description.
-
-    Args:
-        raw: tables, lists and values.
-    """
+    """Return the guesses in a raw description."""
     if isinstance(raw, Guess):
         yield raw
     elif isinstance(raw, (dict, list)):
@@ -46,11 +38,7 @@ def guesses(raw: object) -> Iterator[Guess]:
 
 
 def written(raw: dict[str, object]) -> str:
-    """Return the TOML text of a raw description, each guess with a comment.
-
-    Args:
-        raw: tables, lists and values.
-    """
+    """Return the TOML text of a raw description, each guess with a comment."""
     import tomlkit
 
     document = tomlkit.document()

@@ -47,7 +47,6 @@ def compare_lengths(rig: Rig, table: Mapping[str, ArrayLike]) -> tuple[Disagreem
     """Return how lengths in a table differ from the rig's, by tendon and joint; how the table counts lengths is free.
 
     Args:
-        rig: the rig.
         table: angle of each joint [rad] and length of some tendons [m], by name, (k,) each. Joints without a column are
             at zero.
 

@@ -29,9 +29,6 @@ def mujoco_module() -> ModuleType:
 def load_model(path: str | Path) -> mujoco.MjModel:
     """Load a MuJoCo model from an XML file; meshes that are not there are left out, since they only draw it.
 
-    Args:
-        path: of the file.
-
     Raises:
         RigError: the package is missing, or MuJoCo does not take the file.
     """

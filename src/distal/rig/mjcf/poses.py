@@ -41,12 +41,7 @@ class Poses:
 
 
 def range_of(model: mujoco.MjModel, joint: int) -> tuple[float, float]:
-    """Return the range of a joint [rad], `UNLIMITED` where the model has none.
-
-    Args:
-        model: the model.
-        joint: its index there.
-    """
+    """Return the range of a joint [rad], `UNLIMITED` where the model has none."""
     if not model.jnt_limited[joint]:
         return UNLIMITED
     low, high = model.jnt_range[joint]
@@ -57,7 +52,6 @@ def tendon_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
     """Return ∂length/∂q of all tendons, (n_tendons, n_v); MuJoCo keeps it dense or sparse.
 
     Args:
-        model: the model.
         data: with lengths computed.
     """
     flat = np.asarray(data.ten_J).ravel()
@@ -75,8 +69,6 @@ def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Po
     """Return lengths and moment arms of all tendons at given angles; the other joints stay where the model has them.
 
     Args:
-        model: the model.
-        joints: indices of the joints.
         angles: of them [rad], (k, n_joints).
     """
     mujoco = mujoco_module()
@@ -99,7 +91,6 @@ def rest_lengths(model: mujoco.MjModel, joints: Sequence[int]) -> Floats:
     """Return the lengths of all tendons with some joints at zero: from there a drive's displacement counts, (n_tendons,).
 
     Args:
-        model: the model.
         joints: indices of the joints; the others stay where the model has them.
     """
     lengths: Floats = at_poses(model, joints, np.zeros((1, len(joints)))).lengths[0]
@@ -107,14 +98,7 @@ def rest_lengths(model: mujoco.MjModel, joints: Sequence[int]) -> Floats:
 
 
 def over_ranges(model: mujoco.MjModel, joints: Sequence[int], count: int, seed: int = 0) -> Poses:
-    """Return lengths and moment arms at random angles within the joints' ranges.
-
-    Args:
-        model: the model.
-        joints: indices of the joints.
-        count: how many poses.
-        seed: of the random angles.
-    """
+    """Return lengths and moment arms at random angles within the joints' ranges."""
     ends = np.array([range_of(model, j) for j in joints])
     drawn = np.random.default_rng(seed).uniform(size=(count, len(joints)))
     return at_poses(model, joints, ends[:, 0] + drawn * (ends[:, 1] - ends[:, 0]))
@@ -124,7 +108,6 @@ def turned_by(poses: Poses, tendon: int) -> list[int]:
     """Return which of the joints of some poses a tendon turns.
 
     Args:
-        poses: over the joints' ranges.
         tendon: its index in the model.
     """
     size = np.abs(poses.arms[:, tendon]).max(axis=0)

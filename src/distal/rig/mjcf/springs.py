@@ -21,11 +21,7 @@ POINTS = 41
 
 
 def spring_tendons(model: mujoco.MjModel) -> list[int]:
-    """Return the indices of the tendons that are springs.
-
-    Args:
-        model: the model.
-    """
+    """Return the indices of the tendons that are springs."""
     return [t for t in range(model.ntendon) if float(np.ravel(model.tendon_stiffness[t])[0]) > 0.0]
 
 
@@ -37,9 +33,7 @@ def joint_springs(
     The torque of all that pulls at one joint alone is taken over its range and fitted by −(k x + q x² + c x³), x = θ − θ₀.
 
     Args:
-        model: the model.
         joints: indices of the joints that are kept.
-        units: of the model.
     """
     found, left = dict[int, dict[str, float]](), list[str]()
     poses = over_ranges(model, joints, 50)

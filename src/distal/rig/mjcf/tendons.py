@@ -26,14 +26,7 @@ DRIVE_MASS = 0.02
 
 
 def described_drive(model: mujoco.MjModel, tendon: int, name: str, units: Units) -> dict[str, object]:
-    """Return the raw drive of a tendon; a tendon's `frictionloss` rubs there.
-
-    Args:
-        model: the model.
-        tendon: its index there.
-        name: of the drive.
-        units: of the model.
-    """
+    """Return the raw drive of a tendon; a tendon's `frictionloss` rubs there."""
     constant = float(np.ravel(model.tendon_frictionloss[tendon])[0]) * units.force
     friction: dict[str, object] = {"load": Guess({"value": 0.05, "std": 0.1}, "friction along the path")}
     if constant > 0.0:
@@ -55,11 +48,8 @@ def described_tendon(
     What is left of the moment arms on 92 % of the poses is the std of their scale.
 
     Args:
-        model: the model.
-        tendon: its index there.
         name: of the tendon and its drive.
         joints: indices of the joints that it turns.
-        units: of the model.
     """
     poses = over_ranges(model, joints, POSES, seed=1)
     lengths = poses.lengths[:, tendon] - rest_lengths(model, joints)[tendon]
@@ -102,12 +92,7 @@ def described_tendon(
 
 
 def described_sensors(tendons: Sequence[str], joints: Sequence[str]) -> list[dict[str, object]]:
-    """Return raw sensors: displacement and force of each drive, and an encoder at each joint for learning.
-
-    Args:
-        tendons: names of the drives.
-        joints: names of the joints.
-    """
+    """Return raw sensors: displacement and force of each drive, and an encoder at each joint for learning."""
     rate = Guess(100.0, "rate of the sensors")
     made: list[dict[str, object]] = []
     for name in tendons:

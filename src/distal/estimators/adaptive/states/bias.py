@@ -82,13 +82,7 @@ class SensorBias(State):
         return Fading(ca.exp(-dt * drift**2 / (2 * std**2)), std)
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, own: Vector) -> Scalar:
-        """Return b where it is this sensor's.
-
-        Args:
-            sensor: which.
-            reading: what it reads.
-            own: b.
-        """
+        """Return b where it is this sensor's."""
         return own[0] if sensor.name == self.sensor.name else 0
 
 
@@ -130,22 +124,12 @@ class SensorGain(State):
         return np.array([self.context.gain_std(self.sensor)])
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, own: Vector) -> Scalar:
-        """Return γ times the reading where it is this sensor's.
-
-        Args:
-            sensor: which.
-            reading: what it reads.
-            own: γ.
-        """
+        """Return γ times the reading where it is this sensor's."""
         return own[0] * reading if sensor.name == self.sensor.name else 0
 
 
 def sensor_biases(context: FilterContext) -> list[State]:
-    """Return a block for the offset and one for the gain of each compared sensor that errs systematically in them.
-
-    Args:
-        context: the rig.
-    """
+    """Return a block for the offset and one for the gain of each compared sensor that errs systematically in them."""
     sensors = context.channels.compared
     blocks: list[State] = [SensorBias(context, sensor) for sensor in sensors]
     blocks += [SensorGain(context, sensor) for sensor in sensors]

@@ -72,20 +72,11 @@ class ExternalTorque(State):
         return Fading(ca.exp(-dt / torque.correlation_time), self._std)
 
     def torque(self, joint: int, own: Vector) -> Scalar:
-        """Return τ_ext where it is this joint's [N m].
-
-        Args:
-            joint: its index.
-            own: τ_ext.
-        """
+        """Return τ_ext where it is this joint's [N m]."""
         return own[0] if joint == self.joint else 0
 
 
 def external_torques(context: FilterContext) -> list[State]:
-    """Return a block for each joint on which an external torque can act: one with a std.
-
-    Args:
-        context: the rig.
-    """
+    """Return a block for each joint on which an external torque can act: one with a std."""
     joints = context.mechanism.rig.joints
     return [ExternalTorque(context, j) for j, joint in enumerate(joints) if joint.external_torque.std > 0.0]

@@ -67,21 +67,12 @@ class UnknownFriction(State):
         return False
 
     def friction(self, drive: int, own: Vector) -> Scalar:
-        """Return it where it is this drive's [N, N m].
-
-        Args:
-            drive: its index.
-            own: the friction.
-        """
+        """Return it where it is this drive's [N, N m]."""
         return own[0] if drive == self.drive else 0
 
 
 def unknown_frictions(context: FilterContext) -> list[State]:
-    """Return a block for each drive with a force sensor whose friction the rig does not declare.
-
-    Args:
-        context: the rig.
-    """
+    """Return a block for each drive with a force sensor whose friction the rig does not declare."""
     blocks: list[State] = []
     for i, drive in enumerate(context.mechanism.rig.drives):
         sensor = context.force_sensor(i)

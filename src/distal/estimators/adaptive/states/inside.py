@@ -92,7 +92,6 @@ class Inside(State):
         """Return the parameters with this number.
 
         Args:
-            own: it.
             p: the parameters so far, (n_p,).
         """
         changed = ca.SX(p)
@@ -120,11 +119,7 @@ class BacklashOrSheathState(Inside):
         return self.context.mechanism.plays.index(self.name)
 
     def first(self, begin: Begin) -> tuple[Scalar, Scalar]:
-        """Return where it is and how unsure that is: in the middle of where it can be.
-
-        Args:
-            begin: the first readings.
-        """
+        """Return where it is and how unsure that is: in the middle of where it can be."""
         index, mechanism = self.index, self.context.mechanism
         if self.kind is StateKind.BACKLASH:
             path = f"drives.{index}.backlash.width"
@@ -156,11 +151,7 @@ class Strained(Inside):
         return self.context.mechanism.strains.index(self.name)
 
     def first(self, begin: Begin) -> tuple[Scalar, Scalar]:
-        """Return what of it has come, ``settled`` of γ T/k, and how unsure that is.
-
-        Args:
-            begin: the first readings.
-        """
+        """Return what of it has come, ``settled`` of γ T/k, and how unsure that is."""
         (_, index, part, _), path = self._keys, self.name.rpartition(".")[0]
         creep: Creep = getattr(self.context.mechanism.rig.tendons[index], part)
         share, sure = self._value(f"{path}.share"), self._std(f"{path}.share")
@@ -185,11 +176,7 @@ def _tension(mechanism: Mechanism, tendon: int, begin: Begin) -> Scalar:
 
 
 def inside(context: FilterContext) -> Sequence[State]:
-    """Return a block for everything that moves inside the rig.
-
-    Args:
-        context: the rig.
-    """
+    """Return a block for everything that moves inside the rig."""
     mechanism = context.mechanism
     return [BacklashOrSheathState(context, name) for name in mechanism.plays] + [
         Strained(context, name) for name in mechanism.strains

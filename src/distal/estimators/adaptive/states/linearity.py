@@ -88,11 +88,6 @@ class Linearity(State):
         """Return Σ w_j cos(π j ξ) where it is this drive's sensor [m, rad].
 
         By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ): one cosine for all (Chebyshev).
-
-        Args:
-            drive: its index.
-            reading: what the sensor reads.
-            own: the weights.
         """
         count = len(self.stds)
         if drive != self.drive or count == 0:
@@ -105,11 +100,7 @@ class Linearity(State):
 
 
 def linearities(context: FilterContext) -> list[State]:
-    """Return a block for each position sensor that errs systematically.
-
-    Args:
-        context: the rig.
-    """
+    """Return a block for each position sensor that errs systematically."""
     blocks = []
     for i in range(context.n_drives):
         sensor = context.position_sensor(i)

@@ -102,7 +102,6 @@ class UncertainParameter(State):
         """Return the parameters with this one's value, or these times their factor.
 
         Args:
-            own: value or factor.
             p: the parameters so far, (n_p,).
         """
         changed = ca.SX(p)
@@ -118,9 +117,6 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
     is added to what the factor has made. A parameter that cannot be negative has its prior cut at zero: mean and variance
     are those of the cut normal, but one that is known to a factor only (a std up to the value) keeps its mean, or is
     multiplied by a state of mean 1, whose std is that of its logarithm.
-
-    Args:
-        context: the rig.
     """
     p, rig = context.mechanism.parameters, context.mechanism.rig
     found, factors, deviations = list[UncertainParameter](), list[UncertainParameter](), list[UncertainParameter]()
@@ -204,7 +200,6 @@ def cut_normal(mean: float, std: float) -> tuple[float, float]:
 
     Args:
         mean: of the whole normal distribution.
-        std: of it.
     """
     lower = -mean / std
     if lower < -4.0:

@@ -69,19 +69,10 @@ class UnmeasuredPlace(State):
         return (high - low) * PLACE_WALK
 
     def place(self, drive: int, own: Vector) -> Scalar | None:
-        """Return s where it is this drive's [m, rad].
-
-        Args:
-            drive: its index.
-            own: s.
-        """
+        """Return s where it is this drive's [m, rad]."""
         return own[0] if drive == self.drive else None
 
 
 def unmeasured_places(context: FilterContext) -> list[State]:
-    """Return a block for each drive without a position sensor.
-
-    Args:
-        context: the rig.
-    """
+    """Return a block for each drive without a position sensor."""
     return [UnmeasuredPlace(context, i) for i in range(context.n_drives) if context.position_sensor(i) is None]

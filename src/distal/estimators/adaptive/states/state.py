@@ -116,11 +116,7 @@ class State(ABC):
         return True
 
     def first(self, begin: Begin) -> tuple[Scalar, Scalar] | None:
-        """Return mean and standard deviation at the first sample, where its readings tell them; None where they do not.
-
-        Args:
-            begin: the first readings.
-        """
+        """Return mean and standard deviation at the first sample, where its readings tell them; None where they do not."""
         return None
 
     def fading(self, dt: Scalar) -> Fading | None:
@@ -144,7 +140,6 @@ class State(ABC):
         """Return what it adds to the torque on a joint [N m].
 
         Args:
-            joint: its index.
             own: its numbers, symbolic, (k,).
         """
         return 0
@@ -153,7 +148,6 @@ class State(ABC):
         """Return the place of a drive that nothing measures [m, rad], None where it does not say.
 
         Args:
-            drive: its index.
             own: its numbers, symbolic, (k,).
         """
         return None
@@ -162,8 +156,6 @@ class State(ABC):
         """Return what it adds to the reading of a drive's position sensor [m, rad].
 
         Args:
-            drive: its index.
-            reading: what the sensor reads.
             own: its numbers, symbolic, (k,).
         """
         return 0
@@ -172,7 +164,6 @@ class State(ABC):
         """Return what it adds to the friction limit of a drive [N, N m].
 
         Args:
-            drive: its index.
             own: its numbers, symbolic, (k,).
         """
         return 0
@@ -181,7 +172,6 @@ class State(ABC):
         """Return what it adds to the force that is expected at a drive [N, N m].
 
         Args:
-            drive: its index.
             own: its numbers, symbolic, (k,).
         """
         return 0
@@ -190,8 +180,6 @@ class State(ABC):
         """Return what it adds to the reading of a sensor of force, tension or angle.
 
         Args:
-            sensor: which.
-            reading: what it reads.
             own: its numbers, symbolic, (k,).
         """
         return 0

@@ -136,21 +136,12 @@ class TransmissionError(State):
         return Fading(ca.exp(-dt / time), self._error)
 
     def force(self, drive: int, own: Vector) -> Scalar:
-        """Return minus the error where it is this drive's: what is transmitted lacks it [N, N m].
-
-        Args:
-            drive: its index.
-            own: the error.
-        """
+        """Return minus the error where it is this drive's: what is transmitted lacks it [N, N m]."""
         return -own[0] if drive == self.drive else 0
 
 
 def transmissions(context: FilterContext) -> list[State]:
-    """Return the blocks of each drive with hysteresis and a force sensor.
-
-    Args:
-        context: the rig.
-    """
+    """Return the blocks of each drive with hysteresis and a force sensor."""
     blocks: list[State] = []
     for i, drive in enumerate(context.mechanism.rig.drives):
         sensor = context.force_sensor(i)

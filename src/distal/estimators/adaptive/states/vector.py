@@ -152,7 +152,6 @@ class StateVector:
         """Return the place of a drive [m, rad]: its reading less what its sensor errs by, or the state that stands for it.
 
         Args:
-            drive: its index.
             reading: what its sensor reads, if it has one.
             state: (n,).
         """
@@ -166,7 +165,6 @@ class StateVector:
         """Return what is added to the friction limit of a drive [N, N m].
 
         Args:
-            drive: its index.
             state: (n,).
         """
         return sum((block.friction(drive, self.own(block, state)) for block in self.blocks), ca.SX(0))
@@ -175,7 +173,6 @@ class StateVector:
         """Return what is added to the force that is expected at a drive [N, N m].
 
         Args:
-            drive: its index.
             state: (n,).
         """
         return sum((block.force(drive, self.own(block, state)) for block in self.blocks), ca.SX(0))
@@ -184,18 +181,12 @@ class StateVector:
         """Return what is added to the reading of a sensor of force, tension or angle.
 
         Args:
-            sensor: which.
-            reading: what it reads.
             state: (n,).
         """
         return sum((block.sensor_error(sensor, reading, self.own(block, state)) for block in self.blocks), ca.SX(0))
 
     def transmitted(self, drive: int) -> tuple[int, Transmitted] | None:
-        """Return index and block of what a drive's play passes on, None where it has no play.
-
-        Args:
-            drive: its index.
-        """
+        """Return index and block of what a drive's play passes on, None where it has no play."""
         for block in self.blocks:
             if isinstance(block, Transmitted) and block.drive == drive:
                 return self.indices(block)[0], block
