@@ -12,6 +12,7 @@ except ImportError as problem:
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.control import ControlledPlant
 from distal.errors import ControlError
 from distal.estimators import DEFAULT
@@ -20,7 +21,6 @@ from distal.simulation import Scenario, load_scenario, scenario_rig
 from distal.study.plants import built_values, draws_of, scores
 
 Observation = NDArray[np.float32]
-Floats = NDArray[np.float64]
 
 LARGEST = 20.0
 """Force of a drive without a limit [N, N m] at an action of 1."""

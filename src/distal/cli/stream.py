@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from distal.arrays import Floats
 from distal.cli.console import warn
 from distal.cli.options import EstimatorOption, RigOption, SetOption
 from distal.cli.outputs import check_outputs, to_file
@@ -25,9 +26,6 @@ from distal.errors import LogError, OutputError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    import numpy as np
-    from numpy.typing import NDArray
 
     from distal.logs import MessageReader, Recorder
     from distal.run import Monitor, Reading
@@ -177,7 +175,7 @@ class Session:
             return
         self._answer(self._monitor.take(time, sample), sample)
 
-    def _answer(self, reading: Reading, sample: NDArray[np.float64] | None) -> None:
+    def _answer(self, reading: Reading, sample: Floats | None) -> None:
         self._counts[reading.health] += 1
         values = chain(*zip(reading.angles, reading.angle_stds), *zip(reading.torques, reading.torque_stds))
         message = {
@@ -198,7 +196,7 @@ class Session:
             with suppress(OSError):  # nobody listens there: that is none of the stream's business
                 self._target.sendto(sent, ("127.0.0.1", self._port))
 
-    def _record(self, reading: Reading, sample: NDArray[np.float64] | None, message: Mapping[str, object]) -> None:
+    def _record(self, reading: Reading, sample: Floats | None, message: Mapping[str, object]) -> None:
         """Record a sample; if that cannot go on, the estimates do."""
         from distal.logs import ESTIMATE_TOPIC, SAMPLE_TOPIC
 

@@ -11,8 +11,8 @@ from math import exp, inf
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.control.pid import GAINS, LOST, UNBOUNDED, gains_of, memory_layout, pid_function
 from distal.estimators import KernelEstimator
 from distal.kernels import Kernel, Layout
@@ -22,8 +22,6 @@ from distal.sensors import SensorErrors
 from distal.simulation.measurands import SENSOR, columns_of, reading_function
 from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
 from distal.simulation.simulate import Prepared
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

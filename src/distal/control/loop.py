@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.control.compiled import scan_loop
 from distal.control.pid import PID, Held
 from distal.control.plant import ControlledPlant, SteppedPlant
@@ -22,8 +22,6 @@ from distal.simulation import Control, Scenario, load_scenario
 from distal.simulation import simulate as simulate_alone
 from distal.simulation.simulate import SIMULATED, true_motion
 from distal.units import to_si
-
-Floats = NDArray[np.float64]
 
 Controller: TypeAlias = Callable[[float, Mapping[str, float], Reading], Mapping[str, float]]
 """(time [s], readings by sensor [SI], estimate) → commands by drive [N or N m]."""

@@ -8,16 +8,14 @@ from math import inf, isfinite
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.expressions import Vector
 from distal.kernels import Evaluation, Layout
 from distal.model import Mechanism
 from distal.rig import Rig
 from distal.run import Reading
 from distal.simulation import JointControl
-
-Floats = NDArray[np.float64]
 
 SMOOTHED = 0.3
 """Share of a new difference in the speed that damps: an encoder's steps are spread over about three periods."""

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import ControlError, ScenarioError, did_you_mean
 from distal.estimators.adaptive import travel
 from distal.kernels import Kernel
@@ -21,8 +21,6 @@ from distal.simulation import Scenario
 from distal.simulation.measurands import columns_of
 from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
 from distal.simulation.simulate import SIMULATED, Prepared, prepare, stamps_of, true_motion
-
-Floats = NDArray[np.float64]
 
 SHORTEST_PERIOD = 1e-4
 """No controller of a tendon is called more often [s]."""

@@ -7,11 +7,9 @@ from itertools import pairwise
 from math import inf, nan
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.control.loop import ClosedLoop
-
-Floats = NDArray[np.float64]
 
 SETTLED = float(np.deg2rad(2.0))
 """A joint has settled where it stays within this of its reference: 5 % of a step of 40° [rad]."""

@@ -6,14 +6,12 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding
 from distal.results.estimate import Estimate
 from distal.results.thresholds import SMALL
-
-Floats = NDArray[np.float64]
 
 LARGE_RATIO = 1.7
 """Mean of ν²/S of a channel from which on it is larger than expected."""

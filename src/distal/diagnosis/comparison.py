@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding
 from distal.errors import EstimationError
@@ -12,8 +12,6 @@ from distal.logs import Log
 from distal.results import BAND, Estimate
 from distal.rig import Rig
 from distal.run.offline import estimate
-
-Floats = NDArray[np.float64]
 
 OFTEN = 0.25
 """Share of a log in which both bands exclude each other, from which on that is said.

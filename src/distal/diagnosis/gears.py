@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.diagnosis import sentences
 from distal.diagnosis.explanations import UNIT_FACTORS
 from distal.diagnosis.finding import Finding
 from distal.diagnosis.states import LARGEST_TRAVEL
 from distal.logs import Log, true_angles
 from distal.rig import Joint, Rig, Sensor
-
-Floats = NDArray[np.float64]
 
 SMALLEST_GEAR = 1.7
 """A ratio below this may be friction or stretch, 1.1 on right rigs: a motor that turns back moves its joint later."""

@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter, Robustness
 from distal.kernels import mean_of, variances_of
 from distal.logs import Log
 from distal.run.offline import out_of_bounds, prepared
-
-Floats = NDArray[np.float64]
 
 MOST_RERUN = 2000
 """So many samples of a log are run again, the first ones: 60 compiled runs of them take about a second."""

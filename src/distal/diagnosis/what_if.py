@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.of_estimate import diagnose_estimate
@@ -91,7 +91,7 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
     time = rerun.log.time
     settled = time >= time[0] + min(START_FORGOTTEN, 0.1 * float(np.ptp(time)))
     width = np.mean(base.variances[settled, :joints], axis=0)
-    moved: dict[str, NDArray[np.float64]] = {}
+    moved: dict[str, Floats] = {}
     angles = {name for name, kind in zip(runner.state_names, runner.state_kinds) if kind is StateKind.ANGLE}
     for i, name in enumerate(runner.state_names):
         if states.stds[i] > 0.0 and (states.lasting[i] or name in angles):

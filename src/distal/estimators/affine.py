@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import KernelEstimator
@@ -32,8 +32,6 @@ from distal.regression import (
 from distal.rig import Affine, LearnedMap, Rig, angle_names
 from distal.sensors import variance
 from distal.threads import one_blas_thread
-
-Floats = NDArray[np.float64]
 
 NAME = "affine"
 

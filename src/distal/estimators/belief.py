@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators.report import NOTHING_REPORTED, Report
 from distal.kernels import covariance_of, mean_of
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,9 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from distal.errors import DistalWarning, EstimationError
 from distal.rig import Rig, Sensor
 from distal.sensors import variance
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

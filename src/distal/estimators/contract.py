@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators.belief import Belief, Innovation, innovation
 from distal.estimators.channels import Channels
@@ -17,8 +18,6 @@ from distal.estimators.report import NOTHING_REPORTED
 from distal.kernels import Evaluation, Kernel, covariance_of, mean_of
 from distal.logs import LARGEST_READING, frozen
 from distal.rig import Rig
-
-Floats = NDArray[np.float64]
 
 LARGEST_ANGLE = 50.0
 """A joint angle beyond this [rad] means that the filter diverged."""

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.model import Mechanism
 from distal.rig import Rig
-
-Floats = NDArray[np.float64]
 
 SMALLEST = 1e-3
 """A direction along which no tendon moves by this share of what the strongest one does is not seen."""

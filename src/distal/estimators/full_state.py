@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
@@ -19,8 +19,6 @@ from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism, substeps, tangent_step
 from distal.rig import Rig, Sensor, angle_names, gain_of, speed_names
 from distal.sensors import systematic_variance, variance
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

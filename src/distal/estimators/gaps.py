@@ -11,10 +11,9 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.errors import EstimationError
 from distal.kernels.mask import MISSING, bridge
-
-Floats = NDArray[np.float64]
 
 MOST_BRIDGES = 100_000
 """So many predictions may bridge one gap."""
@@ -48,9 +47,7 @@ def predictions(dt: float, interval: float) -> int:
     return max(1, ceil(parts)) if parts < 2 * MOST_BRIDGES else 2 * MOST_BRIDGES  # dt may be infinite
 
 
-def fill(
-    values: Floats, mask: Floats, sample: Floats, there: NDArray[np.bool_], rows_after: int = 0, bridged: int = 0
-) -> None:
+def fill(values: Floats, mask: Floats, sample: Floats, there: Bools, rows_after: int = 0, bridged: int = 0) -> None:
     """Write values and mask of one row.
 
     Args:

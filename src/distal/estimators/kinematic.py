@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
 from distal.estimators.channels import Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
@@ -14,8 +12,6 @@ from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism
 from distal.rig import Rig, angle_names, tendon_angle_name
 from distal.sensors import systematic_variance, variance
-
-Floats = NDArray[np.float64]
 
 
 def kinematic_function(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
@@ -15,8 +15,6 @@ from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism, solver
 from distal.rig import Rig, angle_names
 from distal.sensors import systematic_variance, variance
-
-Floats = NDArray[np.float64]
 
 ITERATIONS = 3
 """Gauss–Newton steps per sample: lengths are nearly straight lines in the angles."""

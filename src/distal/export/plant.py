@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.codegen import CodeError, Emitter, Plain
 from distal.control.plant import travel_of
 from distal.errors import ExportError
@@ -19,8 +19,6 @@ from distal.simulation.inputs import BodyInputs
 from distal.simulation.measurands import reading_function
 from distal.simulation.plant import at_rest, equilibrium, plant_function
 from distal.simulation.simulate import intervals_of
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

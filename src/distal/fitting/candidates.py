@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools
 from distal.estimators import affine_of, affine_samples
 from distal.fitting.checks import unknown_joints
 from distal.fitting.fitted import assignments, described
@@ -32,8 +32,6 @@ from distal.regression import (
     rms_beyond_noise,
 )
 from distal.rig import LearnedMap, Rig
-
-Bools = NDArray[np.bool_]
 
 AS_IT_CAME, BY_EQUATIONS, BY_FILTER, LINE = (
     "the rig as it came",

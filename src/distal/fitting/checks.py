@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import FitError
 from distal.logs import Log, true_angles
 from distal.rig import REFERENCES, Capstan, Rig, Sensor
 from distal.run import estimate
 from distal.sensors import variance
-
-Floats = NDArray[np.float64]
 
 MOTION_TO_NOISE = 20.0
 """A drive that moves by less than this times its sensor's noise does not move."""

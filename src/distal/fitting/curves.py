@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import FitError
 from distal.estimators import StateKind
 from distal.fitting.problem import Problem
 from distal.logs import true_angles
 from distal.rig import Sensor
-
-Floats = NDArray[np.float64]
 
 LINEARITY_LEFT = 1.5
 """The linearity that is left is this much larger than the filter says: curves wander a little from day to day."""

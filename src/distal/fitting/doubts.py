@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.fitting.fitted import FittedNumber
 from distal.fitting.likelihood import Innovations
 from distal.fitting.problem import Problem
 from distal.fitting.search import Found, search
-
-Floats = NDArray[np.float64]
 
 LARGEST_NIS = 5.0
 """Mean ν²/S from which on a log does not look like its rig."""

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter, Robustness
 from distal.fitting.free import Free
 from distal.fitting.resampling import refined, steps_per_sample
@@ -18,8 +19,6 @@ from distal.logs import Log, true_angles
 from distal.rig import Rig, Sensor
 from distal.run import samples_of
 from distal.sensors import variance
-
-Floats = NDArray[np.float64]
 
 FINE = 0.2
 """Largest product of sub-step and a joint's own frequency in a fit: its errors must not look like parameters."""

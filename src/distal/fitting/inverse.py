@@ -21,9 +21,9 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from distal.arrays import Bools, Floats
 from distal.expressions import Scalar
 from distal.fitting.filter import Data, FitFilter
 from distal.fitting.free import Free
@@ -33,8 +33,6 @@ from distal.kernels import CompileError, Kernel, LaneKernel
 from distal.model import Mechanism
 from distal.rig import Sensor
 from distal.sensors import variance
-
-Floats = NDArray[np.float64]
 
 INTERVAL = 0.05
 """Equations are compared so often [s]: what they lack does not change faster."""
@@ -70,7 +68,7 @@ class Known:
 
     rows: Floats
     time: Floats
-    compared: NDArray[np.bool_]
+    compared: Bools
 
 
 class Equations:
@@ -273,7 +271,7 @@ class InverseProblem(Problem):
         return self.equations.names
 
     @cached_property
-    def _is_reference(self) -> NDArray[np.bool_]:
+    def _is_reference(self) -> Bools:
         return np.zeros(len(self.measured), dtype=bool)
 
     def _times(self, log: int) -> Floats:

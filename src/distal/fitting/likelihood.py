@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from distal.arrays import Floats
 
 FEWEST_SHARE = 0.05
 """A value counts for at most 20: a channel that is hardly compared tells hardly anything."""

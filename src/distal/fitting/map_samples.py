@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.errors import DistalError, EstimationError
 from distal.estimators import AdaptiveFilter, channels_of, first_values
 from distal.fitting.stops import in_stops
@@ -17,8 +17,6 @@ from distal.regression import Kind, Samples, contact_kind, discrepancy_kind
 from distal.rig import Rig, Sensor
 from distal.run import samples_of
 from distal.sensors import variance
-
-Floats = NDArray[np.float64]
 
 OFFSETS = 2.0
 """What angles lack in the mean may be the encoder's offset up to so many of its standard deviations."""
@@ -58,7 +56,7 @@ def filtered(
     rigs: Sequence[Rig],
     homing: float | None,
     compiled: bool,
-    usable: Sequence[NDArray[np.bool_]] | None = None,
+    usable: Sequence[Bools] | None = None,
 ) -> tuple[dict[int, Samples], list[str]]:
     """Return what the filter makes of logs, by the index of the log, and why of some it makes nothing.
 
@@ -107,7 +105,7 @@ def partly_homed(logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None,
     if homing is None:
         return {}
     chosen = np.unique(np.linspace(0, len(logs) - 1, min(len(logs), MOST_PARTLY)).round().astype(int))
-    masks = dict[int, NDArray[np.bool_]]()
+    masks = dict[int, Bools]()
     for i in map(int, chosen):
         truths = true_angles(logs[i], [joint.name for joint in rigs[i].joints])
         assert truths is not None
@@ -145,7 +143,7 @@ def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
     return [replace(one, targets=one.targets - common) for one in data]
 
 
-def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None, usable: NDArray[np.bool_] | None) -> Samples:
+def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None, usable: Bools | None) -> Samples:
     truths = true_angles(log, [joint.name for joint in runner.rig.joints])
     assert truths is not None
     m = len(runner.places)

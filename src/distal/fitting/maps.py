@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal.errors import FitError
 from distal.estimators import affine_of, affine_samples
@@ -19,8 +18,6 @@ from distal.regression import NORMAL, Kind, Samples, Terms, errors_of, folds_of,
 from distal.regression.learn import ENOUGH_LOGS
 from distal.rig import LearnedMap, Rig, load_rig
 from distal.threads import one_blas_thread
-
-Floats = NDArray[np.float64]
 
 FOR_SCORES = 3
 """With so many logs or groups of logs each is left out once more, for scores that neither choice nor size has seen."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.errors import FitError, RigError
 from distal.fitting.doubts import NOT_CONVERGED, contradictions, doubts_of, nis_of
 from distal.fitting.filter import FitFilter, steps_of
@@ -25,9 +25,6 @@ from distal.homing import added_reference, with_references
 from distal.logs import Log, true_angles
 from distal.model import joint_frequency
 from distal.rig import Rig, Sensor, number
-
-Floats = NDArray[np.float64]
-
 
 FOLLOWS = 10.0
 """Joints with so many radians of their own oscillation in the time of smoothing follow the drives (`python -m
@@ -63,8 +60,8 @@ class Numbers:
     found: Found
     uncertainty: Uncertainty
     fitted: tuple[FittedNumber, ...]
-    left: NDArray[np.bool_]
-    held: NDArray[np.bool_]
+    left: Bools
+    held: Bools
     doubts: tuple[str, ...]
     nis: tuple[tuple[float, ...], tuple[float, ...]]
     begun: float
@@ -246,9 +243,7 @@ def _with_reference(
     return with_it, replace(tried, iterations=found.iterations + tried.iterations)
 
 
-def _next_held(
-    problem: Problem, uncertainty: Uncertainty, left: NDArray[np.bool_], may_stay: NDArray[np.bool_]
-) -> int | None:
+def _next_held(problem: Problem, uncertainty: Uncertainty, left: Bools, may_stay: Bools) -> int | None:
     """Return the coordinate that the logs tell least, those that stay already being known; None where all are told."""
     errors, limit = uncertainty.errors_holding(left), problem.prior_stds
     share = np.where(may_stay & ~left & ~uncertainty.told, errors / limit, 0.0)
@@ -257,7 +252,7 @@ def _next_held(
 
 
 def fitted_numbers(
-    problem: Problem, found: Found, uncertainty: Uncertainty, left: NDArray[np.bool_], held: NDArray[np.bool_]
+    problem: Problem, found: Found, uncertainty: Uncertainty, left: Bools, held: Bools
 ) -> list[FittedNumber]:
     """Return what a search found of every free number, in its own unit.
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import FitError
 from distal.estimators import AdaptiveFilter, Directions, directions, first_values
 from distal.homing import check_homing, with_references
@@ -22,7 +22,6 @@ from distal.run import estimate, samples_of, with_channel
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 LOST = np.deg2rad(10.0)
 """The angle is lost by this (1σ) at the start of each window [rad]."""

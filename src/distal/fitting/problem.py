@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.estimators import Robustness, first_values
 from distal.fitting.filter import Data, FitFilter
 from distal.fitting.free import Free
@@ -24,9 +24,6 @@ from distal.fitting.likelihood import (
 )
 from distal.kernels import Kernel, LaneKernel, covariance_of, mean_of
 from distal.kernels.mask import COMPARED_ONLY
-
-Floats = NDArray[np.float64]
-
 
 MOST_ITERATIONS = 30
 """A search takes so many iterations at most: each filters all logs once for every number."""
@@ -134,7 +131,7 @@ class Problem:
         return self.filter.runner.measured
 
     @cached_property
-    def _is_reference(self) -> NDArray[np.bool_]:
+    def _is_reference(self) -> Bools:
         names = {sensor.name for sensor in self.filter.references}
         return np.array([name in names for name in self.measured])
 

@@ -8,8 +8,8 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import DistalError
 from distal.fitting.candidates import BY_EQUATIONS
 from distal.fitting.fitted import FittedNumber, assignments
@@ -21,8 +21,6 @@ from distal.fitting.options import Options
 from distal.fitting.selection import paths_of
 from distal.logs import Log, shown, write_whole
 from distal.rig import Rig
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.fitting.likelihood import Derivatives
 from distal.fitting.problem import Problem
-
-Floats = NDArray[np.float64]
 
 SETTLED = 5e-3
 """The search ends where the next step is predicted to gain less than this of −ln p: a tenth of a standard error."""
@@ -92,7 +90,7 @@ def coarse_start(problem: Problem, seed: int, begin: Floats, progress: Progress 
 
 
 def most_likely(
-    problem: Problem, start: Floats, progress: Progress | None = None, fixed: NDArray[np.bool_] | None = None
+    problem: Problem, start: Floats, progress: Progress | None = None, fixed: Bools | None = None
 ) -> tuple[Problem, Found]:
     """Return the problem as its channels are worth at the end, and the most likely coordinates.
 
@@ -116,7 +114,7 @@ def search(
     progress: Progress | None = None,
     *,
     most: int | None = None,
-    fixed: NDArray[np.bool_] | None = None,
+    fixed: Bools | None = None,
     near: Derivatives | None = None,
     known: Derivatives | None = None,
 ) -> Found:
@@ -216,7 +214,7 @@ def _inside(problem: Problem, z: Floats) -> Floats:
 
 
 def damped_step(
-    problem: Problem, z: Floats, derivatives: Derivatives, free: NDArray[np.bool_], damping: float = 0.0
+    problem: Problem, z: Floats, derivatives: Derivatives, free: Bools, damping: float = 0.0
 ) -> tuple[Floats, float]:
     """Return the step of Fisher scoring within the bounds, and by how much the quadratic model lowers −ln p.
 

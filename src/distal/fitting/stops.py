@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.rig import Rig
-
-Floats = NDArray[np.float64]
 
 NEAR_STOP = float(np.deg2rad(0.5))
 """A joint is in a stop where it is so near to it [rad], beside what its encoder's offset is unsure by."""
@@ -16,7 +14,7 @@ AFTER_STOP = 0.05
 """It has left a stop so long after [s]."""
 
 
-def in_stops(times: Floats, truth: Floats, rig: Rig) -> NDArray[np.bool_]:
+def in_stops(times: Floats, truth: Floats, rig: Rig) -> Bools:
     """Return where each joint is in one of its stops, or has just left it, by its known angle, (k, n_joints).
 
     Args:

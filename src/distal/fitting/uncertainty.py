@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.fitting.free import Free
 from distal.fitting.likelihood import Derivatives
 from distal.fitting.problem import Problem
 from distal.fitting.search import hessian
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 TOLD = 0.9
 """A number is told by the logs if its standard error is below this share of its prior's std."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter, Belief
 from distal.homing.most_likely import INDEPENDENT, INDEPENDENT_CORRECTED, SHARE_CORRECTED, most_likely
 from distal.homing.window import Window
@@ -15,8 +15,6 @@ from distal.logs import Log, frozen, true_torques
 from distal.regression import Samples, calibrate_window
 from distal.rig import Rig
 from distal.sensors import place_offsets
-
-Floats = NDArray[np.float64]
 
 PASSES = 2
 """How often the window is filtered: each pass begins with the numbers of the last one, and with their prior stds."""

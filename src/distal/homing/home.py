@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter, Belief
 from distal.homing.apply import calibrate_contact, calibrated, homing_prior
 from distal.homing.least_squares import led_astray, with_straight_line
 from distal.homing.window import Window
 from distal.logs import Log
 from distal.threads import one_blas_thread
-
-Floats = NDArray[np.float64]
 
 ASTRAY_NOTE = (
     "on the second half of the homing move the filter erred {} and least squares from the first half clearly less: the "

@@ -8,8 +8,8 @@ described wrong. Its angle is then reported by the straight line of the whole wi
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter, AffineEstimator, Belief, affine_samples, channels_of, first_values
 from distal.estimators.adaptive.filter import adaptive_layout
@@ -20,8 +20,6 @@ from distal.regression import predict
 from distal.regression.random_effects import row_of
 from distal.rig import Affine, Rig
 from distal.sensors import place_offsets
-
-Floats = NDArray[np.float64]
 
 SHIFTED = ("centre", "low", "high")
 """The fields of a map in the unit of the readings, with their offsets."""

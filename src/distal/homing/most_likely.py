@@ -15,15 +15,13 @@ each fit. Solved by Gauss–Newton in a trust region (Branch, Coleman and Li, SI
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators import Belief
 from distal.homing.window import Window
 from distal.kernels import covariance_of, variances_of
 from distal.logs import frozen
 from distal.regression import correlated_samples
-
-Floats = NDArray[np.float64]
 
 ROUNDS = 3
 """How often the weights are computed again."""

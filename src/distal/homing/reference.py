@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.errors import EstimationError
 from distal.estimators import LARGEST_ANGLE, AdaptiveFilter
 from distal.logs import Log, TruthKind, TruthSource, true_angles
 from distal.rig import Rig, Sensor, angle_names, build_rig
-
-Floats = NDArray[np.float64]
 
 TRUTH_NOISE = np.deg2rad(0.1)
 """Standard deviation of a truth that is no sensor of the rig [rad]."""
@@ -176,7 +174,7 @@ def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:
     return known
 
 
-def homed(angles: Floats, known: Floats, early: NDArray[np.bool_]) -> Floats:
+def homed(angles: Floats, known: Floats, early: Bools) -> Floats:
     """Return angles shifted so that their mean errors over the first moments are zero: homing without a filter.
 
     Args:

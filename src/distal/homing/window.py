@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter, Belief, StateKind, states_of
 from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen
 from distal.sensors import variance
-
-Floats = NDArray[np.float64]
 
 START_STD = float(np.deg2rad(0.2))
 """How well the joint's first angle is known from the reference [rad]."""

@@ -10,13 +10,12 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import KernelWarning
 from distal.kernels.compiler import CompileError, UnwantedError, compiled_library, find_compiler
 from distal.kernels.lanes import LaneKernel
 
-Floats = NDArray[np.float64]
 Backend = Literal["compiled", "interpreted"]
 _said: set[str] = set()
 _building = threading.Lock()

@@ -10,12 +10,10 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.codegen import CodeError, Emitter, Lanes
 from distal.kernels.compiler import CompileError, compiled_source
-
-Floats = NDArray[np.float64]
 
 _BATCH = """
 /* {lanes} runs of {name}: of each sample's carry the numbers `keep` are kept, and y; a run that ended rests */

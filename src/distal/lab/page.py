@@ -12,8 +12,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators import external_torques_of, make_estimator
 from distal.export.fields import filled, torque_fields
 from distal.export.plant import ExportedPlant, resting_pull
@@ -27,8 +27,6 @@ from distal.run.monitor import HEALTH
 from distal.simulation.inputs import BodyInputs
 from distal.simulation.plant import equilibrium
 from distal.units import unit_factor
-
-Floats = NDArray[np.float64]
 
 WINDOW = 12.0
 """Time that the curves show [s]."""

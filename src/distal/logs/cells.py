@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import LogError, did_you_mean
-
-Floats = NDArray[np.float64]
 
 Column = NDArray[Any] | list[str]
 """Numbers, dates (``datetime64``), or text."""

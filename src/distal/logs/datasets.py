@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from distal.errors import LogError
 from distal.logs.output import write_whole
 
-Floats = NDArray[np.float64]
-
 SOURCE = (
     "https://raw.githubusercontent.com/MRDLab/mis-tool-characterization/"
     "03658b2ccefef9adceebc38dd4a17bd6e190cd2e/data/Tool_4_Maryland_L_2/{run}.TXT"

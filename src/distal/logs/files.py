@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.errors import DistalWarning, LogError, OutputError
 from distal.logs.formats import TABLES, format_of, write_csv
 from distal.logs.headers import factor_of, scale, time_factor
@@ -24,8 +25,6 @@ from distal.logs.tables import Table, open_table, table_of
 from distal.logs.truth import NO_SOURCE, TruthKind, TruthSource
 from distal.rig import REFERENCES, Capstan, Rig, Sensor, angle_names, log_factor, torque_names
 from distal.units import unit_factor
-
-Floats = NDArray[np.float64]
 
 
 def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
@@ -91,7 +90,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     return log
 
 
-def _one_of_each(time: Floats, last: bool) -> NDArray[np.bool_]:
+def _one_of_each(time: Floats, last: bool) -> Bools:
     """Return which rows stay where neighbours have the same stamp, (k,)."""
     same = np.diff(time) == 0.0
     return ~np.append(same, False) if last else ~np.insert(same, 0, False)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.errors import LogError
 from distal.logs.frames import pandas_frame, polars_frame
 from distal.logs.truth import NO_SOURCE, TruthKind, TruthSource, truth_source_of
@@ -17,8 +18,6 @@ from distal.logs.truth import NO_SOURCE, TruthKind, TruthSource, truth_source_of
 if TYPE_CHECKING:
     import pandas
     import polars
-
-Floats = NDArray[np.float64]
 
 
 def frozen(values: object) -> Floats:
@@ -104,7 +103,7 @@ class Log:
         long = np.flatnonzero(steps > factor * np.median(steps))
         return [(float(self.time[i]), float(self.time[i + 1])) for i in long]
 
-    def select(self, rows: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Log:
+    def select(self, rows: slice | NDArray[np.intp] | Bools) -> Log:
         """Return the log of some rows.
 
         Args:

@@ -10,15 +10,13 @@ from collections.abc import Sequence
 from math import isnan, nan
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs.cells import MISSING
 from distal.logs.headers import factor_of, time_factor, units_of
 from distal.rig import Rig, log_factor
 from distal.units import unit_factor
-
-Floats = NDArray[np.float64]
 
 STAMPS = ("timestamp", "ts", "time", "t")
 """Names under which a JSON message may have its stamp [s] where it lacks the rig's own time column."""

@@ -9,14 +9,9 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from distal.errors import OutputError
 from distal.logs.output import check_writable
 from distal.rig import angle_names, std_name
-
-Floats = NDArray[np.float64]
 
 SAMPLE_TOPIC, ESTIMATE_TOPIC = "distal/sample", "distal/estimate"
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs.cells import MISSING, Cells, is_plain, numbers_of
 
-Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 EPOCH, LATEST = 1e8, 9e9

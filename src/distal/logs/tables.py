@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.formats import format_of
@@ -17,8 +17,6 @@ from distal.logs.headers import header, needed, scale, units_of
 from distal.logs.reader_process import table_by_process
 from distal.logs.sources import Source
 from distal.logs.targets import shown
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.logs.log import Log, frozen
 from distal.rig import angle_names, torque_names
-
-Floats = NDArray[np.float64]
 
 
 def true_angles(log: Log, joints: Sequence[str]) -> Floats | None:

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from distal.arrays import Floats
 from distal.errors import RigError
 from distal.expressions import Scalar, Vector
 from distal.rig import Parameter, Rig
@@ -75,10 +75,10 @@ class Parameters:
             drifts.append(np.nan)
         self.names = tuple(names)
         self.all_names = tuple(name for name, _ in _walk(rig))
-        self.values: NDArray[np.float64] = np.array(values)
-        self.stds: NDArray[np.float64] = np.array(stds)
-        self.independent_stds: NDArray[np.float64] = np.array([own.get(i, std) for i, std in enumerate(stds)])
-        self.drifts: NDArray[np.float64] = np.array(drifts)
+        self.values: Floats = np.array(values)
+        self.stds: Floats = np.array(stds)
+        self.independent_stds: Floats = np.array([own.get(i, std) for i, std in enumerate(stds)])
+        self.drifts: Floats = np.array(drifts)
         self.symbols: Vector = ca.SX.sym("p", len(names))
         self._index = {name: i for i, name in enumerate(names)}
 

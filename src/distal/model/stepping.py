@@ -8,16 +8,14 @@ from math import ceil
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import RigError
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model.chain_kick import Kicked, Loads, chain_kick
 from distal.model.friction import Limit, free_response
 from distal.model.mechanism import Mechanism
 from distal.model.stops import Push, Stop, kick_at_stops, restitution, velocity_in_stops
-
-Floats = NDArray[np.float64]
 
 RESOLUTION = 0.6
 """Largest product of sub-step and stiffest frequency; docs/results/numerics.md has the table behind it."""

@@ -9,12 +9,10 @@ from functools import lru_cache
 from importlib import resources
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.paper.series import PLANTS, Run
 from distal.rig import tendon_angle_name
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

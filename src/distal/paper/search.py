@@ -14,11 +14,10 @@ from multiprocessing import get_context
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.errors import DistalError
 from distal.paper.claims import measured, statements
 from distal.paper.series import Plant, run_series
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -116,14 +115,14 @@ class Search:
     margins: Floats
 
     @property
-    def ever(self) -> NDArray[np.bool_]:
+    def ever(self) -> Bools:
         """Return which statements hold on some plant, (12,)."""
         return np.atleast_1d(self.held.any(axis=0))
 
     @property
-    def held(self) -> NDArray[np.bool_]:
+    def held(self) -> Bools:
         """Return which statements hold, (n, 12)."""
-        held: NDArray[np.bool_] = np.asarray(self.margins >= 0.0)
+        held: Bools = np.asarray(self.margins >= 0.0)
         return held
 
     def order(self, without: int | None = None) -> NDArray[np.int_]:

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.regression.learn import Kind, Terms
 from distal.rig import CONSTANT, Affine, Discrepancy, JointMap, LearnedMap
-
-Floats = NDArray[np.float64]
 
 DEAD_BAND = 6.0
 """Half-width of the play that finds a direction, in standard deviations of the position sensor."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.rig import LearnedMap
-
-Floats = NDArray[np.float64]
 
 NORMAL = 1.959963984540054
 """The 97.5 % quantile of the normal distribution."""

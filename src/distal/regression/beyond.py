@@ -6,16 +6,14 @@ from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools
 from distal.errors import FitError
 from distal.regression.band import Errors
 from distal.regression.features import Samples
 from distal.regression.folds import splits
 from distal.regression.learn import Kind, errors_of
 from distal.rig import LearnedMap
-
-Bools = NDArray[np.bool_]
 
 Learner: TypeAlias = Callable[[Sequence[int], Sequence[Bools]], LearnedMap]
 """(Indices of logs, which of their samples) → the map that these teach."""

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from distal.arrays import Floats
 from distal.regression.learn import Kind, Terms
 from distal.rig import CONSTANT, Contact
-
-Floats = NDArray[np.float64]
 
 SLIPS = (0.025, 0.05, 0.1)
 """Half-widths of the plays that are tried, in standard deviations of a drive's place."""

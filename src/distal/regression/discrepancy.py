@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from distal.arrays import Floats
 from distal.regression.affine import DEAD_BAND
 from distal.regression.learn import Kind, Terms
 from distal.rig import CONSTANT, Discrepancy
-
-Floats = NDArray[np.float64]
 
 PLAYS = (0.25, 0.5, 1.0)
 """Half-widths of plays that are tried, in standard deviations of the reading."""

@@ -12,14 +12,11 @@ from typing import TypeVar
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.expressions import Scalar
 from distal.kernels import Kernel
 from distal.rig import CONSTANT, LearnedMap, factors
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 Value = TypeVar("Value", Floats, ca.SX)
 """Values of a term over a log, (k,), or its symbol."""

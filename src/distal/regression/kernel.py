@@ -6,15 +6,13 @@ from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.expressions import Scalar, Vector
 from distal.kernels.mask import is_read
 from distal.regression.features import SMALLEST_HALF, columns, fade, limits, variables
 from distal.regression.window import ANYWHERE
 from distal.rig import CONSTANT, LearnedMap
-
-Floats = NDArray[np.float64]
 
 UNREAD_AGE = 1e6
 """Age of a reading before its first value has come [s]."""

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.errors import FitError
 from distal.regression.band import NORMAL, Errors, rms_beyond_noise, sized, student, widened_between
 from distal.regression.extrapolation import extrapolation
@@ -16,9 +16,6 @@ from distal.regression.folds import splits
 from distal.regression.random_effects import independent, random_effects, row_of, rows_of
 from distal.regression.window import calibrate_window
 from distal.rig import JointMap, LearnedMap
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 ENOUGH_LOGS = 5
 """With fewer logs than this, the variation from log to log is hardly known, and the band is widened for that."""

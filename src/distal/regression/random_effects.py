@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.rig import JointMap
-
-Floats = NDArray[np.float64]
 
 EM_ITERATIONS = 100
 """Most steps of expectation–maximisation for the spread between logs."""
@@ -126,7 +124,7 @@ def surprise(mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spr
     return float(off @ np.linalg.solve(expected, off))
 
 
-def independent(values: Floats, noise: Floats) -> NDArray[np.bool_]:
+def independent(values: Floats, noise: Floats) -> Bools:
     """Return which columns have information of their own: the part that earlier ones leave is more than the noise.
 
     Args:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.regression.features import Samples, design
 from distal.regression.random_effects import correlated_samples, row_of, rows_of, surprise, updated
 from distal.rig import JointMap, LearnedMap
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 ANYWHERE = (-1e9, 1e9)
 """Range of an angle without bounds [rad]."""

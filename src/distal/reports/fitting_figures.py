@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.logs import Log, shown, true_angles
 from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, PANELS, Estimate, figure, legend_above, plot_estimates
 from distal.rig import Rig
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 POINTS = 1200
 """So many points are drawn along a log."""
@@ -72,7 +71,7 @@ def draw_residuals(logs: Sequence[Log], before: Sequence[Estimate], after: Seque
     joints = range(len(rig.joints))
     truths = [true_angles(log, [joint.name for joint in rig.joints]) for log in logs]
     none = np.zeros(len(joints), dtype=np.bool_)
-    there: list[NDArray[np.bool_]] = [none if t is None else np.any(np.isfinite(t), axis=0) for t in truths]
+    there: list[Bools] = [none if t is None else np.any(np.isfinite(t), axis=0) for t in truths]
     known = [(i, j) for i, own in enumerate(there) for j in joints if own[j]]
     chosen = known or [(i, j) for i in range(len(logs)) for j in joints]
     against: list[tuple[str, list[Floats]]] = [("angle θ [°]", []), ("speed [°/s]", [])]

@@ -7,13 +7,11 @@ from html import escape
 from importlib import resources
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.logs import Log
 from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, FAINT, INK, SOFT, WHITE, Estimate, from_start
 from distal.rig import Rig, Tendon
-
-Floats = NDArray[np.float64]
 
 MOST_FRAMES = 6_000
 """Of a longer log every second, third, … sample is a frame."""

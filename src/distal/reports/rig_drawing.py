@@ -8,8 +8,8 @@ from math import hypot, log10
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.reports.drawing.arms import changing_arms, draw_curves, draw_table, table_width
 from distal.reports.drawing.drives import (
     Lane,
@@ -33,7 +33,6 @@ from distal.rig import Capstan, Pinned, Rig
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 FAN = 0.6
 """From where tendons are level to the base, in which they go to their height there [in]."""

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.logs import write_together
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.reports.rig_drawing import rig_svg
@@ -21,8 +22,6 @@ from distal.study import Axis, Plan, Space
 from distal.study.answer import Answer, Influence, words_of
 from distal.study.runs import BUILT, MEASURES
 from distal.study.storage import Columns
-
-Floats = NDArray[np.float64]
 
 MOST_DOTS = 2000
 """More dots than this make a page slow, and tell no more."""

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import OutputError
 from distal.logs import Log, shown, write_whole
 from distal.reports.moving import moving_chain
@@ -22,7 +22,6 @@ from distal.run import log_health
 if TYPE_CHECKING:
     from plotly.graph_objects import Scatter
 
-Floats = NDArray[np.float64]
 
 MOST_POINTS = 60_000
 """Of a longer log every second, third, … sample is drawn: a browser stays quick."""

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from distal.arrays import Floats
 
 BAND = 1.959963984540054
 """Half-width of a 95 % band in standard deviations."""

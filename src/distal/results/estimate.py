@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import EstimationError, did_you_mean
 from distal.estimators import UNITS_OF_JOINTS, StateKind, kinds_by_joint, states_of
 from distal.logs import header, pandas_frame, polars_frame
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     import polars
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 ANGLE_UNITS = {"rad": 1.0, "deg": float(np.deg2rad(1.0))}
 """Units in which angles are written, and how many radians one of it is."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.logs import Log
 from distal.results.curves import Curves
 from distal.results.style import COLOURS, DASHES, PALE, SOFT, legend_above, plain
@@ -16,7 +16,6 @@ from distal.rig import Rig
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 
 HEALTH_COLOURS = {"ok": COLOURS[2], "untested": COLOURS[5]}
 """Colours of words that are no alarm; the others are orange."""

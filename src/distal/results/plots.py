@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import OutputError, did_you_mean
 from distal.logs import Log
 from distal.results.curves import BAND, Curves
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 PANELS = ("innovations", "forces", "health")
 """Panels that a plot has on request: see `plot_estimates`."""

@@ -7,8 +7,8 @@ from math import inf
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators import (
     DEFAULT,
@@ -24,8 +24,6 @@ from distal.estimators.gaps import MOST_BRIDGES, fill, predictions
 from distal.logs import LARGEST_READING
 from distal.rig import Rig, load_rig
 from distal.run.offline import priors_of
-
-Floats = NDArray[np.float64]
 
 LATEST = 1e300
 """No stamp is larger than this [s]: differences of stamps stay finite."""

@@ -8,8 +8,8 @@ from math import inf, isfinite, nan
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.errors import EstimationError
 from distal.estimators import LARGEST_ANGLE, SHORTEST
 from distal.logs import LARGEST_READING
@@ -19,7 +19,6 @@ from distal.rig import Rig, Sensor, step_of
 from distal.run.live import LATEST, LiveEstimator
 from distal.run.places import FAR, REACH, place_range
 
-Floats = NDArray[np.float64]
 Health = Literal["ok", "untested", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"]
 
 HEALTH: dict[Health, str] = {
@@ -299,5 +298,5 @@ class Monitor:
             return []
         return [("disagrees", ", ".join(f"{live.measured[i]} {np.sqrt(self._ratios[i]):.1f}x" for i in large))]
 
-    def _names(self, chosen: NDArray[np.bool_]) -> str:
+    def _names(self, chosen: Bools) -> str:
         return ", ".join(name for name, there in zip(self._live.channels, chosen) if there)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import DistalWarning, EstimationError
 from distal.estimators import (
     DEFAULT,
@@ -32,8 +33,6 @@ from distal.kernels import covariance_of
 from distal.logs import LARGEST_READING, Log, Source, frozen, read_log, true_angles, true_torques
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
-
-Floats = NDArray[np.float64]
 
 
 def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Floats:

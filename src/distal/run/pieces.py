@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators import DEFAULT, AdaptiveFilter, Belief, KernelEstimator, make_estimator
 from distal.homing import added_reference
@@ -15,8 +15,6 @@ from distal.kernels import covariance_of, mean_of
 from distal.logs import Log, frozen
 from distal.rig import Rig, angle_names
 from distal.simulation import Piece
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

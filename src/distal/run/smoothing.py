@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter, first_values, state_units
 from distal.kernels import covariance_of, mean_of, variances_of
@@ -12,8 +13,6 @@ from distal.logs import Log, frozen, true_angles
 from distal.results import Estimate
 from distal.rig import Rig
 from distal.run.offline import out_of_bounds, priors_of, samples_of
-
-Floats = NDArray[np.float64]
 
 
 def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.rig import Rig, Sensor, gain_of, step_of
-
-Floats = NDArray[np.float64]
 
 _HARMONICS = 3
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from threading import Lock
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal.errors import ScenarioError
 from distal.kernels import Kernel, in_order, lanes_here
@@ -17,8 +16,6 @@ from distal.rig import Rig, load_rig
 from distal.simulation.plant import Motion, plant_function, run_plants
 from distal.simulation.scenario import Scenario
 from distal.simulation.simulate import Prepared, check_open, prepare, sampled
-
-Floats = NDArray[np.float64]
 
 Job = tuple[Scenario | str | Path, int]
 

@@ -6,14 +6,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import ScenarioError, did_you_mean
 from distal.model import GRAVITY, Mechanism
 from distal.simulation.scenario import CapstanServo, DriveInput, JointInput, Scenario, SliderServo
 from distal.units import to_si
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.kernels import Layout
 from distal.model import Mechanism
 from distal.rig import Sensor
 from distal.simulation.plant import Motion
-
-Floats = NDArray[np.float64]
 
 
 def columns_of(plant: Mechanism, sensor: Sensor) -> tuple[int, int]:

@@ -9,8 +9,8 @@ from math import ceil, sqrt
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import ScenarioError, did_you_mean
 from distal.kernels import Kernel
 from distal.logs import Log
@@ -22,8 +22,6 @@ from distal.simulation.measurands import range_of, true_values
 from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
 from distal.simulation.scenario import Rezero, Scenario, load_scenario
 from distal.simulation.simulate import SIMULATED, prepare, true_motion
-
-Floats = NDArray[np.float64]
 
 PIECE = 60.0
 """Length of a piece, within which the plant's numbers stay [s]."""

@@ -8,16 +8,14 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import ScenarioError
 from distal.expressions import Scalar
 from distal.kernels import Kernel
 from distal.model import Mechanism, interval_step
 from distal.simulation.apart import parts_of_plant, plants_apart
 from distal.simulation.inputs import BodyInputs
-
-Floats = NDArray[np.float64]
 
 
 def plant_function(mechanism: Mechanism, count: int) -> ca.Function:

@@ -8,14 +8,13 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
+from distal.arrays import Floats
 from distal.errors import UnitError, did_you_mean
 from distal.units import to_si
 
-Floats = NDArray[np.float64]
 Interpolation = Literal["hold", "linear"]
 
 

@@ -7,8 +7,8 @@ from math import ceil
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import ScenarioError
 from distal.logs import Log, TruthKind, TruthSource
 from distal.model import Mechanism, substeps
@@ -18,8 +18,6 @@ from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
 from distal.simulation.measurands import range_of, true_values
 from distal.simulation.plant import Motion, equilibrium, longest_interval, run_plant
 from distal.simulation.scenario import Scenario, load_scenario
-
-Floats = NDArray[np.float64]
 
 MOST_STEPS = 4_000_000
 

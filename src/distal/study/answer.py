@@ -11,6 +11,7 @@ from math import degrees, prod
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Bools, Floats
 from distal.control import ClosedLoop
 from distal.errors import DistalError, StudyError
 from distal.results import BAND, Estimate
@@ -19,8 +20,6 @@ from distal.study.description import Plan
 from distal.study.runs import BUILT, MEASURES, Task, run_tasks
 from distal.study.space import ESTIMATOR, FEEDBACK, Axis, Space, Value
 from distal.study.storage import Columns
-
-Floats = NDArray[np.float64]
 
 BINS = 4
 """A range is split into so many parts."""
@@ -144,7 +143,7 @@ class Answer:
         return asdict(self)
 
 
-def proportion(met: NDArray[np.bool_]) -> Proportion:
+def proportion(met: Bools) -> Proportion:
     """Return the share of rigs that meet the requirement.
 
     Args:
@@ -256,7 +255,7 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
     return tuple(sorted(every, key=lambda one: -one.index))
 
 
-def _parts(plan: Plan, axis: Axis, values: NDArray[np.generic], bins: int) -> list[tuple[str, NDArray[np.bool_]]]:
+def _parts(plan: Plan, axis: Axis, values: NDArray[np.generic], bins: int) -> list[tuple[str, Bools]]:
     """Return parts of an axis, each in words with the rigs that are in it."""
     name = words_of(plan, axis.path)
     if axis.choices:
@@ -283,7 +282,7 @@ def said_of(name: str, value: Value, unit: str) -> str:
 
 
 def _regions(
-    plan: Plan, space: Space, columns: Columns, good: NDArray[np.bool_], influences: Sequence[Influence]
+    plan: Plan, space: Space, columns: Columns, good: Bools, influences: Sequence[Influence]
 ) -> tuple[Region, ...]:
     """Return the shares in parts of the space along its choices and the numbers of it that matter, best first."""
     order = [one.name for one in influences]
@@ -294,7 +293,7 @@ def _regions(
     while len(axes) > 1 and FEWEST * prod(len(axis.choices) or BINS for axis in axes) > len(good):
         axes.pop()
     found, each = [], len(plan.scenarios)
-    cells: list[tuple[str, NDArray[np.bool_]]] = [("", np.ones(len(good), dtype=np.bool_))] if axes else []
+    cells: list[tuple[str, Bools]] = [("", np.ones(len(good), dtype=np.bool_))] if axes else []
     for axis in axes:
         parts = _parts(plan, axis, columns[axis.path][::each], BINS)
         cells = [(f"{a}, {b}" if a else b, x & y) for a, x in cells for b, y in parts]

@@ -11,8 +11,8 @@ from threading import Lock
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.control import ClosedLoop, closed_loop
 from distal.errors import DistalError
 from distal.estimators import DEFAULT, Estimator, KernelEstimator, make_estimator
@@ -33,7 +33,6 @@ from distal.study.plants import Draw, built_values, draws_of, scores
 from distal.study.space import ESTIMATOR, FEEDBACK, Design, Space, rig_of, space_of
 from distal.threads import one_blas_thread
 
-Floats = NDArray[np.float64]
 Item = TypeVar("Item")
 Cell = float | str | bool | None
 Rows = dict[str, list[Cell]]

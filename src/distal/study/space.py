@@ -9,8 +9,8 @@ from math import ceil, exp, log, log2
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.control import ENCODER, RATIO
 from distal.errors import DistalError, StudyError, did_you_mean
 from distal.estimators import ESTIMATORS
@@ -18,7 +18,6 @@ from distal.rig import ALL, Rig, number
 from distal.study.description import Plan
 from distal.units import to_si
 
-Floats = NDArray[np.float64]
 Value = float | str | bool
 Design = Mapping[str, Value]
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import StudyError
 from distal.estimators import DEFAULT
 from distal.results import BAND, Estimate
@@ -15,8 +15,6 @@ from distal.rig import Rig, in_words, number
 from distal.study.description import Plan
 from distal.study.plants import draws_of
 from distal.study.runs import NOMINAL, Task, run_tasks
-
-Floats = NDArray[np.float64]
 
 BETTER = 0.5
 """A number that is known better has this share of its std, a better sensor of its errors."""

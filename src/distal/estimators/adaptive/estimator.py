@@ -8,8 +8,8 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_place
@@ -29,8 +29,6 @@ from distal.logs import frozen
 from distal.model import Mechanism
 from distal.regression import first_memory, numbers_of, reporting_function
 from distal.rig import Affine, Contact, Discrepancy, LearnedMap, Rig, Sensor
-
-Floats = NDArray[np.float64]
 
 
 @lru_cache(maxsize=32)

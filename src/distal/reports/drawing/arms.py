@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.model import Mechanism
 from distal.reports.drawing.sheet import PITCH, Line, Point, Sheet
 from distal.reports.drawing.units import rounded
@@ -18,7 +18,6 @@ from distal.rig import Rig
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 Changing = dict[tuple[int, int], tuple[Floats, Floats]]
 
 POINTS = 61

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from math import cos, hypot, pi, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.reports.drawing.measurands import sensor_lines
 from distal.reports.drawing.pose import Stand
 from distal.reports.drawing.routes import Wheel, heading
@@ -15,8 +15,6 @@ from distal.reports.drawing.sheet import BADGE, Line, Point, Sheet, arc, on_circ
 from distal.reports.drawing.units import rounded, written
 from distal.results import FAINT, INK, PALE, SOFT, WHITE
 from distal.rig import Joint, Linkage, Meeting, Polynomial, Rig
-
-Floats = NDArray[np.float64]
 
 REACH = pi / 3
 """So far to both sides a cam shows its arms; between them it is closed smoothly [rad]."""

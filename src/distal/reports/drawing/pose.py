@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.reports.drawing.sheet import Point
 from distal.rig import Joint, Rig
-
-Floats = NDArray[np.float64]
 
 APART = 3.4
 """Distance of joints that stand at one place, in the largest moment arm."""

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.rig.mjcf.guesses import Guess
 from distal.rig.mjcf.loading import mujoco_module
 
 if TYPE_CHECKING:
     import mujoco
 
-Floats = NDArray[np.float64]
 
 SMALLEST_INERTIA = 1e-9
 """Of a joint to which the model gives no armature [kg m²]: its link's inertia is what counts."""

@@ -9,7 +9,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from distal.arrays import Bools, Floats
 
 ENOUGH = 0.01
 """A polynomial is taken where it leaves less of each moment arm than this, as RMS over poses that it was not made with."""
@@ -107,9 +107,9 @@ def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
     return np.prod(raised, axis=2), np.stack(slopes, axis=1)
 
 
-def _judged(angles: Floats) -> NDArray[np.bool_]:
+def _judged(angles: Floats) -> Bools:
     """Return which poses are kept to judge by."""
-    kept: NDArray[np.bool_] = np.arange(len(angles)) % KEPT_OUT == 0
+    kept: Bools = np.arange(len(angles)) % KEPT_OUT == 0
     return kept
 
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.rig.mjcf.loading import mujoco_module
 
 if TYPE_CHECKING:
     import mujoco
 
-Floats = NDArray[np.float64]
 
 UNLIMITED = (-np.pi / 2, np.pi / 2)
 """Range of a joint to which the model gives none [rad]."""

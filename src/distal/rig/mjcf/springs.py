@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.rig.mjcf.bodies import Units, joint_name, named
 from distal.rig.mjcf.poses import at_poses, over_ranges, range_of, turned_by
 
 if TYPE_CHECKING:
     import mujoco
 
-Floats = NDArray[np.float64]
 
 POINTS = 41
 """Angles at which a spring's torque is taken."""

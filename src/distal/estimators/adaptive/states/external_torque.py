@@ -6,15 +6,13 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import Fading, Prior, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import torque_names
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,16 +8,14 @@ from math import sqrt
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import Begin, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.model import Mechanism
 from distal.rig import Creep
-
-Floats = NDArray[np.float64]
 
 LEAST_TENSION = 1.0
 """A tendon is taken to carry this at the start where it reads less [N]: it only says how unsure the start is."""

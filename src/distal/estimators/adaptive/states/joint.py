@@ -7,14 +7,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import Prior, State
 from distal.estimators.state_kinds import StateKind
 from distal.rig import Joint, angle_names, speed_names
-
-Floats = NDArray[np.float64]
 
 START_SPEED = 0.3
 """Standard deviation of a joint's speed at the first sample [rad/s]: a log may begin within a motion."""

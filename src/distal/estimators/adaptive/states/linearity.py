@@ -7,16 +7,14 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.adaptive.travel import travel
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
-
-Floats = NDArray[np.float64]
 
 BASIS = 6
 """Basis functions of a sensor's linearity over its travel: more changed no error on the logs of `make accuracy`."""

@@ -9,16 +9,14 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Vector
 from distal.rig import in_words, known_to_a_factor, named, number
 from distal.sensors import variance
-
-Floats = NDArray[np.float64]
 
 SMALLEST_VALUE = 0.01
 """A parameter that cannot be negative is kept above this share of its std."""

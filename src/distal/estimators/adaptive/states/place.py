@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.adaptive.travel import travel
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
-
-Floats = NDArray[np.float64]
 
 PLACE_WALK = 1.0
 """Random walk of a drive's place that nothing measures, in its travel per √s: it may cross it within a second."""

@@ -13,13 +13,11 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
-
-Floats = NDArray[np.float64]
 
 Prior: TypeAlias = Vector | Floats | float
 """Numbers of a block, (k,): plain, or expressions where a fit varies them; one number stands for all."""

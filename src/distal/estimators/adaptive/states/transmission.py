@@ -7,16 +7,14 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import Fading, Prior, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Hysteresis, Sensor, SliderHysteresis
 from distal.sensors import variance
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
