@@ -139,7 +139,11 @@ class Tables:
         self.lines: list[str] = []
 
     def constants(self, numbers: tuple[float, ...]) -> str:
-        """Return the name of a table of constants."""
+        """Return the name of a table of constants.
+
+        Args:
+            numbers: what is in it.
+        """
         return self._table("c", self._dialect.type, [self._dialect.entry(number) for number in numbers])
 
     def indices(self, numbers: list[int]) -> str:

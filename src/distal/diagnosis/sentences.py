@@ -17,7 +17,11 @@ def all_drift(channels: Sequence[str]) -> Finding:
 
 
 def some_drift(channels: Sequence[str], correlation: float) -> Finding:
-    """Return the finding that some channels' innovations are correlated."""
+    """Return the finding that some channels' innovations are correlated.
+
+    Args:
+        correlation: largest of neighbouring innovations.
+    """
     several = ", ".join(channels)
     text = f"innovations of {several} are not white (correlation {correlation:.1f})"
     return Finding("drifts", several, f"{text}: geometry, stiffness or friction is off")
@@ -77,7 +81,10 @@ def left_its_prior(state: str, value: float, std: float, prior: float, prior_std
     """Return the finding that a state ends far outside its prior.
 
     Args:
+        value: where it ends, SI.
+        std: of that, SI.
         prior: mean of its prior, SI.
+        prior_std: of its prior, SI.
     """
     return Finding(
         "left its prior", state, f"{state} is {value:.3g} ± {std:.1g}, its prior {prior:.3g} ± {prior_std:.1g}"
@@ -105,7 +112,11 @@ def turns_too_far(joint: str, covered: float) -> Finding:
 
 
 def friction_undeclared(drive: str, value: float) -> Finding:
-    """Return that a drive has friction that the rig does not declare [N, N m]."""
+    """Return that a drive has friction that the rig does not declare [N, N m].
+
+    Args:
+        value: where it ends, SI.
+    """
     size = f"friction that the rig does not have: {value:.2g} at '{drive}' [SI]"
     return Finding("friction", drive, f"{size} (set drives.{drive}.friction, or a hand acts)")
 
@@ -121,6 +132,7 @@ def outside_the_fit(channel: str, share: float, low: float, high: float) -> Find
     Args:
         share: of the log, or of its samples.
         low: lowest value of the fit, SI.
+        high: highest, SI.
     """
     text = f"{channel} is outside the range of the fit for {100 * share:.0f} % of the log ({low:.3g} to {high:.3g})"
     return Finding("out of range", channel, text)
@@ -172,7 +184,11 @@ def looks_geared(subject: str, ratio: float, given: float = 1.0) -> Finding:
 
 
 def looks_geared_at_least(subject: str, ratio: float) -> Finding:
-    """Return that a motor would turn its joint further than that can turn."""
+    """Return that a motor would turn its joint further than that can turn.
+
+    Args:
+        ratio: by how much further.
+    """
     return looks(subject, f"like a gear of {ratio:.2g} or more, or a unit, that the rig file does not have")
 
 

@@ -43,6 +43,8 @@ def first_drives(rig: Rig, channels: Channels, values: Vector, mask: Vector, nom
 
     Args:
         channels: the sensors that are read.
+        values: of the channels.
+        mask: of these values.
         nominal: pulls, (n_drives,).
     """
     places, pulls = [ca.SX(0) for _ in rig.drives], ca.vertsplit(nominal)

@@ -215,6 +215,7 @@ def paper_noise(rig: Rig, q: float = 1e-3, r: float = 1e-9, p0: float = 1.0, nam
 
     Args:
         q: variance added to each state per sample.
+        r: variance of each measurement.
         p0: variance of each state before the first sample.
         name: of the estimator, for messages.
     """

@@ -287,6 +287,7 @@ class InverseProblem(Problem):
         """Return the same problem: its whole logs take no longer than the beginnings do elsewhere.
 
         Args:
+            share: of each log.
             least: samples of a log, at least.
         """
         return replace(self, worth=None)

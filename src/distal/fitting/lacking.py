@@ -19,8 +19,8 @@ UNEXPLAINED = 16.0
 NAMED = 0.85
 """A part is named where with it the rows' residuals are below this share, in the geometric mean of all rows."""
 
-MOST_PARTS = 2
-"""So many parts are added at most."""
+MOST_NAMED = 2
+"""So many parts are candidates each alone, at most."""
 
 NODES = 2
 """Points of friction along a cable (docs/results/fits.md)."""
@@ -85,31 +85,29 @@ def parts_of(rig: Rig) -> Iterator[Part]:
 
 
 def named_parts(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> list[tuple[Part, Numbers]]:
-    """Return the part with which a rig's equations lack least along some logs, and it together with a second one.
+    """Return the parts with which a rig's equations lack least along some logs, and the first together with another.
 
     Args:
         rig: the description as it came.
+        numbers: of its equations.
     """
-    found = list[tuple[Part, Numbers]]()
-    while numbers.by_equations and len(found) < MOST_PARTS and not options.free:
-        named = _named(logs, rig, options, numbers)
-        if named is None:
-            break
-        part, numbers = named
-        rig = rig.with_values(part.values)
-        found.append((part if not found else found[-1][0].and_(part), numbers))
-    return found
+    if not numbers.by_equations or options.free:
+        return []
+    named = _named(logs, rig, options, numbers)[:MOST_NAMED]
+    if not named:
+        return []
+    first, found = named[0]
+    both = _named(logs, rig.with_values(first.values), options, found)[:1]
+    return [*named, *((first.and_(second), together) for second, together in both)]
 
 
-def _named(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> tuple[Part, Numbers] | None:
+def _named(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> list[tuple[Part, Numbers]]:
+    """Return the parts that are named, the one that leaves the least residuals first."""
     if max(numbers.nis[1], default=0.0) < UNEXPLAINED:
-        return None
-    best, least = None, NAMED * _residual(numbers)
-    for part in parts_of(rig):
-        found = numbers_with(part, logs, rig, options, numbers)
-        if found is not None and _residual(found) < least:
-            best, least = (part, found), _residual(found)
-    return best
+        return []
+    tried = [(part, numbers_with(part, logs, rig, options, numbers)) for part in parts_of(rig)]
+    found = [(part, own) for part, own in tried if own is not None and _residual(own) < NAMED * _residual(numbers)]
+    return sorted(found, key=lambda one: _residual(one[1]))
 
 
 def numbers_with(part: Part, logs: Sequence[Log], rig: Rig, options: Options, begin: Numbers) -> Numbers | None:

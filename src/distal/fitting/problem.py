@@ -76,6 +76,7 @@ class Problem:
         """Return the same for the beginnings of the logs, not assessed.
 
         Args:
+            share: of each log.
             least: samples of a log, at least.
         """
         data = tuple(one.beginning(max(least, round(share * len(one.last)))) for one in self.data)

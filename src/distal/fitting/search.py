@@ -221,6 +221,7 @@ def damped_step(
     Args:
         z: the point, (n,).
         free: which coordinates move, (n,).
+        damping: λ.
     """
     whole, gradient = hessian(problem, derivatives)[np.ix_(free, free)], derivatives.gradient[free]
     scale = np.sqrt(np.maximum(np.diag(whole), 1e-12))

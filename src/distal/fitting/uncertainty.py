@@ -63,7 +63,11 @@ class Uncertainty:
         return correlations
 
     def errors_holding(self, held: Bools) -> Floats:
-        """Return standard errors where some coordinates are taken as known, 0 for those, (n,)."""
+        """Return standard errors where some coordinates are taken as known, 0 for those, (n,).
+
+        Args:
+            held: which are.
+        """
         errors, rest = np.zeros(len(held)), ~held
         precision = np.linalg.inv(self.covariance)[np.ix_(rest, rest)]
         errors[rest] = np.sqrt(np.diag(np.linalg.inv(precision)))

@@ -122,6 +122,7 @@ class Window:
 
         Args:
             carry: before the first sample.
+            times: how much is allowed.
         """
         done = self.scan(self.anchored(carry), self.unaided)
         if done is None:

@@ -79,6 +79,7 @@ def mean_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
     """Return the mean, (…, n), of carries (…, size).
 
     Args:
+        carry: an array.
         states: number of states n.
     """
     return carry_layout(states).view(carry, "mean")
@@ -88,6 +89,7 @@ def covariance_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
     """Return the covariance, (…, n, n), of carries (…, size).
 
     Args:
+        carry: an array.
         states: number of states n.
     """
     return carry_layout(states).view(carry, "covariance")
@@ -97,6 +99,7 @@ def variances_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
     """Return the variances of the states, (…, n), of carries (…, size).
 
     Args:
+        carry: an array.
         states: number of states n.
     """
     variances: NDArray[Number] = np.diagonal(covariance_of(carry, states), axis1=-2, axis2=-1)

@@ -278,6 +278,7 @@ def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> byt
     """Return columns as the file that `path` will hold, see `write_columns`.
 
     Args:
+        columns: name → values.
         path: where it will be written; its ending gives the format.
 
     Raises:

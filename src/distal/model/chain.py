@@ -21,6 +21,7 @@ def rotation(axis: Sequence[float], angle: Scalar) -> Matrix:
     """Return the matrix of a rotation about a unit axis, (3, 3): R = a aᵀ + cos θ (1 − a aᵀ) + sin θ [a×] (Rodrigues).
 
     Args:
+        axis: unit vector.
         angle: θ [rad].
     """
     a = np.asarray(axis)

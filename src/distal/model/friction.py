@@ -69,6 +69,7 @@ def slipped(forward: Scalar, back: Scalar, z: Scalar, limit: Limit | Scalar) -> 
 
     Args:
         forward: f, see `slip`.
+        back: b.
         z: velocity without friction.
         limit: friction limit as a velocity; a `Limit` where it depends on the direction.
     """
@@ -97,6 +98,7 @@ def stribeck(speed: Scalar, excess: Scalar, characteristic: Scalar) -> Scalar:
     Stribeck's curve in the form of Armstrong-Hélouvry, Dupont and Canudas de Wit (Automatica 30, 1994).
 
     Args:
+        speed: v.
         excess: stiction beyond Coulomb friction, as a share of it, e ≥ 0.
         characteristic: speed at which it has faded to 1/e of itself, v_s > 0.
     """
@@ -109,6 +111,7 @@ def free_response(damping: Scalar, inertia: Scalar, step: Scalar) -> tuple[Scala
     a = exp(−c h/m), b = (1 − a)/c, and b = h/m as c → 0.
 
     Args:
+        damping: viscous coefficient c.
         inertia: mass or moment of inertia m.
         step: h [s].
     """
@@ -127,6 +130,7 @@ def load_dependent_limit(
     """Return the friction limit μ r_a N_ref (N/N_ref)^e; with e = 1 it is μ r_a N, equation (12) reconstructed.
 
     Args:
+        coefficient: μ.
         radius: r_a [m].
         load: N = T0 + Σ T [N], not negative.
         reference: N_ref [N].
@@ -163,6 +167,9 @@ def clip_moments(low: Scalar, high: Scalar, mean: Scalar, std: Scalar) -> ClipMo
     to a, m and b are Φ(α), Φ(β) − Φ(α) and 1 − Φ(β).
 
     Args:
+        low: a.
+        high: b ≥ a.
+        mean: m.
         std: s > 0.
     """
 

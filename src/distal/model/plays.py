@@ -71,6 +71,7 @@ def balanced(place: Scalar, bounds: Bounds, pull: Pull, friction: Scalar = 0) ->
     Args:
         place: before.
         pull: place → (g, g'): what the tendons pull it back with, and its slope.
+        friction: F that holds it.
     """
     now = bounds.hold(place)
     for _ in range(NEWTON_STEPS):

@@ -19,6 +19,11 @@ def restitution(stiffness: Scalar, damping: Scalar, inertia: Scalar) -> Scalar:
 
     e = exp(−(β/ω)(π − arctan(2βω/(ω² − β²)))) with β = b_s/2m, ω² = k_s/m − β²; contact ends where the force, not
     the penetration, is zero (Schwager & Pöschel, Granular Matter 9, 2007). Zero where the contact is overdamped.
+
+    Args:
+        stiffness: k_s.
+        damping: b_s.
+        inertia: m.
     """
     beta = damping / (2 * inertia)
     square = stiffness / inertia - beta * beta
@@ -158,6 +163,7 @@ def bounce(rebound: Scalar, at_high: Scalar, place: Scalar, flight: Flight) -> t
     Args:
         rebound: coefficient of restitution e, 0 for none.
         at_high: whether it is the upper stop.
+        place: of the stop.
         flight: kick and drift without the stop.
     """
     free, length, drift = flight.free, flight.length, flight.drift
@@ -182,6 +188,7 @@ def velocity_in_stops(stop: Stop, push: Push, position: Scalar, drift: Scalar) -
 
     Args:
         push: what the kick does to the body.
+        position: where the body is.
         drift: step that the stop's spring is taken over, h [s].
     """
     free = push.free

@@ -30,7 +30,11 @@ class Measure:
     most: float | None
 
     def margin(self, value: float) -> float:
-        """Return how far a value is within its bound, as a share of the bound; negative outside, −∞ without a value."""
+        """Return how far a value is within its bound, as a share of the bound; negative outside, −∞ without a value.
+
+        Args:
+            value: of the measure.
+        """
         if not np.isfinite(value):
             return -np.inf
         below = np.inf if self.least is None else (value - self.least) / abs(self.least)
@@ -54,7 +58,11 @@ class Statement:
     measures: tuple[Measure, ...]
 
     def margin(self, values: Sequence[float]) -> float:
-        """Return the smallest margin of its measures: the statement holds where it is not negative."""
+        """Return the smallest margin of its measures: the statement holds where it is not negative.
+
+        Args:
+            values: of the measures.
+        """
         return min(measure.margin(value) for measure, value in zip(self.measures, values))
 
 

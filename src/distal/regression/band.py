@@ -32,7 +32,11 @@ Errors = tuple[Floats, Floats, Floats]
 
 
 def student(freedom: float) -> float:
-    """Return by what a 95 % band is wider that knows its std from so many degrees of freedom: t_{0.975}/1.96."""
+    """Return by what a 95 % band is wider that knows its std from so many degrees of freedom: t_{0.975}/1.96.
+
+    Args:
+        freedom: degrees of freedom.
+    """
     from scipy.special import stdtrit  # loaded late: it takes as long as all of distal
 
     return float(stdtrit(max(freedom, 1.0), 0.975)) / NORMAL
@@ -43,6 +47,8 @@ def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> fl
 
     Args:
         logs: the errors on each left-out log.
+        least: smallest factor.
+        largest: largest factor.
     """
     needed, weights = [], []
     for error, scaled, fixed in logs:

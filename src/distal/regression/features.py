@@ -62,7 +62,11 @@ class Samples:
         return replace(self, usable=usable, **{name: getattr(self, name)[rows] for name in names})
 
     def window(self, homing: float) -> Bools:
-        """Return which samples a homing move of so long [s] may use, (k,)."""
+        """Return which samples a homing move of so long [s] may use, (k,).
+
+        Args:
+            homing: its length.
+        """
         early: Bools = self.time < homing
         return early if self.usable is None else early & self.usable
 
@@ -177,6 +181,7 @@ def played(values: Floats, half: float) -> Floats:
 
     Args:
         values: x, (k,).
+        half: w.
     """
     after: Floats = _play().scan(values[:1], values[:, None], np.array([half]))[1][:, 0]
     return after

@@ -65,6 +65,7 @@ def figure(
     """Make a figure in distal's style without touching the user's backend or settings.
 
     Args:
+        size: in inches.
         options: of matplotlib's `Figure.subplots`.
     """
     try:

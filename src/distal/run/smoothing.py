@@ -95,6 +95,7 @@ def correct(means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bo
         covariances: to change, (k, n, n).
         rig: with a discrepancy.
         compiled: compile the kernel where possible.
+        last: each sample's own row.
     """
     runner = AdaptiveFilter(rig, compiled)
     samples = samples_of(log, runner.channels, runner.name)

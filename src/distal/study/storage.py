@@ -159,6 +159,10 @@ def _check(label: Path, plan: Plan) -> None:
 
 
 def design_columns(columns: Mapping[str, NDArray[np.generic]]) -> list[str]:
-    """Return the names of the columns that hold what varies."""
+    """Return the names of the columns that hold what varies.
+
+    Args:
+        columns: of the rows.
+    """
     others = {"design", "seed", "scenario", "met", "problem", "seconds", *MEASURES}
     return [name for name in columns if name not in others and not name.startswith(BUILT)]

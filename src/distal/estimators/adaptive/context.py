@@ -100,7 +100,7 @@ class FilterContext:
         return sensor_for(self.channels.forces, self.mechanism.rig.drives[drive].name)
 
     def value(self, x: Vector, sensor: Sensor) -> Scalar:
-        """Return what a sensor reads in a sample, without its known offset and gain; what 0 stands for where missing."""
+        """Return what a sensor reads in a sample x, without its known offset and gain; what 0 stands for where missing."""
         return self.corrected(sensor, x[1 + self.channels.names.index(sensor.name)])
 
     def corrected(self, sensor: Sensor, reading: Scalar) -> Scalar:
@@ -110,7 +110,7 @@ class FilterContext:
         return offset if isinstance(gain, float) and gain == 1.0 else offset / gain
 
     def mask(self, x: Vector, sensor: Sensor) -> Scalar:
-        """Return the mask of a sensor's value in a sample, see `distal.kernels.mask`; a wild value is missing."""
+        """Return the mask of a sensor's value in a sample x, see `distal.kernels.mask`; a wild value is missing."""
         k, width = self.channels.names.index(sensor.name), len(self.channels.names)
         return x[1 + width + k] * self.credible(sensor, x[1 + k])
 
@@ -121,6 +121,7 @@ class FilterContext:
 
         Args:
             sensor: one of the channels; what measures no position is always credible.
+            reading: what it reads.
         """
         if sensor.measures != "position":
             return 1
@@ -130,7 +131,11 @@ class FilterContext:
         return away <= MOST_TRAVELS * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
 
     def number(self, path: str, otherwise: float) -> Scalar:
-        """Return a number of the description: an input of the filter where it is given, else a constant."""
+        """Return a number of the description: an input of the filter where it is given, else a constant.
+
+        Args:
+            otherwise: its value.
+        """
         p = self.mechanism.parameters
         return p[path] if path in p.inputs else otherwise
 

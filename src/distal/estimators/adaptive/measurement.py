@@ -53,6 +53,7 @@ def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Ve
     Args:
         state: symbolic, (n,).
         rates: mean speed of each drive over the interval, (n_drives,).
+        x: the sample.
     """
     context, mechanism, nj = states.context, states.context.mechanism, states.context.n_joints
     places = [states.place(i, tracks[i].place, state) for i in range(context.n_drives)]
@@ -100,7 +101,11 @@ def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Ve
 
 
 def away_from_stops(context: FilterContext, drive: int, place: Scalar) -> Scalar:
-    """Return 1 where a drive is certainly not at a stop: there the contact force is unknown, (17)."""
+    """Return 1 where a drive is certainly not at a stop: there the contact force is unknown, (17).
+
+    Args:
+        place: what its sensor reads.
+    """
     part, sensor = context.mechanism.rig.drives[drive], context.position_sensor(drive)
     if part.stops is None or sensor is None:
         return ca.SX(1)

@@ -73,6 +73,8 @@ def smoothed_effort(context: FilterContext, block: Transmitted, remembered: Scal
 
     Args:
         block: of what the drive transmits.
+        remembered: the last one.
+        x: the sample.
     """
     effort = context.value(x, block.sensor)
     following = remembered + reading_weight(block) * (effort - remembered)

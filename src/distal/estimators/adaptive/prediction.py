@@ -81,6 +81,10 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
 
     What an unknown place does within one interval is small, but it stays wrong until it is measured again: the longer
     it is missing, the more the joint has followed it. One missing sample does no harm. Equation (12).
+
+    Args:
+        tracks: of the drives, now.
+        memory: of the drives.
     """
     rig, total, drives = context.mechanism.rig, ca.SX(0), Tracks(tracks, context.n_drives)
     name = rig.joints[joint].name

@@ -215,7 +215,12 @@ def extra_variance(robustness: Robustness, lost: Scalar, unknown: Scalar) -> Sca
 
 
 def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar) -> Scalar:
-    """Return S' = S max(1, ν²/(c S)), c = `wild_force`: a wild force counts less the farther it is, (22)."""
+    """Return S' = S max(1, ν²/(c S)), c = `wild_force`: a wild force counts less the farther it is, (22).
+
+    Args:
+        variance: of the innovation, S.
+        innovation: ν.
+    """
     if not isfinite(robustness.wild_force):
         return variance
     return variance * ca.fmax(1, innovation**2 / (robustness.wild_force * variance))

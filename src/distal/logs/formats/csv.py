@@ -145,7 +145,11 @@ def _checked_rows(path: Path, data: bytes, separator: bytes, width: int, above: 
 
 
 def write_csv(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    """Return columns as the content of a file; NaN is an empty cell, and a number has the digits that tell it."""
+    """Return columns as the content of a file; NaN is an empty cell, and a number has the digits that tell it.
+
+    Args:
+        columns: name → values.
+    """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)

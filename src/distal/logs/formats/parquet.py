@@ -94,7 +94,11 @@ def _column(path: Path, name: str, column: Any) -> Column:
 
 
 def write_parquet(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    """Return columns as the content of a file."""
+    """Return columns as the content of a file.
+
+    Args:
+        columns: name → values.
+    """
     import pyarrow
     import pyarrow.parquet
 

@@ -78,7 +78,11 @@ def _sizes(rig: Rig, joint: Joint) -> list[str]:
 
 
 def axis_name(axis: tuple[float, float, float]) -> str:
-    """Return the name of a joint's axis."""
+    """Return the name of a joint's axis.
+
+    Args:
+        axis: a unit vector.
+    """
     for k, name in enumerate("xyz"):
         if abs(abs(axis[k]) - 1.0) < 1e-9:
             return f"{'−' if axis[k] < 0 else ''}{name}"

@@ -73,7 +73,11 @@ def views_of(rig: Rig) -> list[View]:
 
 
 def view_along(axis: tuple[float, float, float]) -> View:
-    """Return how an axis is seen: about y, x points right and z up, and a positive angle turns clockwise."""
+    """Return how an axis is seen: about y, x points right and z up, and a positive angle turns clockwise.
+
+    Args:
+        axis: a unit vector.
+    """
     a = np.asarray(axis)
     right = np.array([1.0, 0.0, 0.0]) - a[0] * a
     if float(np.linalg.norm(right)) < 0.3:

@@ -75,6 +75,7 @@ def on_circle(centre: Point, radius: float, angle: float) -> Point:
     """Return a point of a circle.
 
     Args:
+        radius: of it.
         angle: counter-clockwise from the right [rad].
     """
     return centre[0] + radius * cos(angle), centre[1] + radius * sin(angle)
@@ -84,6 +85,7 @@ def arc(centre: Point, radius: float, start: float, end: float) -> list[Point]:
     """Return points along an arc.
 
     Args:
+        radius: of it.
         start: angle of its first point [rad].
         end: of its last one [rad].
     """

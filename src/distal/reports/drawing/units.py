@@ -34,7 +34,11 @@ def written(value: float, si: str) -> str:
 
 
 def rounded(value: float) -> str:
-    """Return a number to three digits, with a true minus."""
+    """Return a number to three digits, with a true minus.
+
+    Args:
+        value: the number.
+    """
     digits = max(0, 2 - math.floor(math.log10(abs(value)))) if value and abs(value) < 1e3 else 0
     if abs(value) >= 1e5 or digits > 7:
         text = f"{value:.2e}"

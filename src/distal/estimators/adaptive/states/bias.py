@@ -80,7 +80,12 @@ class SensorBias(State):
         return Fading(ca.exp(-dt * drift**2 / (2 * std**2)), std)
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, own: Vector) -> Scalar:
-        """Return b where it is this sensor's."""
+        """Return b where it is this sensor's.
+
+        Args:
+            reading: what it reads.
+            own: b.
+        """
         return own[0] if sensor.name == self.sensor.name else 0
 
 
@@ -122,7 +127,12 @@ class SensorGain(State):
         return np.array([self.context.gain_std(self.sensor)])
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, own: Vector) -> Scalar:
-        """Return γ times the reading where it is this sensor's."""
+        """Return γ times the reading where it is this sensor's.
+
+        Args:
+            reading: what it reads.
+            own: γ.
+        """
         return own[0] * reading if sensor.name == self.sensor.name else 0
 
 

@@ -70,7 +70,11 @@ class ExternalTorque(State):
         return Fading(ca.exp(-dt / torque.correlation_time), self._std)
 
     def torque(self, joint: int, own: Vector) -> Scalar:
-        """Return τ_ext where it is this joint's [N m]."""
+        """Return τ_ext where it is this joint's [N m].
+
+        Args:
+            own: τ_ext.
+        """
         return own[0] if joint == self.joint else 0
 
 

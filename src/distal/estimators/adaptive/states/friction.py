@@ -65,7 +65,11 @@ class UnknownFriction(State):
         return False
 
     def friction(self, drive: int, own: Vector) -> Scalar:
-        """Return it where it is this drive's [N, N m]."""
+        """Return it where it is this drive's [N, N m].
+
+        Args:
+            own: the friction.
+        """
         return own[0] if drive == self.drive else 0
 
 

@@ -90,6 +90,7 @@ class Inside(State):
         """Return the parameters with this number.
 
         Args:
+            own: it.
             p: the parameters so far, (n_p,).
         """
         changed = ca.SX(p)

@@ -86,6 +86,10 @@ class Linearity(State):
         """Return Σ w_j cos(π j ξ) where it is this drive's sensor [m, rad].
 
         By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ): one cosine for all (Chebyshev).
+
+        Args:
+            reading: what the sensor reads.
+            own: the weights.
         """
         count = len(self.stds)
         if drive != self.drive or count == 0:

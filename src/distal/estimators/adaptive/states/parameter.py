@@ -100,6 +100,7 @@ class UncertainParameter(State):
         """Return the parameters with this one's value, or these times their factor.
 
         Args:
+            own: value or factor.
             p: the parameters so far, (n_p,).
         """
         changed = ca.SX(p)
@@ -198,6 +199,7 @@ def cut_normal(mean: float, std: float) -> tuple[float, float]:
 
     Args:
         mean: of the whole normal distribution.
+        std: of it.
     """
     lower = -mean / std
     if lower < -4.0:

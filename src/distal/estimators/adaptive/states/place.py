@@ -67,7 +67,11 @@ class UnmeasuredPlace(State):
         return (high - low) * PLACE_WALK
 
     def place(self, drive: int, own: Vector) -> Scalar | None:
-        """Return s where it is this drive's [m, rad]."""
+        """Return s where it is this drive's [m, rad].
+
+        Args:
+            own: s.
+        """
         return own[0] if drive == self.drive else None
 
 

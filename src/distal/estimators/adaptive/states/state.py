@@ -154,6 +154,7 @@ class State(ABC):
         """Return what it adds to the reading of a drive's position sensor [m, rad].
 
         Args:
+            reading: what the sensor reads.
             own: its numbers, symbolic, (k,).
         """
         return 0
@@ -178,6 +179,7 @@ class State(ABC):
         """Return what it adds to the reading of a sensor of force, tension or angle.
 
         Args:
+            reading: what it reads.
             own: its numbers, symbolic, (k,).
         """
         return 0

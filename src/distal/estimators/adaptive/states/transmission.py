@@ -134,7 +134,11 @@ class TransmissionError(State):
         return Fading(ca.exp(-dt / time), self._error)
 
     def force(self, drive: int, own: Vector) -> Scalar:
-        """Return minus the error where it is this drive's: what is transmitted lacks it [N, N m]."""
+        """Return minus the error where it is this drive's: what is transmitted lacks it [N, N m].
+
+        Args:
+            own: the error.
+        """
         return -own[0] if drive == self.drive else 0
 
 

@@ -181,6 +181,7 @@ class StateVector:
         """Return what is added to the reading of a sensor of force, tension or angle.
 
         Args:
+            reading: what it reads.
             state: (n,).
         """
         return sum((block.sensor_error(sensor, reading, self.own(block, state)) for block in self.blocks), ca.SX(0))
