@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import tracemalloc
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -79,6 +80,24 @@ def test_no_memory_is_taken(rig: Rig, log: Log) -> None:
     tracemalloc.stop()
     assert now - before < 1000
     assert peak - before < 8 * live.belief().carry.size  # less than one belief
+
+
+def test_the_first_step_builds_nothing(rig: Rig, log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All functions are there after the constructor, which leaves no trace: a first step that builds them misses 10 ms."""
+    live, other = LiveEstimator(rig, compiled=False), LiveEstimator(rig, compiled=False)
+
+    def build(*_: object) -> None:
+        raise AssertionError("built within a step")
+
+    for name in ("Function", "SX", "MX"):
+        monkeypatch.setattr(ca, name, build)
+    samples = np.column_stack([log.channels[channel] for channel in live.channels])
+    assert live.samples == 0
+    assert np.isnan(live.time)
+    assert np.isnan(live.innovations).all()
+    other.reset()
+    assert live.step(log.time[0], samples[0]) == other.step(log.time[0], samples[0])
+    live.step(log.time[1], samples[1])
 
 
 def test_what_a_step_refuses(rig: Rig, log: Log) -> None:

@@ -1,8 +1,9 @@
-"""An estimator in a control loop: it keeps one belief, takes one call per sample and allocates no arrays."""
+"""An estimator in a control loop: it keeps one belief, takes one call per sample and makes its arrays before the first."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from math import inf
 from pathlib import Path
 
@@ -61,7 +62,7 @@ class LiveEstimator:
         width, self._angles = len(runner.channels), runner.angles
         self._values, self._mask = self._x[1 : 1 + width], self._x[1 + width :]
         self._sample = np.zeros(width)
-        self._there = np.zeros(width, dtype=bool)
+        self._there, self._missing = np.zeros(width, dtype=bool), np.ones(width, dtype=bool)
         self._read = [runner.channels.index(name) for name in runner.measured]
         self._innovations = np.full(self._m, np.nan)
         self._begin: tuple[Floats | None, float] = (None, 0.0)
@@ -77,6 +78,17 @@ class LiveEstimator:
         self._torque_names = tuple(runner.state_names[i] for i in self._torques)
         means, stds = priors_of(runner)
         self._priors = None if means is None or stds is None else (means, stds)
+        self._warm()
+
+    def _warm(self) -> None:
+        """Take two samples and forget them: what is built for the first ones would make them miss their deadlines."""
+        with suppress(EstimationError):
+            for time in (0.0, self._interval):
+                self.step(time, np.zeros(len(self._sample)))
+        for array in (self._carry, self._x, self._y, self._sample):
+            array[:] = 0.0
+        self._there[:] = False
+        self.reset()
 
     def step(self, time: float, sample: Floats) -> float | Floats:
         """Take in a sample and return the joint angle [rad], of several joints their `angles`.
@@ -110,8 +122,9 @@ class LiveEstimator:
         if parts > MOST_BRIDGES:
             raise EstimationError(f"{name}: a gap of {dt:g} s is too long to bridge; call reset")
         np.isfinite(sample, out=self._there)
+        np.logical_not(self._there, out=self._missing)
         self._sample[:] = sample
-        self._sample[~self._there] = 0.0
+        np.copyto(self._sample, 0.0, where=self._missing)
         self._x[0] = dt / parts
         for rows_after in range(parts - 1, 0, -1):
             fill(self._values, self._mask, self._sample, self._there, rows_after, self._bridged)
