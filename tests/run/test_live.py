@@ -114,7 +114,7 @@ def test_what_a_step_refuses(rig: Rig, log: Log) -> None:
         (-0.01, samples[1], "is late"),
         (np.nan, samples[1], "is no time"),
         (1e9, samples[1], "too long to bridge"),
-        (0.01, samples[1][:3], "array of 4 numbers"),
+        (0.01, samples[1][:3], r"must have shape \(4,\)"),
         (0.01, [0.0, 0.0, 1.0, 1.0], "array of 4 numbers"),
         (0.01, np.full(4, np.inf), "is wild"),
     ):

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from distal.arrays import Floats
 from distal.cli.console import warn
 from distal.cli.options import EstimatorOption, RigOption, SetOption
 from distal.cli.outputs import check_outputs, to_file
@@ -27,6 +26,7 @@ from distal.errors import LogError, OutputError, printable
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from distal.arrays import Floats
     from distal.logs import MessageReader, Recorder
     from distal.run import Monitor, Reading
 

@@ -7,7 +7,6 @@ from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import (
     LARGEST_ANGLE,
     SHORTEST,
-    WILD,
     Estimator,
     KernelEstimator,
     check_time,
@@ -18,6 +17,7 @@ from distal.estimators.gaps import first_values
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.kinematic_chain import ChainKinematics
 from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
+from distal.estimators.samples import WILD, sample_problem, wild_problem
 from distal.estimators.state_kinds import (
     UNITS_OF_JOINTS,
     StateKind,
@@ -61,6 +61,8 @@ __all__ = [
     "make_estimator",
     "paper_noise",
     "rig_noise",
+    "sample_problem",
     "state_units",
     "states_of",
+    "wild_problem",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 from typing import Protocol, runtime_checkable
 
 import casadi as ca
@@ -15,15 +16,13 @@ from distal.estimators.belief import Belief, Innovation, innovation
 from distal.estimators.channels import Channels
 from distal.estimators.gaps import rows_of
 from distal.estimators.report import NOTHING_REPORTED
+from distal.estimators.samples import WILD, sample_problem, wild_problem
 from distal.kernels import Evaluation, Kernel, covariance_of, mean_of
 from distal.logs import LARGEST_READING, frozen
 from distal.rig import Rig
 
 LARGEST_ANGLE = 50.0
 """A joint angle beyond this [rad] means that the filter diverged."""
-
-WILD = f"beyond {LARGEST_READING:g} in SI; NaN stands for a missing value"
-"""The message on such a value."""
 
 SHORTEST = 1e-9
 """Two stamps closer to each other than this count as the same [s]."""
@@ -288,20 +287,11 @@ class KernelEstimator:
         return self.kernel.n_carry if self.has_kernel else None
 
     def _checked(self, sample: Floats) -> Floats:
-        try:
+        with suppress(TypeError, ValueError):
             sample = np.asarray(sample, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise EstimationError(
-                f"{self.name}: a sample is an array of numbers in the order of {self.channels}, "
-                f"{type(sample).__name__} came"
-            ) from None
-        if sample.shape != (len(self.channels),):
-            raise EstimationError(
-                f"{self.name}: a sample must have shape ({len(self.channels)},) for {self.channels}, "
-                f"{sample.shape} came"
-            )
-        if np.any(np.abs(sample) > LARGEST_READING):
-            raise EstimationError(f"{self.name}: the sample {sample} is wild ({WILD})")
+        problem = sample_problem(sample, self.channels) or wild_problem(sample)
+        if problem is not None:
+            raise EstimationError(f"{self.name}: {problem}")
         return sample
 
     def rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:

@@ -14,15 +14,15 @@ from distal.errors import EstimationError
 from distal.estimators import (
     DEFAULT,
     LARGEST_ANGLE,
-    WILD,
     Belief,
     KernelEstimator,
     check_time,
     external_torques_of,
     make_estimator,
+    sample_problem,
+    wild_problem,
 )
 from distal.estimators.gaps import MOST_BRIDGES, fill, predictions
-from distal.logs import LARGEST_READING
 from distal.rig import Rig, load_rig
 from distal.run.offline import priors_of
 
@@ -102,11 +102,9 @@ class LiveEstimator:
                 wild value; the state is then unchanged. Or the filter diverged: call `reset`.
         """
         name = self._runner.name
-        if not isinstance(sample, np.ndarray) or sample.shape != self._sample.shape or sample.dtype.kind not in "fiu":
-            raise EstimationError(f"{name}: a sample is an array of {len(self._sample)} numbers for {self.channels}")
-        for value in sample.tolist():  # of a few numbers this is faster than arrays
-            if value > LARGEST_READING or value < -LARGEST_READING:
-                raise EstimationError(f"{name}: the sample {sample} is wild ({WILD})")
+        problem = sample_problem(sample, self.channels) or wild_problem(sample)
+        if problem is not None:
+            raise EstimationError(f"{name}: {problem}")
         if (
             not isinstance(time, (float, int, np.floating, np.integer))
             or not -LATEST <= (time := _number(time)) <= LATEST

@@ -11,7 +11,7 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.errors import EstimationError
-from distal.estimators import LARGEST_ANGLE, SHORTEST
+from distal.estimators import LARGEST_ANGLE, SHORTEST, sample_problem
 from distal.logs import LARGEST_READING
 from distal.model import Mechanism
 from distal.results import LARGE_PRIOR, SMALL
@@ -169,8 +169,9 @@ class Monitor:
         live = self._live
         if not isinstance(time, (float, int)) or not abs(time) <= LATEST:
             return self._skipped(nan, "bad", "the stamp is no time")
-        if not isinstance(sample, np.ndarray) or sample.shape != self._seen.shape or sample.dtype.kind not in "fiu":
-            return self._skipped(time, "bad", f"a sample is an array of {len(self._seen)} numbers")
+        problem = sample_problem(sample, live.channels)
+        if problem is not None:
+            return self._skipped(time, "bad", problem)
         said: list[tuple[Health, str]] = []
         wild = np.abs(sample) > LARGEST_READING
         if wild.any():

@@ -1,0 +1,30 @@
+"""What a sample is: one rule for whoever takes one in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.logs import LARGEST_READING
+
+WILD = f"beyond {LARGEST_READING:g} in SI; NaN stands for a missing value"
+"""The message on such a value."""
+
+
+def sample_problem(sample: object, channels: Sequence[str]) -> str | None:
+    """Return why something is no sample of some channels, None where it is an array of one number for each."""
+    if not isinstance(sample, np.ndarray) or sample.dtype.kind not in "fiu":
+        return f"a sample is an array of {len(channels)} numbers for {tuple(channels)}, {type(sample).__name__} came"
+    if sample.shape != (len(channels),):
+        return f"a sample must have shape ({len(channels)},) for {tuple(channels)}, {sample.shape} came"
+    return None
+
+
+def wild_problem(sample: Floats) -> str | None:
+    """Return that a value of a sample is wild, (n_channels,) [SI]; None where none is."""
+    for value in sample.tolist():  # of a few numbers this is faster than arrays
+        if value > LARGEST_READING or value < -LARGEST_READING:
+            return f"the sample {sample} is wild ({WILD})"
+    return None
