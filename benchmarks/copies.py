@@ -23,8 +23,11 @@ STAGES = {
         ("tests",),
     ),
     "learning": (("tests/regression", "tests/homing"), ("tests/fitting", "tests/estimators"), ("tests",)),
+    "all": (("tests/{package}", "tests/test_{package}.py"), ("tests/cli",), ("tests",)),
 }
-"""For each part of the package which tests run first, then, and last; what ran before is left out: its own see most."""
+"""For each part of the package which tests run first, then, and last; what ran before is left out: its own see most.
+
+`{package}` is that of the changed module."""
 
 OMITTED = (".*", "__pycache__", "build", "dist", "node_modules", "out", "*.egg-info", "test_mutants.py")
 """What a copy of the project does not need; the tests of this tool would see no mistake in a filter."""
@@ -124,6 +127,7 @@ class Copy:
 
     def __init__(self, root: Path, folder: Path, processes: Processes, data: Path, part: str = "filter") -> None:
         self.stages = STAGES[part]
+        self._package = "*"
         self.folder, self._processes, self._temporary = folder, processes, data / f"{folder.name}-pytest"
         shutil.copytree(root, folder, symlinks=True, ignore=shutil.ignore_patterns(*OMITTED))
         scratch = data / f"{folder.name}-tmp"
@@ -181,9 +185,8 @@ class Copy:
         return Outcome(True, first_failure(code, said), seconds)
 
     def _found(self, stage: int) -> list[str]:
-        return sorted(
-            str(path.relative_to(self.folder)) for each in self.stages[stage] for path in self.folder.glob(each)
-        )
+        patterns = [each.format(package=self._package) for each in self.stages[stage]]
+        return sorted(str(path.relative_to(self.folder)) for each in patterns for path in self.folder.glob(each))
 
     @contextmanager
     def changed(self, file: Path, text: str) -> Iterator[None]:
@@ -195,11 +198,13 @@ class Copy:
         """
         path = self.folder / file
         before = path.read_text(encoding="utf-8")
+        self._package = Path(*file.parts[2:3]).stem
         try:
             self._write(path, text)
             yield
         finally:
             self._write(path, before)
+            self._package = "*"
 
     def _write(self, path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")

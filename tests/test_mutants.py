@@ -210,6 +210,23 @@ def made(project: Path, before: str, after: str) -> Mutant:
 
 
 @pytest.mark.slow
+def test_in_every_package_its_own_tests_run_first(project: Path) -> None:
+    """Of a module in `estimators` those in tests/estimators; the tests of other packages come last."""
+    (project / "tests/cli").mkdir()
+    (project / "tests/cli/test_first.py").write_text(
+        "from distal.estimators.kalman import gain\n\n\ndef test_gain_too():\n    assert gain(1.0, 3.0) == 0.25\n"
+    )
+    (outcome,) = mutants.run([made(project, "return p / (p + r)", "return p / (p - r)")], 1, project, "all")
+    assert outcome.by == "tests/estimators/test_gain.py::test_gain"
+
+
+def test_all_packages_are_asked_but_drawings_and_the_papers() -> None:
+    files = {file.as_posix() for file in mutants.modules(mutants.ROOT, "all")}
+    assert {"src/distal/study/answer.py", "src/distal/cli/fit.py", "src/distal/units.py"} <= files
+    assert not any("drawing/" in file or "/paper/" in file for file in files)
+
+
+@pytest.mark.slow
 def test_seen_and_survived(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tried = [
         made(project, "return p / (p + r)", "return p / (p - r)"),
