@@ -98,6 +98,15 @@ def side_by_side(
 strangers = partial(side_by_side, keys=("case",), values=("RMS [°]", "inside 95 % band [%]"))
 accuracy = partial(side_by_side, values=("RMS [°]", "inside 95 % band"))
 RIVALS = ("adaptive", "elastic", "inextensible", "ekf")
+NEWCOMERS = (
+    "rig",
+    "processor [s]",
+    "first answer [s]",
+    "gradients",
+    "converged",
+    "largest move [prior stds]",
+    "written",
+)
 PARTS = ("part", "within 2 standard errors", "RMS, fitted [°]", "ratio", "inside")
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -162,6 +171,9 @@ TABLES: dict[str, Callable[[], str]] = {
     "strangers-foreign": lambda: strangers(
         "strangers-foreign", names=("adaptive", "affine", "adaptive, rig as it came")
     ),
+    "strangers-lacking": lambda: part("strangers-lacking"),
+    "newcomers": lambda: part("newcomers", *NEWCOMERS),
+    "newcomers-angles": lambda: part("newcomers-angles"),
     "parts": lambda: part("parts", *PARTS),
     "parts-some": lambda: part("parts-some", *PARTS),
     **{

@@ -232,15 +232,6 @@ def summary(records: Sequence[Raw]) -> list[list[str]]:
                 f"{100 * np.mean(inside):.0f}, {100 * np.quantile(inside, 0.1):.0f}",
             ]
         )
-    values = [one for said in records if said["part"] is None for one in said["values"]]
-    rows.append(
-        [
-            f"numbers beyond 3 errors where no part is named, of {len(values)}",
-            f"{np.mean([abs(one['errors']) > 3 for one in values or [{'errors': 0}]]):.1%}",
-            "",
-            "",
-        ]
-    )
     return rows
 
 
@@ -265,6 +256,9 @@ def main() -> None:
         "RMS, median [°]",
         "inside [%]: mean, worst decile",
     ]
+    values = [one for said in records if said["part"] is None for one in said["values"]]
+    beyond = [abs(one["errors"]) > 3 for one in values] or [False]
+    print(f"numbers beyond 3 errors where no part is named: {np.mean(beyond):.1%} of {len(values)}")
     table("strangers-lacking", f"{len(records)} rigs whose files are silent about something", columns, summary(records))
 
 
