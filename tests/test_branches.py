@@ -41,3 +41,8 @@ def test_learn_has_few_branches_and_hides_none() -> None:
     helpers = {name: counted[name] for name in called if name in counted}
     assert len(helpers) >= 8
     assert max(helpers.values()) <= MOST, helpers
+    chosen = {
+        name: n for name, n in of_folder(FOLDER).items() if name.startswith(("learn.py", "candidates.py", "lacking"))
+    }
+    assert len(chosen) > 20
+    assert max(chosen.values()) <= MOST, chosen

@@ -158,10 +158,7 @@ def filter_candidate(
     if not run.data or mean_rms(run.data) > FAR * least:
         judged = bool(run.data) and len(set(training.folds)) > 1
         return replace(plain, error=mean_rms(run.data), beyond=mean_rms(run.data)) if judged else plain
-    if numbers is not None and training.options.homing is None:
-        surer = _run(training, numbers, True)
-        if len(surer.data) == len(run.data) and mean_rms(surer.data) < SURER * mean_rms(run.data):
-            run = surer
+    run = _surest(run, training, numbers)
     homing, samples, ran = training.options.homing, list(run.data.values()), list(run.data)
     own, groups = [run.rigs[i] for i in ran], [training.groups[i] for i in ran]
     half = partly_homed([training.known[i] for i in ran], own, homing, training.options.compiled)
@@ -176,6 +173,14 @@ def filter_candidate(
     beyond = _rms(samples, errors_beyond(samples, kind, folds, homing, learned), error)
     maps = {found.table: found}
     return replace(plain, rig=found.rig, hold=run.hold, maps=maps, error=error, beyond=beyond, data=run.data)
+
+
+def _surest(run: _Run, training: Training, numbers: Numbers | None) -> _Run:
+    """Return what a filter makes of the logs that takes the numbers as they are, where it errs far less."""
+    if numbers is None or training.options.homing is not None:
+        return run
+    surer = _run(training, numbers, True)
+    return surer if len(surer.data) == len(run.data) and mean_rms(surer.data) < SURER * mean_rms(run.data) else run
 
 
 def _rms(samples: Sequence[Samples], errors: Sequence[Sequence[Errors]], unknown: float = np.inf) -> float:
