@@ -1,8 +1,9 @@
 """Fits of rigs that newcomers wrote: time, work, convergence, and the angle on logs that no fit has seen.
 
 `python -m benchmarks.newcomers` (part of `make accuracy`) prints a line for each rig and saves the table; each fit runs in
-a process of its own, with an empty cache of kernels, in the environment that a user has. `--busy 8` fits beside eight busy
-processes, `--longer` with ten times the iterations. The joint and the finger of `newcomer` need the folder of logs in
+a process of its own, with an empty cache of kernels, in the environment that a user has. Machines differ, so its time is
+also given in loops of ten million additions in Python. `--busy 8` fits beside eight busy processes, `--longer` with ten
+times the iterations. The joint and the finger of `newcomer` need the folder of logs in
 `DISTAL_DATA`.
 """
 
@@ -129,6 +130,14 @@ def judged(rig: Rig, logs: list[Log], estimator: str = "adaptive") -> dict[str, 
     return {name: float(np.mean([one[name] for one in errors])) for name in errors[0]}
 
 
+def loop() -> float:
+    """Return the processor time of ten million additions in Python [s]: machines differ by eight times."""
+    begun, total = time.process_time(), 0
+    for i in range(10_000_000):
+        total += i
+    return time.process_time() - begun
+
+
 def run(case: str, longer: bool) -> dict[str, Any]:
     """Return what a fit took and gave, for one rig, in this process."""
     if longer:
@@ -137,6 +146,7 @@ def run(case: str, longer: bool) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         rig, logs, others = CASES[case](Path(folder))
+        before = loop()
         counted, begun, clock, first = Counted(), time.process_time(), time.perf_counter(), list[float]()
         found = fit(logs, rig, early=lambda _: first.append(time.perf_counter() - clock))
         children = os.times()
@@ -145,6 +155,7 @@ def run(case: str, longer: bool) -> dict[str, Any]:
         numbers = [p for p in found.fitted if p.identified and not p.noise]
         return {
             "seconds": taken,
+            "loops": 2 * taken / (before + loop()),
             "first answer": first[0] if first else np.nan,
             "gradients": passes,
             "converged": found.converged,
@@ -193,7 +204,8 @@ def main() -> None:
     work, angles = list[list[str]](), list[list[str]]()
     for case in cases:
         alone = asked(case, False)
-        row = [case, f"{alone['seconds']:.1f}", f"{alone['first answer']:.1f}", f"{alone['gradients']:.0f}"]
+        row = [case, f"{alone['seconds']:.1f}", f"{alone['loops']:.0f}", f"{alone['first answer']:.1f}"]
+        row.append(f"{alone['gradients']:.0f}")
         row += ["yes" if alone["converged"] else "no", f"{alone['far']:.1f}", alone["chosen"]]
         if words.longer:
             other = asked(case, True)["numbers"]
@@ -221,6 +233,7 @@ def main() -> None:
     head = [
         "rig",
         "processor [s]",
+        "in loops",
         "first answer [s]",
         "gradients",
         "converged",
