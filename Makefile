@@ -70,6 +70,7 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.chains accuracy
 	$(BIN)/python -m benchmarks.fitting
 	$(BIN)/python -m benchmarks.newcomers --longer --busy 8
+	$(BIN)/python -m benchmarks.searches
 	$(BIN)/python -m benchmarks.strangers.drawn --starts 0 --processes 2
 	$(BIN)/python -m benchmarks.strangers.lacking --rigs 40 --processes 2
 	$(BIN)/python -m benchmarks.strangers.rough

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distal.arrays import Floats
+from distal.arrays import Bools, Floats
 
 FEWEST_SHARE = 0.05
 """A value counts for at most 20: a channel that is hardly compared tells hardly anything."""
@@ -70,6 +70,37 @@ class Weighing:
 
 
 @dataclass(frozen=True)
+class Slopes:
+    """Weighted innovations r = f ν, f² = w/(c S), of a log at a point, and their slopes J.
+
+    Args:
+        there: which were compared, (k, m), N in all.
+        factor: f, (N,).
+        values: r, (N,).
+        slopes: J, (n, N).
+    """
+
+    there: Bools
+    factor: Floats
+    values: Floats
+    slopes: Floats
+
+    def bend(self, moved: Innovations, step: Floats, share: float) -> Floats:
+        """Return Jᵀ r'', how slopes change along a step, (n,): r'' = 2/h ((r(z + h d) − r(z))/h − J d).
+
+        Args:
+            moved: at z + h d.
+            step: d, (n,).
+            share: h.
+        """
+        if not moved.bounded:
+            return np.zeros(len(step))
+        change = self.factor * np.nan_to_num(moved.values[self.there]) - self.values
+        bend: Floats = 2.0 / share * (self.slopes @ (change / share - step @ self.slopes))
+        return bend
+
+
+@dataclass(frozen=True)
 class Derivatives:
     """−ln p and its derivatives at a point.
 
@@ -80,6 +111,7 @@ class Derivatives:
         meat: long-run covariance of the scores, (n, n): equal to the information where the model is right.
         spans: how many spans of time it is the sum of.
         of_logs: of a sum over logs those of each log alone, without the prior.
+        slopes: of a log's innovations.
     """
 
     cost: float
@@ -88,6 +120,7 @@ class Derivatives:
     meat: Floats
     spans: int
     of_logs: tuple[Derivatives, ...] = ()
+    slopes: Slopes | None = None
 
 
 def scales_of(runs: Sequence[Innovations], tolerance: Floats) -> Floats:
@@ -186,10 +219,13 @@ def derivatives_of(
     weight = np.broadcast_to(weighing.share * evened(base, weighing), shape)[there]
     influence = np.where(inlier, nu / spread, 1.0 / np.where(nu == 0.0, 1.0, nu))
     scores = weight * (slopes * influence + 0.5 * log_slopes * np.where(inlier, 1.0 - ratio, 0.0))
-    root = slopes * np.sqrt(weight / (spread * inflation))
+    factor = np.sqrt(weight / (spread * inflation))
+    root = slopes * factor
     spreads = np.sqrt(0.5 * weight) * log_slopes * inlier
     meat, spans = long_run_covariance(scores, np.broadcast_to(weighing.times[:, None], shape)[there])
-    return Derivatives(cost_of(base, weighing), scores.sum(axis=1), root @ root.T + spreads @ spreads.T, meat, spans)
+    information = root @ root.T + spreads @ spreads.T
+    own = Slopes(there, factor, factor * nu, root)
+    return Derivatives(cost_of(base, weighing), scores.sum(axis=1), information, meat, spans, (), own)
 
 
 def long_run_covariance(scores: Floats, times: Floats) -> tuple[Floats, int]:

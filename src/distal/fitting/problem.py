@@ -31,6 +31,9 @@ MOST_ITERATIONS = 30
 ENOUGH = 0.3
 """It ends where two steps after each other gain less than this of −ln p: a filter's has kinks of this size."""
 
+PROBED = 0.3
+"""How a step bends is found at this share of it."""
+
 
 @dataclass(frozen=True)
 class Worth:
@@ -331,6 +334,24 @@ class Problem:
             widths: see `of_logs`.
         """
         return self.summed(self.of_logs(z, widths), z)
+
+    def bends(self, z: Floats, of_logs: Sequence[Derivatives], steps: Sequence[Floats]) -> Floats:
+        """Return Jᵀ r'' of all logs along some steps, (k, size): see `Slopes.bend`.
+
+        Args:
+            z: the point, (size,).
+            of_logs: derivatives of each log there.
+            steps: (size,) each.
+        """
+        logs = range(len(self.data))
+        runs = iter(self.run([(j, (z + PROBED * step)[self.columns(j)]) for j in logs for step in steps]))
+        bends = np.zeros((len(steps), self.size))
+        for j, of_log in enumerate(of_logs):
+            for k, step in enumerate(steps):
+                places, run = self.columns(j), next(runs)
+                if of_log.slopes is not None:
+                    bends[k, places] += of_log.slopes.bend(run, step[places], PROBED)
+        return bends
 
     def summed(self, of_logs: Sequence[Derivatives], z: Floats) -> Derivatives:
         """Return the derivatives of all logs and the prior, from those of each log.

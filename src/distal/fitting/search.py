@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,11 +17,20 @@ SETTLED = 5e-3
 WIDER = 4.0
 """Where a step gains too little, the next goes by slopes over so many times the distance."""
 
-DAMPINGS = (0.0, 0.1, 1.0, 100.0)
-"""Shares of the information's diagonal that are added to it: a step of each is tried, side by side."""
+DAMPINGS = (1 / 8, 1.0, 8.0, 64.0)
+"""Steps of so many times the damping of the last one are tried, side by side, beside the undamped one."""
 
-STRIDES = (0.5,)
-"""So many times the undamped step is tried too: in a bent valley steps are too short, across a kink too long."""
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-6, 100.0
+"""Damping of the first iteration, and the range of all: shares of the information's diagonal that are added to it."""
+
+STRIDE = 0.5
+"""So many times the undamped step is tried too: across a kink it is too long."""
+
+STRAIGHT = 1.0
+"""Where the undamped step gains so much less of −ln p than predicted, the valley is bent."""
+
+MOST_BENT = 0.75
+"""A step is bent by at most this share of its own length (Transtrum and Sethna 2012)."""
 
 FIRST_WIDTH = 1e-2
 """The first slopes are taken over this share of a value, or of its scale where it may be zero."""
@@ -121,9 +130,11 @@ def search(
     """Return the local minimum of −ln p that Fisher scoring leads to from a start.
 
     Each step solves (H + λ diag H) d = −g within the bounds, with Fisher's information H and the gradient g (Levenberg
-    1944, Marquardt 1963; Gupta and Mehra, IEEE TAC 19, 1974). Steps of all `DAMPINGS` λ are tried at once, and the best is
-    taken. Slopes are taken over what a number is known to, so that they are those of −ln p and not of its kinks. An
-    interruption (Ctrl-C) ends it with the best so far.
+    1944, Marquardt 1963; Gupta and Mehra, IEEE TAC 19, 1974). Steps of several λ are tried at once, and the best is taken;
+    the next iteration tries λ around its. Where the undamped step gains far less than predicted, −ln p is a bent valley,
+    and steps are tried too that follow the bend, d + a/2 with (H + λ diag H) a = −Jᵀ r'' (Transtrum and Sethna,
+    arXiv:1201.5885, 2012). Slopes are taken over what a number is known to, so that they are those of −ln p and not of its
+    kinks. An interruption (Ctrl-C) ends it with the best so far.
 
     Args:
         start: coordinates, (n,).
@@ -138,7 +149,7 @@ def search(
     widths = first_widths(problem) if near_by is None else widths_at(problem, z, near_by)
     n = problem.size  # an interruption may come before anything is known
     found = Found(z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0))
-    wider = 1.0
+    wider, damping, bent = 1.0, FIRST_DAMPING, False
     try:
         derivatives = problem.derivatives(z, np.where(free, widths, 0.0)) if known is None else known
         # what logs are worth may be told apart from others there: the cost is this problem's own
@@ -146,12 +157,15 @@ def search(
         found = Found(z, cost, derivatives)
         last = problem.most if most is None else most
         for iteration in range(1, last + 1):
-            steps = [damped_step(problem, found.z, derivatives, free, damping) for damping in DAMPINGS]
+            dampings = [0.0, *(damping * times for times in DAMPINGS)]
+            steps = [damped_step(problem, found.z, derivatives, free, each) for each in dampings]
             found, predicted = replace(found, iterations=iteration), steps[0][1]
             if predicted < SETTLED:
                 return replace(found, converged=True)
-            ahead = [_inside(problem, found.z + share * steps[0][0]) for share in STRIDES]
-            points = [*(found.z + step for step, _ in steps), *ahead]
+            tried = [(0.0, STRIDE * steps[0][0]), *((each, step) for each, (step, _) in zip(dampings, steps))]
+            if bent:
+                tried += _bent(problem, found.z, derivatives, free, tried[2:])
+            points = [_inside(problem, found.z + step) for _, step in tried]
             costs = problem.costs(points)
             best = int(np.argmin(costs))
             gained = found.cost - float(costs[best])
@@ -162,12 +176,34 @@ def search(
             if gained < problem.enough and wider > 1.0:
                 return replace(found, converged=True)
             wider = WIDER if gained < problem.enough else 1.0
+            bent = predicted > gained + STRAIGHT
+            following = max(tried[best][0], damping * DAMPINGS[0]) if gained > 0.0 else damping * DAMPINGS[-1]
+            damping = min(max(following, LEAST_DAMPING), MOST_DAMPING)
             if iteration < last:
                 widths = wider * widths_at(problem, found.z, derivatives)
                 derivatives = problem.derivatives(found.z, np.where(free, widths, 0.0))
                 found = replace(found, derivatives=derivatives)
     except KeyboardInterrupt:
         return replace(found, interrupted=True)
+    return found
+
+
+def _bent(
+    problem: Problem, z: Floats, derivatives: Derivatives, free: Bools, tried: Sequence[tuple[float, Floats]]
+) -> list[tuple[float, Floats]]:
+    """Return each damped step with its bend, with its damping.
+
+    Args:
+        z: the point, (n,).
+        free: which coordinates move, (n,).
+        tried: damping and step, (n,), of each.
+    """
+    scale, found = np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-12)), []
+    bends = problem.bends(z, derivatives.of_logs, [step for _, step in tried])
+    for (damping, step), bend in zip(tried, bends):
+        own = damped_step(problem, z + step, replace(derivatives, gradient=bend), free, damping)[0]
+        length, along = float(np.linalg.norm(own * scale)), float(np.linalg.norm(step * scale))
+        found.append((damping, step + 0.5 * min(1.0, MOST_BENT * along / max(length, 1e-300)) * own))
     return found
 
 
