@@ -101,6 +101,7 @@ RIVALS = ("adaptive", "elastic", "inextensible", "ekf")
 NEWCOMERS = (
     "rig",
     "processor [s]",
+    "in loops",
     "first answer [s]",
     "gradients",
     "converged",
