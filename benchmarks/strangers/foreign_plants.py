@@ -51,7 +51,9 @@ def finger_log(seed: int, duration: float = DURATION) -> Log:
     angles, torques = np.empty(len(turn)), np.empty(len(turn))
     share = np.expm1(coefficient * wrap / parts)
     tensions = np.full(parts, 1.0)
-    for k, place in enumerate(turn):
+    # before the log the motor winds the cable to where it begins: else the joint jumps by 8° after the first sample
+    winding = np.linspace(0.0, turn[0], round(RATE))[:-1]
+    for k, place in enumerate([*winding, *turn], -len(winding)):
         nodes[0] = spool * place
         for _ in range(60):
             before = nodes.copy()
@@ -71,6 +73,8 @@ def finger_log(seed: int, duration: float = DURATION) -> Log:
             nodes[parts] = arm * (angle + 0.08 * np.sin(angle))
             if np.abs(nodes - before).max() < 1e-9:
                 break
+        if k < 0:
+            continue
         tensions = stiffness * np.maximum(nodes[:-1] - nodes[1:], 0.0)
         angles[k] = angle
         speed = (turn[k] - turn[k - 1]) * RATE if k else 0.0
