@@ -92,7 +92,6 @@ def score(
 def run(job: tuple[str, str, int]) -> list[Score]:
     """Simulate one log and run every estimator on it."""
     kind, plant, seed = job
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
     if kind == "hand":
         log = hand_log(seed)
         maker = _hand_maker("adaptive", plant)

@@ -17,19 +17,17 @@ from importlib import import_module
 from math import inf
 
 os.environ["DISTAL_COMPILE"] = "0"
-for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_threads, "1")
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from benchmarks import cases  # noqa: E402
-from benchmarks.report import table  # noqa: E402
-from benchmarks.strangers import glitches, poses, rigs, scoring, series, steps  # noqa: E402
-from benchmarks.strangers.scoring import Record  # noqa: E402
-from distal import DistalError, Log, Rig, estimate  # noqa: E402
-from distal.estimators import AdaptiveFilter, Robustness  # noqa: E402
-from distal.homing import with_references  # noqa: E402
-from distal.rig import build_rig  # noqa: E402
+from benchmarks import cases
+from benchmarks.report import table
+from benchmarks.strangers import glitches, poses, rigs, scoring, series, steps
+from benchmarks.strangers.scoring import Record
+from distal import DistalError, Log, Rig, estimate
+from distal.estimators import AdaptiveFilter, Robustness
+from distal.homing import with_references
+from distal.rig import build_rig
 
 WITHOUT: dict[str, float] = {
     "wild_displacement": inf,

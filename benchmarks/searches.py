@@ -1,8 +1,8 @@
 """How far and how fast searches come: steps of four fixed dampings, of dampings around the last one, and with bends.
 
-`python -m benchmarks.searches` (part of `make accuracy`) catches what a fit of each rig of `benchmarks.newcomers` searches
-with all logs by the equations, and searches each anew from the same start, 200 iterations at most. Work is in gradients:
-runs over all logs / (coordinates + 1).
+`python -m benchmarks.searches` (part of `make accuracy`) catches what a fit of each rig of `benchmarks.newcomers`, and of
+some of `benchmarks.strangers.lacking`, searches with all logs by the equations, and searches each anew from the same start,
+200 iterations at most. Work is in gradients: runs over all logs / (coordinates + 1).
 """
 
 from __future__ import annotations
@@ -11,16 +11,24 @@ import argparse
 import os
 import tempfile
 import warnings
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.newcomers import CASES
 from benchmarks.report import table
-from distal import fit
+from benchmarks.strangers.drawn import FITTED
+from benchmarks.strangers.drawn_rigs import drawn_rig
+from benchmarks.strangers.lacking import logs_of
+from distal import Log, Rig, fit
 from distal.fitting import inverse, numbers, search
+from distal.rig import build_rig
+
+Floats = NDArray[np.float64]
 
 PLAIN = mock.patch.object(search, "_bent", return_value=[])
 FIXED = mock.patch.multiple(
@@ -28,11 +36,11 @@ FIXED = mock.patch.multiple(
 )
 WAYS = {"four fixed dampings": (PLAIN, FIXED), "around the last": (PLAIN,), "with bends": ()}
 MOST = 200
+FIRST_LACKING = 100
 
 
-def caught(case: str, folder: Path, most: int) -> list[tuple[Any, Any, dict[str, Any]]]:
+def caught(rig: Rig, logs: Sequence[Log], most: int) -> list[tuple[Any, Any, dict[str, Any]]]:
     """Return problem, start and options of the first searches of a fit with all logs."""
-    rig, logs, _ = CASES[case](folder)
     found = list[tuple[Any, Any, dict[str, Any]]]()
     real = search.search
 
@@ -60,29 +68,45 @@ def searched(problem: Any, start: Any, options: dict[str, Any]) -> tuple[float, 
     return end.cost, rows[0] / len(problem.data) / (problem.size + 1)
 
 
+def rigs(folder: Path, lacking: int) -> Iterator[tuple[str, Rig, Sequence[Log]]]:
+    """Return name, rig and logs to fit of the newcomers' rigs and of drawn rigs that lack something."""
+    for case in (case for case in CASES if "given" not in case or "DISTAL_DATA" in os.environ):
+        rig, logs, _ = CASES[case](folder)
+        yield case, rig, logs
+    for seed in range(FIRST_LACKING, FIRST_LACKING + lacking):
+        drawn = drawn_rig(2 * seed, False)
+        yield f"lacking {seed}", build_rig(drawn.raw, f"lacking {seed}"), logs_of(drawn, seed)[0][:FITTED]
+
+
 def main() -> None:
     """Print and save what each way takes and where it ends, over the searches of each rig."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--most", type=int, default=12, help="searches of a rig")
-    most, rows = parser.parse_args().most, list[list[str]]()
-    for case in (case for case in CASES if "given" not in case or "DISTAL_DATA" in os.environ):
-        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            problems = caught(case, Path(folder), most)
-        ends = []
-        for patches in WAYS.values():
-            for patch in patches:
-                patch.start()
-            ends.append([searched(*each) for each in problems])
-            for patch in patches:
-                patch.stop()
-        costs, work = np.moveaxis(np.array(ends), -1, 0)
-        above = costs - costs.min(axis=0)
-        row = [f"{a:.0f}, {b:.1f}" for a, b in zip(work.sum(axis=1), above.max(axis=1))]
-        rows.append([case, str(len(problems)), *row])
-        print(" | ".join(rows[-1]), flush=True)
-    columns = ["rig", "searches", *(f"{way}: gradients, most above the best of −ln p" for way in WAYS)]
+    parser.add_argument("--lacking", type=int, default=10, help="drawn rigs that lack something")
+    given, rows, whole = parser.parse_args(), list[list[str]](), np.zeros((2, len(WAYS)))
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for name, rig, logs in rigs(Path(folder), given.lacking):
+            problems, ends = caught(rig, logs, given.most), []
+            for patches in WAYS.values():
+                for patch in patches:
+                    patch.start()
+                ends.append([searched(*each) for each in problems])
+                for patch in patches:
+                    patch.stop()
+            costs, work = np.moveaxis(np.array(ends), -1, 0)
+            above = costs - costs.min(axis=0)
+            whole += [work.sum(axis=1), above.sum(axis=1)]
+            rows.append([name, str(len(problems)), *said(work.sum(axis=1), above.sum(axis=1))])
+            print(" | ".join(rows[-1]), flush=True)
+    rows.append(["all", str(sum(int(row[1]) for row in rows)), *said(*whole)])
+    columns = ["rig", "searches", *(f"{way}: gradients, −ln p above the best" for way in WAYS)]
     table("searches", "where searches end", columns, rows)
+
+
+def said(work: Floats, above: Floats) -> list[str]:
+    """Return the cells of all ways."""
+    return [f"{a:.0f}, {b:.1f}" for a, b in zip(work, above)]
 
 
 if __name__ == "__main__":

@@ -17,14 +17,12 @@ from types import ModuleType
 
 # read by the kernels before the first one is made: nearly every rig here is used once
 os.environ["DISTAL_COMPILE"] = "0"
-for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_threads, "1")
 
-from rich.progress import track  # noqa: E402
+from rich.progress import track
 
-from benchmarks.strangers import contact, foreign, glitches, hands, homing, kinds, mistakes, poses, rigs, series, steps  # noqa: E402
-from benchmarks.strangers.scoring import Job, Record  # noqa: E402
-from benchmarks.strangers.storage import common, load, moved, save, show, show_beside  # noqa: E402
+from benchmarks.strangers import contact, foreign, glitches, hands, homing, kinds, mistakes, poses, rigs, series, steps
+from benchmarks.strangers.scoring import Job, Record
+from benchmarks.strangers.storage import common, load, moved, save, show, show_beside
 
 BENCHES: dict[str, ModuleType] = {
     bench.NAME: bench
