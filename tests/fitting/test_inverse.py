@@ -14,8 +14,8 @@ from distal import Log, Rig, load_rig, simulate
 from distal.fitting import Options
 from distal.fitting.inverse import INTERVAL, MEMORY, InverseProblem, inverse_problem
 from distal.fitting.jackknife import numbers_without
-from distal.fitting.lacking import named_parts, parts_of
-from distal.fitting.numbers import Numbers, by_equations, problem_of
+from distal.fitting.lacking import Tried, parts_of, tried_parts
+from distal.fitting.numbers import Numbers, among_models, by_equations, problem_of
 from distal.logs import true_angles
 from distal.rig import build_rig
 
@@ -226,13 +226,37 @@ def test_the_part_that_a_rig_lacks_is_named() -> None:
     silent = ropes_rig().with_values({f"drives.{i}.backlash": None for i in (0, 1)})
     numbers = by_equations(problem_of(logs, silent, Options()), Options(), None)
     assert numbers is not None
-    (part, _), *_ = named_parts(logs, silent, Options(), numbers)
+    tried = tried_parts(logs, silent, Options(), numbers)
+    (part, better), *_ = tried.named
     assert part.name == "play between drives and tendons"
     assert set(part.values) == {f"drives.{name}.backlash.width" for name in ("flexor", "extensor")}
-    assert named_parts(logs, ropes_rig(), Options(), found) == []
+    assert len(tried.numbers) > len(tried.named)
+    assert tried_parts(logs, ropes_rig(), Options(), found).named == ()
     quiet = replace(numbers, nis=(numbers.nis[0], tuple(0.5 for _ in numbers.nis[1])))
-    assert named_parts(logs, silent, Options(), quiet) == []
-    assert named_parts(logs, silent, Options(free=("tendons.*.stiffness",)), numbers) == []
+    assert tried_parts(logs, silent, Options(), quiet) == Tried()
+    assert tried_parts(logs, silent, Options(free=("tendons.*.stiffness",)), numbers) == Tried()
+    models_widen_errors(numbers, better)
+
+
+def models_widen_errors(alone: Numbers, better: Numbers) -> None:
+    """V = V_own + the variance of both models' values, a quarter of their difference squared; values stay."""
+    wider = among_models(better, [alone, better])
+    others = {one.name: one for one in alone.fitted}
+    compared = [(one, other, others[one.name]) for one, other in zip(better.fitted, wider.fitted) if one.name in others]
+    free = [
+        (own, wide, other) for own, wide, other in compared if own.identified and other.identified and not own.noise
+    ]
+    linear = [each for each in free if each[1].error < 0.9 * each[1].prior_std]
+    assert len(linear) >= 3
+    moved = 0
+    for own, wide, other in linear:
+        assert wide.value == own.value
+        assert wide.error == pytest.approx(np.hypot(own.error, (own.value - other.value) / 2), rel=0.1), own.name
+        moved += wide.error > 1.2 * own.error
+    assert moved > 0
+    # what only one model varies is as well known as before
+    assert all(wide.error == own.error for own, wide in zip(better.fitted, wider.fitted) if own.name not in others)
+    assert among_models(better, [better]) is better
 
 
 def test_every_part_can_be_added_to_a_plain_rig() -> None:

@@ -84,30 +84,45 @@ def parts_of(rig: Rig) -> Iterator[Part]:
     yield Part("moment arms that change with the angle", arms)
 
 
-def named_parts(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> list[tuple[Part, Numbers]]:
-    """Return the parts with which a rig's equations lack least along some logs, and the first together with another.
+@dataclass(frozen=True)
+class Tried:
+    """What came of the parts that were tried.
+
+    Args:
+        named: those with which the equations lack least, with their numbers, and the first together with another.
+        numbers: those with each part, named or not.
+    """
+
+    named: tuple[tuple[Part, Numbers], ...] = ()
+    numbers: tuple[Numbers, ...] = ()
+
+
+def tried_parts(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> Tried:
+    """Return what comes of the parts that a rig may lack, where its equations lack more than its sensors' noise.
 
     Args:
         rig: the description as it came.
         numbers: of its equations.
     """
     if not numbers.by_equations or options.free:
-        return []
-    named = _named(logs, rig, options, numbers)[:MOST_NAMED]
-    if not named:
-        return []
-    first, found = named[0]
-    both = _named(logs, rig.with_values(first.values), options, found)[:1]
-    return [*named, *((first.and_(second), together) for second, together in both)]
+        return Tried()
+    alone = _tried(logs, rig, options, numbers)
+    if not alone.named:
+        return alone
+    first, found = alone.named[0]
+    both = _tried(logs, rig.with_values(first.values), options, found)
+    together = tuple((first.and_(second), own) for second, own in both.named[:1])
+    return Tried((*alone.named[:MOST_NAMED], *together), (*alone.numbers, *both.numbers))
 
 
-def _named(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> list[tuple[Part, Numbers]]:
-    """Return the parts that are named, the one that leaves the least residuals first."""
+def _tried(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> Tried:
+    """Return what comes of one part more; named are those that leave clearly less, the least first."""
     if max(numbers.nis[1], default=0.0) < UNEXPLAINED:
-        return []
-    tried = [(part, numbers_with(part, logs, rig, options, numbers)) for part in parts_of(rig)]
-    found = [(part, own) for part, own in tried if own is not None and _residual(own) < NAMED * _residual(numbers)]
-    return sorted(found, key=lambda one: _residual(one[1]))
+        return Tried()
+    each = [(part, numbers_with(part, logs, rig, options, numbers)) for part in parts_of(rig)]
+    done = [(part, own) for part, own in each if own is not None]
+    named = [(part, own) for part, own in done if _residual(own) < NAMED * _residual(numbers)]
+    return Tried(tuple(sorted(named, key=lambda one: _residual(one[1]))), tuple(own for _, own in done))
 
 
 def numbers_with(part: Part, logs: Sequence[Log], rig: Rig, options: Options, begin: Numbers) -> Numbers | None:

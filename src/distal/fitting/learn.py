@@ -22,9 +22,9 @@ from distal.fitting.candidates import (
 )
 from distal.fitting.curves import curves
 from distal.fitting.fitted import FittedNumber, assignments, described
-from distal.fitting.lacking import Part, named_parts, numbers_with
+from distal.fitting.lacking import Part, Tried, numbers_with, tried_parts
 from distal.fitting.maps import MapFit, learn_contact
-from distal.fitting.numbers import Numbers, numbers_of, problem_of
+from distal.fitting.numbers import Numbers, among_models, numbers_of, problem_of
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress, judging
 from distal.logs import Log, true_torques
@@ -95,8 +95,8 @@ def learn(
     if line is not None and early is not None:
         early(line)
     found = numbers_of(problem, options, progress)
-    chosen, candidates = _chosen(logs, training, line, found, parts, progress)
-    numbers = found[-1] if chosen.numbers is None else chosen.numbers
+    chosen, candidates, models = _chosen(logs, training, line, found, parts, progress)
+    numbers = among_models(found[-1] if chosen.numbers is None else chosen.numbers, models)
     bends = dict(curves(numbers.problem.of_filter, numbers.found.z)) if options.curves else {}
     learned = described(chosen.rig.bare(), bends)
     maps = [*([] if line is None else [line]), *chosen.maps.values(), *_contact_map(logs, learned, options)]
@@ -123,21 +123,25 @@ def _chosen(
     found: Sequence[Numbers],
     parts: Sequence[Part] | None,
     progress: Progress | None,
-) -> tuple[Candidate, list[Candidate]]:
-    """Return the candidate that is written, and all that were judged; numbers alone where none can be, or Ctrl-C came."""
+) -> tuple[Candidate, list[Candidate], list[Numbers]]:
+    """Return the candidate that is written, all that were judged, and the numbers of all models of the equations.
+
+    The first is of numbers alone where none can be judged, or Ctrl-C came.
+    """
     if line is None or found[-1].found.interrupted:
-        return _alone(found[-1], training.rig), []
+        return _alone(found[-1], training.rig), [], []
     try:
         own = training.rig, training.options
         if parts is None:
-            more = named_parts(logs, *own, found[0])
+            tried = tried_parts(logs, *own, found[0])
         else:
-            tried = [(part, numbers_with(part, logs, *own, found[0])) for part in parts]
-            more = [(part, numbers) for part, numbers in tried if numbers is not None]
-        return _judged(training, line, found, more, progress)
+            each = [(part, numbers_with(part, logs, *own, found[0])) for part in parts]
+            named = tuple((part, numbers) for part, numbers in each if numbers is not None)
+            tried = Tried(named, tuple(numbers for _, numbers in named))
+        return (*_judged(training, line, found, tried.named, progress), [found[0], *tried.numbers])
     except KeyboardInterrupt:
         numbers = replace(found[-1], found=replace(found[-1].found, interrupted=True))
-        return _alone(numbers, training.rig), []
+        return _alone(numbers, training.rig), [], []
 
 
 def _judged(

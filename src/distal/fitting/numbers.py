@@ -137,10 +137,30 @@ def _start(problem: Problem, options: Options) -> Floats:
     return np.zeros(problem.size) if options.start is None else _coordinates_of(problem, options.start)
 
 
-def _translated(problem: Problem, z: Floats, other: Problem) -> Floats:
-    """Return coordinates of one problem as those of another, 0 for what only that one varies."""
+def among_models(numbers: Numbers, models: Sequence[Numbers]) -> Numbers:
+    """Return numbers of equations with errors that know of other models: what these make of the same logs is as likely.
+
+    The covariance grows by that of the ends of all models' searches (Draper, J. Royal Statistical Society B 57, 1995). The
+    stated errors of one model hold where it is right; numbers that a part more or less would move are known less well.
+
+    Args:
+        models: numbers of the same rig with parts more or less, and of the rig itself.
+    """
+    if not numbers.by_equations or len(models) < 2:
+        return numbers
+    problem, found, known = numbers.problem, numbers.found, numbers.uncertainty
+    ends = np.array([_translated(one.problem, one.found.z, problem, found.z) for one in models])
+    spread = np.atleast_2d(np.cov(ends, rowvar=False, bias=True))
+    wider = replace(known, covariance=known.covariance + spread)
+    fitted = tuple(fitted_numbers(problem, found, wider, numbers.left, numbers.held))
+    return replace(numbers, uncertainty=wider, fitted=fitted)
+
+
+def _translated(problem: Problem, z: Floats, other: Problem, otherwise: Floats | None = None) -> Floats:
+    """Return coordinates of one problem as those of another, and for what only that one varies others, or 0."""
     known = {(part.name, log): value for (part, log), value in zip(problem.parts, z)}
-    return np.array([known.get((part.name, log), 0.0) for part, log in other.parts])
+    missing = np.zeros(other.size) if otherwise is None else otherwise
+    return np.array([known.get((part.name, log), at) for (part, log), at in zip(other.parts, missing)])
 
 
 def _told(problem: Problem, start: Floats, progress: Callable[[int, float], None] | None) -> Numbers:
