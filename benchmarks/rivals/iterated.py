@@ -12,11 +12,11 @@ from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import StateVector
 from distal.estimators.adaptive.drive_tracking import MEMORY, TRACKED, Tracks, tracking
 from distal.estimators.adaptive.interval import Interval, Prediction
-from distal.estimators.adaptive.measurement import row_functions
+from distal.estimators.adaptive.measurement import ROW, SLOPED, Rows
 from distal.estimators.adaptive.motion import moved
 from distal.estimators.adaptive.play import play
 from distal.estimators.adaptive.prediction import predicted, revert
-from distal.estimators.adaptive.update import comparison_function, weights
+from distal.estimators.adaptive.update import SINCE, comparison_function, weights
 from distal.estimators.kalman import Downdate, along
 from distal.kernels import Kernel
 from distal.rig import Rig
@@ -87,36 +87,40 @@ def iterated_update(
     """
     prior, covariance = prediction.state, Downdate(prediction.covariance)
     tracks, x, p, nd = interval.tracks, interval.x, interval.p, states.context.n_drives
-    rows, table = row_functions(states)
+    table = Rows.of(states)
     mean, kept, innovations, spreads = ca.MX(prior), list(memory), list[Any](), list[Any]()
-    for k, row in enumerate(rows):
+    for k, row in enumerate(table.rows):
         compare, weigh = comparison_function(states, row), weights(states.context.robustness, row.trusted)
         followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
-        remembered, point = ca.MX(0) if row.drive is None else kept[row.drive], ca.MX(prior)
+        point = ca.MX(prior)
         for _ in range(updates):
-            values, *slopes = table(point, tracks, rates, x, p)
-            slope, limit_slope, asymmetry_slope = own = slopes[3 * k : 3 * k + 3]
-            ahead = [covariance.times(each) for each in own]
-            since = [along(each, mean - point) for each in own]
-            numbers = ca.vertcat(*since, along(slope, ahead[0]), along(limit_slope, ahead[1]), remembered)
-            innovation, own_variance, after, by_limit, by_asymmetry, counts = compare(
-                values[5 * k : 5 * k + 5], numbers, followed, x[0], p
+            at = table.at(point, tracks, rates, x, p)[k]
+            slopes, moved = at.slopes, mean - point
+            by_residual, by_limit, by_asymmetry = (covariance.times(getattr(slopes, part)) for part in SLOPED)
+            since = SINCE.joined(
+                **{part: along(getattr(slopes, part), moved) for part in SLOPED},
+                residual_variance=along(slopes.residual, by_residual),
+                limit_variance=along(slopes.limit, by_limit),
+                memory=ca.MX(0) if row.drive is None else kept[row.drive],
             )
-            across = by_limit * ahead[1] + by_asymmetry * ahead[2] - ahead[0]
-            spread = by_limit * along(limit_slope, across) + by_asymmetry * along(asymmetry_slope, across)
-            spread += own_variance - along(slope, across)
-            weight, root, shown = weigh(spread, innovation, values[5 * k + 4], counts)
-            change = (weight * innovation) * across
+            found = compare(values=at.values, since=since, track=followed, dt=x[0], p=p)
+            across = found["by_limit"] * by_limit + found["by_asymmetry"] * by_asymmetry - by_residual
+            spread = found["by_limit"] * along(slopes.limit, across)
+            spread += found["by_asymmetry"] * along(slopes.asymmetry, across)
+            spread += found["variance"] - along(slopes.residual, across)
+            weight, root, shown = weigh(spread, found["innovation"], ROW.part(at.values, "mask"), found["counts"])
+            change = (weight * found["innovation"]) * across
             point = mean + change
         shares = states.gain_shares(row.drive, row.trusted)
         if shares:
             change[list(shares)] *= ca.DM(list(shares.values()))
         if row.drive is not None:
-            kept[row.drive] = after + along(slope, change) if states.context.declares_friction(row.drive) else after
+            declared = states.context.declares_friction(row.drive)
+            kept[row.drive] = found["memory"] + (along(slopes.residual, change) if declared else 0)
         mean = mean + change
         covariance.take(root * across, list(shares), ca.DM(list(shares.values())))
         innovations.append(shown)
         spreads.append(spread)
-    measured = [k for k, row in enumerate(rows) if row.measured]
+    measured = [k for k, row in enumerate(table.rows) if row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
     return mean, covariance.matrix(), kept, y

@@ -28,6 +28,11 @@ class Layout:
         self._slices = {name: slice(int(a), int(b)) for name, a, b in zip(parts, ends, ends[1:])}
         self.size = int(ends[-1])
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parts, in their order."""
+        return tuple(self._shapes)
+
     def __getitem__(self, name: str) -> slice:
         """Return where a part stands."""
         return self._slices[name]

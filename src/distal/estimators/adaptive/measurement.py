@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -11,13 +12,20 @@ from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.robustness import extra_variance
 from distal.estimators.adaptive.states import StateVector
-from distal.expressions import Scalar, Vector
+from distal.expressions import Scalar, Vector, VectorNode
+from distal.kernels.layout import Layout
 
 TIE = 0.3
 """How closely the transmitted effort fits the tendons' pull, in standard deviations of the effort's sensor."""
 
 NOMINAL_TIME = 1.0
 """Time over which an unmeasured pull's departure from its nominal value lasts [s]."""
+
+ROW = Layout(residual=1, limit=1, asymmetry=1, variance=1, mask=1)
+"""Numbers of a row, as in `Row`."""
+
+SLOPED = ("residual", "limit", "asymmetry")
+"""Those of them that move with the state."""
 
 
 @dataclass(frozen=True)
@@ -115,17 +123,69 @@ def away_from_stops(context: FilterContext, drive: int, place: Scalar) -> Scalar
     return ca.if_else(ca.logic_and(place > low + wrong, place < high - wrong), 1, 0)
 
 
-def row_functions(states: StateVector) -> tuple[list[Row], ca.Function]:
-    """Return what is compared, and (state, tracks, rates, x, p) → (values, slopes) of all of it.
+@dataclass(frozen=True)
+class Slopes:
+    """Slopes of a row by the state, (n, 1) each."""
 
-    Values are residual, limit, asymmetry, variance and mask of each row; slopes of the first three are columns.
+    residual: VectorNode
+    limit: VectorNode
+    asymmetry: VectorNode
+
+
+@dataclass(frozen=True)
+class RowAt:
+    """A row at a state.
+
+    Args:
+        row: what is compared.
+        values: its numbers, a `ROW`.
+        slopes: of residual, limit and asymmetry.
     """
-    context, state = states.context, ca.SX.sym("state", len(states))
-    vector, rates = ca.SX.sym("tracks", Tracks.size(context.n_drives)), ca.SX.sym("rates", context.n_drives)
-    x = ca.SX.sym("x", context.width)
-    rows = rows_of(states, state, Tracks(vector, context.n_drives), rates, x)
-    values = [part for row in rows for part in (row.residual, row.limit, row.asymmetry, row.variance, row.mask)]
-    sloped = [ca.SX(part) for row in rows for part in (row.residual, row.limit, row.asymmetry)]
-    slopes = [ca.sparsify(ca.jacobian(part, state)).T for part in sloped]
-    arguments = [state, vector, rates, x, context.mechanism.parameters.symbols]
-    return rows, ca.Function("rows", arguments, ca.cse([ca.densify(ca.vertcat(*values)), *slopes]))
+
+    row: Row
+    values: VectorNode
+    slopes: Slopes
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What is compared, as one function.
+
+    Args:
+        rows: what is compared.
+        function: (state, tracks, rates, x, p) → `ROW` and `Slopes` of each row.
+    """
+
+    rows: Sequence[Row]
+    function: ca.Function
+
+    @classmethod
+    def of(cls, states: StateVector) -> Rows:
+        """Return what is compared, as a function of the state."""
+        context, state = states.context, ca.SX.sym("state", len(states))
+        vector, rates = ca.SX.sym("tracks", Tracks.size(context.n_drives)), ca.SX.sym("rates", context.n_drives)
+        x = ca.SX.sym("x", context.width)
+        rows, outputs = rows_of(states, state, Tracks(vector, context.n_drives), rates, x), dict[str, ca.SX]()
+        for k, row in enumerate(rows):
+            outputs[f"values_{k}"] = ROW.joined(**{part: ca.SX(getattr(row, part)) for part in ROW.names})
+            slopes = {part: ca.sparsify(ca.jacobian(ca.SX(getattr(row, part)), state)).T for part in SLOPED}
+            outputs |= {f"{part}_{k}": slope for part, slope in slopes.items()}
+        arguments = [state, vector, rates, x, context.mechanism.parameters.symbols]
+        inputs = ["state", "tracks", "rates", "x", "p"]
+        return cls(rows, ca.Function("rows", arguments, ca.cse(list(outputs.values())), inputs, list(outputs)))
+
+    def at(self, state: VectorNode, tracks: VectorNode, rates: VectorNode, x: VectorNode, p: VectorNode) -> list[RowAt]:
+        """Return each row with its values and slopes.
+
+        Args:
+            state: (n,).
+            tracks: of the drives, see `Tracks`.
+            rates: mean speed of each drive over the interval, (n_drives,).
+            x: the sample.
+            p: the kernel's parameters.
+        """
+        found = self.function(state=state, tracks=tracks, rates=rates, x=x, p=p)
+        return [
+            RowAt(row, found[f"values_{k}"], Slopes(**{part: found[f"{part}_{k}"] for part in SLOPED}))
+            for k, row in enumerate(self.rows)
+        ]

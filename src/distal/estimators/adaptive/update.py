@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 
 import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.drive_tracking import TRACKED, Drive, Tracks
 from distal.estimators.adaptive.interval import Interval, Prediction
-from distal.estimators.adaptive.measurement import Row, row_functions
+from distal.estimators.adaptive.measurement import ROW, SLOPED, Row, Rows
 from distal.estimators.adaptive.robustness import Robustness, robust_variance
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
 from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
+from distal.kernels.layout import Layout
 from distal.kernels.mask import is_there, share_used
 
 UNSURE = 2.0
 """A joint that is fewer standard deviations than this before a stop may be held by it, (24b)."""
+
+SINCE = Layout(residual=1, limit=1, asymmetry=1, residual_variance=1, limit_variance=1, memory=1)
+"""Changes of a row since the prior by the rows before it, variances of residual and limit by the state's (h P hᵀ, l P lᵀ),
+and what is remembered of the drive."""
 
 SMALLEST_VARIANCE = 1e-30
 """A row that tells nothing has no variance (a drive without a force sensor, its tendons slack): 0/0 is 0, in float too."""
@@ -44,29 +50,31 @@ def updated(
     """
     prior, covariance = prediction.state, Downdate(prediction.covariance)
     tracks, x, p, nd = interval.tracks, interval.x, interval.p, states.context.n_drives
-    rows, table = row_functions(states)
-    values, *slopes = table(prior, tracks, rates, x, p)
+    rows = Rows.of(states).at(prior, tracks, rates, x, p)
     mean, kept, innovations, spreads = prior, list(memory), list[ScalarNode](), list[ScalarNode]()
     sure = _sure_of_stops(states, prior, prediction.covariance, p)
-    for k, row in enumerate(rows):
-        slope, limit_slope, asymmetry_slope = own = slopes[3 * k : 3 * k + 3]
-        ahead, moved = [covariance.times(each) for each in own], mean - prior
-        since = [along(each, moved) for each in own]
-        numbers = ca.vertcat(*since, along(slope, ahead[0]), along(limit_slope, ahead[1]))
-        remembered = ca.MX(0) if row.drive is None else kept[row.drive]
+    for at in rows:
+        row, slopes, moved = at.row, at.slopes, mean - prior
+        by_residual, by_limit, by_asymmetry = (covariance.times(getattr(slopes, part)) for part in SLOPED)
+        since = SINCE.joined(
+            **{part: along(getattr(slopes, part), moved) for part in SLOPED},
+            residual_variance=along(slopes.residual, by_residual),
+            limit_variance=along(slopes.limit, by_limit),
+            memory=ca.MX(0) if row.drive is None else kept[row.drive],
+        )
         followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
-        innovation, own_variance, after, by_limit, by_asymmetry, counts = comparison_function(states, row)(
-            values[5 * k : 5 * k + 5], ca.vertcat(numbers, remembered), followed, x[0], p
-        )
-        across = -ahead[0]
-        for share, each, there in ((by_limit, ahead[1], limit_slope), (by_asymmetry, ahead[2], asymmetry_slope)):
-            across = across + share * each if there.nnz() else across
-        spread = -along(slope, across)
-        spread += by_limit * along(limit_slope, across) + by_asymmetry * along(asymmetry_slope, across)
+        found = comparison_function(states, row)(values=at.values, since=since, track=followed, dt=x[0], p=p)
+        comparison = Comparison(**{part.name: found[part.name] for part in fields(Comparison)})
+        across = -by_residual
+        across = across + comparison.by_limit * by_limit if slopes.limit.nnz() else across
+        across = across + comparison.by_asymmetry * by_asymmetry if slopes.asymmetry.nnz() else across
+        spread = -along(slopes.residual, across)
+        spread += comparison.by_limit * along(slopes.limit, across)
+        spread += comparison.by_asymmetry * along(slopes.asymmetry, across)
         weight, root, shown = weights(states.context.robustness, row.trusted)(
-            spread + own_variance, innovation, values[5 * k + 4], counts
+            spread + comparison.variance, comparison.innovation, ROW.part(at.values, "mask"), comparison.counts
         )
-        change = (weight * innovation) * across
+        change = (weight * comparison.innovation) * across
         shares = states.gain_shares(row.drive, row.trusted)
         # nothing is learned by a drive's force while a joint that it moves may be held by a stop or not, (24b)
         taken = ca.DM(list(shares.values())) * (1 if row.drive is None else sure[row.drive])
@@ -75,12 +83,13 @@ def updated(
         if row.drive is not None:
             # a mean residual moves with the state; a time does not
             declared = states.context.declares_friction(row.drive)
-            kept[row.drive] = after + along(slope, change) if declared else after
+            kept[row.drive] = comparison.memory
+            kept[row.drive] += along(slopes.residual, change) if declared else 0
         mean = mean + change
         covariance.take(root * across, list(shares), taken)
         innovations.append(shown)
-        spreads.append(spread + own_variance)
-    measured = [k for k, row in enumerate(rows) if row.measured]
+        spreads.append(spread + comparison.variance)
+    measured = [k for k, at in enumerate(rows) if at.row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
     return mean, covariance.matrix(), kept, y
 
@@ -108,25 +117,33 @@ def _sure_of_stops(states: StateVector, mean: VectorNode, covariance: MatrixNode
 
 
 def comparison_function(states: StateVector, row: Row) -> ca.Function:
-    """Return (values, numbers, track, dt, p) → `Comparison` of one row.
+    """Return (values, since, track, dt, p) → the parts of `Comparison` of one row.
 
-    Numbers are the changes of residual, limit and asymmetry since the prior, the variances of residual and limit by the
-    state's, and what is remembered of the drive.
+    Values are its `ROW` at the prior, since is a `SINCE`, track is of its drive, zeros where it has none.
     """
     context = states.context
-    values, numbers = ca.SX.sym("values", 5), ca.SX.sym("numbers", 6)
+    values, since = ca.SX.sym("values", ROW.size), ca.SX.sym("since", SINCE.size)
     track, dt = ca.SX.sym("track", len(TRACKED)), ca.SX.sym("dt")
-    residual, limit, asymmetry = (values[i] + numbers[i] for i in range(3))
+    prior, change = ROW.parts(values), SINCE.parts(since)
+    residual, limit, asymmetry = (prior[part] + change[part] for part in SLOPED)
     if row.drive is None:
-        comparison = Comparison(residual, values[3], numbers[5])
+        comparison = Comparison(residual, prior["variance"], change["memory"])
     else:
         whole = Residual(
-            residual, ca.fmax(limit, 0), asymmetry, values[3], numbers[4], numbers[3], numbers[5], values[4]
+            value=residual,
+            limit=ca.fmax(limit, 0),
+            asymmetry=asymmetry,
+            variance=prior["variance"],
+            limit_variance=change["limit_variance"],
+            value_variance=change["residual_variance"],
+            memory=change["memory"],
+            mask=prior["mask"],
         )
         comparison = compared(context, row.drive, Drive(*ca.vertsplit(track)), whole, dt)
-    parts = [getattr(comparison, name) for name in Comparison.__dataclass_fields__]
-    arguments = [values, numbers, track, dt, context.mechanism.parameters.symbols]
-    return ca.Function("compare", arguments, ca.cse([ca.densify(ca.SX(part)) for part in parts]))
+    parts = {part.name: ca.densify(ca.SX(getattr(comparison, part.name))) for part in fields(Comparison)}
+    arguments = [values, since, track, dt, context.mechanism.parameters.symbols]
+    names = ["values", "since", "track", "dt", "p"]
+    return ca.Function("compare", arguments, ca.cse(list(parts.values())), names, list(parts))
 
 
 def weights(robustness: Robustness, trusted: bool) -> ca.Function:
