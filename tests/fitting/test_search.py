@@ -70,8 +70,14 @@ def test_fixed_coordinates_stay_and_the_others_go_where_these_leave_them() -> No
     a, b = rng.normal(size=(20, 3)), 10.0 * rng.normal(size=20)
     problem = Curve(lambda z: a @ z - b, 3)
     fixed = np.array([False, True, False])
+    asked = list[Floats]()
+    derivatives = problem.derivatives
+    problem.derivatives = lambda z, widths: (asked.append(widths), derivatives(z, widths))[1]  # type: ignore[method-assign]
     found = search(problem, np.array([0.0, 0.7, 0.0]), fixed=fixed)  # type: ignore[arg-type]
     assert found.z[1] == 0.7
+    # a slope of what stays costs a run over all logs
+    assert len(asked) > 1
+    assert all(widths[1] == 0.0 and (widths[~fixed] > 0.0).all() for widths in asked)
     rest = np.linalg.lstsq(a[:, ~fixed], b - 0.7 * a[:, 1], rcond=None)[0]
     np.testing.assert_allclose(found.z[~fixed], rest, atol=0.05)
 
