@@ -31,6 +31,19 @@ def test_covariance_of_least_squares_against_monte_carlo() -> None:
     assert np.mean([one.correlated for one in fits]) == pytest.approx((1 + rho) / (1 - rho), rel=0.15)
 
 
+def test_correlations_are_summed_up_to_the_first_that_is_not_positive() -> None:
+    """1 + 2 Σ ρ_k term by term: of a slow wave, whose ρ_k becomes positive again after half a period, and of noise."""
+    rng = np.random.default_rng(3)
+    for values in (np.sin(np.arange(600) / 20.0) + 0.1 * rng.normal(size=600), rng.normal(size=300)):
+        centred, expected = values - values.mean(), 1.0
+        for k in range(1, len(values)):
+            rho = float(centred[k:] @ centred[:-k]) / float(centred @ centred)
+            if rho <= 0.0:
+                break
+            expected += 2.0 * rho
+        assert correlated_samples(values) == pytest.approx(expected, rel=1e-9)
+
+
 def test_uncorrelated_samples_count_one_each() -> None:
     rng = np.random.default_rng(3)
     assert correlated_samples(rng.normal(size=20000)) == pytest.approx(1.0, abs=0.1)
