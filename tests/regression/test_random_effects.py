@@ -7,7 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 from distal.regression.features import played
-from distal.regression.random_effects import _basis, correlated_samples, line, surprise, updated
+from distal.regression.random_effects import _basis, correlated_samples, line, random_effects, surprise, updated
+from distal.rig import JointMap
 
 
 def direction(values: np.ndarray, band: float) -> np.ndarray:
@@ -77,6 +78,23 @@ def test_surprise_is_chi_squared() -> None:
         found.append(surprise(np.zeros(n), covariance, x.T @ x, x.T @ y, r))
     assert np.mean(found) == pytest.approx(n, rel=0.08)  # 3 std errors
     assert np.var(found) == pytest.approx(2 * n, rel=0.25)
+
+
+@pytest.mark.parametrize("logs", [3, 9])
+def test_the_spread_between_logs_is_that_of_their_coefficients(logs: int) -> None:
+    """Without noise: mean and sample covariance of the lines times 1 + 1/n; of few logs only its diagonal is whole."""
+    rng = np.random.default_rng(11)
+    own = np.array([0.5, -2.0]) + rng.normal(size=(logs, 2)) * [0.3, 0.1]
+    one = np.column_stack([np.ones(400), np.tile([1.0, -1.0], 200)])  # uncorrelated columns of size one
+    joint = JointMap(joint="j", coefficients=(0.0, 0.0), covariance=((0.0, 0.0), (0.0, 0.0)), std=1.0)
+    found, _ = random_effects(joint, [0, 1], [(one, one @ b, 0.01) for b in own])
+    np.testing.assert_allclose(found.coefficients, own.mean(axis=0), rtol=1e-6)
+    expected = np.cov(own.T, ddof=1) * (1.0 + 1.0 / logs)
+    share = 0.0 if logs > 4 else 2.0 / (2.0 + logs - 1.0)
+    expected[[0, 1], [1, 0]] *= 1.0 - share
+    np.testing.assert_allclose(found.covariance, expected, rtol=1e-3)
+    pooled, _ = random_effects(joint, [0, 1], [(one, one @ b, 0.01) for b in own], pooled=True)
+    np.testing.assert_allclose(pooled.coefficients, own.mean(axis=0), rtol=1e-6)
 
 
 def test_a_direction_is_the_last_motion_beyond_the_dead_band() -> None:
