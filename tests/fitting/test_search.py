@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -147,3 +148,11 @@ def test_an_interruption_before_anything_is_known_leaves_the_prior() -> None:
     found = search(problem, np.zeros(3))  # type: ignore[arg-type]
     assert found.interrupted
     np.testing.assert_allclose(np.linalg.inv(hessian(problem, found.derivatives)), 4.0 * np.eye(3), rtol=1e-6)  # type: ignore[arg-type]
+
+
+def test_slopes_are_taken_over_a_share_of_the_value() -> None:
+    """In coordinates: of a positive number all of its value over the scale, at least a tenth; else 1, the scale itself."""
+    positive, log = Free("k", ("k",), (4.0,), 1.0, 2.0, 0.0, np.inf), Free("e", ("e",), (4.0,), 1.0, 2.0, 1e-9, np.inf)
+    assert [positive.unit(z) for z in (0.0, 1.0, -1.99)] == pytest.approx([2.0, 3.0, 0.1])
+    assert Free("a", ("a",), (4.0,), 1.0, 2.0, -np.inf, np.inf).unit(1.0) == 1.0
+    assert replace(log, logarithmic=True).unit(1.0) == 1.0

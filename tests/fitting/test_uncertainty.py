@@ -88,3 +88,14 @@ def test_a_number_without_a_prior_is_judged_by_its_value() -> None:
     sure, vague = told([np.nan, 0.1], np.diag([100.0, 1e4])), told([np.nan, 0.1], np.diag([1.0, 1e4]))
     assert sure.told[0]
     assert not vague.told[0]
+
+
+def test_a_combination_is_named_where_logs_tell_half_of_what_the_priors_do() -> None:
+    """An amount of information 0.4 and 0.6 of the priors' along a − b, and plenty along a + b."""
+
+    def along_difference(amount: float) -> tuple[str, ...]:
+        plus, minus = np.array([1.0, 1.0]) / np.sqrt(2.0), np.array([1.0, -1.0]) / np.sqrt(2.0)
+        return told([0.1, 0.1], 100.0 * (1e4 * np.outer(plus, plus) + amount * np.outer(minus, minus))).combinations
+
+    assert len(along_difference(0.4)) == 1
+    assert along_difference(0.6) == ()
