@@ -230,12 +230,22 @@ def test_the_part_that_a_rig_lacks_is_named() -> None:
     (part, better), *_ = tried.named
     assert part.name == "play between drives and tendons"
     assert set(part.values) == {f"drives.{name}.backlash.width" for name in ("flexor", "extensor")}
-    assert len(tried.numbers) > len(tried.named)
+    # named are those that leave less than 85 % in the geometric mean of all rows, the least first, and no others
+    single = tried.numbers[:4]
+    left = [left_by(own) / left_by(numbers) for own in single]
+    alone = [left_by(own) / left_by(numbers) for _, own in tried.named if any(own is each for each in single)]
+    assert alone == pytest.approx(sorted(share for share in left if share < 0.85)[:2])
+    assert sum(share >= 0.85 for share in left) >= 2
     assert tried_parts(logs, ropes_rig(), Options(), found).named == ()
     quiet = replace(numbers, nis=(numbers.nis[0], tuple(0.5 for _ in numbers.nis[1])))
     assert tried_parts(logs, silent, Options(), quiet) == Tried()
     assert tried_parts(logs, silent, Options(free=("tendons.*.stiffness",)), numbers) == Tried()
     models_widen_errors(numbers, better)
+
+
+def left_by(numbers: Numbers) -> float:
+    """Return the geometric mean of the rows' √(mean ν²/S), no row counting as less than its sensors' noise."""
+    return float(np.prod([max(ratio, 1.0) for ratio in numbers.nis[1]]) ** (0.5 / len(numbers.nis[1])))
 
 
 def models_widen_errors(alone: Numbers, better: Numbers) -> None:
