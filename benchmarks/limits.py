@@ -15,7 +15,7 @@ import numpy as np
 
 from distal import Log, estimate_batch, make_estimator
 from distal.estimators import KernelEstimator
-from distal.kernels import LaneKernel, find_compiler
+from distal.kernels import Feed, LaneKernel, find_compiler
 from distal.kernels.compiler import FLAGS
 from distal.rig import Rig
 from distal.run import LiveEstimator, samples_of
@@ -39,8 +39,8 @@ def lane_time(runner: KernelEstimator, log: Log, summary: Summary = np.median) -
     start = runner.initial(log.time[0], samples[0])
     rows, _ = runner.checked_rows(start, log.time, samples)
     kernel = LaneKernel(runner.kernel.function)
-    runs = [kernel.lanes * [each] for each in (start.carry, rows, runner.numbers)]
-    return _timed(lambda: kernel.scan(*runs, [0]), summary) / len(rows) / kernel.lanes
+    runs = kernel.lanes * [Feed(start.carry, rows, runner.numbers)]
+    return _timed(lambda: kernel.scan(runs, [0]), summary) / len(rows) / kernel.lanes
 
 
 _SCAN = """

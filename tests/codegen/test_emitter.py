@@ -10,7 +10,7 @@ import pytest
 
 from distal.codegen import CodeError, Emitter, Lanes, Plain
 from distal.codegen.memory import Value
-from distal.kernels import LaneKernel, find_compiler
+from distal.kernels import Feed, LaneKernel, find_compiler
 from distal.kernels.compiler import compiled_source
 
 pytestmark = [pytest.mark.compiled, pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")]
@@ -132,7 +132,8 @@ def test_lanes_are_runs_of_their_own() -> None:
     carries = [rng.normal(size=32) for _ in range(kernel.lanes)]
     xs = [rng.normal(size=(3 + k, 4)) for k in range(kernel.lanes)]
     ps = [rng.uniform(1.0, 2.0, size=2) for _ in range(kernel.lanes)]
-    for carry, x, p, (kept, ys) in zip(carries, xs, ps, kernel.scan(carries, xs, ps, [0, 31])):
+    feeds = [Feed(*run) for run in zip(carries, xs, ps)]
+    for (carry, x, p), (kept, ys) in zip(feeds, kernel.scan(feeds, [0, 31])):
         for k, row in enumerate(x):
             following, y = function(carry, row, p)
             carry = np.array(following).ravel()

@@ -43,11 +43,11 @@ def test_what_is_compared_only_has_an_innovation_and_corrects_nothing(pulley_rig
     width, force = len(runner.channels), runner.channels.index(runner.measured[0])
     row = np.concatenate([[0.01], sample, np.full(width, READ)])
     n = belief.size
-    read, _ = runner.kernel.step(belief.carry, row, runner.numbers)
+    (read,), _ = runner.kernel.scan(belief.carry, row, runner.numbers)
     row[1 + width + force] = mask
-    carry, y = runner.kernel.step(belief.carry, row, runner.numbers)
+    (carry,), (y,) = runner.kernel.scan(belief.carry, row, runner.numbers)
     row[1 + width + force] = MISSING
-    missing, _ = runner.kernel.step(belief.carry, row, runner.numbers)
+    (missing,), _ = runner.kernel.scan(belief.carry, row, runner.numbers)
     np.testing.assert_array_equal(carry[: n + n * n], missing[: n + n * n])
     assert np.isfinite(y[0]) == (mask == COMPARED_ONLY)
     assert not np.array_equal(read[:n], missing[:n])

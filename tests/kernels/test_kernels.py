@@ -52,7 +52,7 @@ def test_scan_is_many_steps_and_compiled_is_interpreted(fresh: Path) -> None:
         np.testing.assert_array_equal(got, expected)
     carry = START
     for k, x in enumerate(INPUTS):
-        carry, y = compiled.step(carry, x, P)
+        (carry,), (y,) = compiled.scan(carry, x, P)
         np.testing.assert_array_equal(carry, results[0][0][k])
         np.testing.assert_array_equal(y, results[0][1][k])
 
@@ -99,7 +99,7 @@ def test_a_damaged_library_is_never_loaded(fresh: Path, damage: str) -> None:
     again = Kernel(small_function())
     assert again.backend == "compiled"
     np.testing.assert_array_equal(
-        again.step(START, INPUTS[0], P)[0], Kernel(small_function(), False).step(START, INPUTS[0], P)[0]
+        again.scan(START, INPUTS[0], P)[0], Kernel(small_function(), False).scan(START, INPUTS[0], P)[0]
     )
 
 
@@ -107,7 +107,7 @@ def falls_back(match: str) -> Kernel:
     with pytest.warns(KernelWarning, match=match):
         made = Kernel(small_function())
     assert made.backend == "interpreted"
-    np.testing.assert_allclose(made.step(START, INPUTS[0], P)[0], [0.19, -1.09])
+    np.testing.assert_allclose(made.scan(START, INPUTS[0], P)[0][0], [0.19, -1.09])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         Kernel(small_function())  # said once

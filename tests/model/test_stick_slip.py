@@ -69,7 +69,7 @@ def errors(n: int, count: int, seed: int, compiled: bool) -> np.ndarray:
     found = []
     for _ in range(count):
         matrix, load, up, down = random_case(rng, n)
-        _, v = kernel.step(np.zeros(1), np.concatenate([matrix.ravel(), load, up, down]), np.zeros(0))
+        _, (v,) = kernel.scan(np.zeros(1), np.concatenate([matrix.ravel(), load, up, down]), np.zeros(0))
         expected = reference(matrix, load, up, down)
         found.append(np.max(np.abs(v - expected)) / (np.max(np.abs(expected)) + np.max(np.abs(load)) / matrix.max()))
     return np.array(found)
@@ -93,7 +93,7 @@ def test_longer_chains_break_no_condition(n: int) -> None:
     rng, kernel = np.random.default_rng(n), Kernel(function_of(n))
     for _ in range(2000):
         matrix, load, up, down = random_case(rng, n)
-        _, v = kernel.step(np.zeros(1), np.concatenate([matrix.ravel(), load, up, down]), np.zeros(0))
+        _, (v,) = kernel.scan(np.zeros(1), np.concatenate([matrix.ravel(), load, up, down]), np.zeros(0))
         held = load - matrix @ v
         wrong = np.where(v > 0, np.abs(held - up), np.where(v < 0, np.abs(held + down), 0.0))
         wrong = np.maximum(wrong, np.where(v == 0, np.maximum(held - up, -down - held), 0.0))

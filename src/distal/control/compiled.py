@@ -15,7 +15,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.control.pid import GAINS, LOST, UNBOUNDED, gains_of, memory_layout, pid_function
 from distal.estimators import KernelEstimator
-from distal.kernels import Kernel, Layout
+from distal.kernels import Feed, Kernel, Layout, advance
 from distal.model import Mechanism
 from distal.rig import Rig
 from distal.sensors import SensorErrors
@@ -195,7 +195,7 @@ def scan_loop(
     else:
         sample = first[list(read)]
         row = np.concatenate([[0.0], sample, np.ones(len(read))])
-        kept, _ = runner.kernel.step(runner.initial(0.0, sample).carry, row, runner.numbers)
+        kept = advance(runner.kernel, Feed(runner.initial(0.0, sample).carry, row, runner.numbers)).carries[0]
         angles, stds = kept[:nj], np.sqrt(np.maximum(kept[states : states * (states + 1) : states + 1][:nj], 0.0))
     start = np.concatenate(
         [carry, np.zeros(2 * len(rig.drives)), kept, angles, stds, np.zeros(memory_layout(rig).size)]
@@ -206,7 +206,7 @@ def scan_loop(
     given = [plant.parameters.values, np.zeros(1) if runner is None else runner.numbers]
     given += [Mechanism(rig).parameters.values, errors.numbers.ravel(), gains_of(control.joints).T.ravel()]
     given += [drive_numbers(plant.rig, prepared.dt).T.ravel(), np.array([period, control.co_contraction, encoder])]
-    ys = loop_kernel(shape).scan(start, np.hstack([rows, draws[1:], wanted]), np.concatenate(given))[1]
+    ys = advance(loop_kernel(shape), Feed(start, np.hstack([rows, draws[1:], wanted]), np.concatenate(given))).ys
     out = {name: shape.y.view(ys, name) for name in ("plant", "read", "asked", "angles", "stds")}
     motion = Motion(plant, np.vstack([begin, out["plant"]]))
     motion.check()

@@ -12,7 +12,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import ControlError, ScenarioError, did_you_mean
 from distal.estimators.adaptive import travel
-from distal.kernels import Kernel
+from distal.kernels import Feed, Kernel, advance
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.rig import Rig, Sensor
@@ -160,7 +160,8 @@ class ControlledPlant:
         for row in self._rows[self._done : end]:
             self._efforts += self._lags * (wanted - self._efforts)
             row[own] += self._efforts
-        carries, ys = self._kernel.scan(self._carry, self._rows[self._done : end], self._plant.parameters.values)
+        feed = Feed(self._carry, self._rows[self._done : end], self._plant.parameters.values)
+        carries, ys = advance(self._kernel, feed)
         self._carry, self._y[self._done + 1 : end + 1] = carries[-1], ys
         try:
             Motion(self._plant, ys).check()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -110,10 +110,8 @@ class Rerun:
         p = np.array(runner.numbers)
         for path, factor in change.numbers.items():
             p[runner.parameter_names.index(path)] *= factor
-        rows, last = runner.checked_rows(begin, self.log.time, samples)
-        carries, ys = runner.kernel.scan(carry, rows, p)
-        carries = carries[last]
-        values, spreads = runner.innovations_of(ys[last], samples)
+        carries, ys = runner.advanced(replace(begin, carry=carry), self.log.time, samples, p)
+        values, spreads = runner.innovations_of(ys, samples)
         means, diagonal = mean_of(carries, n).copy(), variances_of(carries, n).copy()
         bounded = len(out_of_bounds(means, diagonal, len(runner.rig.joints))) == 0
         return Outcome(means, diagonal, values, spreads, bounded)

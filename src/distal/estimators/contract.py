@@ -17,7 +17,7 @@ from distal.estimators.channels import Channels
 from distal.estimators.gaps import rows_of
 from distal.estimators.report import NOTHING_REPORTED
 from distal.estimators.samples import WILD, sample_problem, wild_problem
-from distal.kernels import Evaluation, Kernel, covariance_of, mean_of
+from distal.kernels import Advanced, Evaluation, Feed, Kernel, advance, at_samples, covariance_of, mean_of
 from distal.logs import LARGEST_READING, frozen
 from distal.rig import Rig
 
@@ -174,9 +174,8 @@ class KernelEstimator:
         """
         sample, time = self._accepted(belief, time, sample)
         rows, _ = self.rows(np.array([time - belief.time]), sample[None, :])
-        carry = belief.carry
-        for row in rows:
-            carry, y = self.kernel.step(carry, row, self._p)
+        carries, ys = advance(self.kernel, Feed(belief.carry, rows, self._p))
+        carry, y = carries[-1].copy(), ys[-1].copy()
         after = Belief(float(time), carry, belief.size, belief.samples + 1, y, self.report)
         if not (np.all(np.abs(after.mean[self.angles]) <= LARGEST_ANGLE) and np.isfinite(carry).all()):
             raise EstimationError(
@@ -197,13 +196,26 @@ class KernelEstimator:
         Raises:
             EstimationError: stamps do not rise, or a value is wild: beyond `LARGEST_READING`.
         """
-        rows, last = self.checked_rows(belief, times, samples)
-        carries, ys = self.kernel.scan(belief.carry, rows, self._p)
-        carries, ys, n = carries[last], ys[last], belief.size
+        (carries, ys), n = self.advanced(belief, times, samples), belief.size
         values, variances = self.innovations_of(ys, np.asarray(samples, dtype=np.float64))
         means = self.report.means(mean_of(carries, n).copy(), ys)
         covariances = self.report.covariances(covariance_of(carries, n).copy(), ys)
         return means, covariances, values, variances
+
+    def advanced(self, belief: Belief, times: Floats, samples: Floats, p: Floats | None = None) -> Advanced:
+        """Return the kernel's carries and outputs at each sample of a log.
+
+        Args:
+            belief: before the first sample.
+            times: stamps [s], rising, (k,).
+            samples: values of `channels`, (k, n_channels).
+            p: the kernel's parameters, (n_p,); default its own.
+
+        Raises:
+            EstimationError: as `checked_rows`.
+        """
+        rows, last = self.checked_rows(belief, times, samples)
+        return at_samples(advance(self.kernel, Feed(belief.carry, rows, self._p if p is None else p)), last)
 
     def checked_rows(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Return the kernel's rows of a whole log and the index of each sample's own row.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,6 @@ from distal.estimators import AdaptiveFilter, Robustness
 from distal.fitting.free import Free
 from distal.fitting.resampling import refined, steps_per_sample
 from distal.fitting.stops import in_stops
-from distal.kernels import CompileError, LaneKernel
 from distal.logs import Log, true_angles
 from distal.rig import Rig, Sensor
 from distal.run import samples_of
@@ -65,24 +63,13 @@ class FitFilter:
         given = [path for part in free for path in part.paths]
         self.runner = AdaptiveFilter(
             rig,
-            False,
+            "lanes" if compiled else False,
             Robustness.fitting(),
             name="fit",
             references=self.references,
             inputs=given,
             resolution=FINE * steps,
         )
-        self._compiled = compiled
-
-    @cached_property
-    def lanes(self) -> LaneKernel | None:
-        """The kernel for several runs at once, None where it cannot be compiled."""
-        if not self._compiled:
-            return None
-        try:
-            return LaneKernel(self.runner.kernel.function)
-        except CompileError:
-            return None  # the interpreter gives the same numbers
 
     def data_of(self, log: Log) -> Data:
         """Return a log, ready for the filter; displacements between samples follow a cubic where chords would err.

@@ -29,7 +29,7 @@ from distal.fitting.filter import Data, FitFilter
 from distal.fitting.free import Free
 from distal.fitting.likelihood import Innovations
 from distal.fitting.problem import Problem
-from distal.kernels import CompileError, Kernel, LaneKernel
+from distal.kernels import Feed, Kernel
 from distal.model import Mechanism
 from distal.rig import Sensor
 from distal.sensors import variance
@@ -87,13 +87,7 @@ class Equations:
         self.forces = [(i, s) for i in drives if (s := context.force_sensor(i)) is not None]
         tendons = [tendon.name for tendon in self.mechanism.rig.tendons]
         self.tensions = [(tendons.index(s.of), s) for s in context.channels.tensions]
-        self.kernel = Kernel(self._function(), False)
-        self.lanes: LaneKernel | None = None
-        if compiled:
-            try:
-                self.lanes = LaneKernel(self.kernel.function)
-            except CompileError:
-                self.lanes = None  # the interpreter gives the same numbers
+        self.kernel = Kernel(self._function(), "lanes" if compiled else False)
         self.begin = self._begin()
 
     @staticmethod
@@ -293,18 +287,18 @@ class InverseProblem(Problem):
         return replace(self, worth=None)
 
     @property
-    def _kernel(self) -> tuple[Kernel, LaneKernel | None]:
+    def _kernel(self) -> Kernel:
         assert self.equations is not None
-        return self.equations.kernel, self.equations.lanes
+        return self.equations.kernel
 
     @cached_property
     def _rows(self) -> tuple[Floats, ...]:
         return tuple(one.rows for one in self.known)
 
-    def _begin(self, log: int, z: Floats) -> tuple[Floats, Floats]:
+    def _feed(self, log: int, z: Floats) -> Feed:
         assert self.equations is not None
-        p, nb = self.numbers(z), self.equations.mechanism.n_bodies
-        return np.asarray(self.equations.begin(self.known[log].rows[0, 1 + nb : 1 + 2 * nb], p)).ravel(), p
+        p, nb, rows = self.numbers(z), self.equations.mechanism.n_bodies, self._rows[log]
+        return Feed(np.asarray(self.equations.begin(rows[0, 1 + nb : 1 + 2 * nb], p)).ravel(), rows, p)
 
     def _compared(self, log: int, ys: Floats) -> Innovations:
         assert self.equations is not None

@@ -13,7 +13,7 @@ from distal.arrays import Floats
 from distal.errors import FitError
 from distal.estimators import AdaptiveFilter, Directions, directions, first_values
 from distal.homing import check_homing, with_references
-from distal.kernels import covariance_of, variances_of
+from distal.kernels import Feed, advance, covariance_of, variances_of
 from distal.logs import Log
 from distal.results import BAND, COLOURS, DASHES, Estimate, figure, from_start, legend_above, save_figure, time_label
 from distal.rig import Rig, Sensor
@@ -140,7 +140,7 @@ def observability(
     samples = samples_of(log, runner.channels)
     belief = runner.initial(log.time[0], first_values(samples))
     rows, last = runner.rows(np.diff(log.time, prepend=log.time[0]), samples)
-    carries, _ = runner.kernel.scan(belief.carry, rows, runner.numbers)
+    carries = advance(runner.kernel, Feed(belief.carry, rows, runner.numbers)).carries
     std = known.angle_stds[:, at]
     found = np.array(std)
     number = np.floor((log.time - log.time[0]) / window).astype(int)
@@ -154,6 +154,6 @@ def observability(
         covariance = covariance_of(carry, n)
         covariance[at, :], covariance[:, at] = 0.0, 0.0
         covariance[at, at] = LOST**2
-        after, _ = runner.kernel.scan(carry, rows[start : last[own[-1]] + 1], runner.numbers)
+        after = advance(runner.kernel, Feed(carry, rows[start : last[own[-1]] + 1], runner.numbers)).carries
         found[own] = np.sqrt(np.maximum(variances_of(after[last[own] - start], n)[:, at], 0.0))
     return Observability(log.time, np.maximum(found, std), std, window, known, at, directions(rig))

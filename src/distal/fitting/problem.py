@@ -22,7 +22,7 @@ from distal.fitting.likelihood import (
     scales_of,
     shares_of,
 )
-from distal.kernels import Kernel, LaneKernel, covariance_of, mean_of
+from distal.kernels import Feed, Kernel, advance, advance_all, covariance_of, mean_of
 from distal.kernels.mask import COMPARED_ONLY
 
 MOST_ITERATIONS = 30
@@ -178,8 +178,7 @@ class Problem:
         Args:
             tasks: of each run the log's index and that log's coordinates, one for each free number.
         """
-        lanes = self._kernel[1]
-        size = lanes.lanes if lanes is not None else 1
+        size = self._kernel.side_by_side
         # runs of one length go together, since those that end early leave their lanes idle
         order = sorted(range(len(tasks)), key=lambda k: (len(self._rows[tasks[k][0]]), tasks[k][0]))
         groups = [order[i : i + size] for i in range(0, len(order), size)]
@@ -196,24 +195,19 @@ class Problem:
         return [found[k] for k in range(len(tasks))]
 
     def _scan(self, tasks: Sequence[tuple[int, Floats]]) -> list[Innovations]:
-        kernel, lanes = self._kernel
-        starts = [self._begin(log, z) for log, z in tasks]
-        rows = [self._rows[log] for log, _ in tasks]
-        if lanes is None:
-            outputs = [kernel.scan(carry, own, p)[1] for (carry, p), own in zip(starts, rows)]
-        else:
-            outputs = [y for _, y in lanes.scan([carry for carry, _ in starts], rows, [p for _, p in starts], ())]
-        return [self._compared(log, y) for (log, _), y in zip(tasks, outputs)]
+        feeds = [self._feed(log, z) for log, z in tasks]
+        runs = advance_all(self._kernel, feeds, keep=())
+        return [self._compared(log, run.ys) for (log, _), run in zip(tasks, runs)]
 
     @property
-    def _kernel(self) -> tuple[Kernel, LaneKernel | None]:
-        return self.filter.runner.kernel, self.filter.lanes
+    def _kernel(self) -> Kernel:
+        return self.filter.runner.kernel
 
-    def _begin(self, log: int, z: Floats) -> tuple[Floats, Floats]:
-        """Return the carry before the first sample and the kernel's parameters at a log's coordinates."""
+    def _feed(self, log: int, z: Floats) -> Feed:
+        """Return what the kernel is fed at a log's coordinates."""
         p = self.numbers(z)
         mean, covariance, memory = self.filter.runner.prior(first_values(self.data[log].samples), p)
-        return np.concatenate([mean, covariance.ravel(), memory]), p
+        return Feed(np.concatenate([mean, covariance.ravel(), memory]), self._rows[log], p)
 
     def numbers(self, z: Floats) -> Floats:
         """Return the kernel's parameters at a log's coordinates, (n_p,).
@@ -377,6 +371,5 @@ class Problem:
             z: all coordinates, (size,).
         """
         runner, n = self.filter.runner, len(self.filter.runner.state_names)
-        carry, p = self._begin(log, z[self.columns(log)])
-        end = runner.kernel.scan(carry, self._rows[log], p)[0][-1]
+        end = advance(runner.kernel, self._feed(log, z[self.columns(log)])).carries[-1]
         return mean_of(end, n), covariance_of(end, n)

@@ -31,9 +31,7 @@ def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floa
         samples: values of its channels, (k, n_channels).
         truths: true angles [rad], NaN where not known, (k, n_joints).
     """
-    rows, last = runner.checked_rows(start, log.time, samples)
-    carries, _ = runner.kernel.scan(start.carry, rows, runner.numbers)
-    carries = carries[last]
+    carries = runner.advanced(start, log.time, samples).carries
     nj, n = truths.shape[1], start.size
     angles, variances = mean_of(carries, n)[:, :nj].copy(), variances_of(carries, n)[:, :nj].copy()
     tracked = runner.discrepancy is None or runner.discrepancy.tracked

@@ -8,7 +8,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter, Belief, StateKind, states_of
-from distal.kernels import covariance_of, mean_of, variances_of
+from distal.kernels import Advanced, covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen
 from distal.sensors import variance
 
@@ -68,7 +68,7 @@ class Window:
         samples[:, list(self.references)] = np.nan
         return samples
 
-    def scan(self, carry: Floats, samples: Floats) -> tuple[Floats, Floats] | None:
+    def scan(self, carry: Floats, samples: Floats) -> Advanced | None:
         """Return carries and outputs after each sample, None where the filter diverges.
 
         Args:
@@ -76,11 +76,9 @@ class Window:
             samples: (k, n_channels).
         """
         runner, size = self.runner, self.start.size
-        rows, last = runner.checked_rows(Belief(self.start.time, frozen(carry), size), self.time, samples)
-        carries, ys = runner.kernel.scan(carry, rows, runner.numbers)
-        kept = carries[last]
-        known = np.isfinite(mean_of(kept, size)).all() and np.isfinite(covariance_of(kept, size)).all()
-        return (kept, ys[last]) if known else None
+        run = runner.advanced(Belief(self.start.time, frozen(carry), size), self.time, samples)
+        bounded = np.isfinite(mean_of(run.carries, size)).all() and np.isfinite(covariance_of(run.carries, size)).all()
+        return run if bounded else None
 
     def errors(self, carries: Floats) -> tuple[Floats, Floats]:
         """Return the errors of the angles, less their references' offsets, and the variances of these, (k, n_joints).

@@ -2,6 +2,8 @@
 
 from distal.kernels.cache import cache_folder
 from distal.kernels.compiler import CompileError, Compiler, c_source, find_compiler
+from distal.kernels.driver import advance, advance_all, at_samples
+from distal.kernels.feed import Advanced, Feed
 from distal.kernels.in_order import in_order
 from distal.kernels.kernel import Evaluation, Kernel
 from distal.kernels.lanes import LaneKernel, lanes_here
@@ -10,13 +12,18 @@ from distal.kernels.places import Indices, placed, taken
 from distal.kernels.probe import probe
 
 __all__ = [
+    "Advanced",
     "CompileError",
     "Compiler",
     "Evaluation",
+    "Feed",
     "Indices",
     "Kernel",
     "LaneKernel",
     "Layout",
+    "advance",
+    "advance_all",
+    "at_samples",
     "c_source",
     "cache_folder",
     "carry_layout",

@@ -22,14 +22,14 @@ _building = threading.Lock()
 
 
 class Kernel:
-    """A function (carry, x, p) → (carry⁺, y), for one sample (`step`) or a whole log (`scan`), the same numbers.
+    """A function (carry, x, p) → (carry⁺, y) for a log (`scan`), sample by sample (`loop`) or several logs (`lanes`).
 
     Args:
         function: the CasADi function; its inputs and outputs are dense columns.
-        compiled: compile it if possible; False keeps the interpreter.
+        compiled: compile it if possible; False keeps the interpreter, "lanes" keeps it for one run alone.
     """
 
-    def __init__(self, function: ca.Function, compiled: bool = True) -> None:
+    def __init__(self, function: ca.Function, compiled: bool | Literal["lanes"] = True) -> None:
         self._interpreted = function
         self.n_carry, self.n_x, self.n_p = (int(function.numel_in(i)) for i in range(3))
         self.n_y = int(function.numel_out(1))
@@ -37,10 +37,11 @@ class Kernel:
         self.reason = "asked for"
         self._scan: Callable[..., int] | None = None
         self._lanes: LaneKernel | None = None
-        self._laned = not compiled
+        self._laned = not compiled  # what is not wanted counts as tried
+        self._lanes_alone = compiled == "lanes"
         self._lock = threading.Lock()  # one set of buffers: threads that share a kernel take turns
         call = function
-        if compiled:
+        if compiled is True:
             try:
                 call = self._load()
             except CompileError as problem:
@@ -76,21 +77,6 @@ class Kernel:
     def function(self) -> ca.Function:
         """The CasADi function itself."""
         return self._interpreted
-
-    def step(self, carry: Floats, x: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """Return (carry⁺, y) for one sample.
-
-        Args:
-            carry: (n_carry,).
-            x: the sample, (n_x,).
-            p: the parameters, (n_p,).
-        """
-        with self._lock:
-            self._carry[:] = carry
-            self._x[:] = x
-            self._p[:] = p
-            self._trigger()
-            return self._next.copy(), self._y.copy()
 
     def scan(self, carry: Floats, xs: Floats, p: Floats) -> tuple[Floats, Floats]:
         """Return the carries after every sample, (n, n_carry), and the outputs, (n, n_y), in one call.
@@ -133,12 +119,18 @@ class Kernel:
         with _building:
             if not self._laned:
                 self._laned = True
-                if self.backend == "compiled":
+                if self.backend == "compiled" or self._lanes_alone:
                     try:
                         self._lanes = LaneKernel(self._interpreted)
                     except CompileError:
                         self._lanes = None  # one by one gives the same numbers
         return self._lanes
+
+    @property
+    def side_by_side(self) -> int:
+        """How many runs go through it at once."""
+        lanes = self.lanes()
+        return 1 if lanes is None else lanes.lanes
 
 
 class Evaluation:

@@ -14,6 +14,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.codegen import CodeError, Emitter, Lanes
 from distal.kernels.compiler import CompileError, compiled_source
+from distal.kernels.feed import Advanced, Feed
 
 _BATCH = """
 /* {lanes} runs of {name}: of each sample's carry the numbers `keep` are kept, and y; a run that ended rests */
@@ -79,24 +80,19 @@ class LaneKernel:
         batch.restype = None
         self._batch: Callable[..., None] = batch
 
-    def scan(
-        self, carries: Sequence[Floats], xs: Sequence[Floats], ps: Sequence[Floats], keep: Sequence[int]
-    ) -> list[tuple[Floats, Floats]]:
-        """Return for each run some numbers of the carry after every sample, (n, len(keep)), and the outputs, (n, n_y).
+    def scan(self, feeds: Sequence[Feed], keep: Sequence[int]) -> list[Advanced]:
+        """Return what several runs give, some numbers of the carry after every row, (k, len(keep)), and the outputs.
 
         Args:
-            carries: before the first sample, (n_carry,) each; at most `lanes` runs.
-            xs: the samples, (n, n_x) each; runs may differ in length.
-            ps: the parameters, (n_p,) each.
+            feeds: at most `lanes` runs, which may differ in length.
             keep: indices of the numbers of the carry that are kept.
         """
-        runs = len(carries)
-        starts = [np.ascontiguousarray(c, dtype=np.float64).reshape(self.n_carry) for c in carries]
-        rows = [np.ascontiguousarray(x, dtype=np.float64).reshape(-1, self.n_x) for x in xs]
-        numbers = [np.ascontiguousarray(p, dtype=np.float64).reshape(self.n_p) for p in ps]
-        out = [(np.empty((len(x), len(keep))), np.empty((len(x), self.n_y))) for x in rows]
+        starts = [np.ascontiguousarray(feed.carry, dtype=np.float64).reshape(self.n_carry) for feed in feeds]
+        rows = [np.ascontiguousarray(feed.rows, dtype=np.float64).reshape(-1, self.n_x) for feed in feeds]
+        numbers = [np.ascontiguousarray(feed.p, dtype=np.float64).reshape(self.n_p) for feed in feeds]
+        out = [Advanced(np.empty((len(x), len(keep))), np.empty((len(x), self.n_y))) for x in rows]
         lengths = np.zeros(self.lanes, dtype=np.int64)
-        lengths[:runs] = [len(x) for x in rows]
+        lengths[: len(feeds)] = [len(x) for x in rows]
         kept = np.array(keep, dtype=np.int32)
         # lanes without a run of their own do what the first does, and keep nothing
         self._batch(

@@ -15,7 +15,7 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.expressions import Scalar
-from distal.kernels import Kernel
+from distal.kernels import Feed, Kernel, advance
 from distal.rig import CONSTANT, LearnedMap, factors
 
 Value = TypeVar("Value", Floats, ca.SX)
@@ -183,7 +183,7 @@ def played(values: Floats, half: float) -> Floats:
         values: x, (k,).
         half: w.
     """
-    after: Floats = _play().scan(values[:1], values[:, None], np.array([half]))[1][:, 0]
+    after: Floats = advance(_play(), Feed(values[:1], values[:, None], np.array([half]))).ys[:, 0]
     return after
 
 

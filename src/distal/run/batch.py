@@ -13,7 +13,7 @@ import numpy as np
 from distal.errors import DistalError, EstimationError
 from distal.estimators import DEFAULT, Estimator, KernelEstimator
 from distal.homing.reference import check_homing
-from distal.kernels import LaneKernel, in_order, variances_of
+from distal.kernels import Feed, advance_all, at_samples, in_order, variances_of
 from distal.logs import Log, Source, read_log
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
@@ -118,9 +118,7 @@ def _batch(
         break
     if runner is None:
         return
-    lanes = _lanes(runner)
-    size = lanes.lanes if lanes is not None else 1
-    for source, result in in_order(logs, size, work, workers):
+    for source, result in in_order(logs, _side_by_side(runner), work, workers):
         done += 1
         if progress is not None:
             progress(done)
@@ -130,9 +128,9 @@ def _batch(
             refused(source, result)
 
 
-def _lanes(runner: Estimator) -> LaneKernel | None:
-    """Return an estimator's kernel for several runs at once, None where it has none."""
-    return runner.kernel.lanes() if isinstance(runner, KernelEstimator) and runner.has_kernel else None
+def _side_by_side(runner: Estimator) -> int:
+    """Return how many runs of an estimator go side by side."""
+    return runner.kernel.side_by_side if isinstance(runner, KernelEstimator) and runner.has_kernel else 1
 
 
 def _named(source: Log | Source) -> str:
@@ -155,11 +153,10 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
     if not runs:
         return []
     runner = runs[0].runner
-    lanes = _lanes(runner)
-    own = (run.runner for run in runs if isinstance(run.runner, KernelEstimator))
-    kernels = {id(one.kernel) for one in own if one.has_kernel}
+    runners = [run.runner for run in runs if isinstance(run.runner, KernelEstimator)]
+    kernels = {id(runner.kernel) for runner in runners if runner.has_kernel}
     # a homing move may give a run another kernel (`with_straight_line`)
-    if lanes is None or len(runs) == 1 or len(kernels) > 1 or not isinstance(runner, KernelEstimator):
+    if len(runs) == 1 or len(kernels) > 1 or not isinstance(runner, KernelEstimator) or _side_by_side(runner) == 1:
         return [_alone(run) for run in runs]
     n = runs[0].start.size
     rows = []
@@ -170,12 +167,10 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
             return [_alone(each) for each in runs]
     keep = [*range(n), *variances_of(np.arange(n + n * n), n)]  # of each carry the mean and the variances
     # a homing move gives each run numbers of its own
-    numbers = [run.runner.numbers for run in runs if isinstance(run.runner, KernelEstimator)]
-    scanned = lanes.scan([run.start.carry for run in runs], [row for row, _ in rows], numbers, keep)
+    feeds = [Feed(run.start.carry, xs, own.numbers) for run, (xs, _), own in zip(runs, rows, runners)]
     results: list[Estimate | DistalError] = []
-    for run, (_, last), (kept, ys) in zip(runs, rows, scanned):
-        if len(last) < len(kept):
-            kept, ys = kept[last], ys[last]
+    for run, (_, last), driven in zip(runs, rows, advance_all(runner.kernel, feeds, keep)):
+        kept, ys = at_samples(driven, last)
         means, spreads = runner.report.means(kept[:, :n], ys), runner.report.variances_of(kept[:, n:], ys)
         try:
             check_bounds(run, means, spreads)

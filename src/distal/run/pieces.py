@@ -55,9 +55,7 @@ def estimate_pieces(
         samples = np.column_stack([columns[name] for name in runner.channels])
         if belief is None:
             belief = runner.initial(log.time[0], samples[0])
-        rows, last = runner.checked_rows(belief, log.time, samples)
-        carries, ys = runner.kernel.scan(belief.carry, rows, runner.numbers)
-        carries, ys, size = carries[last], ys[last], belief.size
+        (carries, ys), size = runner.advanced(belief, log.time, samples), belief.size
         means = runner.report.means(mean_of(carries, size).copy(), ys)[:, :n]
         covariances = runner.report.covariances(covariance_of(carries, size).copy(), ys)
         variances = np.diagonal(covariances, axis1=1, axis2=2)[:, :n]

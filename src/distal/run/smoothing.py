@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter, first_values, state_units
-from distal.kernels import covariance_of, mean_of, variances_of
+from distal.kernels import Feed, advance, covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen, true_angles
 from distal.results import Estimate
 from distal.rig import Rig
@@ -34,7 +34,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     samples = samples_of(log, runner.channels, runner.name)
     belief = runner.initial(log.time[0], first_values(samples))
     rows, last = runner.checked_rows(belief, log.time, samples)
-    carries, ys = runner.kernel.scan(belief.carry, rows, runner.numbers)
+    carries, ys = advance(runner.kernel, Feed(belief.carry, rows, runner.numbers))
     n, m, joints = belief.size, len(runner.measured), tuple(joint.name for joint in rig.joints)
     if len(out_of_bounds(mean_of(carries, n), variances_of(carries, n), len(joints))):
         raise EstimationError(f"{log.source}: the filter left all bounds; check the units of the log and the rig")
@@ -100,8 +100,7 @@ def correct(means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bo
     runner = AdaptiveFilter(rig, compiled)
     samples = samples_of(log, runner.channels, runner.name)
     belief = runner.initial(log.time[0], first_values(samples))
-    rows, _ = runner.checked_rows(belief, log.time, samples)
-    carries, ys = runner.kernel.scan(belief.carry, rows, runner.numbers)
-    own, report = carries[last, : means.shape[1]], runner.report.only(range(len(rig.joints)))
-    means[last] += report.means(own, ys[last]) - own
-    covariances[last] = report.covariances(covariances[last], ys[last])
+    carries, ys = runner.advanced(belief, log.time, samples)
+    states, report = carries[:, : means.shape[1]], runner.report.only(range(len(rig.joints)))
+    means[last] += report.means(states, ys) - states
+    covariances[last] = report.covariances(covariances[last], ys)

@@ -12,7 +12,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import ScenarioError, did_you_mean
-from distal.kernels import Kernel
+from distal.kernels import Feed, Kernel, advance
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.rig import Rig, load_rig, named
@@ -80,7 +80,7 @@ def simulate_pieces(rig: Rig | str | Path, scenario: Scenario | str | Path, seed
         inputs = body_inputs(scenario, plant, grid[:-1])
         if rezero:
             _replace(inputs, body_inputs(rezero[1], plant, grid[:-1]), rezero[0], plant, grid[:-1])
-        carries, ys = kernel.scan(carry, rows_of(inputs, dt), p)
+        carries, ys = advance(kernel, Feed(carry, rows_of(inputs, dt), p))
         motion, carry, y = Motion(plant, np.vstack([y, ys])), carries[-1], ys[-1:]
         motion.check()
         errors = _errors(motion, seed) if errors is None else errors

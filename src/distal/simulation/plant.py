@@ -12,7 +12,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import ScenarioError
 from distal.expressions import Scalar
-from distal.kernels import Kernel
+from distal.kernels import Feed, Kernel, advance, advance_all
 from distal.model import Mechanism, interval_step
 from distal.simulation.apart import parts_of_plant, plants_apart
 from distal.simulation.inputs import BodyInputs
@@ -215,7 +215,7 @@ def at_rest(
     inside = np.array(inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])).ravel()
     carry = np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), inside])
     # a tiny interval gives the tensions there
-    y = kernel.scan(carry, rows_of(inputs, 1e-12)[:1], p)[1]
+    y = advance(kernel, Feed(carry, rows_of(inputs, 1e-12)[:1], p)).ys
     y[:, :n], y[:, n : 2 * n] = start, 0.0
     servo = inputs.servo[:1]
     y[:, 2 * n + mechanism.n_tendons :] = inputs.effort[:1] + servo[:, :, 0] * (servo[:, :, 1] - start)
@@ -246,7 +246,7 @@ def run_plants(
     """Return the motions of several runs of one plant, side by side where there are lanes for that.
 
     Args:
-        runs: what acts, and coordinates at rest, of each; at most as many as there are lanes.
+        runs: what acts, and coordinates at rest, of each.
         dt: length of an interval [s].
         kernel: of `plant_function`.
         numbers: the parameters of each run's plant, (n_p,) each; default those of the mechanism.
@@ -257,13 +257,9 @@ def run_plants(
     ps = [mechanism.parameters.values] * len(runs) if numbers is None else list(numbers)
     rows = [rows_of(inputs, dt) for inputs, _ in runs]
     begun = [at_rest(mechanism, inputs, start, kernel, p) for (inputs, start), p in zip(runs, ps)]
-    starts = [carry for carry, _ in begun]
-    lanes = kernel.lanes() if len(runs) > 1 else None
-    if lanes is not None:
-        moved = [ys for _, ys in lanes.scan(starts, rows, ps, [])]
-    else:
-        moved = [kernel.scan(start, xs, p)[1] for start, xs, p in zip(starts, rows, ps)]
-    motions = [Motion(mechanism, np.vstack([first, ys])) for (_, first), ys in zip(begun, moved)]
+    feeds = [Feed(carry, xs, p) for (carry, _), xs, p in zip(begun, rows, ps)]
+    moved = advance_all(kernel, feeds, keep=())
+    motions = [Motion(mechanism, np.vstack([first, run.ys])) for (_, first), run in zip(begun, moved)]
     for motion in motions:
         motion.check()
     return motions

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cached_property, lru_cache
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -53,7 +54,7 @@ class AdaptiveFilter(KernelEstimator):
 
     Args:
         rig: the description.
-        compiled: compile its kernel where possible.
+        compiled: compile its kernel where possible, see `Kernel`.
         robustness: the guards against a wrong model and bad sensors; default `Robustness.usual`.
         name: of the estimator.
         references: sensors of joints' angles that are read too, while they are known (homing, fitting).
@@ -71,7 +72,7 @@ class AdaptiveFilter(KernelEstimator):
     def __init__(
         self,
         rig: Rig,
-        compiled: bool = True,
+        compiled: bool | Literal["lanes"] = True,
         robustness: Robustness | None = None,
         *,
         name: str = "adaptive",
