@@ -73,6 +73,14 @@ def unit_factor(unit: str, si: str) -> float:
     return float(factor)
 
 
+@lru_cache(maxsize=64)
+def base_powers(si: str) -> dict[str, int]:
+    """Return an SI unit as powers of base units and radians by their symbols: N m → kg 1, m 2, s −2."""
+    registry = _registry()
+    powers = registry.Quantity(1.0, si).to_base_units().unit_items()
+    return {registry.get_symbol(name): round(float(str(power))) for name, power in powers}
+
+
 def _is_plain(unit: str) -> bool:
     """Return whether a unit is names joined by products, quotients and small powers: pint would evaluate anything."""
     if len(unit) > 60 or _POWER_TOWER.search(unit):

@@ -210,14 +210,13 @@ def test_a_controlled_scenario_is_no_open_loop(rig: Rig) -> None:
     np.testing.assert_array_equal(simulate(rig, described).channels["x1"], told.channels["x1"])
 
 
-def test_thetravel_of_of_an_effort_is_what_its_drive_can() -> None:
+def test_the_range_of_an_effort_is_what_its_drive_can() -> None:
     """A capstan pulls both ways, a slider's tendon one way; where linearity is declared it is defined over that."""
-    from distal.control.plant import travel_of
-    from distal.model import Mechanism
+    from distal.rig import travel_of
 
     capstan = load_rig("capstan-joint").with_values({"drives.motor.limit": "0.3 N m"})
     torque = capstan.sensors_of("force")[0]
-    assert travel_of(Mechanism(capstan), torque) == (-0.3, 0.3)
+    assert travel_of(torque, capstan) == (-0.3, 0.3)
     slider = load_rig("paper-2008").with_values({"drives.left.limit": "20 N"})
     force = next(sensor for sensor in slider.sensors_of("force") if sensor.of == "left")
-    assert travel_of(Mechanism(slider), force) == (0.0, 20.0)
+    assert travel_of(force, slider) == (0.0, 20.0)

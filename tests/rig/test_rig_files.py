@@ -116,7 +116,7 @@ REFUSED = [
     ('sensors.0.of="middle"', r"sensors\.x1\.of: no drive is called 'middle'"),
     ('sensors.0.unit="N"', r"sensors\.x1\.unit: unit 'N' has the wrong dimension"),
     ('sensors.0.noise="1 N"', r"sensors\.x1\.noise: unit 'N' has the wrong dimension"),
-    ('sensors.0.measures="speed"', r"must be 'position', 'force', 'tension', 'angle' or 'torque'"),
+    ('sensors.0.measures="speed"', r"must be 'position', 'force', 'tension', 'angle', 'torque' or 'imu'"),
     ('sensors.0.measures="command"', r"measures = 'command' needs lag, the time constant of the drive's servo"),
     ("sensors.u1.lag=0.1", r"sensors.*lag: is of a drive that follows a command"),
     ('sensors.1.name="x1"', r"sensors: the name 'x1' stands more than once"),

@@ -19,8 +19,8 @@ from distal.kernels import Feed, Kernel, Layout, advance
 from distal.model import Mechanism
 from distal.rig import Rig
 from distal.sensors import SensorErrors
-from distal.simulation.measurands import SENSOR, columns_of, reading_function
 from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
+from distal.simulation.readings import SENSOR, Readings, reading_function
 from distal.simulation.simulate import Prepared
 
 
@@ -187,7 +187,7 @@ def scan_loop(
     shape = LoopShape(plant, rig, prepared.count, intervals, controlled, function, states, read)
     carry, begin = at_rest(plant, prepared.inputs, prepared.start, plant_kernel(plant, prepared.count))
     draws = errors.draws(count + 1).copy()
-    first = errors.read(np.array([[begin[0, columns_of(plant, sensor)[0]] for sensor in plant.rig.sensors]]))[0]
+    first = errors.read(Readings(plant).at(begin))[0]
     if runner is None:
         kept = np.zeros(1)
         angles = begin[0, :nj] if encoder == 0.0 else np.floor(begin[0, :nj] / encoder + 0.5) * encoder

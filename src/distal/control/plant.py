@@ -11,15 +11,14 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import ControlError, ScenarioError, did_you_mean
-from distal.estimators.adaptive import travel
 from distal.kernels import Feed, Kernel, advance
 from distal.logs import Log
 from distal.model import Mechanism
-from distal.rig import Rig, Sensor
+from distal.rig import Rig, travel_of
 from distal.sensors import SensorErrors
 from distal.simulation import Scenario
-from distal.simulation.measurands import columns_of
 from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
+from distal.simulation.readings import Readings
 from distal.simulation.simulate import SIMULATED, Prepared, prepare, stamps_of, true_motion
 
 SHORTEST_PERIOD = 1e-4
@@ -215,36 +214,21 @@ class _Rate:
         sensors = [every[k] for k in self.at]
         self.due = np.isin(stamps, np.round(np.arange(0.0, stamps[-1] + 0.5 / rate, 1.0 / rate), 9))
         self.errors = SensorErrors(
-            sensors, [travel_of(plant, sensor) for sensor in sensors], [rngs[k] for k in self.at]
+            sensors, [travel_of(sensor, plant.rig) for sensor in sensors], [rngs[k] for k in self.at]
         )
-        columns = np.array([columns_of(plant, sensor) for sensor in sensors])
-        self._own, self._changes = columns.T
-        self._lags = np.array([sensor.lag for sensor in sensors])
+        self._readings = Readings(plant, sensors)
         self._delays = np.array([sensor.delay for sensor in sensors])
-        self._lagging = bool(np.any(self._lags > 0.0))
 
     def true(self, y: Floats, stamp: float, dt: float) -> Floats:
-        """Return what there is to measure at a stamp; between two intervals the motion is a line."""
+        """Return what there is to measure at a stamp; between two intervals it is a line."""
         place = np.maximum(stamp - self._delays, 0.0) / dt
         before = np.minimum((place + 1e-6).astype(np.intp), len(y) - 1)
         after, share = np.minimum(before + 1, len(y) - 1), place - before
         share[share < 1e-6] = 0.0
-        found: Floats = y[before, self._own] + share * (y[after, self._own] - y[before, self._own])
-        if self._lagging:
-            found = found + self._lags * y[before, self._changes]
-        return found
-
-
-def travel_of(plant: Mechanism, sensor: Sensor) -> tuple[float, float]:
-    """Return the travel over which a sensor's linearity is defined, before the motion is known."""
-    if sensor.measures == "position":
-        return travel(plant, [drive.name for drive in plant.rig.drives].index(sensor.of))
-    if sensor.measures == "angle":
-        return next(joint.stops or (-1.2, 1.2) for joint in plant.rig.joints if joint.name == sensor.of)
-    drive = next((drive for drive in plant.rig.drives if drive.name == sensor.of), None)
-    nominal = 0.0 if drive is None else 2.0 * abs(drive.nominal_force.value)
-    largest = max(nominal, 0.0 if drive is None or drive.limit is None else drive.limit, 1e-9)
-    return (0.0, largest) if drive is None or drive.kind == "slider" else (-largest, largest)
+        # each sensor has a row of its own, by its delay
+        early, late = (np.diagonal(self._readings.at(y[rows])) for rows in (before, after))
+        readings: Floats = early + share * (late - early)
+        return readings
 
 
 def periods(duration: float, period: float) -> int:

@@ -17,7 +17,6 @@ from distal.diagnosis.what_if import overconfidence, untestable
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
 from distal.logs import Log
-from distal.model import Mechanism
 from distal.results import Estimate
 from distal.rig import Rig
 from distal.run.offline import runner_for
@@ -91,12 +90,12 @@ def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:
 
 def elsewhere(log: Log, rig: Rig) -> list[Finding]:
     """Return the displacements that are where their drives cannot be."""
-    found, mechanism = [], Mechanism(rig)
+    found = []
     for sensor in rig.sensors_of("position"):
         values = log.channels.get(sensor.name)
         if values is None:
             continue
-        low, high = place_range(mechanism, sensor)
+        low, high = place_range(rig, sensor)
         there = values[np.isfinite(values)]
         if len(there) and np.mean((there < low) | (there > high)) > OUTSIDE_SHARE:
             found.append(sentences.drive_elsewhere(sensor.name))

@@ -54,7 +54,7 @@ START_GROWTH, START_REACH = 10.0, 1.0
 def affine_of(rig: Rig) -> Kind:
     """Return the kind of map that gives the joints' angles from a rig's readings."""
     channels = channels_of(rig, NAME)
-    sensors = (*channels.positions, *channels.tensions, *channels.forces)
+    sensors = channels.proximal
     noise = np.sqrt([variance(sensor) for sensor in sensors])
     joints = [joint.name for joint in rig.joints]
     return affine_kind(channels.names, [sensor.name for sensor in channels.positions], joints, noise)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from distal.errors import DistalWarning, EstimationError
-from distal.rig import Rig, Sensor
+from distal.rig import Rig, Role, Sensor, measurand_of
 from distal.sensors import variance
 
 
@@ -20,41 +20,52 @@ class Channels:
         forces: of drives (force or torque).
         tensions: of tendons.
         angles: of joints; empty but while a reference is known (homing, fitting).
+        others: of any other kind, such as the numbers of an IMU, which only `adaptive` compares.
     """
 
     positions: tuple[Sensor, ...]
     forces: tuple[Sensor, ...]
     tensions: tuple[Sensor, ...]
     angles: tuple[Sensor, ...] = ()
+    others: tuple[Sensor, ...] = ()
+
+    @property
+    def proximal(self) -> tuple[Sensor, ...]:
+        """What is read at the proximal end, which maps learn from: positions, tensions, forces."""
+        return (*self.positions, *self.tensions, *self.forces)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names in the order in which estimators read them: positions, tensions, forces, angles."""
-        return tuple(sensor.name for sensor in (*self.positions, *self.tensions, *self.forces, *self.angles))
+        """Names in the order in which estimators read them: positions, tensions, forces, others, angles."""
+        return tuple(sensor.name for sensor in (*self.proximal, *self.others, *self.angles))
 
     @property
     def compared(self) -> tuple[Sensor, ...]:
-        """The sensors whose values a displacement-driven filter compares: forces, tensions, angles."""
-        return (*self.forces, *self.tensions, *self.angles)
+        """The sensors whose values a displacement-driven filter compares: forces, tensions, angles, others."""
+        return (*self.forces, *self.tensions, *self.angles, *self.others)
 
     @property
     def interval(self) -> float:
         """Interval of the fastest sensor [s]."""
-        return 1.0 / max(sensor.rate for sensor in (*self.positions, *self.tensions, *self.forces))
+        return 1.0 / max(sensor.rate for sensor in (*self.proximal, *self.others))
 
 
-def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = ()) -> Channels:
+def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = (), others: bool = False) -> Channels:
     """Return the sensors that estimators read.
 
     Args:
         name: of the estimator, for messages.
         references: sensors of joints' angles that are read too, while they are known.
+        others: whether it compares sensors of any kind.
 
     Raises:
         EstimationError: no drive's position is measured, two sensors measure the same, or a sensor has zero noise.
     """
-    positions, forces, tensions = (rig.sensors_of(measurand) for measurand in ("position", "force", "tension"))
-    channels = Channels(positions, forces, tensions, tuple(references))
+    positions, forces, tensions, added = (
+        tuple(sensor for sensor in rig.sensors if measurand_of(sensor).role is role)
+        for role in (Role.PLACE, Role.EFFORT, Role.TENSION, Role.COMPARED)
+    )
+    channels = Channels(positions, forces, tensions, tuple(references), added if others else ())
     if not channels.positions:
         raise EstimationError(
             f"{name}: the rig '{rig.name}' has no sensor that measures the position of a drive; add one to [[sensors]]"
@@ -75,11 +86,12 @@ def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = ()) -> Chann
                     DistalWarning,
                     stacklevel=2,
                 )
-            if variance(sensor) == 0.0:
-                raise EstimationError(
-                    f"{name}: sensor '{sensor.name}' has zero noise (and resolution); an estimator needs its standard "
-                    f"deviation, e.g. --set sensors.{sensor.name}.noise=…"
-                )
+    for sensor in (*channels.proximal, *channels.angles, *channels.others):
+        if variance(sensor) == 0.0:
+            raise EstimationError(
+                f"{name}: sensor '{sensor.name}' has zero noise (and resolution); an estimator needs its standard "
+                f"deviation, e.g. --set sensors.{sensor.name}.noise=…"
+            )
     return channels
 
 

@@ -19,7 +19,7 @@ from distal.estimators.report import NOTHING_REPORTED
 from distal.estimators.samples import WILD, sample_problem, wild_problem
 from distal.kernels import Advanced, Evaluation, Feed, Kernel, advance, at_samples, covariance_of, mean_of
 from distal.logs import LARGEST_READING, frozen
-from distal.rig import Rig
+from distal.rig import Rig, Role, measurand_of
 
 LARGEST_ANGLE = 50.0
 """A joint angle beyond this [rad] means that the filter diverged."""
@@ -247,13 +247,15 @@ class KernelEstimator:
         return slice(0, len(self.rig.joints))
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
-        """Return what a user should know of an estimate, a sentence each; most estimators have nothing to say.
+        """Return what a user should know of an estimate, a sentence each: by default which sensors it does not read.
 
         Args:
             means: states over the log, (k, n).
             samples: values of `channels`, (k, n_channels).
         """
-        return ()
+        compared = (sensor.name for sensor in self.rig.sensors if measurand_of(sensor).role is Role.COMPARED)
+        ignored = ", ".join(name for name in compared if name not in self.channels)
+        return (f"{self.name} does not read {ignored}; adaptive does",) if ignored else ()
 
     @property
     def bridged(self) -> int:

@@ -24,16 +24,8 @@ from distal.kernels import find_compiler
 from distal.logs import LARGEST_READING, write_whole
 from distal.rig import Rig, std_name
 from distal.run.monitor import HEALTH
+from distal.units import base_powers
 from distal.version import __version__
-
-UNITS = {
-    "s": {"s": 1},
-    "m": {"m": 1},
-    "rad": {"rad": 1},
-    "N": {"kg": 1, "m": 1, "s": -2},
-    "N m": {"kg": 1, "m": 2, "s": -2},
-}
-"""Units of FMI by name, as powers of base units."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +152,7 @@ def _description(rig: Rig, exported: Exported, variables: list[_Variable], token
     )
     units = ElementTree.SubElement(root, "UnitDefinitions")
     for unit in dict.fromkeys(["s", *(one.unit for one in variables)]):
-        base = {key: str(power) for key, power in UNITS[unit].items()}
+        base = {key: str(power) for key, power in base_powers(unit).items()}
         ElementTree.SubElement(ElementTree.SubElement(units, "Unit", name=unit), "BaseUnit", base)
     types = ElementTree.SubElement(root, "TypeDefinitions")
     health = ElementTree.SubElement(types, "EnumerationType", name="Health")

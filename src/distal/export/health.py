@@ -9,7 +9,6 @@ import numpy as np
 from distal.codegen import Plain
 from distal.estimators import KernelEstimator
 from distal.export.fields import angle_fields, filled
-from distal.model import Mechanism
 from distal.results import LARGE_PRIOR, SMALL
 from distal.rig import step_of
 from distal.run import monitor
@@ -41,14 +40,14 @@ def health_source(runner: KernelEstimator, name: str, dialect: Plain) -> str:
     """
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
     chosen, number = [sensors[channel] for channel in runner.channels], dialect.constant
-    mechanism, n = Mechanism(runner.rig), len(runner.state_names)
+    n = len(runner.state_names)
     means, stds = priors_of(runner)
     if means is None or stds is None:
         means, stds = np.zeros(n), np.zeros(n)
     known = [i for i in range(n) if np.isfinite(means[i]) and stds[i] > 0.0]
     # a number that no age reaches, since C has no infinity without a header
     overdue = np.minimum(monitor.overdue(chosen), 1e30).tolist()
-    ranges = [place_range(mechanism, sensor) for sensor in chosen]
+    ranges = [place_range(runner.rig, sensor) for sensor in chosen]
     placed = [i for i, sensor in enumerate(chosen) if sensor.measures == "position"]
     arrays = {
         "overdue": overdue,

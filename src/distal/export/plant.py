@@ -8,16 +8,15 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.codegen import CodeError, Emitter, Plain
-from distal.control.plant import travel_of
 from distal.errors import ExportError
 from distal.export.fields import comment, filled
 from distal.export.names import checked_name
 from distal.kernels import Kernel
 from distal.model import Mechanism
-from distal.rig import Rig, gain_of, step_of
+from distal.rig import Rig, gain_of, step_of, travel_of
 from distal.simulation.inputs import BodyInputs
-from distal.simulation.measurands import reading_function
 from distal.simulation.plant import at_rest, equilibrium, plant_function
+from distal.simulation.readings import reading_function
 from distal.simulation.simulate import intervals_of
 
 
@@ -142,7 +141,7 @@ def _errors(plant: Mechanism) -> list[list[float]]:
     """Return gain, bias, noise, step, ends of the travel and largest linearity of each sensor."""
     rows = []
     for sensor in plant.rig.sensors:
-        low, high = travel_of(plant, sensor)
+        low, high = travel_of(sensor, plant.rig)
         rows.append(
             [gain_of(sensor).value, sensor.bias.value, sensor.noise, step_of(sensor), low, high, sensor.linearity]
         )

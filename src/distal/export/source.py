@@ -17,7 +17,6 @@ from distal.kernels.mask import MISSING, READ
 from distal.logs import LARGEST_READING
 from distal.rig import Rig
 from distal.run.monitor import ANYWHERE
-from distal.run.places import REACH
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
     ]
     measured = [f" *   {i}  {c}" for i, c in enumerate(runner.measured)]
     numbers = [dialect.constant(float(x)) for x in runner.numbers]
-    reaches = [joint.stops or (-REACH, REACH) for joint in runner.rig.joints]
+    reaches = [joint.travel for joint in runner.rig.joints]
     rows = [", ".join(numbers[i : i + 6]) for i in range(0, len(numbers), 6)]
     return {
         "nan": dialect.constant(float("nan")),

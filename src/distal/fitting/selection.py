@@ -96,7 +96,7 @@ def _uncertain(rig: Rig, references: Sequence[Sensor], own_of_each: Sequence[Fre
     own = {path for part in own_of_each for path in part.paths}
     free = [part for part in _biases(rig, several) if not own.intersection(part.paths)]
     for state in uncertain_parameters(
-        FilterContext(mechanism, channels_of(rig, "fit", references), Robustness.fitting())
+        FilterContext(mechanism, channels_of(rig, "fit", references, others=True), Robustness.fitting())
     ):
         paths = [mechanism.parameters.names[i] for i in state.indices]
         if own.intersection(paths) or (len(paths) == 1 and any(paths[0] in part.paths for part in free)):
@@ -124,7 +124,7 @@ def _biases(rig: Rig, several: bool) -> list[Free]:
     """Return the offsets and gains of the sensors that estimators read, where they have a std; gains are no log's own."""
     read = [(i, sensor) for i, sensor in enumerate(rig.sensors) if sensor.measures not in REFERENCES]
     numbers = [(number(rig, f"sensors.{i}.bias"), several) for i, _ in read]
-    numbers += [(number(rig, f"sensors.{i}.gain"), False) for i, sensor in read if sensor.measures != "position"]
+    numbers += [(number(rig, f"sensors.{i}.gain"), False) for i, sensor in read if hasattr(sensor, "gain")]
     return [_free(rig, [one], own) for one, own in numbers if one.std > 0.0 and not one.hold]
 
 

@@ -13,12 +13,14 @@ from distal.logs.log import Log
 from distal.logs.truth import TruthKind, TruthSource
 from distal.rig import Rig, Sensor, angle_names
 from distal.rig.mjcf import joint_name, mujoco_module, rest_lengths, tendon_name
+from distal.units import base_powers
 
 if TYPE_CHECKING:
     import mujoco
 
 EARLY = 1e-9
 """A sample that is due within this time [s] is taken: sums of time steps are rounded."""
+
 
 Reader = Callable[[], float]
 
@@ -147,7 +149,7 @@ def _own_sensor(model: mujoco.MjModel, data: mujoco.MjData, sensor: Sensor, leng
     if index is None:
         return None
     at = int(model.sensor_adr[index])
-    unit = {"m": length_unit, "N": length_unit, "N m": length_unit**2, "rad": 1.0}[sensor.si]
+    unit = length_unit ** base_powers(sensor.si).get("m", 0)
     return lambda: unit * float(data.sensordata[at])
 
 

@@ -16,6 +16,7 @@ from distal.model.friction import (
 )
 from distal.model.intervals import interval_step
 from distal.model.mechanism import GRAVITY, Mechanism
+from distal.model.motion import Moment
 from distal.model.parameters import Parameters, number_at
 from distal.model.stepping import (
     RESOLUTION,
@@ -43,6 +44,7 @@ __all__ = [
     "Kick",
     "Limit",
     "Mechanism",
+    "Moment",
     "Parameters",
     "Slip",
     "SoftMoments",

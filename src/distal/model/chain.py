@@ -1,33 +1,17 @@
 """Dynamics of joints that carry one another: composite rigid bodies and recursive Newton–Euler, as CasADi expressions.
 
-Frames: a joint's frame sits at `offset` in the frame of its parent and is turned about `axis` by θ; at θ = 0 both are
-parallel. A link's centre and inertia are given in the frame of its joint. Featherstone, Rigid Body Dynamics Algorithms,
+A link's centre and inertia are given in the frame of its joint, see `frames`. Featherstone, Rigid Body Dynamics Algorithms,
 2008, chapters 5 and 6, written in three dimensions instead of six.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import casadi as ca
-import numpy as np
 
 from distal.expressions import Matrix, Scalar, Vector
+from distal.model.frames import Frames
 from distal.model.parameters import Parameters
 from distal.rig import Rig
-
-
-def rotation(axis: Sequence[float], angle: Scalar) -> Matrix:
-    """Return the matrix of a rotation about a unit axis, (3, 3): R = a aᵀ + cos θ (1 − a aᵀ) + sin θ [a×] (Rodrigues).
-
-    Args:
-        axis: unit vector.
-        angle: θ [rad].
-    """
-    a = np.asarray(axis)
-    along = np.outer(a, a)
-    cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-    return ca.SX(ca.DM(along)) + ca.cos(angle) * ca.DM(np.eye(3) - along) + ca.sin(angle) * ca.DM(cross)
 
 
 def cross(a: Vector, b: Vector) -> Vector:
@@ -44,21 +28,14 @@ class Chain:
     """
 
     def __init__(self, rig: Rig, parameters: Parameters) -> None:
-        self._rig, self._p = rig, parameters
-        self._parents = [rig.parent_of(i) for i in range(len(rig.joints))]
-
-    def _vector(self, path: str) -> Vector:
-        return ca.vertcat(*(self._p[f"{path}.{k}"] for k in range(3)))
-
-    def _rotations(self, q: Vector) -> list[Matrix]:
-        return [rotation(joint.axis, q[i]) for i, joint in enumerate(self._rig.joints)]
+        self._rig, self._p, self._frames = rig, parameters, Frames(rig, parameters)
 
     def _link(self, joint: int) -> tuple[Scalar, Vector, Vector] | None:
         """Return mass, centre and moments of inertia about the centre of a joint's link, None where it has none."""
         if self._rig.joints[joint].link is None:
             return None
         path = f"joints.{joint}.link"
-        return self._p[f"{path}.mass"], self._vector(f"{path}.centre"), self._vector(f"{path}.inertia")
+        return self._p[f"{path}.mass"], self._frames.vector(f"{path}.centre"), self._frames.vector(f"{path}.inertia")
 
     def mass_matrix(self, q: Vector) -> Matrix:
         """Return the links' inertia matrix, (n_joints, n_joints) [kg m²], by composite rigid bodies.
@@ -69,7 +46,7 @@ class Chain:
         Args:
             q: joint angles, (n_joints,) [rad].
         """
-        n, turned = len(self._rig.joints), self._rotations(q)
+        n, turned = len(self._rig.joints), self._frames.rotations(q)
         bodies = list[tuple[Scalar, Vector, Matrix]]()
         for i in range(n):
             link, zero = self._link(i), ca.SX(3, 1)
@@ -85,14 +62,14 @@ class Chain:
             axis = ca.DM(self._rig.joints[i].axis)
             force, torque, at = cross(axis, moment), ca.mtimes(inertia, axis), i
             matrix[i, i] = ca.dot(axis, torque)
-            while (parent := self._parents[at]) is not None:
-                offset, force = self._vector(f"joints.{at}.offset"), ca.mtimes(turned[at], force)
+            while (parent := self._frames.parents[at]) is not None:
+                offset, force = self._frames.vector(f"joints.{at}.offset"), ca.mtimes(turned[at], force)
                 torque = ca.mtimes(turned[at], torque) + cross(offset, force)
                 matrix[i, parent] = matrix[parent, i] = ca.dot(ca.DM(self._rig.joints[parent].axis), torque)
                 at = parent
-            above = self._parents[i]
+            above = self._frames.parents[i]
             if above is not None:
-                offset, r = self._vector(f"joints.{i}.offset"), turned[i]
+                offset, r = self._frames.vector(f"joints.{i}.offset"), turned[i]
                 moment = ca.mtimes(r, moment)
                 whole = ca.mtimes([r, inertia, r.T]) + _shifted(mass, 2 * moment + mass * offset, offset)
                 before = bodies[above]
@@ -107,15 +84,16 @@ class Chain:
             v: their speeds, (n_joints,) [rad/s].
             acceleration: q̈, (n_joints,) [rad/s²].
         """
-        n, turned = len(self._rig.joints), self._rotations(q)
-        resting = (ca.SX(3, 1), ca.SX(3, 1), -self._gravity())
+        n, turned = len(self._rig.joints), self._frames.rotations(q)
+        resting = (ca.SX(3, 1), ca.SX(3, 1), -self._frames.gravity())
+        spins = self._frames.carried(turned, v)
         moving, loads = list[tuple[Vector, Vector, Vector]](), list[tuple[Vector, Vector]]()
         for i in range(n):
-            parent, axis = self._parents[i], ca.DM(self._rig.joints[i].axis)
+            parent, axis = self._frames.parents[i], ca.DM(self._rig.joints[i].axis)
             spin, twist, linear = resting if parent is None else moving[parent]
-            offset, back = self._vector(f"joints.{i}.offset"), turned[i].T
+            offset, back = self._frames.vector(f"joints.{i}.offset"), turned[i].T
             linear = ca.mtimes(back, linear + cross(twist, offset) + cross(spin, cross(spin, offset)))
-            spin = ca.mtimes(back, spin)
+            spin = spins[i]
             twist = ca.mtimes(back, twist) + axis * acceleration[i] + cross(spin, axis * v[i])
             spin = spin + axis * v[i]
             moving.append((spin, twist, linear))
@@ -130,20 +108,12 @@ class Chain:
         for i in reversed(range(n)):
             force, torque = loads[i]
             needed[i] = ca.dot(ca.DM(self._rig.joints[i].axis), torque)
-            parent = self._parents[i]
+            parent = self._frames.parents[i]
             if parent is not None:
                 force = ca.mtimes(turned[i], force)
-                torque = ca.mtimes(turned[i], torque) + cross(self._vector(f"joints.{i}.offset"), force)
+                torque = ca.mtimes(turned[i], torque) + cross(self._frames.vector(f"joints.{i}.offset"), force)
                 loads[parent] = (loads[parent][0] + force, loads[parent][1] + torque)
         return ca.vertcat(*needed)
-
-    def _gravity(self) -> Vector:
-        """Return the acceleration of free fall in the base's frame, (3,) [m/s²]."""
-        turned = ca.SX.eye(3)
-        for axis, k in (((1.0, 0.0, 0.0), 0), ((0.0, 1.0, 0.0), 1), ((0.0, 0.0, 1.0), 2)):
-            # each turn is about an axis of the world, after those before it
-            turned = ca.mtimes(rotation(axis, self._p[f"base.orientation.{k}"]), turned)
-        return ca.mtimes(turned.T, self._vector("base.gravity"))
 
 
 def _shifted(mass: Scalar, moment: Vector, offset: Vector) -> Matrix:

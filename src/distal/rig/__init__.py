@@ -44,7 +44,21 @@ from distal.rig.parts import Part, independent_parts
 from distal.rig.plausibility import doubts
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import LogFormat, Rig, Stepping, parameters_below
-from distal.rig.sensors import COUNTS, REFERENCES, Sensor, SensorBase, gain_of, log_factor, log_unit, step_of
+from distal.rig.sensors import (
+    COUNTS,
+    REFERENCES,
+    Role,
+    Sensor,
+    SensorBase,
+    drive_travel,
+    gain_of,
+    log_factor,
+    log_unit,
+    measurand_of,
+    part_of,
+    step_of,
+    travel_of,
+)
 from distal.rig.tendons import Creep, Meeting, Path, Tendon
 from distal.rig.validation import validated
 
@@ -88,6 +102,7 @@ __all__ = [
     "Polynomial",
     "Pulley",
     "Rig",
+    "Role",
     "Sensor",
     "SensorBase",
     "Size",
@@ -103,6 +118,7 @@ __all__ = [
     "build_rig",
     "compare_lengths",
     "doubts",
+    "drive_travel",
     "edited_text",
     "effort_unit",
     "factors",
@@ -115,12 +131,14 @@ __all__ = [
     "load_rig",
     "log_factor",
     "log_unit",
+    "measurand_of",
     "named",
     "number",
     "parameters_below",
     "parse_assignment",
     "parse_toml",
     "part_at",
+    "part_of",
     "position_unit",
     "read_text",
     "rig_text",
@@ -132,5 +150,6 @@ __all__ = [
     "template_text",
     "tendon_angle_name",
     "torque_names",
+    "travel_of",
     "validated",
 ]

@@ -9,6 +9,9 @@ from pydantic import Field, model_validator
 from distal.rig.chain import AXES, Axis, Coupling, Link, Vector
 from distal.rig.quantities import Description, In, Name, Parameter
 
+REACH = 1.2
+"""A joint without stops is taken to turn by this either way [rad]."""
+
 
 class Stribeck(Description):
     """Stiction that fades with speed: Coulomb friction times 1 + excess · exp(−(v/speed)²)."""
@@ -143,3 +146,8 @@ class Joint(Description):
         0.5, description="torque the model does not know, as the random change of speed that it makes in 1 s (1σ)"
     )
     external_torque: ExternalTorque = Field(ExternalTorque(), description="a torque nobody measures")
+
+    @property
+    def travel(self) -> tuple[float, float]:
+        """The range that it turns in [rad]: its stops, or ±`REACH`."""
+        return self.stops or (-REACH, REACH)

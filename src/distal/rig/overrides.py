@@ -10,6 +10,7 @@ from copy import deepcopy
 from distal.errors import DistalError, did_you_mean
 from distal.rig.naming import index_of, names_in
 from distal.rig.quantities import KEYS
+from distal.rig.sensors import one_number_each
 
 DEEPEST = 12
 """A path has at most this many parts."""
@@ -68,6 +69,7 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
         _set_all(raw, keys, path, value, error)
         return
     parent, where = raw, ""
+    _write_out_sensors(raw, keys)
     for key in keys[:-1]:
         parent = _descend(parent, key, where, path, error)
         where = f"{where}.{key}" if where else key
@@ -81,6 +83,15 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
         parent[last] = _merged(parent.get(last), value)
     else:
         raise error(f"--set '{path}': '{where}' is a plain value and has no '{last}'")
+
+
+def _write_out_sensors(raw: object, keys: Sequence[str]) -> None:
+    """Write out the sensors of several numbers, in place, where the path names one of their numbers."""
+    if not isinstance(raw, MutableMapping) or keys[0] != "sensors" or len(keys) < 2 or keys[1] == ALL:
+        return
+    sensors = raw.get("sensors")
+    if isinstance(sensors, list) and index_of(sensors, keys[1]) is None:
+        raw["sensors"] = one_number_each(sensors)
 
 
 def _set_all(raw: object, keys: list[str], path: str, value: object, error: type[DistalError]) -> None:

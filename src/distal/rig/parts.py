@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from distal.rig.chain import BASE
 from distal.rig.rig import Rig
+from distal.rig.sensors import measurand_of
 
 KINDS = ("joints", "drives", "tendons", "sensors")
 """What a rig has several of."""
@@ -95,9 +96,12 @@ def _part(rig: Rig, names: list[str]) -> Part:
     tendons = [t for t, tendon in enumerate(rig.tendons) if tendon.joints[0] in names]
     drives = [d for d, drive in enumerate(rig.drives) if any(rig.tendons[t].drive == drive.name for t in tendons)]
     joints = [j for j, joint in enumerate(rig.joints) if joint.name in names]
-    measured = {"angle": names, "tension": [rig.tendons[t].name for t in tendons]}
-    own = [rig.drives[d].name for d in drives]
-    sensors = [s for s, sensor in enumerate(rig.sensors) if sensor.of in measured.get(sensor.measures, own)]
+    measured = {
+        "joints": names,
+        "tendons": [rig.tendons[t].name for t in tendons],
+        "drives": [rig.drives[d].name for d in drives],
+    }
+    sensors = [s for s, sensor in enumerate(rig.sensors) if sensor.of in measured[measurand_of(sensor).of]]
     placed = []
     for j in joints:
         parent = rig.parent_of(j)

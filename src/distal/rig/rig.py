@@ -12,11 +12,10 @@ from distal.rig.chain import BASE, Base
 from distal.rig.drives import Drive
 from distal.rig.joints import Joint
 from distal.rig.learned_map import Affine, Contact, Discrepancy
-from distal.rig.measurands import MEASURED, with_unit
 from distal.rig.naming import named
 from distal.rig.overrides import set_value
 from distal.rig.quantities import Description, In, Parameter
-from distal.rig.sensors import Sensor, log_factor
+from distal.rig.sensors import MEASURED, Sensor, checked_parts, log_factor
 from distal.rig.tendons import Tendon
 from distal.rig.validation import validated
 from distal.units import unit_factor
@@ -107,7 +106,7 @@ class Rig(Description):
             return ()  # what the sensors measure is refused already; their own check would only repeat it
         if not isinstance(raw, Sequence) or isinstance(raw, str):
             return raw
-        return [with_unit(sensor, i, info.data) for i, sensor in enumerate(raw)]
+        return [sensor for i, table in enumerate(raw) for sensor in checked_parts(table, i, info.data)]
 
     @field_validator("sensors", mode="after")
     @classmethod

@@ -14,6 +14,7 @@ from pydantic_core import ErrorDetails
 from distal.errors import DistalError, did_you_mean
 from distal.rig.insertions import KINDS as INSERTIONS
 from distal.rig.naming import named
+from distal.rig.sensors import UNITS, one_number_each
 
 Checked = TypeVar("Checked", bound=BaseModel)
 
@@ -50,6 +51,8 @@ def explain(problem: ValidationError, source: str, root: type[BaseModel], raw: M
         for finding in findings
         if finding["type"] != "too_short" or not any(loc[: len(finding["loc"])] == finding["loc"] for loc in inner)
     ]
+    if isinstance(sensors := raw.get("sensors"), list):
+        raw = {**raw, "sensors": one_number_each(sensors)}
     line = f"{source}: " + "; also ".join(_by_name(_finding(finding, root), raw) for finding in findings[:SHOWN])
     others = len(findings) - SHOWN
     return line + (f" (and {others} more problem{'s' if others > 1 else ''})" if others > 0 else "")
@@ -66,10 +69,7 @@ def _finding(finding: ErrorDetails, root: type[BaseModel]) -> str:
         "slider",
         "capstan",
         *INSERTIONS,
-        "m",
-        "rad",
-        "N",
-        "N m",
+        *UNITS,
         "SliderServo",
         "CapstanServo",
     }

@@ -13,11 +13,10 @@ from distal.arrays import Bools, Floats
 from distal.errors import EstimationError
 from distal.estimators import LARGEST_ANGLE, SHORTEST, sample_problem
 from distal.logs import LARGEST_READING
-from distal.model import Mechanism
 from distal.results import LARGE_PRIOR, SMALL
 from distal.rig import Rig, Sensor, step_of
 from distal.run.live import LATEST, LiveEstimator
-from distal.run.places import FAR, REACH, place_range
+from distal.run.places import FAR, place_range
 
 Health = Literal["ok", "untested", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"]
 
@@ -133,9 +132,8 @@ class Monitor:
         self._dead = np.maximum(DEAD, 2 * self._overdue)
         # a sensor with noise does not say the same twice for long
         self._noisy = np.array([sensor.noise > step_of(sensor) and sensor.measures != "angle" for sensor in chosen])
-        mechanism = Mechanism(live.rig)
-        self._ranges = np.array([place_range(mechanism, sensor) for sensor in chosen]).reshape(-1, 2)
-        self._reach = np.array([joint.stops or (-REACH, REACH) for joint in live.rig.joints]).T
+        self._ranges = np.array([place_range(live.rig, sensor) for sensor in chosen]).reshape(-1, 2)
+        self._reach = np.array([joint.travel for joint in live.rig.joints]).T
         self._seen = np.full(len(chosen), nan)
         self._changed = np.full(len(chosen), nan)
         self._last = np.full(len(chosen), nan)

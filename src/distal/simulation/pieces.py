@@ -15,11 +15,11 @@ from distal.errors import ScenarioError, did_you_mean
 from distal.kernels import Feed, Kernel, advance
 from distal.logs import Log
 from distal.model import Mechanism
-from distal.rig import Rig, load_rig, named
+from distal.rig import Rig, load_rig, named, travel_of
 from distal.sensors import SensorErrors
 from distal.simulation.inputs import BodyInputs, body_inputs
-from distal.simulation.measurands import range_of, true_values
 from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
+from distal.simulation.readings import Readings
 from distal.simulation.scenario import Rezero, Scenario, load_scenario
 from distal.simulation.simulate import SIMULATED, prepare, true_motion
 
@@ -70,7 +70,8 @@ def simulate_pieces(rig: Rig | str | Path, scenario: Scenario | str | Path, seed
     rezero = scenario.rezero and (scenario.rezero, _pulls(scenario, scenario.rezero))
     kernel = Kernel(plant_function(plant, prepared.count))
     carry, y = at_rest(plant, prepared.inputs, prepared.start, kernel)
-    walks, rng, errors = np.zeros(len(scheduled)), np.random.default_rng([seed, 1]), None
+    walks, rng, errors = np.zeros(len(scheduled)), np.random.default_rng([seed, 1]), _errors(plant.rig, seed)
+    readings = Readings(plant)
     for k in range(ceil(scenario.duration / length - 1e-9)):
         begin, p = k * length, plant.parameters.values.copy()
         for i, (at, change) in enumerate(scheduled):
@@ -83,8 +84,7 @@ def simulate_pieces(rig: Rig | str | Path, scenario: Scenario | str | Path, seed
         carries, ys = advance(kernel, Feed(carry, rows_of(inputs, dt), p))
         motion, carry, y = Motion(plant, np.vstack([y, ys])), carries[-1], ys[-1:]
         motion.check()
-        errors = _errors(motion, seed) if errors is None else errors
-        yield _read(motion, grid, errors, scenario)
+        yield _read(motion, readings.at(motion.y).T, grid, errors, scenario)
 
 
 def numbers_at(plant: Mechanism, path: str) -> list[int]:
@@ -134,19 +134,23 @@ def _replace(inputs: BodyInputs, other: BodyInputs, rezero: Rezero, plant: Mecha
                 own[now, body] = its[now, body]
 
 
-def _errors(motion: Motion, seed: int) -> dict[float, tuple[list[int], SensorErrors]]:
+def _errors(rig: Rig, seed: int) -> dict[float, tuple[list[int], SensorErrors]]:
     """Return, by rate, which sensors have it and their errors."""
-    sensors, found = motion.plant.rig.sensors, {}
+    sensors, found = rig.sensors, {}
     rngs = np.random.default_rng(seed).spawn(len(sensors))
     for rate in sorted({sensor.rate for sensor in sensors}):
         at = [k for k, sensor in enumerate(sensors) if sensor.rate == rate]
-        ranges = [range_of(motion, sensors[k]) for k in at]
+        ranges = [travel_of(sensors[k], rig) for k in at]
         found[rate] = at, SensorErrors([sensors[k] for k in at], ranges, [rngs[k] for k in at])
     return found
 
 
 def _read(
-    motion: Motion, grid: Floats, errors: dict[float, tuple[list[int], SensorErrors]], scenario: Scenario
+    motion: Motion,
+    readings: Floats,
+    grid: Floats,
+    errors: dict[float, tuple[list[int], SensorErrors]],
+    scenario: Scenario,
 ) -> Piece:
     """Return what the sensors read in a piece, from its first stamp to before its last."""
     rig, (begin, end) = motion.plant.rig, (grid[0], grid[-1])
@@ -155,7 +159,7 @@ def _read(
     channels = {}
     for rate, (at, of_rate) in errors.items():
         sensors, rows = [rig.sensors[k] for k in at], np.searchsorted(stamps, np.round(own[rate], 9))
-        true = [np.interp(own[rate] - sensor.delay, grid, true_values(motion, sensor)) for sensor in sensors]
+        true = [np.interp(own[rate] - sensor.delay, grid, readings[k]) for k, sensor in zip(at, sensors)]
         for sensor, read in zip(sensors, of_rate.read(np.column_stack(true)).T):
             channels[sensor.name] = np.full(len(stamps), np.nan)
             channels[sensor.name][rows] = read

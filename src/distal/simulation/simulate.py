@@ -12,11 +12,11 @@ from distal.arrays import Floats
 from distal.errors import ScenarioError
 from distal.logs import Log, TruthKind, TruthSource
 from distal.model import Mechanism, substeps
-from distal.rig import Rig, angle_names, load_rig, torque_names
+from distal.rig import Rig, angle_names, load_rig, torque_names, travel_of
 from distal.sensors import measure
 from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
-from distal.simulation.measurands import range_of, true_values
 from distal.simulation.plant import Motion, equilibrium, longest_interval, run_plant
+from distal.simulation.readings import Readings
 from distal.simulation.scenario import Scenario, load_scenario
 
 MOST_STEPS = 4_000_000
@@ -161,12 +161,13 @@ def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
     stamps = stamps_of(rig, duration)
     rngs = np.random.default_rng(seed).spawn(len(rig.sensors))
     channels = {}
-    for sensor, rng in zip(rig.sensors, rngs):
-        own = np.arange(0.0, duration - 1e-9, 1.0 / sensor.rate)
-        true = np.interp(own - sensor.delay, grid, true_values(motion, sensor))
-        values = np.full(len(stamps), np.nan)
-        values[np.searchsorted(stamps, np.round(own, 9))] = measure(sensor, true, range_of(motion, sensor), rng)
-        channels[sensor.name] = values
+    for sensor, rng, readings in zip(rig.sensors, rngs, Readings(motion.plant).at(motion.y).T):
+        due = np.arange(0.0, duration - 1e-9, 1.0 / sensor.rate)
+        true = np.interp(due - sensor.delay, grid, readings)
+        column = np.full(len(stamps), np.nan)
+        # stamps are rounded, so that those of several rates meet
+        column[np.searchsorted(stamps, np.round(due, 9))] = measure(sensor, true, travel_of(sensor, rig), rng)
+        channels[sensor.name] = column
     truth = true_motion(motion, grid, stamps)
     return Log(stamps, channels, truth, prepared.scenario.name or "simulation", SIMULATED)
 

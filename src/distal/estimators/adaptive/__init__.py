@@ -4,11 +4,9 @@ from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.estimator import AdaptiveFilter
 from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.adaptive.states import KINDS, Fading, Kind, State, StateVector, uncertain_parameters
-from distal.estimators.adaptive.travel import REACH, travel
 
 __all__ = [
     "KINDS",
-    "REACH",
     "AdaptiveFilter",
     "Fading",
     "FilterContext",
@@ -16,6 +14,5 @@ __all__ = [
     "Robustness",
     "State",
     "StateVector",
-    "travel",
     "uncertain_parameters",
 ]

@@ -105,7 +105,12 @@ def _channels(part: Part, channels: Channels) -> Channels:
 
     angles = tuple(sensor for sensor in channels.angles if sensor.of in joints)
     return _PartOfChannels(
-        own(channels.positions), own(channels.forces), own(channels.tensions), angles, channels.interval
+        own(channels.positions),
+        own(channels.forces),
+        own(channels.tensions),
+        angles,
+        own(channels.others),
+        channels.interval,
     )
 
 

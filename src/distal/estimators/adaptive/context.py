@@ -9,11 +9,10 @@ import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.robustness import Robustness
-from distal.estimators.adaptive.travel import travel
 from distal.estimators.channels import Channels, sensor_for
 from distal.expressions import Scalar, Vector
 from distal.model import RESOLUTION, Mechanism, joint_frequency
-from distal.rig import Sensor, gain_of, step_of
+from distal.rig import Sensor, drive_travel, gain_of, step_of
 
 MOST_TRAVELS = 20.0
 """A drive is never this many times its travel away from the middle of it."""
@@ -126,7 +125,7 @@ class FilterContext:
         if sensor.measures != "position":
             return 1
         drives = [drive.name for drive in self.mechanism.rig.drives]
-        low, high = travel(self.mechanism, drives.index(sensor.of))
+        low, high = drive_travel(self.mechanism.rig, drives.index(sensor.of))
         away = ca.fabs(reading - sensor.bias.value - 0.5 * (low + high))
         return away <= MOST_TRAVELS * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
 

@@ -38,7 +38,7 @@ def _state_vector(
 ) -> StateVector:
     """Return the states of a filter; kept, since one rig estimates many logs and its functions take 0.1 s to build."""
     mechanism = Mechanism(rig, inputs, remembers=True)
-    return StateVector(FilterContext(mechanism, channels_of(rig, "adaptive", references), guards), kinds)
+    return StateVector(FilterContext(mechanism, channels_of(rig, "adaptive", references, others=True), guards), kinds)
 
 
 def _structure(states: StateVector, resolution: float | None) -> tuple[object, ...]:
@@ -83,7 +83,7 @@ class AdaptiveFilter(KernelEstimator):
         kinds: Sequence[Kind] = KINDS,
         line: Affine | None = None,
     ) -> None:
-        channels = channels_of(rig, name, references)
+        channels = channels_of(rig, name, references, others=True)
         guards = Robustness.usual(len(rig.joints)) if robustness is None else robustness
         self._states = _state_vector(rig, tuple(references), tuple(inputs), guards, tuple(kinds))
         mechanism, self._resolution = self._states.context.mechanism, resolution
@@ -106,7 +106,7 @@ class AdaptiveFilter(KernelEstimator):
         self.report = Report.behind(2 * len(self.measured), [self._reported(one) for one in self._maps])
 
     def _check_maps(self, channels: Channels) -> None:
-        read = channels.names[: len(channels.names) - len(channels.angles)]
+        read = tuple(sensor.name for sensor in channels.proximal)
         for learned in self._maps:
             table = type(learned).__name__.lower()
             if learned.channels != read:

@@ -1,4 +1,6 @@
-"""What is compared: measured forces, tensions and angles against what follows from the state. Equations (16) and (17)."""
+"""What is compared: measured forces, tensions and angles against what follows from the state. Equations (16) and (17).
+
+A sensor of any other kind says itself what it reads, see `distal.rig.sensors`."""
 
 from __future__ import annotations
 
@@ -14,6 +16,7 @@ from distal.estimators.adaptive.robustness import extra_variance
 from distal.estimators.adaptive.states import StateVector
 from distal.expressions import Scalar, Vector, VectorNode
 from distal.kernels.layout import Layout
+from distal.model import Moment
 
 TIE = 0.3
 """How closely the transmitted effort fits the tendons' pull, in standard deviations of the effort's sensor."""
@@ -98,11 +101,11 @@ def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Ve
         read = context.value(x, sensor)
         residual = read - tensions[t] - states.sensor_error(sensor, read, state)
         rows.append(Row(sensor.name, residual, own, context.mask(x, sensor)))
-    joints = [joint.name for joint in mechanism.rig.joints]
-    for sensor in context.channels.angles:
-        read = context.value(x, sensor)
-        residual = read - state[joints.index(sensor.of)] - states.sensor_error(sensor, read, state)
-        rows.append(Row(sensor.name, residual, context.noise(sensor), context.mask(x, sensor), trusted=True))
+    moment, unknowns = Moment(mechanism, q, v, tensions, pulls), states.unknowns(state)
+    for sensor in (*context.channels.angles, *context.channels.others):
+        read, trusted = context.value(x, sensor), sensor in context.channels.angles
+        residual = read - moment.read(sensor, unknowns) - states.sensor_error(sensor, read, state)
+        rows.append(Row(sensor.name, residual, context.noise(sensor), context.mask(x, sensor), trusted=trusted))
     # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
     names = [sensor.name for sensor in context.channels.compared]
     return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
 
-from distal.reports.drawing.measurands import sensor_lines
 from distal.reports.drawing.routes import Wheel
+from distal.reports.drawing.sensors import sensor_lines, sensors_of_part
 from distal.reports.drawing.sheet import BADGE, PITCH, Line, Point, Sheet, arc
 from distal.reports.drawing.units import interval, rounded, written
 from distal.results import FAINT, INK, PALE, SOFT, WHITE
@@ -41,7 +41,7 @@ def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[Line]:
     found = [Line(drive.name, bold=True)]
     if isinstance(drive, Capstan):
         found.append(Line(f"spool r {written(drive.radius.value, 'm')}"))
-        own = [sensor for sensor in rig.sensors if sensor.of == drive.name and sensor.measures in ("position", "force")]
+        own = sensors_of_part(rig, drive)
         gears = {gear for sensor in own if (gear := getattr(sensor, "gear", 1.0)) != 1.0}
         found += [Line(f"gear {rounded(gear)} : 1") for gear in sorted(gears)]
     if drive.stops is not None:
@@ -49,7 +49,7 @@ def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[Line]:
     if drive.backlash is not None:
         unit = "rad" if isinstance(drive, Capstan) else "m"
         found.append(Line(f"backlash {written(drive.backlash.width.value, unit)}"))
-    return [*found, *sensor_lines(rig, drive.name, ("position", "force"), drive.kind)]
+    return [*found, *sensor_lines(rig, drive)]
 
 
 def draw_capstan(sheet: Sheet, drive: Capstan, lines: Sequence[Line], at: Point, scale: float, way: int) -> None:

@@ -8,9 +8,9 @@ from math import cos, hypot, pi, sin
 import numpy as np
 
 from distal.arrays import Floats
-from distal.reports.drawing.measurands import sensor_lines
 from distal.reports.drawing.pose import Stand
 from distal.reports.drawing.routes import Wheel, heading
+from distal.reports.drawing.sensors import sensor_lines
 from distal.reports.drawing.sheet import BADGE, Line, Point, Sheet, arc, on_circle
 from distal.reports.drawing.units import rounded, written
 from distal.results import FAINT, INK, PALE, SOFT, WHITE
@@ -55,7 +55,7 @@ def joint_lines(rig: Rig, index: int, turn: int) -> list[Line]:
     body = joint.link or joint.gravity
     if body is not None and not body.mass.absent:
         found.append(Line(f"link {written(body.mass.value, 'kg')}"))
-    return [*found, *sensor_lines(rig, joint.name, ("angle", "torque"), "joint")]
+    return [*found, *sensor_lines(rig, joint)]
 
 
 def _sizes(rig: Rig, joint: Joint) -> list[str]:

@@ -7,9 +7,9 @@ from math import cos, sin
 
 from distal.reports.drawing.drives import Lane
 from distal.reports.drawing.joints import coil, scaled
-from distal.reports.drawing.measurands import sensor_lines
 from distal.reports.drawing.pose import Stand
 from distal.reports.drawing.routes import WRAP, Wheel, route
+from distal.reports.drawing.sensors import sensor_lines
 from distal.reports.drawing.sheet import PITCH, SIZE, Line, Point, Sheet, width_of
 from distal.reports.drawing.units import rounded, written
 from distal.results import COLOURS, DASHES, SOFT, WHITE
@@ -64,7 +64,7 @@ def tendon_lines(rig: Rig, tendon: Tendon) -> list[Line]:
     if tendon.path is not None:
         what = "sheath" if tendon.path.nodes else "guides"
         lines.append(Line(f"{what} {written(tendon.path.wrap.value, 'rad')}, μ {rounded(tendon.path.friction.value)}"))
-    return [*lines, *sensor_lines(rig, tendon.name, ("tension",), "tendon")]
+    return [*lines, *sensor_lines(rig, tendon)]
 
 
 def draw_tendon(

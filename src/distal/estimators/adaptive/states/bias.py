@@ -9,7 +9,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.state import Fading, State
+from distal.estimators.adaptive.states.state import Fading, Learning, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
@@ -30,6 +30,11 @@ class SensorBias(State):
 
     context: FilterContext
     sensor: Sensor
+
+    @property
+    def lasting(self) -> bool:
+        """It is a number of the sensor."""
+        return True
 
     @property
     def kind(self) -> StateKind:
@@ -100,6 +105,16 @@ class SensorGain(State):
 
     context: FilterContext
     sensor: Sensor
+
+    @property
+    def lasting(self) -> bool:
+        """It is a number of the sensor."""
+        return True
+
+    @property
+    def learning(self) -> Learning:
+        """A force tells little of it."""
+        return Learning.SLOWLY
 
     @property
     def kind(self) -> StateKind:

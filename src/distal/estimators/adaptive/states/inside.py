@@ -11,7 +11,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.state import Begin, State
+from distal.estimators.adaptive.states.state import Begin, Learning, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.model import Mechanism
@@ -143,6 +143,11 @@ class BacklashOrSheathState(Inside):
 @dataclass(frozen=True)
 class Strained(Inside):
     """The slow part of a tendon's stretch [m]."""
+
+    @property
+    def learning(self) -> Learning:
+        """What creeps does so over minutes."""
+        return Learning.AS_CREEP
 
     @property
     def which(self) -> int:

@@ -10,11 +10,10 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.state import State
-from distal.estimators.adaptive.travel import travel
+from distal.estimators.adaptive.states.state import Learning, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
-from distal.rig import Sensor
+from distal.rig import Sensor, drive_travel
 
 BASIS = 6
 """Basis functions of a sensor's linearity over its travel: more changed no error on the logs of `make accuracy`."""
@@ -42,6 +41,16 @@ class Linearity(State):
     context: FilterContext
     drive: int
     sensor: Sensor
+
+    @property
+    def lasting(self) -> bool:
+        """It is a number of the sensor."""
+        return True
+
+    @property
+    def learning(self) -> Learning:
+        """A posture that lasts is one place of the curve."""
+        return Learning.FROM_REFERENCES_SLOWLY
 
     @property
     def kind(self) -> StateKind:
@@ -80,7 +89,7 @@ class Linearity(State):
 
     @cached_property
     def _travel(self) -> tuple[float, float]:
-        return travel(self.context.mechanism, self.drive)
+        return drive_travel(self.context.mechanism.rig, self.drive)
 
     def place_error(self, drive: int, reading: Scalar, own: Vector) -> Scalar:
         """Return Σ w_j cos(π j ξ) where it is this drive's sensor [m, rad].

@@ -12,7 +12,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.state import State
+from distal.estimators.adaptive.states.state import Learning, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Vector
 from distal.rig import in_words, known_to_a_factor, named, number
@@ -60,6 +60,16 @@ class UncertainParameter(State):
     walks: float
     bound: float
     untold: bool = False
+
+    @property
+    def lasting(self) -> bool:
+        """It is a number of the rig."""
+        return True
+
+    @property
+    def learning(self) -> Learning:
+        """A force tells little of it."""
+        return Learning.SLOWLY
 
     @property
     def kind(self) -> StateKind:

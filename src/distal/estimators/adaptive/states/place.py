@@ -10,9 +10,9 @@ import numpy as np
 from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import State
-from distal.estimators.adaptive.travel import travel
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
+from distal.rig import drive_travel
 
 PLACE_WALK = 1.0
 """Random walk of a drive's place that nothing measures, in its travel per √s: it may cross it within a second."""
@@ -32,7 +32,7 @@ class UnmeasuredPlace(State):
 
     @cached_property
     def _travel(self) -> tuple[float, float]:
-        return travel(self.context.mechanism, self.drive)
+        return drive_travel(self.context.mechanism.rig, self.drive)
 
     @property
     def kind(self) -> StateKind:

@@ -12,6 +12,7 @@ from distal.estimators.adaptive.states.inside import inside
 from distal.estimators.adaptive.states.linearity import linearities
 from distal.estimators.adaptive.states.parameter import uncertain_parameters
 from distal.estimators.adaptive.states.place import unmeasured_places
+from distal.estimators.adaptive.states.reading import unknowns_of_readings
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.adaptive.states.transmission import transmissions
 
@@ -27,5 +28,6 @@ KINDS: tuple[Kind, ...] = (
     transmissions,
     inside,
     sensor_biases,
+    unknowns_of_readings,
 )
 """Their order is that of the state vector, after the joints."""

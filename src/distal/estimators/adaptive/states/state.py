@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import TypeAlias
 
 import numpy as np
@@ -21,6 +22,22 @@ from distal.rig import Sensor
 
 Prior: TypeAlias = Vector | Floats | float
 """Numbers of a block, (k,): plain, or expressions where a fit varies them; one number stands for all."""
+
+
+class Learning(Enum):
+    """How much of the gain a state takes, see `StateVector.gain_shares`."""
+
+    AT_ONCE = "at once"
+    """All of it."""
+
+    SLOWLY = "slowly"
+    """A share from forces and tensions, by `Robustness.learning_time`, and from references, by `reference_time`."""
+
+    FROM_REFERENCES_SLOWLY = "from references slowly"
+    """A share from references only: a joint that rests shows one posture for a long time."""
+
+    AS_CREEP = "as creep"
+    """A share by `Robustness.creep_learning_time`."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +126,21 @@ class State(ABC):
         return False
 
     @property
+    def lasting(self) -> bool:
+        """Whether it is a number of the rig or of a sensor; others are meant to move."""
+        return False
+
+    @property
+    def learning(self) -> Learning:
+        """How much of the gain it takes."""
+        return Learning.AT_ONCE
+
+    @property
+    def untold(self) -> bool:
+        """Whether forces and displacements do not tell it: only a joint's own angle teaches it."""
+        return False
+
+    @property
     def smoothed(self) -> bool:
         """Whether a smoother may change it by what came later; a guard's state stays as the filter had it."""
         return True
@@ -174,6 +206,14 @@ class State(ABC):
             own: its numbers, symbolic, (k,).
         """
         return 0
+
+    def unknowns(self, own: Vector) -> dict[str, Scalar]:
+        """Return numbers that readings depend on, by name, see `Measurand.unknowns`.
+
+        Args:
+            own: its numbers, symbolic, (k,).
+        """
+        return {}
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, own: Vector) -> Scalar:
         """Return what it adds to the reading of a sensor of force, tension or angle.

@@ -8,23 +8,12 @@ import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.bias import SensorBias, SensorGain
-from distal.estimators.adaptive.states.inside import Strained
 from distal.estimators.adaptive.states.joint import JointMotion
-from distal.estimators.adaptive.states.linearity import Linearity
-from distal.estimators.adaptive.states.parameter import UncertainParameter
 from distal.estimators.adaptive.states.registry import KINDS, Kind
-from distal.estimators.adaptive.states.state import Fading, State
+from distal.estimators.adaptive.states.state import Fading, Learning, State
 from distal.estimators.adaptive.states.transmission import Transmitted
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
-
-LASTING = (UncertainParameter, Linearity, SensorBias, SensorGain)
-"""Blocks that are numbers of the rig or its sensors; the others are meant to move."""
-
-
-SLOW = (UncertainParameter, SensorGain)
-"""Blocks that forces and tensions change slowly: see `Robustness.learning_time`."""
 
 
 class StateVector:
@@ -51,14 +40,14 @@ class StateVector:
         self.walks = np.concatenate([np.full(len(block.names), block.walk) for block in blocks])
         self.lowest = np.concatenate([np.full(len(block.names), block.lowest) for block in blocks])
         self.unsmoothed = tuple(i for block in blocks if not block.smoothed for i in self.indices(block))
-        lasting = [i for block in blocks if isinstance(block, LASTING) for i in self.indices(block)]
+        lasting = [i for block in blocks if block.lasting for i in self.indices(block)]
         self.lasting = np.isin(np.arange(len(self.names)), lasting)
         self._considered = {i: 0.0 for block in blocks if block.considered for i in self.indices(block)}
-        untold = (b for b in blocks if isinstance(b, UncertainParameter) and b.untold)
-        self._untold = {i: 0.0 for b in untold for i in self.indices(b)}
-        self._parameters = [i for b in blocks if isinstance(b, SLOW) for i in self.indices(b)]
-        self._curves = [i for b in blocks if isinstance(b, Linearity) for i in self.indices(b)]
-        self._strains = [i for b in blocks if isinstance(b, Strained) for i in self.indices(b)]
+        self._untold = {i: 0.0 for block in blocks if block.untold for i in self.indices(block)}
+        self._parameters, self._curves, self._strains = (
+            [i for block in blocks if block.learning is learning for i in self.indices(block)]
+            for learning in (Learning.SLOWLY, Learning.FROM_REFERENCES_SLOWLY, Learning.AS_CREEP)
+        )
 
     def __len__(self) -> int:
         return len(self.names)
@@ -185,6 +174,14 @@ class StateVector:
             state: (n,).
         """
         return sum((block.sensor_error(sensor, reading, self.own(block, state)) for block in self.blocks), ca.SX(0))
+
+    def unknowns(self, state: Vector) -> dict[str, Scalar]:
+        """Return the numbers that readings depend on, by name.
+
+        Args:
+            state: (n,).
+        """
+        return {n: number for b in self.blocks for n, number in b.unknowns(self.own(b, state)).items()}
 
     def transmitted(self, drive: int) -> tuple[int, Transmitted] | None:
         """Return index and block of what a drive's play passes on, None where it has no play."""

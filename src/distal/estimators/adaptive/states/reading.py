@@ -1,0 +1,61 @@
+"""What a reading depends on and nobody knows for certain, such as the angle at which an IMU is mounted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.states.state import State
+from distal.expressions import Scalar, Vector
+from distal.rig import Parameter, measurand_of
+
+
+@dataclass(frozen=True)
+class UnknownOfReading(State):
+    """A number that one or several readings depend on; it stays.
+
+    Args:
+        name: of the state, by which sensors ask for it.
+        number: its value and std.
+    """
+
+    name: str
+    number: Parameter
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its name, (1,)."""
+        return (self.name,)
+
+    @property
+    def means(self) -> Floats:
+        """The rig's value."""
+        return np.array([self.number.value])
+
+    @property
+    def stds(self) -> Floats:
+        """The rig's std."""
+        return np.array([self.number.filter_std])
+
+    @property
+    def lasting(self) -> bool:
+        """It is a number of a sensor."""
+        return True
+
+    def unknowns(self, own: Vector) -> dict[str, Scalar]:
+        """Return the number by its name.
+
+        Args:
+            own: the number, (1,).
+        """
+        return {self.name: own[0]}
+
+
+def unknowns_of_readings(context: FilterContext) -> list[State]:
+    """Return a block for each number that readings depend on and whose std is not zero; sensors share those of one name."""
+    unknowns = [unknown for s in context.channels.others for unknown in measurand_of(s).unknowns(s)]
+    numbers = {unknown.name: unknown.number for unknown in unknowns if unknown.number.filter_std > 0.0}
+    return [UnknownOfReading(name, number) for name, number in numbers.items()]

@@ -1,0 +1,101 @@
+"""Frames of the joints' links: how they are turned, how they turn, and which way things fall there.
+
+A joint's frame sits at `offset` in the frame of its parent and is turned about `axis` by θ; at θ = 0 both are parallel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from distal.expressions import Matrix, Scalar, Vector
+from distal.model.parameters import Parameters
+from distal.rig import Rig
+
+
+def rotation(axis: Sequence[float], angle: Scalar) -> Matrix:
+    """Return the matrix of a rotation about a unit axis, (3, 3): R = a aᵀ + cos θ (1 − a aᵀ) + sin θ [a×] (Rodrigues).
+
+    Args:
+        axis: unit vector.
+        angle: θ [rad].
+    """
+    a = np.asarray(axis)
+    along = np.outer(a, a)
+    cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+    return ca.SX(ca.DM(along)) + ca.cos(angle) * ca.DM(np.eye(3) - along) + ca.sin(angle) * ca.DM(cross)
+
+
+class Frames:
+    """The frames of a rig's links as a tree.
+
+    Args:
+        rig: the description.
+        parameters: its numbers, symbolic.
+    """
+
+    def __init__(self, rig: Rig, parameters: Parameters) -> None:
+        self.rig, self._p = rig, parameters
+        self.parents = [rig.parent_of(i) for i in range(len(rig.joints))]
+
+    def vector(self, path: str) -> Vector:
+        """Return a vector of the description, (3,), by its path."""
+        return ca.vertcat(*(self._p[f"{path}.{k}"] for k in range(3)))
+
+    def rotations(self, q: Vector) -> list[Matrix]:
+        """Return how each frame is turned in its parent's, (3, 3) each.
+
+        Args:
+            q: joint angles, (n_joints,) [rad].
+        """
+        return [rotation(joint.axis, q[i]) for i, joint in enumerate(self.rig.joints)]
+
+    def carried(self, turned: Sequence[Matrix], v: Vector) -> list[Vector]:
+        """Return the angular velocity that each link has from those before it, in its own frame, (3,) each [rad/s].
+
+        Args:
+            turned: as `rotations` returns it.
+            v: speeds of the joints, (n_joints,) [rad/s].
+        """
+        spins = list[Vector]()
+        for i, parent in enumerate(self.parents):
+            before = ca.SX(3, 1) if parent is None else spins[parent] + self._axis(parent) * v[parent]
+            spins.append(ca.mtimes(turned[i].T, before))
+        return spins
+
+    def turning(self, q: Vector, v: Vector) -> list[Vector]:
+        """Return the angular velocity of each link in its own frame, (3,) each [rad/s].
+
+        Args:
+            q: joint angles, (n_joints,) [rad].
+            v: their speeds, (n_joints,) [rad/s].
+        """
+        spins = self.carried(self.rotations(q), v)
+        return [spin + self._axis(i) * v[i] for i, spin in enumerate(spins)]
+
+    def falling(self, q: Vector) -> list[Vector]:
+        """Return the acceleration of free fall in the frame of each link, (3,) each [m/s²].
+
+        Args:
+            q: joint angles, (n_joints,) [rad].
+        """
+        turned, falls = self.rotations(q), list[Vector]()
+        for i, parent in enumerate(self.parents):
+            falls.append(ca.mtimes(turned[i].T, self.gravity() if parent is None else falls[parent]))
+        return falls
+
+    def gravity(self) -> Vector:
+        """Return the acceleration of free fall in the base's frame, (3,) [m/s²]."""
+        base, turned = self.rig.base, ca.SX.eye(3)
+        # only a chain has the numbers of its base among the model's
+        has = self.rig.is_chain
+        for axis, k in (((1.0, 0.0, 0.0), 0), ((0.0, 1.0, 0.0), 1), ((0.0, 0.0, 1.0), 2)):
+            # each turn is about an axis of the world, after those before it
+            angle = self._p[f"base.orientation.{k}"] if has else ca.SX(base.orientation[k])
+            turned = ca.mtimes(rotation(axis, angle), turned)
+        return ca.mtimes(turned.T, self.vector("base.gravity") if has else ca.SX(ca.DM(list(base.gravity))))
+
+    def _axis(self, joint: int) -> Vector:
+        return ca.DM(self.rig.joints[joint].axis)

@@ -1,0 +1,16 @@
+"""Sensors in a drawing: a line with a badge for each sensor of a part."""
+
+from __future__ import annotations
+
+from distal.reports.drawing.sheet import Line
+from distal.rig import Capstan, Joint, Rig, Sensor, Slider, Tendon, measurand_of, part_of
+
+
+def sensors_of_part(rig: Rig, part: Slider | Capstan | Tendon | Joint) -> list[Sensor]:
+    """Return the sensors of a part, in the rig's order."""
+    return [s for s in rig.sensors if getattr(rig, measurand_of(s).of)[part_of(s, rig)] is part]
+
+
+def sensor_lines(rig: Rig, part: Slider | Capstan | Tendon | Joint) -> list[Line]:
+    """Return a line with the letter of what it measures for each sensor of a part."""
+    return [Line(sensor.name, badge=measurand_of(sensor).letter(part)) for sensor in sensors_of_part(rig, part)]

@@ -1,0 +1,41 @@
+"""Sensors: what is measured, with which errors, and where a log holds it; a kind of sensor is a file."""
+
+from distal.rig.sensors.base import COUNTS, SensorBase
+from distal.rig.sensors.conversion import gain_of, log_factor, log_unit, step_of
+from distal.rig.sensors.measurand import Measurand, Motion, Role
+from distal.rig.sensors.position import drive_travel
+from distal.rig.sensors.registry import (
+    MEASURANDS,
+    MEASURED,
+    REFERENCES,
+    UNITS,
+    Sensor,
+    checked_parts,
+    measurand_of,
+    one_number_each,
+    part_of,
+    travel_of,
+)
+
+__all__ = [
+    "COUNTS",
+    "MEASURANDS",
+    "MEASURED",
+    "REFERENCES",
+    "UNITS",
+    "Measurand",
+    "Motion",
+    "Role",
+    "Sensor",
+    "SensorBase",
+    "checked_parts",
+    "drive_travel",
+    "gain_of",
+    "log_factor",
+    "log_unit",
+    "measurand_of",
+    "one_number_each",
+    "part_of",
+    "step_of",
+    "travel_of",
+]

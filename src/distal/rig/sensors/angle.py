@@ -1,0 +1,31 @@
+"""The angle of a joint: a reference."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from distal.expressions import Scalar
+from distal.rig.sensors.base import SensorBase
+from distal.rig.sensors.measurand import Measurand, Motion, Part, Parts, Role
+
+
+class Angle(Measurand):
+    """θ of a joint [rad]."""
+
+    name, of, role = "angle", "joints", Role.REFERENCE
+
+    def unit(self, part: Part) -> str:
+        """Return rad."""
+        return "rad"
+
+    def letter(self, part: Part) -> str:
+        """Return θ."""
+        return "θ"
+
+    def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
+        """Return the angle."""
+        return motion.angle(part)
+
+    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+        """Return the range that the joint turns in."""
+        return rig.joints[part].travel

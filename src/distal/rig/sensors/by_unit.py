@@ -1,0 +1,128 @@
+"""Sensors of one number by the unit of their errors: a displacement, an angle, a force, a torque."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import pi
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from distal.rig.quantities import In, Parameter
+from distal.rig.sensors.base import COUNTS, SensorBase
+from distal.units import to_si
+
+Gear = Annotated[float, In("", "positive")]
+
+
+class LengthSensor(SensorBase):
+    """A sensor of a displacement [m]."""
+
+    si: Literal["m"]
+    noise: Annotated[float, In("m", "nonnegative")] = Field(0.0, description="standard deviation, random error")
+    linearity: Annotated[float, In("m", "nonnegative")] = Field(
+        0.0, description="largest systematic deviation over the travel, a smooth curve"
+    )
+    curve: tuple[float, ...] = Field(
+        (), max_length=6, description="known systematic deviation: weights of cos(π j ξ), j = 0.., over the travel [SI]"
+    )
+    resolution: Annotated[float, In("m", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
+    bias: Annotated[Parameter, In("m", drifts=False)] = Field(Parameter(value=0.0), description="constant offset")
+
+
+class AngleSensor(SensorBase):
+    """A sensor of an angle [rad]."""
+
+    si: Literal["rad"]
+    counts_per_turn: Annotated[float, In("", "positive")] | None = Field(
+        None, description='counts of the encoder in one turn of its own shaft, after quadrature; with unit = "count"'
+    )
+    gear: Gear = Field(1.0, description="turns of the encoder for one turn of what it measures (motor for capstan)")
+    noise: Annotated[float, In("rad", "nonnegative")] = Field(0.0, description="standard deviation, random error")
+    linearity: Annotated[float, In("rad", "nonnegative")] = Field(
+        0.0, description="largest systematic deviation over the travel, a smooth curve"
+    )
+    curve: tuple[float, ...] = Field(
+        (), max_length=6, description="known systematic deviation: weights of cos(π j ξ), j = 0.., over the travel [SI]"
+    )
+    resolution: Annotated[float, In("rad", "nonnegative")] = Field(
+        0.0,
+        description="quantisation step of the sensor's own shaft, before the gear, in counts as in degrees; 0 = none. "
+        "Noise, linearity and bias in degrees are those behind the gear",
+    )
+    bias: Annotated[Parameter, In("rad")] = Field(Parameter(value=0.0), description="constant offset")
+
+    @classmethod
+    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
+        if raw.get("counts_per_turn") is None:
+            return None
+        return "count", 2 * pi / (to_si(raw["counts_per_turn"], "") * to_si(raw.get("gear", 1.0), ""))
+
+    @model_validator(mode="after")
+    def _counted(self) -> Self:
+        if self.counts_per_turn is not None and self.unit not in COUNTS:
+            raise ValueError('counts_per_turn: is for a log in counts; give unit = "count" too, or remove it')
+        return self
+
+
+class ForceSensor(SensorBase):
+    """A sensor of a force or tension [N]."""
+
+    si: Literal["N"]
+    noise: Annotated[float, In("N", "nonnegative")] = Field(0.0, description="standard deviation, random error")
+    linearity: Annotated[float, In("N", "nonnegative")] = Field(
+        0.0, description="largest systematic deviation over the range, a smooth curve"
+    )
+    resolution: Annotated[float, In("N", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
+    bias: Annotated[Parameter, In("N")] = Field(Parameter(value=0.0), description="constant offset")
+    gain: Annotated[Parameter, In("", "positive", drifts=False)] = Field(
+        Parameter(value=1.0), description="what it reads for one newton, beside its offset"
+    )
+
+
+class TorqueSensor(SensorBase):
+    """A sensor of a torque [N m], or of a motor's current where a torque constant K_t is given: τ = K_t i."""
+
+    si: Literal["N m"]
+    torque_constant: Annotated[float, In("N m/A", "positive")] | None = Field(
+        None, description="K_t at the capstan, where the log holds a current; its unit is then one of current"
+    )
+    torque_constant_motor: Annotated[float, In("N m/A", "positive")] | None = Field(
+        None, description="K_t of the motor itself; the capstan's is `gear` times it"
+    )
+    gear: Gear = Field(
+        1.0, description="motor turns for one turn of the capstan; it applies to torque_constant_motor only"
+    )
+    noise: Annotated[float, In("N m", "nonnegative")] = Field(0.0, description="standard deviation, random error")
+    linearity: Annotated[float, In("N m", "nonnegative")] = Field(
+        0.0, description="largest systematic deviation over the range, a smooth curve"
+    )
+    resolution: Annotated[float, In("N m", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
+    bias: Annotated[Parameter, In("N m")] = Field(Parameter(value=0.0), description="constant offset")
+    gain: Annotated[Parameter, In("", "positive", drifts=False)] = Field(
+        Parameter(value=1.0), description="what it reads for one newton metre, beside its offset"
+    )
+
+    @classmethod
+    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
+        if raw.get("torque_constant") is not None:
+            return "A", to_si(raw["torque_constant"], "N m/A")
+        if raw.get("torque_constant_motor") is not None:
+            return "A", to_si(raw["torque_constant_motor"], "N m/A") * to_si(raw.get("gear", 1.0), "")
+        return None
+
+    @model_validator(mode="after")
+    def _one_constant(self) -> Self:
+        if self.torque_constant is not None and self.torque_constant_motor is not None:
+            raise ValueError("torque_constant: is at the capstan, torque_constant_motor at the motor; give one of them")
+        if self.gear != 1.0 and self.torque_constant_motor is None:
+            raise ValueError(
+                "gear: applies to torque_constant_motor only; a torque in N m and torque_constant are at the capstan"
+            )
+        return self
+
+    @property
+    def newton_metres_per_ampere(self) -> float | None:
+        """K_t at the capstan, None where the log holds a torque."""
+        motor = self.torque_constant_motor
+        return self.torque_constant if motor is None else motor * self.gear

@@ -1,0 +1,43 @@
+"""Between a log's numbers and SI: gain, quantisation step, factor and unit of a sensor."""
+
+from __future__ import annotations
+
+from math import pi
+
+from distal.rig.quantities import Parameter
+from distal.rig.sensors.by_unit import AngleSensor, ForceSensor, TorqueSensor
+from distal.rig.sensors.registry import Sensor
+from distal.units import unit_factor
+
+
+def gain_of(sensor: Sensor) -> Parameter:
+    """Return what a sensor reads for one unit of what it measures; exactly 1 for displacements and angles."""
+    return sensor.gain if isinstance(sensor, (ForceSensor, TorqueSensor)) else Parameter(value=1.0)
+
+
+def step_of(sensor: Sensor) -> float:
+    """Return the quantisation step of what a sensor measures, behind its gear: its `resolution` is that before it."""
+    return sensor.resolution / (sensor.gear if isinstance(sensor, AngleSensor) else 1.0)
+
+
+def log_factor(sensor: Sensor) -> float:
+    """Return by what a log's numbers are multiplied to be SI, its sign left out.
+
+    Args:
+        sensor: whose unit, and torque constant where it has one, say so.
+
+    Raises:
+        UnitError: the unit is unknown or has the wrong dimension.
+    """
+    if isinstance(sensor, TorqueSensor) and sensor.newton_metres_per_ampere is not None:
+        return sensor.newton_metres_per_ampere * unit_factor(sensor.unit or "A", "A")
+    gear = sensor.gear if isinstance(sensor, AngleSensor) else 1.0
+    if isinstance(sensor, AngleSensor) and sensor.counts_per_turn is not None:
+        return 2 * pi / (sensor.counts_per_turn * gear)
+    return unit_factor(sensor.unit or sensor.si, sensor.si) / gear
+
+
+def log_unit(sensor: Sensor) -> str:
+    """Return the unit of a log's numbers."""
+    counted_in = "A" if isinstance(sensor, TorqueSensor) and sensor.newton_metres_per_ampere is not None else sensor.si
+    return sensor.unit or counted_in

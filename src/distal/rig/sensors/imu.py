@@ -1,0 +1,122 @@
+"""An inertial measurement unit on a link: how the link turns, and which way gravity pulls, three numbers each.
+
+Its frame is that of the joint whose link carries it, turned by `mounting` about that joint's axis. The accelerometer is
+taken to be at rest: it reads −g in its own frame, and what the link's own acceleration adds is part of its noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Literal
+
+import casadi as ca
+from pydantic import Field
+
+from distal.expressions import Scalar, Vector
+from distal.rig.quantities import In, Parameter
+from distal.rig.sensors.base import SensorBase
+from distal.rig.sensors.measurand import Measurand, Motion, Part, Parts, Role, Unknown
+
+NUMBERS = {f"{kind}_{axis}": unit for kind, unit in (("rate", "rad/s"), ("force", "m/s^2")) for axis in "xyz"}
+"""What it gives, and the unit of each."""
+
+RANGES = {"rate": 35.0, "force": 20.0}
+"""How far its numbers go either way, as those of common ones: 2000 °/s, 2 g."""
+
+GROUP = ("name", "column", "noise", "bias", "numbers")
+"""Keys of a table that each of its numbers has for itself: `noise` and `bias` are tables by `rate` and `force`."""
+
+
+class ImuSensor(SensorBase):
+    """One number of an inertial measurement unit."""
+
+    unit_name: str = Field(description="name of the whole unit")
+    number: Literal["rate_x", "rate_y", "rate_z", "force_x", "force_y", "force_z"] = Field(description="which one")
+    mounting: Annotated[Parameter, In("rad", drifts=False)] = Field(
+        Parameter(value=0.0), description="how it is turned on its link, about the joint's axis"
+    )
+
+
+class Gyroscope(ImuSensor):
+    """An angular rate about an axis of the unit [rad/s]."""
+
+    si: Literal["rad/s"]
+    noise: Annotated[float, In("rad/s", "nonnegative")] = Field(0.0, description="standard deviation, random error")
+    linearity: Annotated[float, In("rad/s", "nonnegative")] = Field(0.0, description="largest systematic deviation")
+    resolution: Annotated[float, In("rad/s", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
+    bias: Annotated[Parameter, In("rad/s")] = Field(Parameter(value=0.0), description="offset; with a drift it walks")
+
+
+class Accelerometer(ImuSensor):
+    """A specific force along an axis of the unit [m/s²]: −g of a link at rest."""
+
+    si: Literal["m/s^2"]
+    noise: Annotated[float, In("m/s^2", "nonnegative")] = Field(0.0, description="standard deviation, random error")
+    linearity: Annotated[float, In("m/s^2", "nonnegative")] = Field(0.0, description="largest systematic deviation")
+    resolution: Annotated[float, In("m/s^2", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
+    bias: Annotated[Parameter, In("m/s^2")] = Field(Parameter(value=0.0), description="offset; with a drift it walks")
+
+
+class Imu(Measurand):
+    """Rᵀ ω and −Rᵀ g of a link, with R the turn by the mounting angle about the joint's axis."""
+
+    name, of, role = "imu", "joints", Role.COMPARED
+
+    def unit(self, part: Part) -> str:
+        """Return rad/s; the numbers of an accelerometer say so themselves."""
+        return "rad/s"
+
+    def letter(self, part: Part) -> str:
+        """Return ω."""
+        return "ω"
+
+    def numbers(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
+        """Return a sensor for each of its numbers, all six or those that the table names; one that is single as it is.
+
+        Raises:
+            ValueError: it names what an IMU has not.
+        """
+        if "number" in raw:
+            return [{**raw, "si": NUMBERS.get(str(raw["number"]), "rad/s")}]
+        wanted = raw.get("numbers", list(NUMBERS))
+        if not isinstance(wanted, list) or not wanted or not set(map(str, wanted)) <= set(NUMBERS):
+            raise ValueError(f"numbers: must be some of {', '.join(NUMBERS)}, {wanted!r} came")
+        common = {key: part for key, part in raw.items() if key not in GROUP}
+        sensors: list[Mapping[str, object]] = []
+        for number in wanted:
+            sensor = {**common, "name": f"{raw.get('name')}_{number}", "unit_name": raw.get("name"), "number": number}
+            sensor |= {"column": f"{raw.get('column', raw.get('name'))}_{number}", "si": NUMBERS[number]}
+            for key in ("noise", "bias"):
+                by_kind = raw.get(key, {})
+                if not isinstance(by_kind, Mapping):
+                    raise ValueError(f"{key}: must be a table with rate and force, {by_kind!r} came")
+                if number.split("_")[0] in by_kind:
+                    sensor[key] = by_kind[number.split("_")[0]]
+            sensors.append(sensor)
+        return sensors
+
+    def unknowns(self, sensor: SensorBase) -> tuple[Unknown, ...]:
+        """Return the mounting angle, which all numbers of one unit share."""
+        assert isinstance(sensor, ImuSensor)
+        return (Unknown(f"mounting_{sensor.unit_name}", sensor.mounting),)
+
+    def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
+        """Return the number in the unit's frame."""
+        assert isinstance(sensor, ImuSensor)
+        kind, axis = sensor.number.split("_")
+        vector = motion.turning(part) if kind == "rate" else -motion.falling(part)
+        mounting = unknowns.get(f"mounting_{sensor.unit_name}", sensor.mounting.value)
+        return turned(vector, motion.axis(part), -mounting)["xyz".index(axis)]
+
+    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+        """Return what such sensors commonly measure."""
+        assert isinstance(sensor, ImuSensor)
+        largest = RANGES[sensor.number.split("_")[0]]
+        return -largest, largest
+
+
+def turned(vector: Vector, axis: Sequence[float], angle: Scalar) -> Vector:
+    """Return a vector turned about a unit axis a: v cos α + (a × v) sin α + a (a·v)(1 − cos α) (Rodrigues), (3,)."""
+    a = ca.DM(list(axis))
+    across = ca.cross(ca.SX(a), vector)
+    return vector * ca.cos(angle) + across * ca.sin(angle) + a * ca.dot(ca.SX(a), vector) * (1 - ca.cos(angle))

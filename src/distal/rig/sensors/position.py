@@ -1,0 +1,57 @@
+"""The place of a drive: of a slider a displacement, of a capstan an angle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from distal.expressions import Scalar
+from distal.rig.drives import Capstan, position_unit
+from distal.rig.joints import REACH
+from distal.rig.sensors.base import SensorBase
+from distal.rig.sensors.measurand import Measurand, Motion, Part, Parts, Role
+
+
+class Position(Measurand):
+    """s of a slider [m], φ of a capstan [rad]; of a command s + lag ṡ, since it is ahead of where the drive is."""
+
+    name, of, role = "position", "drives", Role.PLACE
+
+    def unit(self, part: Part) -> str:
+        """Return m or rad."""
+        return position_unit(part)  # type: ignore[arg-type]
+
+    def letter(self, part: Part) -> str:
+        """Return φ of a capstan, else x."""
+        return "φ" if isinstance(part, Capstan) else "x"
+
+    def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
+        """Return the place of the drive, or of what commands it."""
+        place = motion.place(part)
+        return place + sensor.lag * motion.rate(part) if sensor.lag > 0.0 else place
+
+    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+        """Return the drive's stops, or what it can use, see `drive_travel`."""
+        return drive_travel(rig, part)
+
+
+def drive_travel(rig: Parts, drive: int) -> tuple[float, float]:
+    """Return the ends of a drive's travel: its stops, or what it can use [m, rad].
+
+    Without stops: ±`REACH` of the joint about the place that the nominal force stretches the tendon to; of a tendon over
+    several joints what their own stops allow.
+    """
+    part = rig.drives[drive]
+    if part.stops is not None:
+        return part.stops
+    tendon = next(t for t in rig.tendons if t.drive == part.name)
+    lever = part.radius.value if part.kind == "capstan" else 1.0
+    centre = 0.0 if part.kind == "capstan" else part.nominal_force.value / tendon.stiffness.value
+    if len(tendon.joints) == 1:
+        reach = REACH * tendon.total_arm / lever
+        return centre - reach, centre + reach
+    low, high, stops = centre, centre, {joint.name: joint.travel for joint in rig.joints}
+    turned = tendon.winding if part.kind == "capstan" else 1
+    for name, arm in tendon.arms().items():
+        ends = sorted(turned * arm / lever * angle for angle in stops[name])
+        low, high = low + ends[0], high + ends[1]
+    return low, high

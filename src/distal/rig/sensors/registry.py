@@ -1,0 +1,110 @@
+"""All kinds of sensors: another one is a file beside this one and a line in `MEASURANDS`, with its class in `Sensor`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated
+
+from pydantic import Field
+
+from distal.errors import did_you_mean
+from distal.rig.sensors.angle import Angle
+from distal.rig.sensors.by_unit import AngleSensor, ForceSensor, LengthSensor, TorqueSensor
+from distal.rig.sensors.force import Force
+from distal.rig.sensors.imu import NUMBERS, Accelerometer, Gyroscope, Imu
+from distal.rig.sensors.measurand import Measurand, Part, Parts, Role
+from distal.rig.sensors.position import Position
+from distal.rig.sensors.tension import Tension
+from distal.rig.sensors.torque import Torque
+
+MEASURANDS: dict[str, Measurand] = {
+    kind.name: kind for kind in (Position(), Force(), Tension(), Angle(), Torque(), Imu())
+}
+"""What can be measured, by the name in a rig file."""
+
+Sensor = Annotated[
+    LengthSensor | AngleSensor | ForceSensor | TorqueSensor | Gyroscope | Accelerometer, Field(discriminator="si")
+]
+"""A sensor of one number."""
+
+UNITS = ("m", "rad", "N", "N m", *dict.fromkeys(NUMBERS.values()))
+"""By which pydantic tells the classes of sensors apart."""
+
+REFERENCES = frozenset(name for name, kind in MEASURANDS.items() if kind.role is Role.REFERENCE)
+"""What is measured at a joint: references, which estimators compare with or home by, and do not need."""
+
+MEASURED = {of: tuple(n for n, kind in MEASURANDS.items() if kind.of == of) for of in ("drives", "tendons", "joints")}
+"""What can be measured of each kind of part."""
+
+
+def checked_parts(raw: object, index: int, parts: Mapping[str, Sequence[Part]]) -> list[Mapping[str, object]]:
+    """Return a raw table as sensors of one number each, with the SI unit of each.
+
+    Args:
+        index: of the table, for messages.
+        parts: the rig's drives, tendons and joints.
+
+    Raises:
+        ValueError: it names no part, or one that cannot be measured so.
+    """
+    if not isinstance(raw, Mapping):
+        raise ValueError(f"{index}: a sensor is a table, {raw!r} came")
+    if raw.get("measures") == "command":
+        if "lag" not in raw:
+            raise ValueError(
+                f"{index}: measures = 'command' needs lag, the time constant of the drive's servo (\"50 ms\")"
+            )
+        raw = {**raw, "measures": "position"}
+    measures, of = raw.get("measures"), raw.get("of")
+    if measures is None or of is None:
+        return [{**raw, "si": "m"}]  # pydantic says what is missing
+    kind = MEASURANDS.get(str(measures))
+    if kind is None:
+        *names, last = (f"'{name}'" for name in MEASURANDS)
+        raise ValueError(f"{index}.measures: must be {', '.join(names)} or {last}, {measures!r} came")
+    names_of_parts = [part.name for part in parts[kind.of]]
+    if of not in names_of_parts:
+        raise ValueError(f"{index}.of: no {kind.of[:-1]} is called '{of}'{_elsewhere(of, kind, parts, names_of_parts)}")
+    raw = {**raw, "si": kind.unit(parts[kind.of][names_of_parts.index(of)])}
+    try:
+        return kind.numbers(raw)
+    except ValueError as problem:
+        raise ValueError(f"{index}.{problem}") from None
+
+
+def one_number_each(tables: Sequence[object]) -> list[object]:
+    """Return raw tables of sensors with those of several numbers written out, as far as they can be understood."""
+    sensors = list[object]()
+    for table in tables:
+        kind = MEASURANDS.get(str(table.get("measures"))) if isinstance(table, Mapping) else None
+        try:
+            sensors += [table] if kind is None or not isinstance(table, Mapping) else kind.numbers(table)
+        except ValueError:
+            sensors.append(table)  # what is wrong in it is said when it is checked
+    return sensors
+
+
+def _elsewhere(of: object, kind: Measurand, parts: Mapping[str, Sequence[Part]], names: list[str]) -> str:
+    """Return a hint where a sensor's part is of another kind, else names that may be meant."""
+    for own, measurands in MEASURED.items():
+        if of in [part.name for part in parts[own]]:
+            allowed = " or ".join(f"'{name}'" for name in measurands)
+            hint = "; the torque of a capstan's motor is its force" if (own, kind.name) == ("drives", "torque") else ""
+            return f", it is one of the {own}: measures must be {allowed}{hint}"
+    return did_you_mean(str(of), names)
+
+
+def measurand_of(sensor: Sensor) -> Measurand:
+    """Return what a sensor measures."""
+    return MEASURANDS[sensor.measures]
+
+
+def part_of(sensor: Sensor, rig: Parts) -> int:
+    """Return the index of the part that a sensor is of."""
+    parts: Sequence[Part] = getattr(rig, measurand_of(sensor).of)
+    return [part.name for part in parts].index(sensor.of)
+
+
+def travel_of(sensor: Sensor, rig: Parts) -> tuple[float, float]:
+    """Return the ends of what a sensor measures [SI], over which its linearity is defined."""
+    return measurand_of(sensor).travel(sensor, rig, part_of(sensor, rig))

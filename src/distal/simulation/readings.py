@@ -1,0 +1,73 @@
+"""What sensors read of a simulated motion: first without errors (`Readings`), then with them, as one function."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from distal.arrays import Floats
+from distal.expressions import Vector
+from distal.kernels import Layout
+from distal.model import Mechanism, Moment
+from distal.rig import Sensor
+
+
+def moment_of(plant: Mechanism, y: Vector) -> Moment:
+    """Return the motion that an output of a plant's kernel (`plant_function`) holds, (n_y,)."""
+    n = plant.n_bodies
+    return Moment(plant, y[:n], y[n : 2 * n], y[2 * n : 2 * n + plant.n_tendons], y[2 * n + plant.n_tendons :])
+
+
+class Readings:
+    """What some sensors of a plant read without errors.
+
+    Args:
+        plant: the plant's equations.
+        sensors: default all of its rig's.
+    """
+
+    def __init__(self, plant: Mechanism, sensors: Sequence[Sensor] | None = None) -> None:
+        y, p = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons), plant.parameters
+        moment = moment_of(plant, y)
+        readings = [ca.SX(moment.read(sensor)) for sensor in (plant.rig.sensors if sensors is None else sensors)]
+        # most sensors read one of the plant's outputs: those are taken as they are
+        places = {y[i].element_hash(): i for i in range(y.numel())}
+        self._columns = np.array([places.get(reading.element_hash(), -1) for reading in readings], dtype=np.intp)
+        self._computed = np.flatnonzero(self._columns < 0)
+        computed = ca.vertcat(*(readings[k] for k in self._computed))
+        self._function = ca.Function("readings", [y], [ca.substitute(computed, p.symbols, ca.DM(p.values))])
+
+    def at(self, y: Floats) -> Floats:
+        """Return the readings at outputs of the plant's kernel (k, n_y), (k, n_sensors)."""
+        readings: Floats = y[:, self._columns]
+        if len(self._computed):
+            readings[:, self._computed] = np.array(self._function(y.T)).T
+        return readings
+
+
+SENSOR = Layout(gain=1, bias=1, noise=1, step=1, low=1, high=1, weights=3, phases=3)
+"""Numbers of a sensor, in the order of `SensorErrors.numbers`."""
+
+
+def reading_function(plant: Mechanism) -> ca.Function:
+    """Return (y, numbers, draws) → what the sensors read, as `SensorErrors` has it.
+
+    Args:
+        plant: the plant's equations; delays of its sensors are left out.
+    """
+    sensors = plant.rig.sensors
+    y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
+    numbers, draws = ca.SX.sym("numbers", SENSOR.size, len(sensors)), ca.SX.sym("draws", len(sensors))
+    moment, readings = moment_of(plant, y), []
+    for k, sensor in enumerate(sensors):
+        part, true = SENSOR.parts(numbers[:, k]), moment.read(sensor)
+        share = ca.fmin(ca.fmax((true - part["low"]) / (part["high"] - part["low"]), 0), 1)
+        weights, phases = part["weights"], part["phases"]
+        curve = sum((weights[i] * ca.sin(np.pi * (i + 1) * share + phases[i]) for i in range(3)), ca.SX(0))
+        reading = part["gain"] * true + part["bias"] + curve + part["noise"] * draws[k]
+        step = ca.if_else(part["step"] > 0, part["step"], 1)
+        readings.append(ca.if_else(part["step"] > 0, ca.floor(reading / step + 0.5) * step, reading))
+    read = ca.substitute(ca.vertcat(*readings), plant.parameters.symbols, ca.DM(plant.parameters.values))
+    return ca.Function("reading", [y, numbers, draws], [ca.densify(read)])
