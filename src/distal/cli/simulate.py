@@ -23,12 +23,12 @@ app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
 
 def simulate_command(
     scenario: ScenarioArgument,
-    out: Annotated[Path, typer.Option("--out", help="Where to write the log (CSV or Parquet); with --runs, a folder.")],
+    out: Annotated[Path, typer.Option(help="Where to write the log (CSV or Parquet); with --runs, a folder.")],
     seed: SeedOption = 0,
     *,
     runs: Annotated[
         int | None,
-        typer.Option("--runs", min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file."),
+        typer.Option(min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file."),
     ] = None,
     rig_: Annotated[
         str | None,
@@ -36,9 +36,7 @@ def simulate_command(
             "--rig", help="A rig instead of the scenario's; its drives have the same names.", autocompletion=rigs
         ),
     ] = None,
-    truth: Annotated[
-        bool, typer.Option("--truth/--no-truth", help="Also write true values that no sensor reads, as true_… in SI.")
-    ] = True,
+    truth: Annotated[bool, typer.Option(help="Also write true values that no sensor reads, as true_… in SI.")] = True,
     set_: SetOption = None,
 ) -> None:
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
@@ -68,9 +66,8 @@ def simulate_command(
     ignored = sorted({named(rig, path) for path in values} & {named(rig, path) for path in description.plant})
     if ignored:
         warn(f"the scenario's [plant] has its own {', '.join(ignored)}")
-    say(
-        "estimate from it: " + " ".join(["distal estimate", shlex.quote(str(out)), "--rig", description.rig, *settings])
-    )
+    command = ["distal estimate", shlex.quote(str(out)), "--rig", description.rig, *settings]
+    say(f"estimate from it: {' '.join(command)}")
 
 
 def _toml(value: object) -> str:
@@ -78,7 +75,7 @@ def _toml(value: object) -> str:
     import tomlkit
 
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
+        return "{ " + ", ".join(f"{name} = {_toml(field)}" for name, field in value.items()) + " }"
     return tomlkit.item(value).as_string()
 
 
@@ -86,10 +83,8 @@ def list_command() -> None:
     """List the shipped scenarios."""
     from distal.simulation import load_scenario, shipped_scenarios
 
-    rows = []
-    for name in shipped_scenarios():
-        scenario = load_scenario(name)
-        rows.append((name, scenario.name, scenario.rig, f"{scenario.duration:g}"))
+    shipped = [(name, load_scenario(name)) for name in shipped_scenarios()]
+    rows = [(name, scenario.name, scenario.rig, f"{scenario.duration:g}") for name, scenario in shipped]
     table("scenarios", ["scenario", "title", "rig", "duration [s]"], rows, text=3)
 
 

@@ -39,19 +39,15 @@ def stream_command(
     estimator: EstimatorOption = "adaptive",
     *,
     udp: Annotated[
-        int | None,
-        typer.Option("--udp", min=1, max=65535, help="Read JSON from this UDP port of the loopback, not stdin."),
+        int | None, typer.Option(min=1, max=65535, help="Read JSON from this UDP port of the loopback, not stdin.")
     ] = None,
     to_udp: Annotated[
-        int | None, typer.Option("--to-udp", min=1, max=65535, help="Send estimates as JSON to this UDP port, too.")
+        int | None, typer.Option(min=1, max=65535, help="Send estimates as JSON to this UDP port, too.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Write JSON lines; default: as the input is.")] = False,
-    record: Annotated[
-        Path | None, typer.Option("--record", help="Write samples and estimates to this MCAP file.")
-    ] = None,
+    record: Annotated[Path | None, typer.Option(help="Write samples and estimates to this MCAP file.")] = None,
     idle: Annotated[
-        float | None,
-        typer.Option("--idle", min=0.0, max=1e6, help="End after so many seconds without a message (UDP)."),
+        float | None, typer.Option(min=0.0, max=1e6, help="End after so many seconds without a message (UDP).")
     ] = None,
     set_: SetOption = None,
 ) -> None:
@@ -117,7 +113,7 @@ class Session:
         names = angle_names(self._joints)
         self._torques = monitor.torque_names
         units = {**dict.fromkeys(names, "rad"), **dict.fromkeys(self._torques, "N m")}
-        self._units = {each: unit for name, unit in units.items() for each in (name, std_name(name))}
+        self._units = {column: unit for name, unit in units.items() for column in (name, std_name(name))}
         self._names = list(self._units)
         self.csv: bool | None = None  # not known before the first line
         self.no_header: LogError | None = None
@@ -242,13 +238,13 @@ def _lines() -> Iterator[bytes]:
 
 def _bound(port: int) -> socket.socket:
     """Return a socket that receives what is sent to a port of the loopback."""
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        made.bind(("127.0.0.1", port))
+        receiver.bind(("127.0.0.1", port))
     except OSError as problem:
-        made.close()
+        receiver.close()
         raise OutputError(f"UDP port {port}: cannot be read ({problem.strerror}); is another program there?") from None
-    return made
+    return receiver
 
 
 def _datagrams(source: socket.socket, idle: float | None) -> Iterator[bytes]:
