@@ -68,9 +68,9 @@ def _reproduce(out: Path, progress: Progress, lab: Path | None) -> None:
 def _search(out: Path, progress: Progress) -> None:
     """Search for the rig that the authors may have had, and say what holds on it."""
     from distal.paper.map import SEARCH_FILES, described, write_search
-    from distal.paper.search import plant_count, search
+    from distal.paper.search import DRAWN, search
 
-    task = progress.add_task("simulating plants", total=plant_count())
+    task = progress.add_task("simulating plants", total=sum(DRAWN))
     searched = search(lambda done: progress.update(task, completed=done))
     write_search(searched, out)
     progress.stop()

@@ -21,29 +21,23 @@ class Dialect(Protocol):
     @property
     def type(self) -> str:
         """Name of the type of a number."""
-        ...
 
     @property
     def pairs_sines(self) -> bool:
         """Whether the sine and the cosine of one angle are computed by one call, ``v_sincos``."""
-        ...
 
     @property
     def inline(self) -> str:
         """What stands before a function that functions of scalars call."""
-        ...
 
     def prelude(self, text: str) -> str:
         """Return the C that the operations need before the first function."""
-        ...
 
     def constant(self, value: float) -> str:
         """Return a number as C, for use in an expression."""
-        ...
 
     def entry(self, value: float) -> str:
         """Return a number as C, for use in a table of constants."""
-        ...
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
         """Return the C of one operation.
@@ -51,7 +45,6 @@ class Dialect(Protocol):
         Raises:
             CodeError: there is none.
         """
-        ...
 
 
 ALWAYS_INLINE = "inline __attribute__((always_inline)) "
@@ -60,15 +53,11 @@ ALWAYS_INLINE = "inline __attribute__((always_inline)) "
 
 @dataclass(frozen=True)
 class Plain:
-    """C of plain numbers.
-
-    Args:
-        single: float with float functions only, else double.
-        quick: code may be long if it is quick then, else it is short.
-    """
+    """C of plain numbers: float with float functions only if `single`, else double; long but fast code if `quick`."""
 
     single: bool = False
     quick: bool = False
+    pairs_sines = False  # the compiler of plain C pairs them itself
 
     @property
     def inline(self) -> str:
@@ -80,17 +69,8 @@ class Plain:
         """Name of the type of a number."""
         return "float" if self.single else "double"
 
-    @property
-    def pairs_sines(self) -> bool:
-        """Whether sine and cosine are one call: the compiler of plain C sees to that itself."""
-        return False
-
     def prelude(self, text: str) -> str:
-        """Return what the operations need: the larger and the smaller, without a call into the library.
-
-        Args:
-            text: the functions; what they do not call is left out, since compilers warn of it.
-        """
+        """Return the larger and the smaller, without a call into the library, if `text` calls them: compilers warn else."""
         kind = self.type
         return "".join(
             f"static inline {kind} {name}({kind} a, {kind} b) {{ return a {sign} b || b != b ? a : b; }}\n"
@@ -121,10 +101,10 @@ class Plain:
         if operation in CALLED:
             arguments = f"{a}, {b}" if operation in BINARY else a
             return f"{CALLED[operation]}{'f' if self.single else ''}({arguments})"
-        one, two, zero = self.constant(1.0), self.constant(2.0), self.constant(0.0)
-        others = {
-            ca.OP_TWICE: f"{two} * {a}",
-            ca.OP_INV: f"{one} / {a}",
+        zero = self.constant(0.0)
+        forms = {
+            ca.OP_TWICE: f"{self.constant(2.0)} * {a}",
+            ca.OP_INV: f"{self.constant(1.0)} / {a}",
             ca.OP_NOT: f"({self.type})({a} == {zero})",
             ca.OP_AND: f"({self.type})({a} != {zero} && {b} != {zero})",
             ca.OP_OR: f"({self.type})({a} != {zero} || {b} != {zero})",
@@ -132,9 +112,9 @@ class Plain:
             ca.OP_IF_ELSE_ZERO: f"({a} != {zero} ? {b} : {zero})",
             ca.OP_ASSIGN: a,
         }
-        if operation not in others:
+        if operation not in forms:
             raise no_such_operation(operation)
-        return others[operation]
+        return forms[operation]
 
 
 LARGEST_FLOAT, SMALLEST_FLOAT = 3.40282346e38, 1.17549435e-38
@@ -150,9 +130,9 @@ def _constant(value: float, sign: float, single: bool) -> str:
     if single:  # what a float cannot hold is its largest number, or zero
         value = max(min(value, LARGEST_FLOAT), -LARGEST_FLOAT) if abs(value) > SMALLEST_FLOAT else 0.0
     text = f"{value:.9g}" if single else f"{value:.17g}"
-    text = text if any(c in text for c in ".e") else f"{text}.0"
-    text = f"({text})" if text.startswith("-") else text
-    return text.replace(")", "f)") if single and text.endswith(")") else text + ("f" if single else "")
+    text += "" if any(c in text for c in ".e") else ".0"
+    text += "f" if single else ""
+    return f"({text})" if text.startswith("-") else text
 
 
 _VECTORS = """
@@ -184,7 +164,7 @@ _LANEWISE = {
 }
 
 VECTORED = {"fabs", "fmin", "fmax"}
-"""Functions that have their own vector form; the others are called once for each lane, so that the numbers are the same."""
+"""Functions with a vector form; any other is called once for each lane, so that the numbers are the same."""
 
 
 @dataclass(frozen=True)
@@ -198,29 +178,17 @@ class Lanes:
     """
 
     count: int
-
-    @property
-    def type(self) -> str:
-        """Name of the type of a number of each run."""
-        return "V"
-
-    @property
-    def pairs_sines(self) -> bool:
-        """Whether sine and cosine are one call: within a lane the library has one for both."""
-        return True
-
-    @property
-    def inline(self) -> str:
-        """What stands before a function that functions of scalars call."""
-        return ALWAYS_INLINE
+    type, inline = "V", ALWAYS_INLINE
+    pairs_sines = True  # within a lane the library has one function for both
 
     def prelude(self, text: str) -> str:
         """Return the vector types and what the operations need."""
-        lines = [_VECTORS.format(bytes=8 * self.count, lanes=self.count)]
-        for operation, name in CALLED.items():
-            if name not in VECTORED and operation != ca.OP_CONSTPOW:
-                lines.append(_LANEWISE[2 if operation in BINARY else 1].format(f=name, lanes=self.count))
-        return "\n".join(lines) + "\n"
+        lanewise = [
+            _LANEWISE[2 if operation in BINARY else 1].format(f=name, lanes=self.count)
+            for operation, name in CALLED.items()
+            if name not in VECTORED and operation != ca.OP_CONSTPOW
+        ]
+        return "\n".join([_VECTORS.format(bytes=8 * self.count, lanes=self.count), *lanewise]) + "\n"
 
     def constant(self, value: float) -> str:
         """Return a number, the same for all runs, as C."""
@@ -242,8 +210,8 @@ class Lanes:
         if operation in COMPARED:
             return f"ones({a} {COMPARED[operation]} {b})"
         if operation in CALLED:
-            return f"v_{CALLED[operation]}({a}, {b})" if operation in BINARY else f"v_{CALLED[operation]}({a})"
-        others = {
+            return f"v_{CALLED[operation]}({f'{a}, {b}' if operation in BINARY else a})"
+        forms = {
             ca.OP_TWICE: f"2.0 * {a}",
             ca.OP_INV: f"1.0 / {a}",
             ca.OP_NOT: f"ones({a} == 0.0)",
@@ -253,6 +221,6 @@ class Lanes:
             ca.OP_IF_ELSE_ZERO: f"(V)(({a} != 0.0) & (M){b})",
             ca.OP_ASSIGN: a,
         }
-        if operation not in others:
+        if operation not in forms:
             raise no_such_operation(operation)
-        return others[operation]
+        return forms[operation]

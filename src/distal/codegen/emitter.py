@@ -18,7 +18,6 @@ class Emitter:
     """Writes CasADi functions as static C functions, each once, and those with the same text once too.
 
     Args:
-        dialect: how numbers are written.
         index: type of tables of indices.
     """
 
@@ -29,23 +28,21 @@ class Emitter:
         self._taken: set[str] = set()
         self._alike: dict[str, str] = {}
         self._by_scalars: set[str] = set()
-        self._kept: list[ca.Function] = []  # a function's hash is its address: it must not be given to another one
+        self._alive: list[ca.Function] = []  # a function's hash is its address: no other function may get it
 
     @property
     def text(self) -> str:
         """All functions so far, each after those that it calls."""
         inline = f"static {self.dialect.inline}void "
-        texts = (
+        return "\n".join(
             written.text.replace("static void ", inline, 1) if name in self._by_scalars else written.text
             for name, written in self.functions.items()
         )
-        return "\n".join(texts)
 
     def add(self, function: ca.Function, in_place: bool = False) -> str:
-        """Write a function and those that it calls; return its name in C.
+        """Write a function, of scalars (SX) or of matrices (MX), and those that it calls; return its name in C.
 
         Args:
-            function: of scalars (SX) or of matrices (MX).
             in_place: the first input and the first output are one array, ``state``, that is changed.
 
         Raises:
@@ -64,7 +61,7 @@ class Emitter:
             written = write_scalars(function, name, in_place, self.dialect, self._called)
         else:
             written = write_matrices(function, name, in_place, self.dialect, self._index, self._written)
-        self._kept.append(function)
+        self._alive.append(function)
         # parts of a rig that are built alike are one function, called with the numbers of each
         alike = self._alike.setdefault(written.text.replace(f" {name}(", " (", 1), name)
         self._names[key] = alike

@@ -39,7 +39,7 @@ def product(work: Workspace, step: Step) -> list[str]:
     rows, inner, columns = x.size1(), x.size2(), y.size2()
     multiplications = min(int(x.nnz()) * columns, rows * int(y.nnz()))
     if multiplications > LARGEST_INLINE and work.flow.function.name() != PRODUCT:
-        return _called(work, step, _product(*(tuple(each.sparsity().compress()) for each in (x, y))))
+        return _called(work, step, _product(*(tuple(factor.sparsity().compress()) for factor in (x, y))))
     work.cost.operations += 2 * multiplications
     if x.is_dense() and y.is_dense():
         return _dense(work, step, rows, inner, columns)
@@ -55,7 +55,7 @@ def product(work: Workspace, step: Step) -> list[str]:
 @lru_cache(maxsize=1024)
 def _product(left: tuple[int, ...], right: tuple[int, ...]) -> ca.Function:
     """Return (z, x, y) → z + x y, once for each pair of sparsities, which are given as CasADi compresses them."""
-    x, y = (ca.MX.sym(name, ca.Sparsity.compressed(each)) for name, each in (("x", left), ("y", right)))
+    x, y = (ca.MX.sym(name, ca.Sparsity.compressed(sparsity)) for name, sparsity in (("x", left), ("y", right)))
     z = ca.MX.sym("z", x.size1(), y.size2())
     return ca.Function(PRODUCT, [z, x, y], [ca.mac(x, y, z)])
 
@@ -111,7 +111,7 @@ def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> 
         for k in map(str, range(inner)) if short else ["k"]:
             left = at(x, _sum("i", rows * int(k)) if short else f"i + {rows} * k")
             right = [at(y, _sum(k, inner * (first + c)) + f" + {inner} * j") for c in together]
-            added = " ".join(f"s{c} += e * {each};" for c, each in enumerate(right))
+            added = " ".join(f"s{c} += e * {factor};" for c, factor in enumerate(right))
             terms.append(f"{{ const {kind} e = {left}; {added} }}")
         total = " ".join(terms) if short else f"for (k = 0; k < {inner}; ++k) {terms[0]}"
         ends = " ".join(f"{place} = s{c};" for c, place in enumerate(places))
@@ -124,8 +124,8 @@ def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> 
 
 def _ranges(columns: int) -> list[tuple[int, int]]:
     """Return the columns that are summed a few together, and those that are left."""
-    whole = columns - columns % min(COLUMNS_TOGETHER, columns)
-    return [(0, whole)] + ([(whole, columns)] if whole < columns else [])
+    together = columns - columns % min(COLUMNS_TOGETHER, columns)
+    return [(0, together)] + ([(together, columns)] if together < columns else [])
 
 
 def _sparse_left(
@@ -164,8 +164,8 @@ def _sparse_right_unrolled(
         target = at(to, _sum("i", rows * column))
         terms = [
             f"{at(x, _sum('i', rows * row))} * {at(y, number)}"
-            for number, (row, there) in enumerate(entries)
-            if there == column
+            for number, (row, place) in enumerate(entries)
+            if place == column
         ]
         start = [] if zero else [target]
         if terms or zero:
@@ -189,4 +189,4 @@ def _sum(index: str, offset: int) -> str:
 def _triplets(sparsity: ca.Sparsity) -> tuple[list[int], list[int]]:
     """Return rows and columns of a sparse matrix's numbers, in their order."""
     rows, columns = sparsity.get_triplet()
-    return [int(i) for i in rows], [int(i) for i in columns]
+    return list(map(int, rows)), list(map(int, columns))
