@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 import typer
+from typer import Option
 
 from distal.cli import (
     control,
@@ -68,7 +69,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
-    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+    version: bool = Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
 ) -> None:
     pass
 

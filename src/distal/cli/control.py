@@ -6,7 +6,7 @@ from math import degrees, isinf, isnan
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from distal.cli.console import say, table, warn
 from distal.cli.options import ScenarioArgument, SeedOption, SetOption
@@ -15,11 +15,11 @@ from distal.cli.outputs import check_outputs, to_folder
 
 def control_command(
     scenario: ScenarioArgument,
-    out: Annotated[Path, typer.Option(help="Folder for the figure and the logs.")],
+    out: Annotated[Path, Option(help="Folder for the figure and the logs.")],
     seed: SeedOption = 0,
     *,
     feedback: Annotated[
-        list[str] | None, typer.Option(help="encoder, ratio or an estimator; repeat it. Default: all three ways.")
+        list[str] | None, Option(help="encoder, ratio or an estimator; repeat it. Default: all three ways.")
     ] = None,
     set_: SetOption = None,
 ) -> None:

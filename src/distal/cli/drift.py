@@ -6,7 +6,7 @@ from math import degrees
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from distal.cli.console import say, table
 from distal.cli.options import ScenarioArgument, SeedOption, SetOption
@@ -15,7 +15,7 @@ from distal.cli.outputs import check_outputs, to_folder
 
 def drift_command(
     scenario: ScenarioArgument,
-    out: Annotated[Path, typer.Option(help="Folder for the figure and the table by hours.")],
+    out: Annotated[Path, Option(help="Folder for the figure and the table by hours.")],
     seed: SeedOption = 0,
     *,
     set_: SetOption = None,

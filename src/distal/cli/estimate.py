@@ -6,7 +6,7 @@ from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from distal.cli.console import failure, say, table
 from distal.cli.options import (
@@ -37,7 +37,7 @@ MOST_FULL = 6
 def estimate_command(
     logs: Annotated[
         list[Path],
-        typer.Argument(
+        Argument(
             metavar="LOG...", help="CSV, Parquet, MCAP or a ROS bag, with the columns that the rig's sensors name."
         ),
     ],
@@ -45,11 +45,11 @@ def estimate_command(
     *,
     out: Annotated[
         Path | None,
-        typer.Option(help="Where to write the first estimator's estimate (CSV or Parquet); of several logs, a folder."),
+        Option(help="Where to write the first estimator's estimate (CSV or Parquet); of several logs, a folder."),
     ] = None,
     estimator: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--estimator",
             "-e",
             help=(
@@ -62,33 +62,31 @@ def estimate_command(
     truth: TruthOption = None,
     plot: PlotOption = None,
     panel: Annotated[
-        list[str] | None, typer.Option(help="What else --plot draws: innovations, forces, health, or all. Repeatable.")
+        list[str] | None, Option(help="What else --plot draws: innovations, forces, health, or all. Repeatable.")
     ] = None,
     passes: Annotated[
         int,
-        typer.Option(
+        Option(
             min=1,
             help="ekf and ekf-2008: filter this many times; each pass begins with the covariance at the end of the last.",
         ),
     ] = 1,
     smooth: Annotated[
-        bool, typer.Option("--smooth", help="Write the adaptive estimate smoothed over the whole log (offline).")
+        bool, Option("--smooth", help="Write the adaptive estimate smoothed over the whole log (offline).")
     ] = False,
     homing: Annotated[
-        str | None, typer.Option(help="Use the reference for this long (e.g. 3s), then only compare with it.")
+        str | None, Option(help="Use the reference for this long (e.g. 3s), then only compare with it.")
     ] = None,
     homing_angle: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg', or 'pip: 0 deg'."
-        ),
+        Option(help="Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg', or 'pip: 0 deg'."),
     ] = None,
     what_if: Annotated[
-        bool, typer.Option(help="Rerun with one change at a time: what explains it, what is untested.")
+        bool, Option(help="Rerun with one change at a time: what explains it, what is untested.")
     ] = True,
-    unit: Annotated[str, typer.Option(help="Of the angles in --out: rad or deg.")] = "rad",
+    unit: Annotated[str, Option(help="Of the angles in --out: rad or deg.")] = "rad",
     every: Annotated[
-        bool, typer.Option("--all", help="Write all states to --out, not only time, angles and torques.")
+        bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
     ] = False,
     repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,
@@ -143,16 +141,11 @@ def estimate_command(
 
 
 def _check_for_many(
-    count: int,
-    homing_angle: list[str] | None,
-    plot: Path | None,
-    smooth: bool,
-    passes: int,
-    estimator: list[str] | None,
+    count: int, angles: list[str] | None, plot: Path | None, smooth: bool, passes: int, estimator: list[str] | None
 ) -> None:
     """Refuse options that are for one log."""
     asked = {
-        "--homing-angle": bool(homing_angle),
+        "--homing-angle": bool(angles),
         "--plot": plot is not None,
         "--smooth": smooth,
         "--passes": passes > 1,
@@ -263,9 +256,8 @@ def _say(
             say(note)
     # a smoothed estimate is of the same log and rig, and its innovations are the filter's
     say(diagnose(final, log, rig, home, what_if=what_if).text)
-    for path in written:
-        if path is not None:
-            say(f"wrote {path}")
+    for path in filter(None, written):
+        say(f"wrote {path}")
     if final.unseen is not None:
         say(final.unseen)
 

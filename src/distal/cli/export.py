@@ -6,32 +6,29 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from distal.cli.console import say, table, warn
 from distal.cli.options import RigArgument, SetOption
 from distal.cli.outputs import check_outputs, to_file, to_folder
 
-ExportedOption = Annotated[
-    str, typer.Option("--estimator", "-e", help="adaptive, ekf, ekf-2008, inextensible or elastic.")
-]
+ExportedOption = Annotated[str, Option("--estimator", "-e", help="adaptive, ekf, ekf-2008, inextensible or elastic.")]
 NameOption = Annotated[
-    str | None, typer.Option("--name", help="What all names begin with; default from the rig and the estimator.")
+    str | None, Option("--name", help="What all names begin with; default from the rig and the estimator.")
 ]
 
 
 def export_command(
     rig: RigArgument,
     *,
-    out: Annotated[Path | None, typer.Option(help="Folder for the .c, the .h and what belongs to them.")] = None,
-    arduino: Annotated[
-        Path | None, typer.Option(help="Folder for a library for Arduino and PlatformIO, in float.")
-    ] = None,
-    single: Annotated[bool, typer.Option("--float", help="float and float functions only; else double.")] = False,
+    out: Annotated[Path | None, Option(help="Folder for the .c, the .h and what belongs to them.")] = None,
+    arduino: Annotated[Path | None, Option(help="Folder for a library for Arduino and PlatformIO, in float.")] = None,
+    single: Annotated[bool, Option("--float", help="float and float functions only; else double.")] = False,
     estimator: ExportedOption = "adaptive",
     home: Annotated[
-        str | None, typer.Option(help="Home while it runs: how well a joint's angle is known there, such as '1 deg'.")
+        str | None, Option(help="Home while it runs: how well a joint's angle is known there, such as '1 deg'.")
     ] = None,
-    plant: Annotated[bool, typer.Option("--plant", help="Write the simulated rig with its sensors as C too.")] = False,
+    plant: Annotated[bool, Option("--plant", help="Write the simulated rig with its sensors as C too.")] = False,
     name: NameOption = None,
     set_: SetOption = None,
 ) -> None:
@@ -85,7 +82,7 @@ def export_command(
 def fmu_command(
     rig: RigArgument,
     *,
-    out: Annotated[Path, typer.Option(help="The file, which ends in .fmu.")],
+    out: Annotated[Path, Option(help="The file, which ends in .fmu.")],
     estimator: ExportedOption = "adaptive",
     name: NameOption = None,
     set_: SetOption = None,

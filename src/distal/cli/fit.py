@@ -5,11 +5,15 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from math import degrees, inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from distal.cli.console import err, say, table
 from distal.cli.options import MemoryOption, RepeatedOption, RigOption, SetOption, seconds, settings
@@ -29,47 +33,40 @@ MOST_ROWS, MOST_NAMES, MOST_DOUBTS = 14, 4, 4
 
 def fit_command(
     logs: Annotated[
-        list[Path],
-        typer.Argument(help="Logs (CSV, Parquet, MCAP, ROS bags); some with the joint's angle, or all, or none."),
+        list[Path], Argument(help="Logs (CSV, Parquet, MCAP, ROS bags); some with the joint's angle, or all, or none.")
     ],
     rig: RigOption,
     *,
-    out: Annotated[Path | None, typer.Option(help="Where to write the fitted rig (TOML).")] = None,
+    out: Annotated[Path | None, Option(help="Where to write the fitted rig (TOML).")] = None,
     free: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="PATH", help="Number to fit, e.g. tendons.left.stiffness; default: all with a std. Repeatable."
-        ),
+        Option(metavar="PATH", help="Number to fit, e.g. tendons.left.stiffness; default: all with a std. Repeatable."),
     ] = None,
     per_log: Annotated[
-        list[str] | None,
-        typer.Option(metavar="PATH", help="Number with one value for each log, e.g. tendons.*.pretension."),
+        list[str] | None, Option(metavar="PATH", help="Number with one value for each log, e.g. tendons.*.pretension.")
     ] = None,
     homing: Annotated[
-        str | None, typer.Option(help="Fit for this use: the reference is known for so long (e.g. 3s), then not read.")
+        str | None, Option(help="Fit for this use: the reference is known for so long (e.g. 3s), then not read.")
     ] = None,
-    truth: Annotated[str | None, typer.Option(help="True joint angle: a column of the logs.")] = None,
-    noise: Annotated[bool, typer.Option(help="Fit the noise too.")] = True,
+    truth: Annotated[str | None, Option(help="True joint angle: a column of the logs.")] = None,
+    noise: Annotated[bool, Option(help="Fit the noise too.")] = True,
     curves: Annotated[
         bool,
-        typer.Option(
-            "--curves", help="Learn the position sensors' systematic curves: for the same sensors, left in place."
-        ),
+        Option("--curves", help="Learn the position sensors' systematic curves: for the same sensors, left in place."),
     ] = False,
     units: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="PATTERN",
             help="Logs of several instruments of one kind: what tells them apart in a log's name, e.g. 'tool_(.)'.",
         ),
     ] = None,
-    report: Annotated[Path | None, typer.Option(help="Folder for a page on the fit.")] = None,
+    report: Annotated[Path | None, Option(help="Folder for a page on the fit.")] = None,
     start: Annotated[
-        Path | None,
-        typer.Option(help="Begin the search at the values of an earlier fit; the priors still come from --rig."),
+        Path | None, Option(help="Begin the search at the values of an earlier fit; the priors still come from --rig.")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the starts.")] = 0,
-    jobs: Annotated[int, typer.Option(min=1, help="How many logs are run at once.")] = 2,
+    seed: Annotated[int, Option(min=0, help="Seed of the starts.")] = 0,
+    jobs: Annotated[int, Option(min=1, help="How many logs are run at once.")] = 2,
     repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
@@ -85,7 +82,9 @@ def fit_command(
         raise OutputError(f"{out}: a rig file ends in .toml")
     outputs = [*to_file("--out", out), *to_folder("--report", report, FIT_PAGES)]
     check_outputs(outputs, logs=[*logs, *([start] if start is not None else [])], rig=rig, truth=truth)
-    _check_logs(logs)
+    for path, count in Counter(map(os.path.realpath, logs)).items():
+        if count > 1:
+            raise FitError(f"{path}: came more than once; a log that counts twice makes the standard errors too small")
     if units is not None:
         groups_of([str(path) for path in logs], units)
     home = seconds(homing)
@@ -100,7 +99,7 @@ def fit_command(
             line.save(out, edited_text(rig, changes))
             say(f"wrote {out} with it (--estimator affine); the fit replaces it")
 
-    with _Bar() as bar:
+    with _progress() as show:
         result = fitted_to(
             read,
             description,
@@ -113,7 +112,7 @@ def fit_command(
             workers=jobs,
             units=units,
             start=start,
-            progress=bar.show,
+            progress=show,
             early=early,
         )
     _say(result)
@@ -126,46 +125,32 @@ def fit_command(
         raise typer.Exit(130)
 
 
-class _Bar:
-    """One bar for the whole fit on a terminal; a file or a pipe gets a line now and then."""
+@contextmanager
+def _progress() -> Iterator[Callable[[Doing], None]]:
+    """Show one bar for the whole fit on a terminal; a file or a pipe gets a line now and then."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    def __init__(self) -> None:
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    printed = began = time.monotonic()
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("time left"), TimeRemainingColumn())
+    with Progress(*columns, console=err(), transient=True, disable=not err().is_terminal) as bar:
+        task = bar.add_task("fitting", total=1.0)
 
-        self._printed = self._began = time.monotonic()
-        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("time left"), TimeRemainingColumn())
-        self._bar = Progress(*columns, console=err(), transient=True, disable=not err().is_terminal)
-        self._task = self._bar.add_task("fitting", total=1.0)
+        def show(doing: Doing) -> None:
+            nonlocal printed
+            part = "all logs" if doing.part == 0 else f"left out {doing.part} of {doing.parts - 1}"
+            bar.update(task, completed=doing.share, description=f"{part}: {doing.stage}")
+            if not err().is_terminal and time.monotonic() - printed > EVERY:
+                printed = time.monotonic()
+                left = time_left(printed - began, doing.share)
+                err().print(f"{part}: {doing.stage}, about {100 * doing.share:.0f} % done, {left} left")
 
-    def __enter__(self) -> _Bar:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-    def show(self, doing: Doing) -> None:
-        """Show what a fit is doing."""
-        part = "all logs" if doing.part == 0 else f"left out {doing.part} of {doing.parts - 1}"
-        self._bar.update(self._task, completed=doing.share, description=f"{part}: {doing.stage}")
-        if not err().is_terminal and time.monotonic() - self._printed > EVERY:
-            self._printed = time.monotonic()
-            left = time_left(self._printed - self._began, doing.share)
-            err().print(f"{part}: {doing.stage}, about {100 * doing.share:.0f} % done, {left} left")
+        yield show
 
 
 def time_left(passed: float, share: float) -> str:
     """Return in words how long a task with a share done takes yet if it goes on as in the time that has passed [s]."""
     seconds = passed * (1.0 - share) / max(share, 0.01)
     return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
-
-
-def _check_logs(logs: list[Path]) -> None:
-    """Refuse a log that came twice."""
-    names = [os.path.realpath(path) for path in logs]
-    for path in names:
-        if names.count(path) > 1:
-            raise FitError(f"{path}: came more than once; a log that counts twice makes the standard errors too small")
 
 
 def _say(result: Fit) -> None:

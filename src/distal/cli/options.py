@@ -9,7 +9,7 @@ from glob import escape, glob
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 ESTIMATOR_NAMES = ("adaptive", "affine", "ekf", "ekf-2008", "elastic", "inextensible")
 """Keys of `distal.ESTIMATORS`, here so that a shell completes them without waiting for the packages of estimators."""
@@ -34,13 +34,13 @@ def _completing(package: str) -> Callable[[str], list[str]]:
 rigs, scenarios, studies = _completing("rig"), _completing("simulation"), _completing("study")
 
 RIG = "A shipped rig's name (see `distal rigs`) or a TOML file."
-RigOption = Annotated[str, typer.Option("--rig", help=RIG, autocompletion=rigs)]
-RigArgument = Annotated[str, typer.Argument(help=RIG, autocompletion=rigs)]
+RigOption = Annotated[str, Option("--rig", help=RIG, autocompletion=rigs)]
+RigArgument = Annotated[str, Argument(help=RIG, autocompletion=rigs)]
 SCENARIO = "A shipped scenario's name (see `distal scenarios`) or a TOML file."
-ScenarioArgument = Annotated[str, typer.Argument(help=SCENARIO, autocompletion=scenarios)]
+ScenarioArgument = Annotated[str, Argument(help=SCENARIO, autocompletion=scenarios)]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option(
+    Option(
         "--set",
         metavar="PATH=VALUE",
         help=(
@@ -51,9 +51,7 @@ SetOption = Annotated[
 ]
 RepeatedOption = Annotated[
     str | None,
-    typer.Option(
-        "--repeated", help="Which of several rows with one stamp is kept: first or last. Default: none is read."
-    ),
+    Option("--repeated", help="Which of several rows with one stamp is kept: first or last. Default: none is read."),
 ]
 
 
@@ -62,7 +60,7 @@ def settings(set_: list[str] | None, repeated: str | None) -> list[str]:
     return [*(set_ or ())] + ([] if repeated is None else [f'log.time.repeated="{repeated}"'])
 
 
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the sensors' errors.")]
+SeedOption = Annotated[int, Option("--seed", min=0, help="Seed of the sensors' errors.")]
 
 
 def _allow_memory(size: str | None) -> str | None:
@@ -77,7 +75,7 @@ def _allow_memory(size: str | None) -> str | None:
 
 MemoryOption = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--max-memory",
         metavar="SIZE",
         callback=_allow_memory,
@@ -85,14 +83,14 @@ MemoryOption = Annotated[
     ),
 ]
 EstimatorOption = Annotated[
-    str, typer.Option("--estimator", "-e", help=f"{', '.join(ESTIMATOR_NAMES)}.", autocompletion=estimators)
+    str, Option("--estimator", "-e", help=f"{', '.join(ESTIMATOR_NAMES)}.", autocompletion=estimators)
 ]
 TruthOption = Annotated[
-    str | None, typer.Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta in rad.")
+    str | None, Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta in rad.")
 ]
 PlotOption = Annotated[
     Path | None,
-    typer.Option("--plot", help="Draw a picture (PNG, SVG or PDF): of the estimators that -e names, else of adaptive."),
+    Option("--plot", help="Draw a picture (PNG, SVG or PDF): of the estimators that -e names, else of adaptive."),
 ]
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Option
 
 from distal.cli.console import err, say, table
 from distal.cli.outputs import check_outputs, to_folder
@@ -15,10 +16,10 @@ if TYPE_CHECKING:
 
 
 def reproduce_command(
-    out: Annotated[Path, typer.Option(help="Folder for figures, results.json and index.html.")] = Path("out/reproduce"),
-    lab: Annotated[Path | None, typer.Option(help="A page of distal lab, to be linked from the page.")] = None,
+    out: Annotated[Path, Option(help="Folder for figures, results.json and index.html.")] = Path("out/reproduce"),
+    lab: Annotated[Path | None, Option(help="A page of distal lab, to be linked from the page.")] = None,
     search: Annotated[
-        bool, typer.Option("--search", help="Search for the rig that the authors may have had instead (15 minutes).")
+        bool, Option("--search", help="Search for the rig that the authors may have had instead (15 minutes).")
     ] = False,
 ) -> None:
     """Simulate and filter the 2008 paper's two test series; write its figures, results and a page."""

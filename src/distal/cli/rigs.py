@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from distal.cli.console import say, table, warn
 from distal.cli.options import RigArgument, SetOption
@@ -85,7 +86,7 @@ def _degrees(angle: float) -> str:
 @app.command("draw")
 def draw_command(
     rig: RigArgument,
-    out: Annotated[Path, typer.Option(help="Where to save it (.png, .svg or .pdf).")] = Path("rig.png"),
+    out: Annotated[Path, Option(help="Where to save it (.png, .svg or .pdf).")] = Path("rig.png"),
     set_: SetOption = None,
 ) -> None:
     """Draw a rig to scale: drives, tendons, pulleys, springs, stops, sensors, with their numbers."""
@@ -108,9 +109,7 @@ def show_command(name: RigArgument, set_: SetOption = None) -> None:
 
 
 @app.command("new")
-def new_command(
-    out: Annotated[Path | None, typer.Argument(help="Where to write it; default: print it.")] = None,
-) -> None:
+def new_command(out: Annotated[Path | None, Argument(help="Where to write it; default: print it.")] = None) -> None:
     """Write a commented template of a rig file."""
     from distal.logs import write_whole
     from distal.rig import template_text
@@ -130,12 +129,12 @@ LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 
 @app.command("from-mjcf")
 def from_mjcf_command(
-    model: Annotated[Path, typer.Argument(help="A MuJoCo model (.xml).")],
-    out: Annotated[Path, typer.Option(help="Where to write the rig file (.toml).")] = Path("rig.toml"),
-    chain: Annotated[str | None, typer.Option(help="Only joints of this body and what it carries.")] = None,
-    joints: Annotated[str | None, typer.Option(help="Only these joints, separated by commas.")] = None,
-    length_unit: Annotated[str, typer.Option(help="Unit of length of the model: m, cm or mm.")] = "m",
-    compare: Annotated[Path | None, typer.Option(help="A table of joints' angles and tendons' lengths (.csv).")] = None,
+    model: Annotated[Path, Argument(help="A MuJoCo model (.xml).")],
+    out: Annotated[Path, Option(help="Where to write the rig file (.toml).")] = Path("rig.toml"),
+    chain: Annotated[str | None, Option(help="Only joints of this body and what it carries.")] = None,
+    joints: Annotated[str | None, Option(help="Only these joints, separated by commas.")] = None,
+    length_unit: Annotated[str, Option(help="Unit of length of the model: m, cm or mm.")] = "m",
+    compare: Annotated[Path | None, Option(help="A table of joints' angles and tendons' lengths (.csv).")] = None,
 ) -> None:
     """Write a rig file from a MuJoCo model, with what the model does not say marked in it."""
     from distal.errors import RigError

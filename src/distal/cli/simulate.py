@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Option
 
 from distal.cli.console import say, table, warn
 from distal.cli.options import ScenarioArgument, SeedOption, SetOption, rigs
@@ -23,20 +24,17 @@ app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
 
 def simulate_command(
     scenario: ScenarioArgument,
-    out: Annotated[Path, typer.Option(help="Where to write the log (CSV or Parquet); with --runs, a folder.")],
+    out: Annotated[Path, Option(help="Where to write the log (CSV or Parquet); with --runs, a folder.")],
     seed: SeedOption = 0,
     *,
     runs: Annotated[
-        int | None,
-        typer.Option(min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file."),
+        int | None, Option(min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file.")
     ] = None,
     rig_: Annotated[
         str | None,
-        typer.Option(
-            "--rig", help="A rig instead of the scenario's; its drives have the same names.", autocompletion=rigs
-        ),
+        Option("--rig", help="A rig instead of the scenario's; its drives have the same names.", autocompletion=rigs),
     ] = None,
-    truth: Annotated[bool, typer.Option(help="Also write true values that no sensor reads, as true_… in SI.")] = True,
+    truth: Annotated[bool, Option(help="Also write true values that no sensor reads, as true_… in SI.")] = True,
     set_: SetOption = None,
 ) -> None:
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
@@ -100,9 +98,10 @@ def _ranges(log: Log, rig: Rig) -> str:
     """Return from where to where each joint's angle goes, as text."""
     from distal.rig import angle_names
 
-    joints, texts = [joint.name for joint in rig.joints], []
-    for joint, name in zip(joints, angle_names(joints)):
-        theta = log.truth[name]
-        which = "angle" if len(joints) == 1 else f"angle of {joint}"
-        texts.append(f"{which} from {degrees(theta.min()):.2f}° to {degrees(theta.max()):.2f}°")
-    return ", ".join(texts)
+    joints = [joint.name for joint in rig.joints]
+    labels = ["angle"] if len(joints) == 1 else [f"angle of {joint}" for joint in joints]
+    truths = [log.truth[name] for name in angle_names(joints)]
+    return ", ".join(
+        f"{label} from {degrees(theta.min()):.2f}° to {degrees(theta.max()):.2f}°"
+        for label, theta in zip(labels, truths)
+    )

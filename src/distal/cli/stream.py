@@ -17,6 +17,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Option
 
 from distal.cli.console import warn
 from distal.cli.options import EstimatorOption, RigOption, SetOption
@@ -39,15 +40,15 @@ def stream_command(
     estimator: EstimatorOption = "adaptive",
     *,
     udp: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Read JSON from this UDP port of the loopback, not stdin.")
+        int | None, Option(min=1, max=65535, help="Read JSON from this UDP port of the loopback, not stdin.")
     ] = None,
     to_udp: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Send estimates as JSON to this UDP port, too.")
+        int | None, Option(min=1, max=65535, help="Send estimates as JSON to this UDP port, too.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Write JSON lines; default: as the input is.")] = False,
-    record: Annotated[Path | None, typer.Option(help="Write samples and estimates to this MCAP file.")] = None,
+    as_json: Annotated[bool, Option("--json", help="Write JSON lines; default: as the input is.")] = False,
+    record: Annotated[Path | None, Option(help="Write samples and estimates to this MCAP file.")] = None,
     idle: Annotated[
-        float | None, typer.Option(min=0.0, max=1e6, help="End after so many seconds without a message (UDP).")
+        float | None, Option(min=0.0, max=1e6, help="End after so many seconds without a message (UDP).")
     ] = None,
     set_: SetOption = None,
 ) -> None:
@@ -227,10 +228,7 @@ def _finite(value: float) -> float | None:
 def _lines() -> Iterator[bytes]:
     """Return stdin's lines as they come; a line that is too long is cut, and is then no sample."""
     source = sys.stdin.buffer
-    while True:
-        line = source.readline(LONGEST_LINE)
-        if not line:
-            return
+    while line := source.readline(LONGEST_LINE):
         yield line
         while len(line) >= LONGEST_LINE and not line.endswith(b"\n"):
             line = source.readline(LONGEST_LINE)
@@ -249,8 +247,5 @@ def _bound(port: int) -> socket.socket:
 
 def _datagrams(source: socket.socket, idle: float | None) -> Iterator[bytes]:
     """Return datagrams as they come, until none came for `idle` seconds."""
-    while True:
-        ready, _, _ = select.select([source], [], [], idle)
-        if not ready:
-            return
+    while select.select([source], [], [], idle)[0]:
         yield from source.recv(65536).splitlines() or [b""]

@@ -10,7 +10,7 @@ from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from distal.cli.console import progress_bar, say, table
 from distal.cli.options import studies
@@ -22,14 +22,14 @@ STUDY = "A shipped study's name (see `distal studies`) or a TOML file."
 
 
 def study_command(
-    study: Annotated[str, typer.Argument(help=STUDY, autocompletion=studies)],
-    out: Annotated[Path | None, typer.Option(help="Folder for rows and answer; one that is there goes on.")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, max=1024, help="Processes here; default one per core.")] = None,
+    study: Annotated[str, Argument(help=STUDY, autocompletion=studies)],
+    out: Annotated[Path | None, Option(help="Folder for rows and answer; one that is there goes on.")] = None,
+    workers: Annotated[int | None, Option(min=1, max=1024, help="Processes here; default one per core.")] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="tcp://HOST:PORT", help="A Dask scheduler, whose workers run it instead.")
+        str | None, Option(metavar="tcp://HOST:PORT", help="A Dask scheduler, whose workers run it instead.")
     ] = None,
     suggest: Annotated[
-        bool, typer.Option("--suggest", help="Say which sensor, number or calibration narrows the band most, instead.")
+        bool, Option("--suggest", help="Say which sensor, number or calibration narrows the band most, instead.")
     ] = False,
 ) -> None:
     """Ask of many designs, each built many times, whether a requirement is met, and write the answer as a page."""

@@ -8,7 +8,7 @@ import webbrowser
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from distal.cli.console import say
 from distal.cli.options import (
@@ -25,18 +25,15 @@ from distal.cli.outputs import check_outputs, to_file
 
 
 def view_command(
-    log: Annotated[
-        Path, typer.Argument(help="CSV, Parquet, MCAP or a bag, with the columns that the rig's sensors name.")
-    ],
+    log: Annotated[Path, Argument(help="CSV, Parquet, MCAP or a bag, with the columns that the rig's sensors name.")],
     rig: RigOption,
     *,
-    out: Annotated[Path | None, typer.Option(help="Where to write the page (HTML); default a temporary file.")] = None,
+    out: Annotated[Path | None, Option(help="Where to write the page (HTML); default a temporary file.")] = None,
     estimator: EstimatorOption = "adaptive",
     truth: TruthOption = None,
-    homing: Annotated[str | None, typer.Option(help="Use the reference for so long (e.g. 3s).")] = None,
+    homing: Annotated[str | None, Option(help="Use the reference for so long (e.g. 3s).")] = None,
     open_: Annotated[
-        bool | None,
-        typer.Option("--open/--no-open", help="Open the page in the browser; default where --out is not given."),
+        bool | None, Option("--open/--no-open", help="Open the page in the browser; default where --out is not given.")
     ] = None,
     repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,

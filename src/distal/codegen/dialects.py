@@ -12,7 +12,7 @@ from typing import Protocol
 
 import casadi as ca
 
-from distal.codegen.operations import BINARY, CALLED, COMPARED, INFIX, no_such_operation
+from distal.codegen.operations import BINARY, CALLED, FORMS, no_such_operation
 
 
 class Dialect(Protocol):
@@ -49,6 +49,22 @@ class Dialect(Protocol):
 
 ALWAYS_INLINE = "inline __attribute__((always_inline)) "
 """Before a function whose code a compiler shall put wherever it is called."""
+
+
+_PLAIN = FORMS | {
+    ca.OP_FMAX: "larger({a}, {b})",
+    ca.OP_FMIN: "smaller({a}, {b})",
+    ca.OP_AND: "{truth}({a} != 0.0{f} && {b} != 0.0{f})",
+    ca.OP_OR: "{truth}({a} != 0.0{f} || {b} != 0.0{f})",
+    ca.OP_SIGN: "{truth}(({a} > 0.0{f}) - ({a} < 0.0{f}))",
+    ca.OP_IF_ELSE_ZERO: "({a} != 0.0{f} ? {b} : 0.0{f})",
+}
+_LANES = FORMS | {
+    ca.OP_AND: "ones(({a} != 0.0) & ({b} != 0.0))",
+    ca.OP_OR: "ones(({a} != 0.0) | ({b} != 0.0))",
+    ca.OP_SIGN: "v_sign({a})",
+    ca.OP_IF_ELSE_ZERO: "(V)(({a} != 0.0) & (M){b})",
+}
 
 
 @dataclass(frozen=True)
@@ -92,29 +108,12 @@ class Plain:
         Raises:
             CodeError: there is none.
         """
-        if operation in INFIX:
-            return INFIX[operation].format(a=a, b=b)
-        if operation in COMPARED:
-            return f"({self.type})({a} {COMPARED[operation]} {b})"
-        if operation in (ca.OP_FMAX, ca.OP_FMIN):
-            return f"{'larger' if operation == ca.OP_FMAX else 'smaller'}({a}, {b})"
+        suffix = "f" if self.single else ""
+        if operation in _PLAIN:
+            return _PLAIN[operation].format(a=a, b=b, truth=f"({self.type})", f=suffix)
         if operation in CALLED:
-            arguments = f"{a}, {b}" if operation in BINARY else a
-            return f"{CALLED[operation]}{'f' if self.single else ''}({arguments})"
-        zero = self.constant(0.0)
-        forms = {
-            ca.OP_TWICE: f"{self.constant(2.0)} * {a}",
-            ca.OP_INV: f"{self.constant(1.0)} / {a}",
-            ca.OP_NOT: f"({self.type})({a} == {zero})",
-            ca.OP_AND: f"({self.type})({a} != {zero} && {b} != {zero})",
-            ca.OP_OR: f"({self.type})({a} != {zero} || {b} != {zero})",
-            ca.OP_SIGN: f"({self.type})(({a} > {zero}) - ({a} < {zero}))",
-            ca.OP_IF_ELSE_ZERO: f"({a} != {zero} ? {b} : {zero})",
-            ca.OP_ASSIGN: a,
-        }
-        if operation not in forms:
-            raise no_such_operation(operation)
-        return forms[operation]
+            return f"{CALLED[operation]}{suffix}({f'{a}, {b}' if operation in BINARY else a})"
+        raise no_such_operation(operation)
 
 
 LARGEST_FLOAT, SMALLEST_FLOAT = 3.40282346e38, 1.17549435e-38
@@ -205,22 +204,8 @@ class Lanes:
         Raises:
             CodeError: there is none.
         """
-        if operation in INFIX:
-            return INFIX[operation].format(a=a, b=b)
-        if operation in COMPARED:
-            return f"ones({a} {COMPARED[operation]} {b})"
+        if operation in _LANES:
+            return _LANES[operation].format(a=a, b=b, truth="ones", f="")
         if operation in CALLED:
             return f"v_{CALLED[operation]}({f'{a}, {b}' if operation in BINARY else a})"
-        forms = {
-            ca.OP_TWICE: f"2.0 * {a}",
-            ca.OP_INV: f"1.0 / {a}",
-            ca.OP_NOT: f"ones({a} == 0.0)",
-            ca.OP_AND: f"ones(({a} != 0.0) & ({b} != 0.0))",
-            ca.OP_OR: f"ones(({a} != 0.0) | ({b} != 0.0))",
-            ca.OP_SIGN: f"v_sign({a})",
-            ca.OP_IF_ELSE_ZERO: f"(V)(({a} != 0.0) & (M){b})",
-            ca.OP_ASSIGN: a,
-        }
-        if operation not in forms:
-            raise no_such_operation(operation)
-        return forms[operation]
+        raise no_such_operation(operation)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import chain, count
+
 import casadi as ca
 
 from distal.codegen.dialects import Dialect
@@ -80,9 +82,7 @@ class Emitter:
 
     def _free_name(self, name: str) -> str:
         """Return a function's name, with a number if another function has it."""
-        free, number = name, 1
-        while free in self._taken:
-            number += 1
-            free = f"{name}_{number}"
+        numbered = (f"{name}_{number}" for number in count(2))
+        free = next(candidate for candidate in chain([name], numbered) if candidate not in self._taken)
         self._taken.add(free)
         return free

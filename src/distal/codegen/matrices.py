@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import casadi as ca
 
 from distal.codegen.calls import call
@@ -15,7 +13,7 @@ from distal.codegen.memory import Memory, Value
 from distal.codegen.placement import Placement
 from distal.codegen.products import dot, product, rank_one
 from distal.codegen.slices import argument, constant, get, join, put, shape, split, transpose
-from distal.codegen.workspace import Workspace, Writer, Written
+from distal.codegen.workspace import Workspace, WriteFunction, Writer, Written
 
 WRITERS: dict[int, Writer] = {
     ca.OP_INPUT: argument,
@@ -38,19 +36,14 @@ WRITERS: dict[int, Writer] = {
 
 
 def write_matrices(
-    function: ca.Function,
-    name: str,
-    in_place: bool,
-    dialect: Dialect,
-    index: str,
-    written: Callable[[ca.Function, bool], Written],
+    function: ca.Function, name: str, in_place: bool, dialect: Dialect, index: str, written: WriteFunction
 ) -> Written:
     """Return a function of matrices (MX) as C.
 
     Args:
         in_place: the first input and the first output are one array.
         index: type of tables of indices.
-        written: writes a function that is called, unless it is there already.
+        written: writes the functions that are called.
 
     Raises:
         CodeError: it has an operation that has no C here.

@@ -44,9 +44,9 @@ def product(work: Workspace, step: Step) -> list[str]:
     if x.is_dense() and y.is_dense():
         return _dense(work, step, rows, inner, columns)
     if y.is_dense():
-        at = _triplets(x.sparsity())
+        at = x.sparsity().get_triplet()
         return _sparse_left(work, step, (rows, inner, columns), *at)
-    at = _triplets(y.sparsity())
+    at = y.sparsity().get_triplet()
     if len(at[0]) <= UNROLLED_PRODUCT:
         return _sparse_right_unrolled(work, step, rows, columns, list(zip(*at)))
     return _sparse_right(work, step, rows, columns, *at)
@@ -75,14 +75,9 @@ def rank_one(work: Workspace, step: Step) -> list[str]:
     rows, columns, at = step.node.size1(), step.node.size2(), work.memory.at
     work.cost.operations += 2 * rows * columns
     to, lines = work.placement.over_the_first(step.k)
-    if alpha.home is None and alpha.numbers[0] == -1.0:
-        change = f"-= {at(x, 'i')} * {at(y, 'j')}"
-    else:
-        change = f"+= {at(alpha, 0)} * {at(x, 'i')} * {at(y, 'j')}"
-    return [
-        *lines,
-        f"  for (j = 0; j < {columns}; ++j) for (i = 0; i < {rows}; ++i) {at(to, f'i + {rows} * j')} {change};",
-    ]
+    sign = "-=" if alpha.home is None and alpha.numbers[0] == -1.0 else f"+= {at(alpha, 0)} *"
+    loops = f"for (j = 0; j < {columns}; ++j) for (i = 0; i < {rows}; ++i)"
+    return [*lines, f"  {loops} {at(to, f'i + {rows} * j')} {sign} {at(x, 'i')} * {at(y, 'j')};"]
 
 
 def dot(work: Workspace, step: Step) -> list[str]:
@@ -167,9 +162,8 @@ def _sparse_right_unrolled(
             for number, (row, place) in enumerate(entries)
             if place == column
         ]
-        start = [] if zero else [target]
         if terms or zero:
-            total = " + ".join([*start, *terms]) or work.memory.dialect.constant(0.0)
+            total = " + ".join([*([] if zero else [target]), *terms]) or work.memory.dialect.constant(0.0)
             lines.append(f"  for (i = 0; i < {rows}; ++i) {target} = {total};")
     return lines
 
@@ -184,9 +178,3 @@ def _begun(work: Workspace, step: Step) -> tuple[Value, list[str], bool]:
 
 def _sum(index: str, offset: int) -> str:
     return f"{index} + {offset}" if offset else index
-
-
-def _triplets(sparsity: ca.Sparsity) -> tuple[list[int], list[int]]:
-    """Return rows and columns of a sparse matrix's numbers, in their order."""
-    rows, columns = sparsity.get_triplet()
-    return list(map(int, rows)), list(map(int, columns))

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import casadi as ca
 
 from distal.codegen.dialects import Dialect
 from distal.codegen.frame import framed
 from distal.codegen.operations import BINARY, CALLED, INLINE, CodeError
-from distal.codegen.workspace import Cost, Written
+from distal.codegen.workspace import Cost, WriteFunction, Written
 
 
 def write_scalars(
-    function: ca.Function, name: str, in_place: bool, dialect: Dialect, written: Callable[[ca.Function, bool], Written]
+    function: ca.Function, name: str, in_place: bool, dialect: Dialect, written: WriteFunction
 ) -> Written:
     """Return a function of scalars (SX) as C.
 
     Args:
         in_place: the first input and the first output are one array: it is read at once and written last.
-        written: writes a function that is called, unless it is there already.
+        written: writes the functions that are called.
 
     Raises:
         CodeError: it has an operation that has no C here.

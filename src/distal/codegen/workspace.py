@@ -42,6 +42,10 @@ class Written:
     scratch: int = 0
 
 
+WriteFunction = Callable[[ca.Function, bool], Written]
+"""Writes a function, in place if its first input is changed, unless it is there already."""
+
+
 @dataclass(frozen=True)
 class Step:
     """One instruction: what a writer turns into lines.
@@ -65,14 +69,14 @@ class Workspace:
     """One function of matrices on its way to C.
 
     Args:
-        written: writes a function that is called, unless it is there already; in place, if its first input is changed.
+        written: writes the functions that are called.
         in_place: the first input and the first output are one array, ``state``.
     """
 
     flow: Dataflow
     memory: Memory
     placement: Placement
-    written: Callable[[ca.Function, bool], Written]
+    written: WriteFunction
     in_place: bool
     cost: Cost = field(default_factory=Cost)
 

@@ -120,8 +120,8 @@ def _of(runs: Sequence[Run], series: str) -> list[Run]:
 
 def potentiometer_errors(run: Run) -> tuple[Floats, Floats]:
     """Return the errors of the left and right potentiometer's angle, tendons taken as inextensible [rad]."""
-    result = run.estimates["inextensible"]
-    left, right = (result.state(tendon_angle_name(side)) - run.log.truth["theta"] for side in SIDES)
+    estimate = run.estimates["inextensible"]
+    left, right = (estimate.state(tendon_angle_name(side)) - run.log.truth["theta"] for side in SIDES)
     return left, right
 
 

@@ -106,7 +106,9 @@ def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
     with figure(2, 2, (7.2, 5.2), sharex=True, sharey="row", height_ratios=[2, 1.2]) as (drawing, axes):
         for column, run in enumerate(shown):
             top, bottom = axes[column], axes[2 + column]
-            _encoder(top, run)
+            readings, truth = np.rad2deg(run.log.channels["encoder"]), np.rad2deg(run.log.truth["theta"])
+            top.plot(run.log.time, readings, color=SOFT, linewidth=2.2, drawstyle="steps-post", label="encoder (1°)")
+            top.plot(run.log.time, truth, color=BLACK, linewidth=1.0, label="truth")
             (_potentiometers if name == "figure-2" else _filters)(top, bottom, run)
             top.set_title(f"plant {run.plant}", fontsize=9, loc="left")
             bottom.axhline(0.0, color=BLACK, linewidth=0.6)
@@ -117,12 +119,6 @@ def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
         axes[2].set_ylabel("error [°]")
         drawing.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
     return drawing
-
-
-def _encoder(axes: Axes, run: Run) -> None:
-    degrees = np.rad2deg(run.log.channels["encoder"])
-    axes.plot(run.log.time, degrees, color=SOFT, linewidth=2.2, drawstyle="steps-post", label="encoder (1°)")
-    axes.plot(run.log.time, np.rad2deg(run.log.truth["theta"]), color=BLACK, linewidth=1.0, label="truth")
 
 
 def _potentiometers(top: Axes, bottom: Axes, run: Run) -> None:

@@ -113,8 +113,7 @@ class Search:
     @property
     def held(self) -> Bools:
         """Return which statements hold, (n, 12)."""
-        held: Bools = np.asarray(self.margins >= 0.0)
-        return held
+        return np.asarray(self.margins >= 0.0)
 
     def order(self, without: int | None = None) -> NDArray[np.int_]:
         """Return the plants, best first: most statements held, then the largest of the smallest margins held.
