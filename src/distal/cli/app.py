@@ -127,11 +127,8 @@ def ended_by(problem: BaseException) -> object:
     elif os.environ.get(TRACEBACK):
         raise problem
     else:
-        fault = f"{type(problem).__name__}: {str(problem)[:200]}"
-        text, code = (
-            f"{fault}; this is a fault of distal, please report it with what {TRACEBACK}=1 distal … prints",
-            BUG,
-        )
+        text, code = f"{type(problem).__name__}: {str(problem)[:200]}", BUG
+        text += f"; this is a fault of distal, please report it with what {TRACEBACK}=1 distal … prints"
     _say(f"error: {one_line(text, LONGEST_LINE - len('error: '))}")
     return code
 

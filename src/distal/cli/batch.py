@@ -94,11 +94,8 @@ def estimate_many(
             headline = diagnose_estimate(result).headline
             rows.append((path.name, f"{len(result)}", f"±{half:.2f}", error, inside, headline))
     if rows:
-        table(
-            f"{estimator} over {len(rows)} logs",
-            ["log", "samples", "median band [°]", "RMS [°]", "inside the band", "innovations"],
-            rows,
-        )
+        columns = ["log", "samples", "median band [°]", "RMS [°]", "inside the band", "innovations"]
+        table(f"{estimator} over {len(rows)} logs", columns, rows)
         if out is not None:
             say(f"wrote {len(rows)} estimates to {out}")
     for text in failed.values():

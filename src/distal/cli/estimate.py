@@ -93,7 +93,7 @@ def estimate_command(
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
-    from distal.logs import read_log, true_angles, write_together
+    from distal.logs import file_of, read_log, true_angles, write_together
     from distal.results import ANGLE_UNITS, PANELS, check_panels, plot_kind
     from distal.rig import load_rig
 
@@ -127,8 +127,12 @@ def estimate_command(
     results, failed = _estimates(log, description, names, passes, home, comparing=estimator is None, is_known=is_known)
     if smooth:
         results.insert(0, _smoothed(log, description, home))
-    drawn = results if estimator else results[:1]
-    write_together(_files(log, description, results[0], drawn, (out, plot), panels, unit=unit, every=every))
+    files: dict[Path, bytes | str] = {}
+    if out is not None:
+        files[out] = file_of(results[0].columns(unit, every=every), out)
+    if plot is not None:
+        files[plot] = _picture(log, description, results if estimator else results[:1], panels, plot)
+    write_together(files)
     if is_known:
         read = "not read" if homing_angle else "used"
         used = f"; {read} for the first {home:g} s, compared with afterwards" if home is not None else ""
@@ -217,29 +221,13 @@ def _smoothed(log: Log, rig: Rig, home: float | None) -> Estimate:
     return smooth(log, rig)
 
 
-def _files(
-    log: Log,
-    rig: Rig,
-    final: Estimate,
-    drawn: list[Estimate],
-    paths: tuple[Path | None, Path | None],
-    panels: tuple[str, ...],
-    *,
-    unit: str,
-    every: bool,
-) -> dict[Path, bytes | str]:
-    """Return the files to write, by path: the estimate, and the figure."""
-    from distal.logs import file_of
+def _picture(log: Log, rig: Rig, drawn: list[Estimate], panels: tuple[str, ...], path: Path) -> bytes:
+    """Return the figure of some estimates in the format that the path's ending names."""
     from distal.results import figure_bytes, plot_estimates
     from distal.run import log_health
 
-    (out, plot), files = paths, dict[Path, bytes | str]()
-    if out is not None:
-        files[out] = file_of(final.columns(unit, every=every), out)
-    if plot is not None:
-        health = log_health(log, rig) if "health" in panels else None
-        files[plot] = figure_bytes(plot_estimates(drawn, panels=panels, log=log, rig=rig, health=health), plot)
-    return files
+    health = log_health(log, rig) if "health" in panels else None
+    return figure_bytes(plot_estimates(drawn, panels=panels, log=log, rig=rig, health=health), path)
 
 
 def _say(

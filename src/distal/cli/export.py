@@ -61,11 +61,8 @@ def export_command(
         ("arithmetic operations in a step", f"{exported.operations:,}"),
         ("calls of the mathematics library", f"{sum(exported.library.values())}"),
     ]
-    table(
-        f"{exported.estimator} for {exported.rig}, in {'float' if exported.single else 'double'}",
-        ["what", "how much"],
-        rows,
-    )
+    title = f"{exported.estimator} for {exported.rig}, in {'float' if exported.single else 'double'}"
+    table(title, ["what", "how much"], rows)
     if exported.single and exported.jumps:
         warn(
             f"in float, {estimator} may differ from double by more than its band, since it jumps from sticking to "

@@ -53,8 +53,7 @@ def _reproduce(out: Path, progress: Progress, lab: Path | None) -> None:
     weights = {run.series: run.log.source.removeprefix("Series 2: ").replace(" against ", " / ") for run in runs}
     names = {"inextensible": "tendons taken as inextensible", "ekf-2008": "the filter of 2008", "adaptive": "adaptive"}
     rows = [
-        (label, *(f"{rms_of(runs, observed, series, name):.1f}°" for series in SERIES_2))
-        for name, label in names.items()
+        (text, *(f"{rms_of(runs, observed, series, name):.1f}°" for series in SERIES_2)) for name, text in names.items()
     ]
     title = f"RMS error of the link's angle, plant {observed}, {len(SEEDS)} seeds"
     table(title, ["weights on the tendons", *(weights[series] for series in SERIES_2)], rows)

@@ -50,7 +50,6 @@ class Dialect(Protocol):
 ALWAYS_INLINE = "inline __attribute__((always_inline)) "
 """Before a function whose code a compiler shall put wherever it is called."""
 
-
 _PLAIN = FORMS | {
     ca.OP_FMAX: "larger({a}, {b})",
     ca.OP_FMIN: "smaller({a}, {b})",
@@ -86,7 +85,7 @@ class Plain:
         return "float" if self.single else "double"
 
     def prelude(self, text: str) -> str:
-        """Return the larger and the smaller, without a call into the library, if `text` calls them: compilers warn else."""
+        """Return functions for the larger and the smaller number, if `text` calls them: compilers warn of unused ones."""
         kind = self.type
         return "".join(
             f"static inline {kind} {name}({kind} a, {kind} b) {{ return a {sign} b || b != b ? a : b; }}\n"
@@ -98,9 +97,7 @@ class Plain:
         """Return a number as C."""
         return _constant(value, copysign(1.0, value), self.single)
 
-    def entry(self, value: float) -> str:
-        """Return a number of a table of constants as C: as it is everywhere."""
-        return self.constant(value)
+    entry = constant
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
         """Return the C of one operation.

@@ -14,7 +14,7 @@ from distal.paper.claims import GROUPS, Claim, Measure, measure_claims, rms
 from distal.paper.figures import CAPTIONS, FIGURES, SUMMARY, draw_figure
 from distal.paper.positioned import CAPTION, POSITIONED, positioned, positioned_text
 from distal.paper.reasons import EKF_NOTE, REASONS, SEARCH_NOTE
-from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Run, all_runs
+from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Plant, Run, all_runs
 from distal.reports import make_folder, rig_svg, svg_of
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.results import figure_bytes
@@ -75,6 +75,10 @@ def reproduce(
 
 def results(claims: Sequence[Claim], runs: Sequence[Run]) -> dict[str, object]:
     """Return what `results.json` holds: C1 to C12 with numbers and group, and the errors of all estimators."""
+
+    def error_of(plant: Plant, series: str, estimator: str) -> float:
+        return round(rms_of(runs, plant.name, series, estimator), 4)
+
     content: dict[str, object] = {
         claim.statement.key: {
             "statement": claim.statement.text,
@@ -93,16 +97,12 @@ def results(claims: Sequence[Claim], runs: Sequence[Run]) -> dict[str, object]:
         }
         for claim in claims
     }
-    names = [plant.name for plant in PLANTS]
     content["rms_error_deg"] = {
-        plant: {
-            series: {name: round(rms_of(runs, plant, series, name), 4) for name in ESTIMATORS} for series in SERIES_2
-        }
-        for plant in names
+        plant.name: {series: {name: error_of(plant, series, name) for name in ESTIMATORS} for series in SERIES_2}
+        for plant in PLANTS
     }
     content["readings_of_q_and_r_rms_deg"] = {
-        plant: {name: round(rms_of(runs, plant, "series-2", f"reading {name}"), 4) for name in READINGS}
-        for plant in names
+        plant.name: {name: error_of(plant, "series-2", f"reading {name}") for name in READINGS} for plant in PLANTS
     }
     content["seeds"] = list(SEEDS)
     return content

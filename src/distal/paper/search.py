@@ -140,7 +140,6 @@ def search(advance: Callable[[int], None] = lambda _: None, workers: int | None 
     """Return which statements hold on plants drawn over the unknowns' ranges, then closer and closer to the best.
 
     Sobol's sequence covers the ranges; each later round draws in boxes around the best plants so far.
-
     `advance` is called with the number of plants that are done. The default is one process per core.
     """
     from scipy.stats import qmc
