@@ -7,11 +7,7 @@ from difflib import get_close_matches
 
 
 class DistalError(ValueError):
-    """Base of every error that a user can cause and mend; its message is one line that a terminal shows as it is.
-
-    Args:
-        message: what came, what is allowed, what to do.
-    """
+    """Base of every error that a user can cause and mend; its message is one line that a terminal shows as it is."""
 
     def __init__(self, message: object = "") -> None:
         super().__init__(printable(str(message)))
@@ -70,11 +66,7 @@ LONGEST_LINE = 400
 
 
 def one_line(text: str, longest: int = LONGEST_LINE) -> str:
-    """Return a message as one line that a terminal shows as it is: control characters are written out.
-
-    Args:
-        longest: characters that it may have.
-    """
+    """Return a message as one line of at most `longest` characters, with control characters written out."""
     plain = " ".join(printable(text).split())
     if len(plain) <= longest:
         return plain
@@ -83,21 +75,13 @@ def one_line(text: str, longest: int = LONGEST_LINE) -> str:
 
 
 def printable(text: str) -> str:
-    """Return a text without control characters: white space becomes a space, others are written out.
-
-    Args:
-        text: of anything, e.g. a name from a file.
-    """
+    """Return a text without control characters: white space becomes a space, others are written out."""
     return "".join(c if c.isprintable() else " " if c in "\n\t\r" else repr(c)[1:-1] for c in text)
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return a hint that names the nearest known word and lists all, e.g. ``; did you mean 'mass'? (known: …)``.
-
-    Args:
-        known: the words that are allowed.
-    """
-    names = sorted(name if len(name) <= 40 else name[:39] + "…" for name in known)
+def did_you_mean(word: str, allowed: Iterable[str]) -> str:
+    """Return a hint that names the nearest allowed word and lists all, e.g. ``; did you mean 'mass'? (known: …)``."""
+    names = sorted(name if len(name) <= 40 else name[:39] + "…" for name in allowed)
     near = get_close_matches(word, names, n=1, cutoff=0.5)
     hint = f"; did you mean '{near[0]}'?" if near else ""
     more = f" and {len(names) - 20} more" if len(names) > 20 else ""

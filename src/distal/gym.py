@@ -54,10 +54,10 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
         self._estimator = estimator
         self._monitor = Monitor(LiveEstimator(self._rig, estimator))
         names = [sensor.name for sensor in self._rig.sensors]
-        self._read = [k for k, one in enumerate(self._rig.sensors) if one.measures not in ("angle", "torque")]
+        self._read = [k for k, sensor in enumerate(self._rig.sensors) if sensor.measures not in ("angle", "torque")]
         self._fed = [names.index(channel) for channel in self._monitor.channels]
         joints = [joint.name for joint in self._rig.joints]
-        self._wanted = {joints.index(name): one.reference for name, one in self._control.joints.items()}
+        self._wanted = {joints.index(name): joint.reference for name, joint in self._control.joints.items()}
         self._largest = np.array([drive.limit or LARGEST for drive in self._rig.drives])
         low = np.array([0.0 if drive.kind == "slider" else -1.0 for drive in self._rig.drives], dtype=np.float32)
         self.action_space = gymnasium.spaces.Box(low, np.ones(len(low), dtype=np.float32))
@@ -68,12 +68,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, object] | None = None
     ) -> tuple[Observation, dict[str, object]]:
-        """Begin anew with another plant and other errors of the sensors, and return the first observation.
-
-        Args:
-            seed: of all draws from here on.
-            options: not used.
-        """
+        """Begin anew with another plant and other errors of the sensors, and return the first observation."""
         super().reset(seed=seed)
         scenario, errors = self._scenario, int(self.np_random.integers(2**31))
         if self._drawn:
@@ -94,9 +89,9 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
         commands = {drive.name: float(pull) for drive, pull in zip(self._rig.drives, pulls)}
         observation = self._observed(self._plant.step(commands))
         angles = self._plant.angles
-        away = [abs(angles[j] - wanted) for j, wanted in self._targets().items()]
-        info: dict[str, object] = {"angles": angles, "health": self._reading.health}
-        return observation, -float(np.mean(away)), False, self._plant.finished, info
+        errors = [abs(angles[j] - target) for j, target in self._targets().items()]
+        details: dict[str, object] = {"angles": angles, "health": self._reading.health}
+        return observation, -float(np.mean(errors)), False, self._plant.finished, details
 
     def _targets(self) -> dict[int, float]:
         time = np.array([self._plant.time])
@@ -107,7 +102,6 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
             self._values = np.where(np.isfinite(values), values, self._values)
             self._reading = self._monitor.take(stamp, values[self._fed])
         parts = [self._values[self._read], self._reading.angles, self._reading.angle_stds, [*self._targets().values()]]
-        observation: Observation = np.nan_to_num(np.concatenate([np.asarray(part) for part in parts])).astype(
-            np.float32
-        )
+        numbers = np.concatenate([np.asarray(part) for part in parts])
+        observation: Observation = np.nan_to_num(numbers).astype(np.float32)
         return observation

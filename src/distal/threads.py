@@ -20,10 +20,10 @@ _limits: threadpool_limits | None = None
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit BLAS to one thread; the limits that were there come back when the last of those that are within has left.
+    """Limit BLAS to one thread, in a ``with`` or as a decorator; its limits come back when the last user has left.
 
-    It is for a ``with`` or a decorator, and does nothing to a BLAS that threadpoolctl does not know. Some BLAS take limits
-    from the main thread only: they come back when that leaves, too.
+    Some BLAS take limits from the main thread only: they come back when that leaves, too. A BLAS that threadpoolctl does
+    not know stays as it is.
     """
     global _within, _limits
     with _changing:

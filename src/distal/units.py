@@ -39,10 +39,9 @@ def _registry() -> pint.UnitRegistry[float]:
 
 @lru_cache(maxsize=4096)
 def unit_factor(unit: str, si: str) -> float:
-    """Return the factor that turns a number in `unit` into SI: value_SI = factor · value.
+    """Return the factor that turns a number in `unit` into SI.
 
     Args:
-        unit: what the user wrote, e.g. ``"mm"``.
         si: the SI unit of the wanted dimension, e.g. ``"m"``; ``""`` for a plain number.
 
     Raises:
@@ -54,9 +53,10 @@ def unit_factor(unit: str, si: str) -> float:
     if not _is_plain(unit):
         raise UnitError(f"unit '{unit[:40]}' is not known; {wanted} is allowed here")
     text = unit.replace("·", " * ").replace("⋅", " * ").replace("°", "deg").strip()
-    if _is_angle(text) and "rad" not in si:
+    is_angle = _ANGLE_WORDS.search(text) is not None
+    if is_angle and "rad" not in si:
         raise UnitError(f"unit '{unit}' is an angle; {wanted} is allowed here")
-    if si == "rad" and not _is_angle(text):
+    if si == "rad" and not is_angle:
         raise UnitError(f"unit '{unit}' is no angle; write 'rad' or 'deg'")
     registry = _registry()
     try:
@@ -88,15 +88,10 @@ def _is_plain(unit: str) -> bool:
     return _UNIT_CHARACTERS.fullmatch(_POWER.sub("", _PER.sub("", unit, count=1))) is not None
 
 
-def _is_angle(text: str) -> bool:
-    return _ANGLE_WORDS.search(text) is not None
-
-
 def to_si(value: object, si: str) -> float:
-    """Return `value` as a float in SI: a bare number is SI already, text is a number and a unit.
+    """Return `value` as a float in SI: a bare number is SI already, text such as ``"9.53 mm"`` a number and a unit.
 
     Args:
-        value: a number, or text such as ``"9.53 mm"``.
         si: the SI unit of the wanted dimension; ``""`` for a plain number.
 
     Raises:

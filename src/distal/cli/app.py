@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 import typer
+from typer import Option
 
 from distal.cli import (
     control,
@@ -68,7 +69,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
-    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+    version: bool = Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
 ) -> None:
     pass
 
@@ -76,7 +77,7 @@ def _options(
 def main() -> None:
     """Run the command line; whatever goes wrong is one line on stderr, and its exit code says whose fault it is."""
     show_warnings()
-    if sys.stderr is None:  # closed: what is said there must not go into what is written to standard output
+    if sys.stderr is None:  # closed: messages must not go into what is written to standard output
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     for output in (sys.stdout, sys.stderr):
         if isinstance(output, io.TextIOWrapper):
@@ -101,17 +102,16 @@ WRONG, BUG, STOPPED, NO_READER = 2, 70, 130, 141
 
 def ended_by(problem: BaseException) -> object:
     """Say in one line on stderr what ended a command, and return its exit code."""
+    exit_code = problem.code if isinstance(problem, SystemExit) else None
     # typer ends with 1 where the reader of a pipe went away, and with nothing else
-    if isinstance(problem, BrokenPipeError) or (isinstance(problem, SystemExit) and problem.code == 1):
+    if isinstance(problem, BrokenPipeError) or exit_code == 1:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return NO_READER
-    if isinstance(problem, (typer.Abort, KeyboardInterrupt)) or (
-        isinstance(problem, SystemExit) and problem.code == STOPPED
-    ):
+    if isinstance(problem, (typer.Abort, KeyboardInterrupt)) or exit_code == STOPPED:
         _say("stopped")
         return STOPPED
     if isinstance(problem, SystemExit):
-        return problem.code
+        return exit_code
     if type(problem).__name__ == "NoArgsIsHelpError":
         problem.show()  # type: ignore[attr-defined]
         return WRONG
@@ -127,8 +127,8 @@ def ended_by(problem: BaseException) -> object:
     elif os.environ.get(TRACEBACK):
         raise problem
     else:
-        what = f"{type(problem).__name__}: {str(problem)[:200]}"
-        text, code = f"{what}; this is a fault of distal, please report it with what {TRACEBACK}=1 distal … prints", BUG
+        text, code = f"{type(problem).__name__}: {str(problem)[:200]}", BUG
+        text += f"; this is a fault of distal, please report it with what {TRACEBACK}=1 distal … prints"
     _say(f"error: {one_line(text, LONGEST_LINE - len('error: '))}")
     return code
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from distal.cli.console import err, failure, say, table, warn
+from distal.cli.console import failure, progress_bar, say, table, warn
 from distal.cli.outputs import to_folder
 from distal.errors import DistalError, DistalWarning, EstimationError, OutputError, did_you_mean
 
@@ -21,18 +21,6 @@ if TYPE_CHECKING:
     from distal.logs import Output
     from distal.rig import Rig
     from distal.simulation import Scenario
-
-
-@contextmanager
-def _progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar on a terminal; a file or a pipe shows none."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = err()
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(what, total=total)
-        yield lambda done: progress.update(task, completed=done)
 
 
 FEW = 4
@@ -45,11 +33,11 @@ def _few_warnings() -> Iterator[None]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DistalWarning)
         yield
-    said = list(dict.fromkeys(str(one.message) for one in caught))
-    for text in said[:FEW]:
-        warn(text)
-    if len(said) > FEW:
-        warn(f"and {len(said) - FEW} more of the other logs (estimate one log alone to see its warnings)")
+    messages = list(dict.fromkeys(str(warning.message) for warning in caught))
+    for message in messages[:FEW]:
+        warn(message)
+    if len(messages) > FEW:
+        warn(f"and {len(messages) - FEW} more of the other logs (estimate one log alone to see its warnings)")
 
 
 def estimate_many(
@@ -69,8 +57,7 @@ def estimate_many(
 
     Args:
         homing: for how long the truth is used [s].
-        out: folder for the estimates, or None.
-        unit: of the angles in them: rad or deg.
+        unit: of the angles that are written: rad or deg.
         every: whether all states are written.
     """
     import numpy as np
@@ -90,15 +77,13 @@ def estimate_many(
     def skip(source: str, problem: DistalError) -> None:
         failed[Path(source)] = str(problem)
 
-    rows: list[tuple[Path, str, str, str, str, str]] = []
-    waiting = iter(logs)
-    with _few_warnings(), _progress("estimating", len(logs)) as advance:
-        results = estimate_batch(logs, rig, estimator, truth, homing, progress=advance, skip=skip)
-        for result in results:
+    rows, waiting = list[tuple[str, ...]](), iter(logs)
+    with _few_warnings(), progress_bar("estimating", len(logs)) as advance:
+        for result in estimate_batch(logs, rig, estimator, truth, homing, progress=advance, skip=skip):
             path = next(p for p in waiting if p not in failed)  # results come in the order of the logs
             if out is not None:
                 try:
-                    write_columns(result.columns(unit, every=every), out / _estimate_of(path))
+                    write_columns(result.columns(unit, every=every), out / f"{path.stem}.csv")
                 except OutputError as problem:
                     failed[path] = str(problem)
                     continue
@@ -106,14 +91,11 @@ def estimate_many(
             error, inside = "–", "–"
             if result.truths is not None:
                 error, inside = f"{np.rad2deg(result.rms_error()):.3f}", f"{100 * result.inside_band():.0f} %"
-            rows.append((path, f"{len(result)}", f"±{half:.2f}", error, inside, diagnose_estimate(result).headline))
+            headline = diagnose_estimate(result).headline
+            rows.append((path.name, f"{len(result)}", f"±{half:.2f}", error, inside, headline))
     if rows:
-        named = [(path.name, *rest) for path, *rest in rows]
-        table(
-            f"{estimator} over {len(rows)} logs",
-            ["log", "samples", "median band [°]", "RMS [°]", "inside the band", "innovations"],
-            named,
-        )
+        columns = ["log", "samples", "median band [°]", "RMS [°]", "inside the band", "innovations"]
+        table(f"{estimator} over {len(rows)} logs", columns, rows)
         if out is not None:
             say(f"wrote {len(rows)} estimates to {out}")
     for text in failed.values():
@@ -125,9 +107,6 @@ def estimate_many(
 def estimates_of(logs: list[Path], out: Path | None) -> list[Output]:
     """Return the estimate's file of each log.
 
-    Args:
-        out: the folder, or None.
-
     Raises:
         OutputError: a log came twice, two estimates would have one name, or the folder is named like a file.
     """
@@ -136,15 +115,11 @@ def estimates_of(logs: list[Path], out: Path | None) -> list[Output]:
     if out is None:
         return []
     _check_folder(out, "of several logs")
-    names = [_estimate_of(path) for path in logs]
+    names = [f"{path.stem}.csv" for path in logs]
     for path, name in zip(logs, names):
         if names.count(name) > 1:
             raise OutputError(f"{path}: another log has the name '{path.stem}' too; rename one, or estimate them apart")
-    return [one for path, name in zip(logs, names) for one in to_folder(f"--out for {path}", out, [name])]
-
-
-def _estimate_of(log: Path) -> str:
-    return f"{log.stem}.csv"
+    return [file for path, name in zip(logs, names) for file in to_folder(f"--out for {path}", out, [name])]
 
 
 def runs_of(seed: int, runs: int) -> dict[int, str]:
@@ -184,20 +159,17 @@ def simulate_many(
 
     Args:
         settings: options that `distal estimate` needs.
-        truth: whether what no sensor reads is written beside it.
     """
     from distal.logs import write_log
     from distal.simulation import simulate_batch
 
     _make(out)
     names = runs_of(seed, runs)
-    with _progress("simulating", runs) as advance:
-        jobs = ((scenario, number) for number in names)
-        for name, log in zip(names.values(), simulate_batch(rig, jobs, progress=advance)):
+    with progress_bar("simulating", runs) as advance:
+        logs = simulate_batch(rig, ((scenario, number) for number in names), progress=advance)
+        for name, log in zip(names.values(), logs):
             write_log(log if truth else replace(log, truth={}), rig, out / name)
     say(f"{rig.name}: {runs} runs of {scenario.duration:g} s, seeds {seed} to {seed + runs - 1}")
     say(f"wrote {runs} logs to {out}")
-    say(
-        "estimate from them: "
-        + " ".join(["distal estimate", f"{shlex.quote(str(out))}/*.csv", "--rig", scenario.rig, *settings])
-    )
+    command = ["distal estimate", f"{shlex.quote(str(out))}/*.csv", "--rig", scenario.rig, *settings]
+    say(f"estimate from them: {' '.join(command)}")

@@ -28,19 +28,15 @@ def doctor_command() -> None:
     from distal.kernels import cache_folder, find_compiler, lanes_here, probe
 
     say(f"distal {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}")
-    found = []
-    for name in _PACKAGES:
+
+    def installed(name: str, advice: str = "") -> str:
         try:
-            found.append(f"{name} {version(name)}")
+            return f"{name} {version(name)}"
         except PackageNotFoundError:
-            found.append(f"{name} not installed")
-    say(f"packages: {', '.join(found)}")
-    extras = []
-    for name, extra in _EXTRAS.items():
-        try:
-            extras.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            extras.append(f"{name} not installed (pip install '.[{extra}]')")
+            return f"{name} not installed{advice}"
+
+    say(f"packages: {', '.join(map(installed, _PACKAGES))}")
+    extras = (installed(name, f" (pip install '.[{extra}]')") for name, extra in _EXTRAS.items())
     say(f"extras: {', '.join(extras)}")
     compiler = find_compiler()
     say(f"C compiler: {compiler if isinstance(compiler, str) else f'{compiler.version} ({compiler.command[0]})'}")

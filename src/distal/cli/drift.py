@@ -6,7 +6,7 @@ from math import degrees
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from distal.cli.console import say, table
 from distal.cli.options import ScenarioArgument, SeedOption, SetOption
@@ -15,7 +15,7 @@ from distal.cli.outputs import check_outputs, to_folder
 
 def drift_command(
     scenario: ScenarioArgument,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the figure and the table by hours.")],
+    out: Annotated[Path, Option(help="Folder for the figure and the table by hours.")],
     seed: SeedOption = 0,
     *,
     set_: SetOption = None,
@@ -30,23 +30,17 @@ def drift_command(
     picture, rows_file = out / "drift.png", out / "drift.csv"
     check_outputs(to_folder("--out", out, [picture.name, rows_file.name]), rig=description.rig, scenario=scenario)
     ways = {"nothing known": None} | ({} if description.rezero is None else {"rezeroed": description.rezero.std})
-    found = {}
-    for name, known in ways.items():
-        pieces = simulate_pieces(rig, description, seed)
-        found[name] = by_hour(estimate_pieces(pieces, rig, known_std=known))
+    hours_of = {
+        name: by_hour(estimate_pieces(simulate_pieces(rig, description, seed), rig, known_std=std))
+        for name, std in ways.items()
+    }
     out.mkdir(parents=True, exist_ok=True)
-    plot_hours(found, picture)
-    rows = [
-        (
-            name,
-            str(hour.index + 1),
-            f"{degrees(hour.rms):.2f}",
-            f"{100 * hour.inside:.0f}",
-            f"{degrees(hour.half_band):.2f}",
-        )
-        for name, hours in found.items()
-        for hour in hours
-    ]
+    plot_hours(hours_of, picture)
+    rows = []
+    for name, hours in hours_of.items():
+        for hour in hours:
+            error, half_band = f"{degrees(hour.rms):.2f}", f"{degrees(hour.half_band):.2f}"
+            rows.append((name, str(hour.index + 1), error, f"{100 * hour.inside:.0f}", half_band))
     columns = ["way", "hour", "RMS error [°]", "inside 95 % band [%]", "half of the band [°]"]
     write_whole(rows_file, "\n".join(",".join(row) for row in [columns, *rows]) + "\n")
     table(f"{description.name or scenario}", columns, rows, text=1)

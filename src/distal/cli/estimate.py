@@ -6,7 +6,7 @@ from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from distal.cli.console import failure, say, table
 from distal.cli.options import (
@@ -37,21 +37,19 @@ MOST_FULL = 6
 def estimate_command(
     logs: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="LOG...", help=("CSV, Parquet, MCAP or a ROS bag, with the columns that the rig's sensors name.")
+        Argument(
+            metavar="LOG...", help="CSV, Parquet, MCAP or a ROS bag, with the columns that the rig's sensors name."
         ),
     ],
     rig: RigOption,
     *,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", help=("Where to write the first estimator's estimate (CSV or Parquet); of several logs, a folder.")
-        ),
+        Option(help="Where to write the first estimator's estimate (CSV or Parquet); of several logs, a folder."),
     ] = None,
     estimator: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--estimator",
             "-e",
             help=(
@@ -64,49 +62,38 @@ def estimate_command(
     truth: TruthOption = None,
     plot: PlotOption = None,
     panel: Annotated[
-        list[str] | None,
-        typer.Option("--panel", help=("What else --plot draws: innovations, forces, health, or all. Repeatable.")),
+        list[str] | None, Option(help="What else --plot draws: innovations, forces, health, or all. Repeatable.")
     ] = None,
     passes: Annotated[
         int,
-        typer.Option(
-            "--passes",
+        Option(
             min=1,
-            help=(
-                "ekf and ekf-2008: filter this many times; each pass begins with the covariance at the end of the last."
-            ),
+            help="ekf and ekf-2008: filter this many times; each pass begins with the covariance at the end of the last.",
         ),
     ] = 1,
     smooth: Annotated[
-        bool, typer.Option("--smooth", help="Write the adaptive estimate smoothed over the whole log (offline).")
+        bool, Option("--smooth", help="Write the adaptive estimate smoothed over the whole log (offline).")
     ] = False,
     homing: Annotated[
-        str | None,
-        typer.Option("--homing", help="Use the reference for this long (e.g. 3s), then only compare with it."),
+        str | None, Option(help="Use the reference for this long (e.g. 3s), then only compare with it.")
     ] = None,
     homing_angle: Annotated[
         list[str] | None,
-        typer.Option(
-            "--homing-angle",
-            help="Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg', or 'pip: 0 deg'.",
-        ),
+        Option(help="Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg', or 'pip: 0 deg'."),
     ] = None,
     what_if: Annotated[
-        bool,
-        typer.Option(
-            "--what-if/--no-what-if", help="Rerun with one change at a time: what explains it, what is untested."
-        ),
+        bool, Option(help="Rerun with one change at a time: what explains it, what is untested.")
     ] = True,
-    unit: Annotated[str, typer.Option("--unit", help="Of the angles in --out: rad or deg.")] = "rad",
+    unit: Annotated[str, Option(help="Of the angles in --out: rad or deg.")] = "rad",
     every: Annotated[
-        bool, typer.Option("--all", help="Write all states to --out, not only time, angles and torques.")
+        bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
     ] = False,
     repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
-    from distal.logs import read_log, write_together
+    from distal.logs import file_of, read_log, true_angles, write_together
     from distal.results import ANGLE_UNITS, PANELS, check_panels, plot_kind
     from distal.rig import load_rig
 
@@ -114,15 +101,15 @@ def estimate_command(
         raise EstimationError(f"{'--all' if every else '--unit'} is about the file of --out, which is not given")
     if unit not in ANGLE_UNITS:
         raise EstimationError(f"--unit {unit}: angles are written in {' or '.join(ANGLE_UNITS)}")
-    home = seconds(homing) if homing is not None else None
+    home = seconds(homing)
     if len(logs) > 1:
         _check_for_many(len(logs), homing_angle, plot, smooth, passes, estimator)
         from distal.cli.batch import estimate_many, estimates_of
         from distal.estimators import DEFAULT
 
         check_outputs(estimates_of(logs, out), logs=logs, rig=rig, truth=truth)
-        described, name = load_rig(rig, settings(set_, repeated)), (estimator or [DEFAULT])[0]
-        estimate_many(logs, described, name, truth, home, out, unit=unit, every=every)
+        description, name = load_rig(rig, settings(set_, repeated)), (estimator or [DEFAULT])[0]
+        estimate_many(logs, description, name, truth, home, out, unit=unit, every=every)
         return
     panels = check_panels(PANELS if "all" in (panel or ()) else tuple(dict.fromkeys(panel or ())))
     if plot is not None:
@@ -131,63 +118,56 @@ def estimate_command(
         raise EstimationError("--panel says what --plot draws; give --plot too")
     check_outputs([*to_file("--out", out), *to_file("--plot", plot)], logs=logs, rig=rig, truth=truth)
     description = load_rig(rig, settings(set_, repeated))
-    data = read_log(logs[0], description, truth)
-    _describe(data, description)
-    names = _names(estimator, data, description)
-    origin, known = data.truth_source, _is_known(data, description)
+    log = read_log(logs[0], description, truth)
+    _describe(log, description)
+    is_known = true_angles(log, [joint.name for joint in description.joints]) is not None
+    names, origin = _names(estimator, description, is_known), log.truth_source
     if homing_angle:
-        data, description = _at_home(data, description, homing_angle, home)
-    results, failed = _estimates(data, description, names, passes, home, comparing=estimator is None, known=known)
+        log, description = _at_home(log, description, homing_angle, home)
+    results, failed = _estimates(log, description, names, passes, home, comparing=estimator is None, is_known=is_known)
     if smooth:
-        results.insert(0, _smoothed(data, description, home))
-    drawn = results if estimator else results[:1]
-    write_together(_files(data, description, results[0], drawn, (out, plot), panels, unit=unit, every=every))
-    if known:
+        results.insert(0, _smoothed(log, description, home))
+    files: dict[Path, bytes | str] = {}
+    if out is not None:
+        files[out] = file_of(results[0].columns(unit, every=every), out)
+    if plot is not None:
+        files[plot] = _picture(log, description, results if estimator else results[:1], panels, plot)
+    write_together(files)
+    if is_known:
         read = "not read" if homing_angle else "used"
         used = f"; {read} for the first {home:g} s, compared with afterwards" if home is not None else ""
         say(f"truth: {origin}{used}")
         _compare(results, failed)
     else:
-        for why in failed.values():
-            failure(why)
-    _say(results, data, description, home, what_if=what_if, written=(out, plot))
+        for reason in failed.values():
+            failure(reason)
+    _say(results, log, description, home, what_if=what_if, written=(out, plot))
 
 
 def _check_for_many(
-    count: int,
-    homing_angle: list[str] | None,
-    plot: Path | None,
-    smooth: bool,
-    passes: int,
-    estimator: list[str] | None,
+    count: int, angles: list[str] | None, plot: Path | None, smooth: bool, passes: int, estimator: list[str] | None
 ) -> None:
     """Refuse options that are for one log."""
     asked = {
-        "--homing-angle": bool(homing_angle),
+        "--homing-angle": bool(angles),
         "--plot": plot is not None,
         "--smooth": smooth,
         "--passes": passes > 1,
         "a second --estimator": len(estimator or ()) > 1,
     }
-    wrong = [name for name, there in asked.items() if there]
+    wrong = [option for option, is_asked in asked.items() if is_asked]
     if wrong:
         raise EstimationError(f"{', '.join(wrong)} is for one log, {count} came; give one log")
 
 
-def _is_known(log: Log, rig: Rig) -> bool:
-    from distal.logs import true_angles
-
-    return true_angles(log, [joint.name for joint in rig.joints]) is not None
-
-
-def _names(asked: list[str] | None, log: Log, rig: Rig) -> list[str]:
+def _names(asked: list[str] | None, rig: Rig, is_known: bool) -> list[str]:
     """Return the estimators to run: those asked for; else the default, beside all others where the truth is known."""
     from distal.estimators import DEFAULT, ESTIMATORS, make_estimator
 
     for name in asked or ():
         if name not in ESTIMATORS:
             make_estimator(name, rig)  # says what is allowed
-    names = list(dict.fromkeys(asked or ([DEFAULT, *ESTIMATORS] if _is_known(log, rig) else [DEFAULT])))
+    names = list(dict.fromkeys(asked or ([DEFAULT, *ESTIMATORS] if is_known else [DEFAULT])))
     left = [name for name in names if name.startswith("ekf")]
     if asked or len(rig.joints) <= MOST_FULL or not left:
         return names
@@ -202,16 +182,15 @@ def _at_home(log: Log, rig: Rig, places: list[str], home: float | None) -> tuple
 
     if home is None:
         raise EstimationError("--homing-angle says where the joint stands while homing; give --homing too, e.g. 0.5s")
-    for known_place in places:
-        which, place = joint_angle(known_place)
-        log, rig = at_known_angle(log, rig, home, *place, which)
-        about, off = map(degrees, place)
-        say(f"home: {which or 'the joint'} stands at {about:g}° ± {off:g}° for the first {home:g} s")
+    for place in places:
+        joint, (angle, std) = joint_angle(place)
+        log, rig = at_known_angle(log, rig, home, angle, std, joint)
+        say(f"home: {joint or 'the joint'} stands at {degrees(angle):g}° ± {degrees(std):g}° for the first {home:g} s")
     return log, rig
 
 
 def _estimates(
-    log: Log, rig: Rig, names: list[str], passes: int, home: float | None, *, comparing: bool, known: bool
+    log: Log, rig: Rig, names: list[str], passes: int, home: float | None, *, comparing: bool, is_known: bool
 ) -> tuple[list[Estimate], dict[str, str]]:
     """Return the estimates, and of those that cannot run why; where it is the first, the others are shown all the same."""
     from distal.estimators.affine import NEEDS
@@ -228,7 +207,7 @@ def _estimates(
             failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # most name themselves
             lost = lost or (problem if name == names[0] else None)
     if lost is not None:
-        if known and results:
+        if is_known and results:
             _compare(results, failed)
         raise lost
     return results, failed
@@ -242,39 +221,17 @@ def _smoothed(log: Log, rig: Rig, home: float | None) -> Estimate:
     return smooth(log, rig)
 
 
-def _files(
-    log: Log,
-    rig: Rig,
-    final: Estimate,
-    drawn: list[Estimate],
-    paths: tuple[Path | None, Path | None],
-    panels: tuple[str, ...],
-    *,
-    unit: str,
-    every: bool,
-) -> dict[Path, bytes | str]:
-    """Return what is written, by its path: the estimate, and the figure."""
-    from distal.logs import file_of
+def _picture(log: Log, rig: Rig, drawn: list[Estimate], panels: tuple[str, ...], path: Path) -> bytes:
+    """Return the figure of some estimates in the format that the path's ending names."""
     from distal.results import figure_bytes, plot_estimates
     from distal.run import log_health
 
-    (out, plot), made = paths, dict[Path, bytes | str]()
-    if out is not None:
-        made[out] = file_of(final.columns(unit, every=every), out)
-    if plot is not None:
-        health = log_health(log, rig) if "health" in panels else None
-        made[plot] = figure_bytes(plot_estimates(drawn, panels=panels, log=log, rig=rig, health=health), plot)
-    return made
+    health = log_health(log, rig) if "health" in panels else None
+    return figure_bytes(plot_estimates(drawn, panels=panels, log=log, rig=rig, health=health), path)
 
 
 def _say(
-    results: list[Estimate],
-    log: Log,
-    rig: Rig,
-    home: float | None,
-    *,
-    what_if: bool,
-    written: tuple[Path | None, ...],
+    results: list[Estimate], log: Log, rig: Rig, home: float | None, *, what_if: bool, written: tuple[Path | None, ...]
 ) -> None:
     """Print the angle in words, notes, what the log says of the rig, and what was written."""
     from distal.diagnosis import diagnose
@@ -287,9 +244,8 @@ def _say(
             say(note)
     # a smoothed estimate is of the same log and rig, and its innovations are the filter's
     say(diagnose(final, log, rig, home, what_if=what_if).text)
-    for path in written:
-        if path is not None:
-            say(f"wrote {path}")
+    for path in filter(None, written):
+        say(f"wrote {path}")
     if final.unseen is not None:
         say(final.unseen)
 
@@ -298,10 +254,8 @@ def _describe(log: Log, rig: Rig) -> None:
     """Print what was read: samples, time, rate, missing values, gaps."""
     import numpy as np
 
-    say(
-        f"read {log.source}: {len(log)} samples, {log.time[0]:g} to {log.time[-1]:g} s, {log.rate:.4g} Hz; "
-        f"rig: {rig.name}"
-    )
+    span = f"{log.time[0]:g} to {log.time[-1]:g} s, {log.rate:.4g} Hz"
+    say(f"read {log.source}: {len(log)} samples, {span}; rig: {rig.name}")
     if log.stamps is not None:
         begins = np.datetime64(int(log.stamps[0]), "ns").astype("datetime64[ms]")
         say(f"  begins at {begins} UTC; t counts from there, the column 'stamp' is the original [ns]")
@@ -315,11 +269,8 @@ def _describe(log: Log, rig: Rig) -> None:
             say(column + (f", {missing} missing" if missing else ""))
     gaps = log.gaps()
     if gaps:
-        longest = max(gaps, key=lambda gap: gap[1] - gap[0])
-        say(
-            f"  {len(gaps)} gap{'s' if len(gaps) > 1 else ''}, the longest {longest[1] - longest[0]:.3g} s "
-            f"at {longest[0]:g} s"
-        )
+        begin, end = max(gaps, key=lambda gap: gap[1] - gap[0])
+        say(f"  {len(gaps)} gap{'s' if len(gaps) > 1 else ''}, the longest {end - begin:.3g} s at {begin:g} s")
 
 
 def _compare(results: list[Estimate], failed: dict[str, str]) -> None:
@@ -340,5 +291,5 @@ def _compare(results: list[Estimate], failed: dict[str, str]) -> None:
     ]
     rows += [(name, "–", "–", "–", "–") for name in failed]
     table("error against truth", ["estimator", "RMS [°]", "maximum [°]", "inside 95 % band", "median band [°]"], rows)
-    for why in failed.values():
-        say(why)
+    for reason in failed.values():
+        say(reason)

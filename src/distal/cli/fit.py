@@ -5,11 +5,15 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from math import degrees, inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from distal.cli.console import err, say, table
 from distal.cli.options import MemoryOption, RepeatedOption, RigOption, SetOption, seconds, settings
@@ -29,59 +33,40 @@ MOST_ROWS, MOST_NAMES, MOST_DOUBTS = 14, 4, 4
 
 def fit_command(
     logs: Annotated[
-        list[Path],
-        typer.Argument(help=("Logs (CSV, Parquet, MCAP, ROS bags); some with the joint's angle, or all, or none.")),
+        list[Path], Argument(help="Logs (CSV, Parquet, MCAP, ROS bags); some with the joint's angle, or all, or none.")
     ],
     rig: RigOption,
     *,
-    out: Annotated[Path | None, typer.Option("--out", help="Where to write the fitted rig (TOML).")] = None,
+    out: Annotated[Path | None, Option(help="Where to write the fitted rig (TOML).")] = None,
     free: Annotated[
         list[str] | None,
-        typer.Option(
-            "--free",
-            metavar="PATH",
-            help="Number to fit, e.g. tendons.left.stiffness; default: all with a std. Repeatable.",
-        ),
+        Option(metavar="PATH", help="Number to fit, e.g. tendons.left.stiffness; default: all with a std. Repeatable."),
     ] = None,
     per_log: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--per-log",
-            metavar="PATH",
-            help="Number with one value for each log, e.g. tendons.*.pretension.",
-        ),
+        list[str] | None, Option(metavar="PATH", help="Number with one value for each log, e.g. tendons.*.pretension.")
     ] = None,
     homing: Annotated[
-        str | None,
-        typer.Option(
-            "--homing", help=("Fit for this use: the reference is known for so long (e.g. 3s), then not read.")
-        ),
+        str | None, Option(help="Fit for this use: the reference is known for so long (e.g. 3s), then not read.")
     ] = None,
-    truth: Annotated[str | None, typer.Option("--truth", help="True joint angle: a column of the logs.")] = None,
-    noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Fit the noise too.")] = True,
+    truth: Annotated[str | None, Option(help="True joint angle: a column of the logs.")] = None,
+    noise: Annotated[bool, Option(help="Fit the noise too.")] = True,
     curves: Annotated[
         bool,
-        typer.Option(
-            "--curves", help=("Learn the position sensors' systematic curves: for the same sensors, left in place.")
-        ),
+        Option("--curves", help="Learn the position sensors' systematic curves: for the same sensors, left in place."),
     ] = False,
     units: Annotated[
         str | None,
-        typer.Option(
-            "--units",
+        Option(
             metavar="PATTERN",
-            help=("Logs of several instruments of one kind: what tells them apart in a log's name, e.g. 'tool_(.)'."),
+            help="Logs of several instruments of one kind: what tells them apart in a log's name, e.g. 'tool_(.)'.",
         ),
     ] = None,
-    report: Annotated[Path | None, typer.Option("--report", help="Folder for a page on the fit.")] = None,
+    report: Annotated[Path | None, Option(help="Folder for a page on the fit.")] = None,
     start: Annotated[
-        Path | None,
-        typer.Option(
-            "--start", help=("Begin the search at the values of an earlier fit; the priors still come from --rig.")
-        ),
+        Path | None, Option(help="Begin the search at the values of an earlier fit; the priors still come from --rig.")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts.")] = 0,
-    jobs: Annotated[int, typer.Option("--jobs", min=1, help="How many logs are run at once.")] = 2,
+    seed: Annotated[int, Option(min=0, help="Seed of the starts.")] = 0,
+    jobs: Annotated[int, Option(min=1, help="How many logs are run at once.")] = 2,
     repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
@@ -97,21 +82,24 @@ def fit_command(
         raise OutputError(f"{out}: a rig file ends in .toml")
     outputs = [*to_file("--out", out), *to_folder("--report", report, FIT_PAGES)]
     check_outputs(outputs, logs=[*logs, *([start] if start is not None else [])], rig=rig, truth=truth)
-    _check_logs(logs)
+    for path, count in Counter(map(os.path.realpath, logs)).items():
+        if count > 1:
+            raise FitError(f"{path}: came more than once; a log that counts twice makes the standard errors too small")
     if units is not None:
         groups_of([str(path) for path in logs], units)
-    home = seconds(homing) if homing is not None else None
-    description = load_rig(rig, settings(set_, repeated))
+    home = seconds(homing)
+    changes = settings(set_, repeated)
+    description = load_rig(rig, changes)
     read = [read_log(path, description, truth) for path in logs]
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # a job that is ended keeps the best so far, as by Ctrl-C
 
     def early(line: MapFit) -> None:
         say(f"at once, {line.text}")
         if out is not None:
-            line.save(out, edited_text(rig, settings(set_, repeated)))
+            line.save(out, edited_text(rig, changes))
             say(f"wrote {out} with it (--estimator affine); the fit replaces it")
 
-    with _Bar() as bar:
+    with _progress() as show:
         result = fitted_to(
             read,
             description,
@@ -124,12 +112,12 @@ def fit_command(
             workers=jobs,
             units=units,
             start=start,
-            progress=bar.show,
+            progress=show,
             early=early,
         )
     _say(result)
     if out is not None:
-        result.save(out, edited_text(rig, settings(set_, repeated)))
+        result.save(out, edited_text(rig, changes))
         say(f"wrote {out}")
     if report is not None:
         say(f"wrote {fit_report(result, read, report)}")
@@ -137,67 +125,47 @@ def fit_command(
         raise typer.Exit(130)
 
 
-class _Bar:
-    """One bar for the whole fit on a terminal; a file or a pipe gets a line now and then."""
+@contextmanager
+def _progress() -> Iterator[Callable[[Doing], None]]:
+    """Show one bar for the whole fit on a terminal; a file or a pipe gets a line now and then."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    def __init__(self) -> None:
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    printed = began = time.monotonic()
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("time left"), TimeRemainingColumn())
+    with Progress(*columns, console=err(), transient=True, disable=not err().is_terminal) as bar:
+        task = bar.add_task("fitting", total=1.0)
 
-        self._told = self._began = time.monotonic()
-        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("time left"), TimeRemainingColumn())
-        self._bar = Progress(*columns, console=err(), transient=True, disable=not err().is_terminal)
-        self._task = self._bar.add_task("fitting", total=1.0)
+        def show(doing: Doing) -> None:
+            nonlocal printed
+            part = "all logs" if doing.part == 0 else f"left out {doing.part} of {doing.parts - 1}"
+            bar.update(task, completed=doing.share, description=f"{part}: {doing.stage}")
+            if not err().is_terminal and time.monotonic() - printed > EVERY:
+                printed = time.monotonic()
+                left = time_left(printed - began, doing.share)
+                err().print(f"{part}: {doing.stage}, about {100 * doing.share:.0f} % done, {left} left")
 
-    def __enter__(self) -> _Bar:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-    def show(self, doing: Doing) -> None:
-        """Show what a fit is doing."""
-        part = "all logs" if doing.part == 0 else f"left out {doing.part} of {doing.parts - 1}"
-        self._bar.update(self._task, completed=doing.share, description=f"{part}: {doing.stage}")
-        if not err().is_terminal and time.monotonic() - self._told > EVERY:
-            self._told = time.monotonic()
-            left = time_left(self._told - self._began, doing.share)
-            err().print(f"{part}: {doing.stage}, about {100 * doing.share:.0f} % done, {left} left")
+        yield show
 
 
 def time_left(passed: float, share: float) -> str:
-    """Return how long the rest takes if it goes on as before, in words.
-
-    Args:
-        passed: time so far [s].
-        share: of the whole that is done.
-    """
+    """Return in words how long a task with a share done takes yet if it goes on as in the time that has passed [s]."""
     seconds = passed * (1.0 - share) / max(share, 0.01)
     return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
 
 
-def _check_logs(logs: list[Path]) -> None:
-    """Refuse a log that came twice."""
-    names = [os.path.realpath(path) for path in logs]
-    for path in names:
-        if names.count(path) > 1:
-            raise FitError(f"{path}: came more than once; a log that counts twice makes the standard errors too small")
-
-
 def _say(result: Fit) -> None:
     """Print what a fit found, within a screen: the numbers that the logs tell, how it does on logs left out, doubts."""
-    told = [part for part in result.fitted if part.identified and not part.noise]
-    rest = [part for part in result.fitted if not part.identified]
-    rows = [(part.name, *part.sizes) for part in told[:MOST_ROWS]]
+    determined = [number for number in result.fitted if number.identified and not number.noise]
+    undetermined = [number.name for number in result.fitted if not number.identified]
+    rows = [(number.name, *number.sizes) for number in determined[:MOST_ROWS]]
     count = f"{len(result.logs)} log{'s' if len(result.logs) > 1 else ''}"
     if rows:
         table(f"fitted to {count}, {result.duration:.0f} s", ["number", "rig file", "fitted", "unit"], rows)
-    if len(told) > MOST_ROWS:
-        say(f"and {len(told) - MOST_ROWS} more (--report shows all)")
-    if rest:
-        names = [part.name for part in rest]
-        more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-        say(f"not determined by these logs: {', '.join(names[:MOST_NAMES])}{more}")
+    if len(determined) > MOST_ROWS:
+        say(f"and {len(determined) - MOST_ROWS} more (--report shows all)")
+    if undetermined:
+        more = f" and {len(undetermined) - MOST_NAMES} more" if len(undetermined) > MOST_NAMES else ""
+        say(f"not determined by these logs: {', '.join(undetermined[:MOST_NAMES])}{more}")
     if any(error < inf for _, error, _ in result.candidates):
 
         def shown(error: float) -> str:
@@ -208,10 +176,10 @@ def _say(result: Fit) -> None:
         table("what describes the angle on logs left out; the first is written", columns, judged)
     scores = result.scores()
     if scores:
-        said = ", ".join(f"{name} {degrees(rms):.3f}° ({100 * inside:.0f} %)" for name, rms, inside in scores)
+        errors = ", ".join(f"{name} {degrees(rms):.3f}° ({100 * inside:.0f} %)" for name, rms, inside in scores)
         done, asked = len(result.folds), result.folds_asked
         which = "each log left out once" if done == asked else f"{done} of {asked} logs left out"
-        say(f"{which}, RMS error (inside the 95 % band): {said}")
+        say(f"{which}, RMS error (inside the 95 % band): {errors}")
     for line in result.advice()[:MOST_DOUBTS]:
         say(line)
     if result.interrupted:

@@ -7,7 +7,7 @@ import webbrowser
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from distal.cli.console import say
 from distal.cli.options import EstimatorOption, RigArgument, SetOption
@@ -17,9 +17,9 @@ from distal.cli.outputs import check_outputs, to_file
 def lab_command(
     rig: RigArgument,
     *,
-    out: Annotated[Path, typer.Option("--out", help="The page (HTML), one file.")],
+    out: Annotated[Path, Option(help="The page (HTML), one file.")],
     estimator: EstimatorOption = "adaptive",
-    open_: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")] = False,
+    open_: Annotated[bool, Option("--open/--no-open", help="Open the page in the browser.")] = False,
     set_: SetOption = None,
 ) -> None:
     """Write a page in which the rig moves and is estimated: change what is true, and see when an encoder is needed."""
@@ -32,9 +32,8 @@ def lab_command(
     check_outputs(to_file("--out", out), rig=rig)
     described = load_rig(rig, set_ or ())
     check_ziglang()
-    lab_page(
-        described, out, estimator, " ".join([shlex.quote(rig), *(f"--set {shlex.quote(each)}" for each in set_ or ())])
-    )
+    settings = (f"--set {shlex.quote(setting)}" for setting in set_ or ())
+    lab_page(described, out, estimator, " ".join([shlex.quote(rig), *settings]))
     say(f"wrote {out}: one file of {out.stat().st_size / 1000:.0f} kB; open it in a browser")
     if open_ and not webbrowser.open(out.resolve().as_uri()):
         say("no browser could be opened; open the file yourself")

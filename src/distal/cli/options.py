@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from glob import escape, glob
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 ESTIMATOR_NAMES = ("adaptive", "affine", "ekf", "ekf-2008", "elastic", "inextensible")
 """Keys of `distal.ESTIMATORS`, here so that a shell completes them without waiting for the packages of estimators."""
@@ -19,35 +20,27 @@ def estimators(incomplete: str) -> list[str]:
     return [name for name in ESTIMATOR_NAMES if name.startswith(incomplete)]
 
 
-def rigs(incomplete: str) -> list[str]:
-    """Return the shipped rigs and the TOML files that a shell may complete a word to."""
-    return _shipped("rig", incomplete)
+def _completing(package: str) -> Callable[[str], list[str]]:
+    """Return what completes a word to the names of a package's files, without importing it, and to TOML files."""
+    folder = Path(__file__).parents[1] / package / "library"
+
+    def complete(incomplete: str) -> list[str]:
+        shipped = sorted(path.stem for path in folder.glob("*.toml") if path.stem.startswith(incomplete))
+        return shipped + sorted(glob(f"{escape(incomplete)}*.toml"))
+
+    return complete
 
 
-def scenarios(incomplete: str) -> list[str]:
-    """Return the shipped scenarios and the TOML files that a shell may complete a word to."""
-    return _shipped("simulation", incomplete)
-
-
-def studies(incomplete: str) -> list[str]:
-    """Return the shipped studies and the TOML files that a shell may complete a word to."""
-    return _shipped("study", incomplete)
-
-
-def _shipped(package: str, incomplete: str) -> list[str]:
-    """Return names by the files of a package, which is not imported: a shell does not wait for that."""
-    library = (path.stem for path in (Path(__file__).parents[1] / package / "library").glob("*.toml"))
-    return sorted(name for name in library if name.startswith(incomplete)) + sorted(glob(f"{escape(incomplete)}*.toml"))
-
+rigs, scenarios, studies = _completing("rig"), _completing("simulation"), _completing("study")
 
 RIG = "A shipped rig's name (see `distal rigs`) or a TOML file."
-RigOption = Annotated[str, typer.Option("--rig", help=RIG, autocompletion=rigs)]
-RigArgument = Annotated[str, typer.Argument(help=RIG, autocompletion=rigs)]
+RigOption = Annotated[str, Option("--rig", help=RIG, autocompletion=rigs)]
+RigArgument = Annotated[str, Argument(help=RIG, autocompletion=rigs)]
 SCENARIO = "A shipped scenario's name (see `distal scenarios`) or a TOML file."
-ScenarioArgument = Annotated[str, typer.Argument(help=SCENARIO, autocompletion=scenarios)]
+ScenarioArgument = Annotated[str, Argument(help=SCENARIO, autocompletion=scenarios)]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option(
+    Option(
         "--set",
         metavar="PATH=VALUE",
         help=(
@@ -58,18 +51,16 @@ SetOption = Annotated[
 ]
 RepeatedOption = Annotated[
     str | None,
-    typer.Option(
-        "--repeated", help="Which of several rows with one stamp is kept: first or last. Default: none is read."
-    ),
+    Option("--repeated", help="Which of several rows with one stamp is kept: first or last. Default: none is read."),
 ]
 
 
 def settings(set_: list[str] | None, repeated: str | None) -> list[str]:
     """Return what is set in the rig, by --set and by options that stand for it."""
-    return [*(set_ or ()), *([] if repeated is None else [f'log.time.repeated="{repeated}"'])]
+    return [*(set_ or ())] + ([] if repeated is None else [f'log.time.repeated="{repeated}"'])
 
 
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the sensors' errors.")]
+SeedOption = Annotated[int, Option("--seed", min=0, help="Seed of the sensors' errors.")]
 
 
 def _allow_memory(size: str | None) -> str | None:
@@ -84,51 +75,48 @@ def _allow_memory(size: str | None) -> str | None:
 
 MemoryOption = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--max-memory",
         metavar="SIZE",
         callback=_allow_memory,
-        help=("Memory for reading one log, e.g. 16GB; default 2 GB, since a small file can ask for all memory."),
+        help="Memory for reading one log, e.g. 16GB; default 2 GB, since a small file can ask for all memory.",
     ),
 ]
 EstimatorOption = Annotated[
-    str,
-    typer.Option("--estimator", "-e", help=f"{', '.join(ESTIMATOR_NAMES)}.", autocompletion=estimators),
+    str, Option("--estimator", "-e", help=f"{', '.join(ESTIMATOR_NAMES)}.", autocompletion=estimators)
 ]
 TruthOption = Annotated[
-    str | None,
-    typer.Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta in rad."),
+    str | None, Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta in rad.")
 ]
 PlotOption = Annotated[
     Path | None,
-    typer.Option(
-        "--plot", help=("Draw a picture (PNG, SVG or PDF): of the estimators that -e names, else of adaptive.")
-    ),
+    Option("--plot", help="Draw a picture (PNG, SVG or PDF): of the estimators that -e names, else of adaptive."),
 ]
+
+
+def _in_si(text: str, unit: str) -> float:
+    """Return a quantity in SI; a bare number is in SI already."""
+    from distal.units import to_si
+
+    try:
+        return to_si(float(text), unit)
+    except ValueError:
+        return to_si(text, unit)
 
 
 def angle(text: str) -> tuple[float, float]:
     """Return an angle and its std, given as ``-40 deg``, ``0 deg ± 1 deg`` or ``0 deg +- 1 deg`` [rad].
 
-    Args:
-        text: as typed; a bare number is in radians.
-
     Raises:
         UnitError: it is no angle.
     """
     from distal.errors import UnitError
-    from distal.units import to_si
 
     parts = [part.strip() for part in re.split(r"±|\+-|\+/-", text)]
     if len(parts) > 2 or not all(parts):
         raise UnitError(f"an angle is written as '0 deg' or '0 deg ± 1 deg', {text!r} came")
-    values = []
-    for part in parts:
-        try:
-            values.append(to_si(float(part), "rad"))
-        except ValueError:
-            values.append(to_si(part, "rad"))
-    return values[0], values[1] if len(values) > 1 else 0.0
+    mean, *stds = (_in_si(part, "rad") for part in parts)
+    return mean, stds[0] if stds else 0.0
 
 
 def joint_angle(text: str) -> tuple[str | None, tuple[float, float]]:
@@ -137,19 +125,14 @@ def joint_angle(text: str) -> tuple[str | None, tuple[float, float]]:
     Raises:
         UnitError: it is no angle.
     """
-    name, colon, rest = text.partition(":")
-    return (name.strip(), angle(rest)) if colon else (None, angle(text))
+    name, colon, place = text.partition(":")
+    return (name.strip(), angle(place)) if colon else (None, angle(text))
 
 
-def seconds(text: str) -> float:
-    """Return a time given as ``3s``, ``200 ms`` or a bare number [s].
+def seconds(text: str | None) -> float | None:
+    """Return a time given as ``3s``, ``200 ms`` or a bare number [s], None where none is given.
 
     Raises:
         UnitError: it is no time.
     """
-    from distal.units import to_si
-
-    try:
-        return to_si(float(text), "s")
-    except ValueError:
-        return to_si(text, "s")
+    return None if text is None else _in_si(text, "s")

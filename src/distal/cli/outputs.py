@@ -42,7 +42,6 @@ def check_outputs(
     """Refuse outputs that would replace an input or each other, or that cannot be written, before the work begins.
 
     Args:
-        outputs: every file that will be written, by `to_file` and `to_folder`.
         rig: a shipped rig's name or a path.
         scenario: a shipped scenario's name or a path.
         truth: a column's name or a path.

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Option
 
 from distal.cli.console import err, say, table
 from distal.cli.outputs import check_outputs, to_folder
@@ -15,13 +16,10 @@ if TYPE_CHECKING:
 
 
 def reproduce_command(
-    out: Annotated[Path, typer.Option("--out", help="Folder for figures, results.json and index.html.")] = Path(
-        "out/reproduce"
-    ),
-    lab: Annotated[Path | None, typer.Option("--lab", help="A page of distal lab, to be linked from the page.")] = None,
+    out: Annotated[Path, Option(help="Folder for figures, results.json and index.html.")] = Path("out/reproduce"),
+    lab: Annotated[Path | None, Option(help="A page of distal lab, to be linked from the page.")] = None,
     search: Annotated[
-        bool,
-        typer.Option("--search", help="Search for the rig that the authors may have had instead (15 minutes)."),
+        bool, Option("--search", help="Search for the rig that the authors may have had instead (15 minutes).")
     ] = False,
 ) -> None:
     """Simulate and filter the 2008 paper's two test series; write its figures, results and a page."""
@@ -55,7 +53,7 @@ def _reproduce(out: Path, progress: Progress, lab: Path | None) -> None:
     weights = {run.series: run.log.source.removeprefix("Series 2: ").replace(" against ", " / ") for run in runs}
     names = {"inextensible": "tendons taken as inextensible", "ekf-2008": "the filter of 2008", "adaptive": "adaptive"}
     rows = [
-        (said, *(f"{rms_of(runs, observed, series, name):.1f}°" for series in SERIES_2)) for name, said in names.items()
+        (text, *(f"{rms_of(runs, observed, series, name):.1f}°" for series in SERIES_2)) for name, text in names.items()
     ]
     title = f"RMS error of the link's angle, plant {observed}, {len(SEEDS)} seeds"
     table(title, ["weights on the tendons", *(weights[series] for series in SERIES_2)], rows)
@@ -70,12 +68,12 @@ def _reproduce(out: Path, progress: Progress, lab: Path | None) -> None:
 def _search(out: Path, progress: Progress) -> None:
     """Search for the rig that the authors may have had, and say what holds on it."""
     from distal.paper.map import SEARCH_FILES, described, write_search
-    from distal.paper.search import plant_count, search
+    from distal.paper.search import DRAWN, search
 
-    task = progress.add_task("simulating plants", total=plant_count())
-    found = search(lambda done: progress.update(task, completed=done))
-    write_search(found, out)
+    task = progress.add_task("simulating plants", total=sum(DRAWN))
+    searched = search(lambda done: progress.update(task, completed=done))
+    write_search(searched, out)
     progress.stop()
-    for line in described(found):
+    for line in described(searched):
         say(line)
     say(f"wrote {', '.join(f'{out}/{name}' for name in SEARCH_FILES)}")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from distal.cli.console import say, table, warn
 from distal.cli.options import RigArgument, SetOption
@@ -48,24 +49,15 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     numbers = mechanism.parameters
     uncertain = [name for name, std in zip(numbers.names, numbers.stds) if std > 0.0]
     say(f"{rig}: ok, '{description.name}'")
-    say(
-        "  "
-        + ", ".join(
-            f"{len(parts)} {name}{'s' if len(parts) != 1 else ''}"
-            for name, parts in (
-                ("joint", description.joints),
-                ("drive", description.drives),
-                ("tendon", description.tendons),
-                ("sensor", description.sensors),
-            )
-        )
-    )
+    lists = (description.joints, description.drives, description.tendons, description.sensors)
+    counts = [(len(parts), name) for name, parts in zip(("joint", "drive", "tendon", "sensor"), lists)]
+    say("  " + ", ".join(f"{number} {name}{'s' if number != 1 else ''}" for number, name in counts))
     say(f"  stiffest mode {stiffest_frequency(mechanism):.4g} rad/s: {count} sub-steps per sample at {rate:g} Hz")
     if description.affine is not None:
-        learned = description.affine.logs
-        what = "a homing move" if learned == 0 else f"{learned} log{'s' if learned > 1 else ''}"
+        logs = description.affine.logs
+        source = "a homing move" if logs == 0 else f"{logs} log{'s' if logs > 1 else ''}"
         std = max(degrees(joint.std) for joint in description.affine.joints)
-        say(f"  affine: learned from {what}, residual ±{std:.2g}° (1σ)")
+        say(f"  affine: learned from {source}, residual ±{std:.2g}° (1σ)")
     say(f"  uncertain: {in_words(description, *uncertain) or 'nothing (no parameter has a std)'}")
     exact = [
         name
@@ -94,7 +86,7 @@ def _degrees(angle: float) -> str:
 @app.command("draw")
 def draw_command(
     rig: RigArgument,
-    out: Annotated[Path, typer.Option("--out", help="Where to save it (.png, .svg or .pdf).")] = Path("rig.png"),
+    out: Annotated[Path, Option(help="Where to save it (.png, .svg or .pdf).")] = Path("rig.png"),
     set_: SetOption = None,
 ) -> None:
     """Draw a rig to scale: drives, tendons, pulleys, springs, stops, sensors, with their numbers."""
@@ -117,9 +109,7 @@ def show_command(name: RigArgument, set_: SetOption = None) -> None:
 
 
 @app.command("new")
-def new_command(
-    out: Annotated[Path | None, typer.Argument(help="Where to write it; default: print it.")] = None,
-) -> None:
+def new_command(out: Annotated[Path | None, Argument(help="Where to write it; default: print it.")] = None) -> None:
     """Write a commented template of a rig file."""
     from distal.logs import write_whole
     from distal.rig import template_text
@@ -139,15 +129,12 @@ LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 
 @app.command("from-mjcf")
 def from_mjcf_command(
-    model: Annotated[Path, typer.Argument(help="A MuJoCo model (.xml).")],
-    out: Annotated[Path, typer.Option("--out", help="Where to write the rig file (.toml).")] = Path("rig.toml"),
-    chain: Annotated[str | None, typer.Option("--chain", help="Only joints of this body and what it carries.")] = None,
-    joints: Annotated[str | None, typer.Option("--joints", help="Only these joints, separated by commas.")] = None,
-    length_unit: Annotated[str, typer.Option("--length-unit", help="Unit of length of the model: m, cm or mm.")] = "m",
-    compare: Annotated[
-        Path | None,
-        typer.Option("--compare", help="A table of joints' angles and tendons' lengths (.csv)."),
-    ] = None,
+    model: Annotated[Path, Argument(help="A MuJoCo model (.xml).")],
+    out: Annotated[Path, Option(help="Where to write the rig file (.toml).")] = Path("rig.toml"),
+    chain: Annotated[str | None, Option(help="Only joints of this body and what it carries.")] = None,
+    joints: Annotated[str | None, Option(help="Only these joints, separated by commas.")] = None,
+    length_unit: Annotated[str, Option(help="Unit of length of the model: m, cm or mm.")] = "m",
+    compare: Annotated[Path | None, Option(help="A table of joints' angles and tendons' lengths (.csv).")] = None,
 ) -> None:
     """Write a rig file from a MuJoCo model, with what the model does not say marked in it."""
     from distal.errors import RigError
@@ -158,28 +145,27 @@ def from_mjcf_command(
     if length_unit not in LENGTH_UNITS:
         raise RigError(f"--length-unit must be m, cm or mm, '{length_unit}' came")
     chosen = [name.strip() for name in joints.split(",")] if joints else None
-    found = from_mujoco(model, chain, chosen, LENGTH_UNITS[length_unit])
-    say(f"{found.rig}")
-    for note in found.notes:
+    imported = from_mujoco(model, chain, chosen, LENGTH_UNITS[length_unit])
+    say(f"{imported.rig}")
+    for note in imported.notes:
         say(f"  {note}")
     say("not in the model, so written with a guess and a wide std:")
-    say(f"  {', '.join(found.missing)}")
-    write_whole(out, found.text)
+    say(f"  {', '.join(imported.missing)}")
+    write_whole(out, imported.text)
     say(f"wrote {out}; look for 'not in the model' in it, then `distal rig check {out}`")
     if compare is not None:
-        _compare(found.rig, compare)
+        _compare(imported.rig, compare)
 
 
 def _compare(rig: Rig, path: Path) -> None:
     from distal.logs import open_table, table_of
     from distal.rig import compare_lengths
 
-    units = dict.fromkeys((joint.name for joint in rig.joints), "rad")
-    units |= dict.fromkeys((tendon.name for tendon in rig.tendons), "m")
+    units = {joint.name: "rad" for joint in rig.joints} | {tendon.name: "m" for tendon in rig.tendons}
     cells, rows = open_table(path, list(units)), []
-    given = table_of(cells, [name for name in cells.names if name in units])
-    for one in compare_lengths(rig, {name: given.in_si(name, units[name]) for name in given.columns}):
-        arms = f"{1e3 * one.arm:.2f}", f"{1e3 * one.other:.2f}"
-        rows.append((one.tendon, one.joint, *arms, "differs" if one.differs else "", f"{1e3 * one.rms:.2f}"))
+    lengths = table_of(cells, [name for name in cells.names if name in units])
+    for pair in compare_lengths(rig, {name: lengths.in_si(name, units[name]) for name in lengths.columns}):
+        arms = f"{1e3 * pair.arm:.2f}", f"{1e3 * pair.other:.2f}"
+        rows.append((pair.tendon, pair.joint, *arms, "differs" if pair.differs else "", f"{1e3 * pair.rms:.2f}"))
     columns = ["tendon", "joint", "arm here, mm", f"arm in {path.name}, mm", "", "length differs by, mm RMS"]
     table("lengths", columns, rows, text=2)

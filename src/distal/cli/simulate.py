@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Option
 
 from distal.cli.console import say, table, warn
 from distal.cli.options import ScenarioArgument, SeedOption, SetOption, rigs
@@ -23,22 +24,17 @@ app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
 
 def simulate_command(
     scenario: ScenarioArgument,
-    out: Annotated[Path, typer.Option("--out", help="Where to write the log (CSV or Parquet); with --runs, a folder.")],
+    out: Annotated[Path, Option(help="Where to write the log (CSV or Parquet); with --runs, a folder.")],
     seed: SeedOption = 0,
     *,
     runs: Annotated[
-        int | None,
-        typer.Option("--runs", min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file."),
+        int | None, Option(min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file.")
     ] = None,
     rig_: Annotated[
         str | None,
-        typer.Option(
-            "--rig", help="A rig instead of the scenario's; its drives have the same names.", autocompletion=rigs
-        ),
+        Option("--rig", help="A rig instead of the scenario's; its drives have the same names.", autocompletion=rigs),
     ] = None,
-    truth: Annotated[
-        bool, typer.Option("--truth/--no-truth", help="Also write true values that no sensor reads, as true_… in SI.")
-    ] = True,
+    truth: Annotated[bool, Option(help="Also write true values that no sensor reads, as true_… in SI.")] = True,
     set_: SetOption = None,
 ) -> None:
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
@@ -68,9 +64,8 @@ def simulate_command(
     ignored = sorted({named(rig, path) for path in values} & {named(rig, path) for path in description.plant})
     if ignored:
         warn(f"the scenario's [plant] has its own {', '.join(ignored)}")
-    say(
-        "estimate from it: " + " ".join(["distal estimate", shlex.quote(str(out)), "--rig", description.rig, *settings])
-    )
+    command = ["distal estimate", shlex.quote(str(out)), "--rig", description.rig, *settings]
+    say(f"estimate from it: {' '.join(command)}")
 
 
 def _toml(value: object) -> str:
@@ -78,7 +73,7 @@ def _toml(value: object) -> str:
     import tomlkit
 
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
+        return "{ " + ", ".join(f"{name} = {_toml(field)}" for name, field in value.items()) + " }"
     return tomlkit.item(value).as_string()
 
 
@@ -86,10 +81,8 @@ def list_command() -> None:
     """List the shipped scenarios."""
     from distal.simulation import load_scenario, shipped_scenarios
 
-    rows = []
-    for name in shipped_scenarios():
-        scenario = load_scenario(name)
-        rows.append((name, scenario.name, scenario.rig, f"{scenario.duration:g}"))
+    shipped = [(name, load_scenario(name)) for name in shipped_scenarios()]
+    rows = [(name, scenario.name, scenario.rig, f"{scenario.duration:g}") for name, scenario in shipped]
     table("scenarios", ["scenario", "title", "rig", "duration [s]"], rows, text=3)
 
 
@@ -105,9 +98,10 @@ def _ranges(log: Log, rig: Rig) -> str:
     """Return from where to where each joint's angle goes, as text."""
     from distal.rig import angle_names
 
-    joints, texts = [joint.name for joint in rig.joints], []
-    for joint, name in zip(joints, angle_names(joints)):
-        theta = log.truth[name]
-        which = "angle" if len(joints) == 1 else f"angle of {joint}"
-        texts.append(f"{which} from {degrees(theta.min()):.2f}° to {degrees(theta.max()):.2f}°")
-    return ", ".join(texts)
+    joints = [joint.name for joint in rig.joints]
+    labels = ["angle"] if len(joints) == 1 else [f"angle of {joint}" for joint in joints]
+    truths = [log.truth[name] for name in angle_names(joints)]
+    return ", ".join(
+        f"{label} from {degrees(theta.min()):.2f}° to {degrees(theta.max()):.2f}°"
+        for label, theta in zip(labels, truths)
+    )

@@ -17,6 +17,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Option
 
 from distal.cli.console import warn
 from distal.cli.options import EstimatorOption, RigOption, SetOption
@@ -39,19 +40,15 @@ def stream_command(
     estimator: EstimatorOption = "adaptive",
     *,
     udp: Annotated[
-        int | None,
-        typer.Option("--udp", min=1, max=65535, help="Read JSON from this UDP port of the loopback, not stdin."),
+        int | None, Option(min=1, max=65535, help="Read JSON from this UDP port of the loopback, not stdin.")
     ] = None,
     to_udp: Annotated[
-        int | None, typer.Option("--to-udp", min=1, max=65535, help="Send estimates as JSON to this UDP port, too.")
+        int | None, Option(min=1, max=65535, help="Send estimates as JSON to this UDP port, too.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Write JSON lines; default: as the input is.")] = False,
-    record: Annotated[
-        Path | None, typer.Option("--record", help="Write samples and estimates to this MCAP file.")
-    ] = None,
+    as_json: Annotated[bool, Option("--json", help="Write JSON lines; default: as the input is.")] = False,
+    record: Annotated[Path | None, Option(help="Write samples and estimates to this MCAP file.")] = None,
     idle: Annotated[
-        float | None,
-        typer.Option("--idle", min=0.0, max=1e6, help="End after so many seconds without a message (UDP)."),
+        float | None, Option(min=0.0, max=1e6, help="End after so many seconds without a message (UDP).")
     ] = None,
     set_: SetOption = None,
 ) -> None:
@@ -117,7 +114,7 @@ class Session:
         names = angle_names(self._joints)
         self._torques = monitor.torque_names
         units = {**dict.fromkeys(names, "rad"), **dict.fromkeys(self._torques, "N m")}
-        self._units = {each: unit for name, unit in units.items() for each in (name, std_name(name))}
+        self._units = {column: unit for name, unit in units.items() for column in (name, std_name(name))}
         self._names = list(self._units)
         self.csv: bool | None = None  # not known before the first line
         self.no_header: LogError | None = None
@@ -231,10 +228,7 @@ def _finite(value: float) -> float | None:
 def _lines() -> Iterator[bytes]:
     """Return stdin's lines as they come; a line that is too long is cut, and is then no sample."""
     source = sys.stdin.buffer
-    while True:
-        line = source.readline(LONGEST_LINE)
-        if not line:
-            return
+    while line := source.readline(LONGEST_LINE):
         yield line
         while len(line) >= LONGEST_LINE and not line.endswith(b"\n"):
             line = source.readline(LONGEST_LINE)
@@ -242,19 +236,16 @@ def _lines() -> Iterator[bytes]:
 
 def _bound(port: int) -> socket.socket:
     """Return a socket that receives what is sent to a port of the loopback."""
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        made.bind(("127.0.0.1", port))
+        receiver.bind(("127.0.0.1", port))
     except OSError as problem:
-        made.close()
+        receiver.close()
         raise OutputError(f"UDP port {port}: cannot be read ({problem.strerror}); is another program there?") from None
-    return made
+    return receiver
 
 
 def _datagrams(source: socket.socket, idle: float | None) -> Iterator[bytes]:
     """Return datagrams as they come, until none came for `idle` seconds."""
-    while True:
-        ready, _, _ = select.select([source], [], [], idle)
-        if not ready:
-            return
+    while select.select([source], [], [], idle)[0]:
         yield from source.recv(65536).splitlines() or [b""]

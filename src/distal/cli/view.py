@@ -8,7 +8,7 @@ import webbrowser
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from distal.cli.console import say
 from distal.cli.options import (
@@ -25,20 +25,15 @@ from distal.cli.outputs import check_outputs, to_file
 
 
 def view_command(
-    log: Annotated[
-        Path, typer.Argument(help=("CSV, Parquet, MCAP or a bag, with the columns that the rig's sensors name."))
-    ],
+    log: Annotated[Path, Argument(help="CSV, Parquet, MCAP or a bag, with the columns that the rig's sensors name.")],
     rig: RigOption,
     *,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Where to write the page (HTML); default a temporary file.")
-    ] = None,
+    out: Annotated[Path | None, Option(help="Where to write the page (HTML); default a temporary file.")] = None,
     estimator: EstimatorOption = "adaptive",
     truth: TruthOption = None,
-    homing: Annotated[str | None, typer.Option("--homing", help="Use the reference for so long (e.g. 3s).")] = None,
+    homing: Annotated[str | None, Option(help="Use the reference for so long (e.g. 3s).")] = None,
     open_: Annotated[
-        bool | None,
-        typer.Option("--open/--no-open", help="Open the page in the browser; default where --out is not given."),
+        bool | None, Option("--open/--no-open", help="Open the page in the browser; default where --out is not given.")
     ] = None,
     repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,
@@ -57,19 +52,18 @@ def view_command(
         raise OutputError(f"{out}: the page is HTML; give a name that ends in .html")
     check_outputs(to_file("--out", out), logs=[log], rig=rig, truth=truth)
     description = load_rig(rig, settings(set_, repeated))
-    data = read_log(log, description, truth)
-    home = seconds(homing) if homing is not None else None
-    result = estimate(data, description, estimator, homing=home)
-    said = diagnose(result, data, description, home).text
+    samples, home = read_log(log, description, truth), seconds(homing)
+    result = estimate(samples, description, estimator, homing=home)
+    diagnosis = diagnose(result, samples, description, home).text
     place = out if out is not None else Path(tempfile.mkdtemp(prefix="distal-")) / "view.html"
     try:
-        view_page(result, data, description, place, [said])
+        view_page(result, samples, description, place, [diagnosis])
     except BaseException:
         if out is None:
             shutil.rmtree(place.parent, ignore_errors=True)
         raise
     say(result.in_words())
-    say(said)
+    say(diagnosis)
     say(f"wrote {place}")
     if (out is None if open_ is None else open_) and not webbrowser.open(place.resolve().as_uri()):
         say("no browser could be opened; open the file yourself")

@@ -14,8 +14,7 @@ def call(work: Workspace, step: Step) -> list[str]:
     """
     called = step.node.which_function()
     written = work.written(called, False)
-    work.cost.operations += written.cost.operations
-    work.cost.library.update(written.cost.library)
+    work.cost.add(written.cost)
     results = []
     for i, number in enumerate(step.makes):
         size = int(called.nnz_out(i))

@@ -10,10 +10,9 @@ import casadi as ca
 
 
 class Dataflow:
-    """The values of one function of matrices, by number.
+    """The values of one function of matrices (MX), by number.
 
     Args:
-        function: the function (MX).
         in_place: the first output goes where the first input is: what is put out there must last until the end.
     """
 
@@ -53,19 +52,11 @@ class Dataflow:
                 number += 1
 
     def last(self, number: int, otherwise: int) -> int:
-        """Return the last instruction that reads a value.
-
-        Args:
-            otherwise: the answer if nothing reads it.
-        """
+        """Return the last instruction that reads a value, or `otherwise`."""
         return self._last.get(number, otherwise)
 
     def part_read(self, reader: int) -> tuple[int, int] | None:
-        """Return from where to where a slice reads its input, None where an instruction reads all of it.
-
-        Args:
-            reader: the instruction, or `end`.
-        """
+        """Return from where to where a slice reads its input, None where an instruction (or `end`) reads all of it."""
         if reader not in self._parts:
             part = None
             if reader < self.end and self.operations[reader] == ca.OP_GETNONZEROS:
@@ -77,8 +68,8 @@ class Dataflow:
     def _direct(self) -> dict[int, tuple[int, int]]:
         """Follow each result of a call through changes of shape: does it end as an output, and nowhere else?"""
         places = {}
-        for k, made in enumerate(self.makes):
-            for number in made if self.operations[k] == ca.OP_CALL else []:
+        for k, results in enumerate(self.makes):
+            for number in results if self.operations[k] == ca.OP_CALL else []:
                 through = number
                 while len(self.readers.get(through, [])) == 1:
                     reader = self.readers[through][0]
@@ -86,7 +77,7 @@ class Dataflow:
                         through = self.makes[reader][0]
                         continue
                     if self.operations[reader] == ca.OP_OUTPUT:
-                        info = self.function.instruction_MX(reader).info()
-                        places[number] = (int(info["ind"]), int(info["offset"]))
+                        output = self.function.instruction_MX(reader).info()
+                        places[number] = (int(output["ind"]), int(output["offset"]))
                     break
         return places

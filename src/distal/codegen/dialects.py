@@ -12,7 +12,7 @@ from typing import Protocol
 
 import casadi as ca
 
-from distal.codegen.operations import BINARY, CALLED, COMPARED, INFIX, no_such_operation
+from distal.codegen.operations import BINARY, CALLED, FORMS, no_such_operation
 
 
 class Dialect(Protocol):
@@ -21,29 +21,23 @@ class Dialect(Protocol):
     @property
     def type(self) -> str:
         """Name of the type of a number."""
-        ...
 
     @property
     def pairs_sines(self) -> bool:
         """Whether the sine and the cosine of one angle are computed by one call, ``v_sincos``."""
-        ...
 
     @property
     def inline(self) -> str:
         """What stands before a function that functions of scalars call."""
-        ...
 
     def prelude(self, text: str) -> str:
         """Return the C that the operations need before the first function."""
-        ...
 
     def constant(self, value: float) -> str:
         """Return a number as C, for use in an expression."""
-        ...
 
     def entry(self, value: float) -> str:
         """Return a number as C, for use in a table of constants."""
-        ...
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
         """Return the C of one operation.
@@ -51,24 +45,34 @@ class Dialect(Protocol):
         Raises:
             CodeError: there is none.
         """
-        ...
 
 
 ALWAYS_INLINE = "inline __attribute__((always_inline)) "
 """Before a function whose code a compiler shall put wherever it is called."""
 
+_PLAIN = FORMS | {
+    ca.OP_FMAX: "larger({a}, {b})",
+    ca.OP_FMIN: "smaller({a}, {b})",
+    ca.OP_AND: "{truth}({a} != 0.0{f} && {b} != 0.0{f})",
+    ca.OP_OR: "{truth}({a} != 0.0{f} || {b} != 0.0{f})",
+    ca.OP_SIGN: "{truth}(({a} > 0.0{f}) - ({a} < 0.0{f}))",
+    ca.OP_IF_ELSE_ZERO: "({a} != 0.0{f} ? {b} : 0.0{f})",
+}
+_LANES = FORMS | {
+    ca.OP_AND: "ones(({a} != 0.0) & ({b} != 0.0))",
+    ca.OP_OR: "ones(({a} != 0.0) | ({b} != 0.0))",
+    ca.OP_SIGN: "v_sign({a})",
+    ca.OP_IF_ELSE_ZERO: "(V)(({a} != 0.0) & (M){b})",
+}
+
 
 @dataclass(frozen=True)
 class Plain:
-    """C of plain numbers.
-
-    Args:
-        single: float with float functions only, else double.
-        quick: code may be long if it is quick then, else it is short.
-    """
+    """C of plain numbers: float with float functions only if `single`, else double; long but fast code if `quick`."""
 
     single: bool = False
     quick: bool = False
+    pairs_sines = False  # the compiler of plain C pairs them itself
 
     @property
     def inline(self) -> str:
@@ -80,17 +84,8 @@ class Plain:
         """Name of the type of a number."""
         return "float" if self.single else "double"
 
-    @property
-    def pairs_sines(self) -> bool:
-        """Whether sine and cosine are one call: the compiler of plain C sees to that itself."""
-        return False
-
     def prelude(self, text: str) -> str:
-        """Return what the operations need: the larger and the smaller, without a call into the library.
-
-        Args:
-            text: the functions; what they do not call is left out, since compilers warn of it.
-        """
+        """Return functions for the larger and the smaller number, if `text` calls them: compilers warn of unused ones."""
         kind = self.type
         return "".join(
             f"static inline {kind} {name}({kind} a, {kind} b) {{ return a {sign} b || b != b ? a : b; }}\n"
@@ -102,9 +97,7 @@ class Plain:
         """Return a number as C."""
         return _constant(value, copysign(1.0, value), self.single)
 
-    def entry(self, value: float) -> str:
-        """Return a number of a table of constants as C: as it is everywhere."""
-        return self.constant(value)
+    entry = constant
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
         """Return the C of one operation.
@@ -112,29 +105,12 @@ class Plain:
         Raises:
             CodeError: there is none.
         """
-        if operation in INFIX:
-            return INFIX[operation].format(a=a, b=b)
-        if operation in COMPARED:
-            return f"({self.type})({a} {COMPARED[operation]} {b})"
-        if operation in (ca.OP_FMAX, ca.OP_FMIN):
-            return f"{'larger' if operation == ca.OP_FMAX else 'smaller'}({a}, {b})"
+        suffix = "f" if self.single else ""
+        if operation in _PLAIN:
+            return _PLAIN[operation].format(a=a, b=b, truth=f"({self.type})", f=suffix)
         if operation in CALLED:
-            arguments = f"{a}, {b}" if operation in BINARY else a
-            return f"{CALLED[operation]}{'f' if self.single else ''}({arguments})"
-        one, two, zero = self.constant(1.0), self.constant(2.0), self.constant(0.0)
-        others = {
-            ca.OP_TWICE: f"{two} * {a}",
-            ca.OP_INV: f"{one} / {a}",
-            ca.OP_NOT: f"({self.type})({a} == {zero})",
-            ca.OP_AND: f"({self.type})({a} != {zero} && {b} != {zero})",
-            ca.OP_OR: f"({self.type})({a} != {zero} || {b} != {zero})",
-            ca.OP_SIGN: f"({self.type})(({a} > {zero}) - ({a} < {zero}))",
-            ca.OP_IF_ELSE_ZERO: f"({a} != {zero} ? {b} : {zero})",
-            ca.OP_ASSIGN: a,
-        }
-        if operation not in others:
-            raise no_such_operation(operation)
-        return others[operation]
+            return f"{CALLED[operation]}{suffix}({f'{a}, {b}' if operation in BINARY else a})"
+        raise no_such_operation(operation)
 
 
 LARGEST_FLOAT, SMALLEST_FLOAT = 3.40282346e38, 1.17549435e-38
@@ -150,9 +126,9 @@ def _constant(value: float, sign: float, single: bool) -> str:
     if single:  # what a float cannot hold is its largest number, or zero
         value = max(min(value, LARGEST_FLOAT), -LARGEST_FLOAT) if abs(value) > SMALLEST_FLOAT else 0.0
     text = f"{value:.9g}" if single else f"{value:.17g}"
-    text = text if any(c in text for c in ".e") else f"{text}.0"
-    text = f"({text})" if text.startswith("-") else text
-    return text.replace(")", "f)") if single and text.endswith(")") else text + ("f" if single else "")
+    text += "" if any(c in text for c in ".e") else ".0"
+    text += "f" if single else ""
+    return f"({text})" if text.startswith("-") else text
 
 
 _VECTORS = """
@@ -184,7 +160,7 @@ _LANEWISE = {
 }
 
 VECTORED = {"fabs", "fmin", "fmax"}
-"""Functions that have their own vector form; the others are called once for each lane, so that the numbers are the same."""
+"""Functions with a vector form; any other is called once for each lane, so that the numbers are the same."""
 
 
 @dataclass(frozen=True)
@@ -198,29 +174,17 @@ class Lanes:
     """
 
     count: int
-
-    @property
-    def type(self) -> str:
-        """Name of the type of a number of each run."""
-        return "V"
-
-    @property
-    def pairs_sines(self) -> bool:
-        """Whether sine and cosine are one call: within a lane the library has one for both."""
-        return True
-
-    @property
-    def inline(self) -> str:
-        """What stands before a function that functions of scalars call."""
-        return ALWAYS_INLINE
+    type, inline = "V", ALWAYS_INLINE
+    pairs_sines = True  # within a lane the library has one function for both
 
     def prelude(self, text: str) -> str:
         """Return the vector types and what the operations need."""
-        lines = [_VECTORS.format(bytes=8 * self.count, lanes=self.count)]
-        for operation, name in CALLED.items():
-            if name not in VECTORED and operation != ca.OP_CONSTPOW:
-                lines.append(_LANEWISE[2 if operation in BINARY else 1].format(f=name, lanes=self.count))
-        return "\n".join(lines) + "\n"
+        lanewise = [
+            _LANEWISE[2 if operation in BINARY else 1].format(f=name, lanes=self.count)
+            for operation, name in CALLED.items()
+            if name not in VECTORED and operation != ca.OP_CONSTPOW
+        ]
+        return "\n".join([_VECTORS.format(bytes=8 * self.count, lanes=self.count), *lanewise]) + "\n"
 
     def constant(self, value: float) -> str:
         """Return a number, the same for all runs, as C."""
@@ -237,22 +201,8 @@ class Lanes:
         Raises:
             CodeError: there is none.
         """
-        if operation in INFIX:
-            return INFIX[operation].format(a=a, b=b)
-        if operation in COMPARED:
-            return f"ones({a} {COMPARED[operation]} {b})"
+        if operation in _LANES:
+            return _LANES[operation].format(a=a, b=b, truth="ones", f="")
         if operation in CALLED:
-            return f"v_{CALLED[operation]}({a}, {b})" if operation in BINARY else f"v_{CALLED[operation]}({a})"
-        others = {
-            ca.OP_TWICE: f"2.0 * {a}",
-            ca.OP_INV: f"1.0 / {a}",
-            ca.OP_NOT: f"ones({a} == 0.0)",
-            ca.OP_AND: f"ones(({a} != 0.0) & ({b} != 0.0))",
-            ca.OP_OR: f"ones(({a} != 0.0) | ({b} != 0.0))",
-            ca.OP_SIGN: f"v_sign({a})",
-            ca.OP_IF_ELSE_ZERO: f"(V)(({a} != 0.0) & (M){b})",
-            ca.OP_ASSIGN: a,
-        }
-        if operation not in others:
-            raise no_such_operation(operation)
-        return others[operation]
+            return f"v_{CALLED[operation]}({f'{a}, {b}' if operation in BINARY else a})"
+        raise no_such_operation(operation)

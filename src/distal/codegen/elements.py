@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from distal.codegen.memory import UNROLLED
+from distal.codegen.memory import for_each
 from distal.codegen.operations import BINARY
 from distal.codegen.workspace import Step, Workspace
 
 
-def each(work: Workspace, step: Step) -> list[str]:
+def elementwise(work: Workspace, step: Step) -> list[str]:
     """Write an operation of scalars for each element.
 
     Raises:
@@ -23,6 +23,4 @@ def each(work: Workspace, step: Step) -> list[str]:
         operands = [memory.at(value, 0 if value.size == 1 else index) for value in used]
         return f"{memory.at(to, index)} = {memory.dialect.operation(step.operation, *operands)};"
 
-    if n <= UNROLLED:
-        return [f"  {line(i)}" for i in range(n)]
-    return [f"  for (i = 0; i < {n}; ++i) {line('i')}"]
+    return for_each(n, line)

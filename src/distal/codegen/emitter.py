@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import chain, count
+
 import casadi as ca
 
 from distal.codegen.dialects import Dialect
@@ -18,7 +20,6 @@ class Emitter:
     """Writes CasADi functions as static C functions, each once, and those with the same text once too.
 
     Args:
-        dialect: how numbers are written.
         index: type of tables of indices.
     """
 
@@ -29,23 +30,21 @@ class Emitter:
         self._taken: set[str] = set()
         self._alike: dict[str, str] = {}
         self._by_scalars: set[str] = set()
-        self._kept: list[ca.Function] = []  # a function's hash is its address: it must not be given to another one
+        self._alive: list[ca.Function] = []  # a function's hash is its address: no other function may get it
 
     @property
     def text(self) -> str:
         """All functions so far, each after those that it calls."""
         inline = f"static {self.dialect.inline}void "
-        texts = (
+        return "\n".join(
             written.text.replace("static void ", inline, 1) if name in self._by_scalars else written.text
             for name, written in self.functions.items()
         )
-        return "\n".join(texts)
 
     def add(self, function: ca.Function, in_place: bool = False) -> str:
-        """Write a function and those that it calls; return its name in C.
+        """Write a function, of scalars (SX) or of matrices (MX), and those that it calls; return its name in C.
 
         Args:
-            function: of scalars (SX) or of matrices (MX).
             in_place: the first input and the first output are one array, ``state``, that is changed.
 
         Raises:
@@ -64,7 +63,7 @@ class Emitter:
             written = write_scalars(function, name, in_place, self.dialect, self._called)
         else:
             written = write_matrices(function, name, in_place, self.dialect, self._index, self._written)
-        self._kept.append(function)
+        self._alive.append(function)
         # parts of a rig that are built alike are one function, called with the numbers of each
         alike = self._alike.setdefault(written.text.replace(f" {name}(", " (", 1), name)
         self._names[key] = alike
@@ -83,9 +82,7 @@ class Emitter:
 
     def _free_name(self, name: str) -> str:
         """Return a function's name, with a number if another function has it."""
-        free, number = name, 1
-        while free in self._taken:
-            number += 1
-            free = f"{name}_{number}"
+        numbered = (f"{name}_{number}" for number in count(2))
+        free = next(candidate for candidate in chain([name], numbered) if candidate not in self._taken)
         self._taken.add(free)
         return free

@@ -14,23 +14,18 @@ _ARGUMENT = re.compile(r"\b[ar]\d+\b")
 def framed(
     function: ca.Function, name: str, in_place: bool, dialect: Dialect, arrays: list[str], lines: list[str]
 ) -> str:
-    """Return the definition of a function in C.
+    """Return the definition of a function in C, with the declarations of the arrays that its lines need.
 
-    Args:
-        function: the function; its inputs become ``a0`` …, its outputs ``r0`` ….
-        name: in C.
-        in_place: the first input and the first output are one array, ``state``.
-        arrays: declarations that the lines need.
+    Inputs become ``a0`` …, outputs ``r0`` …; in place, the first input and the first output are one array, ``state``.
     """
     kind, skip = dialect.type, 1 if in_place else 0
     inputs = [f"a{i}" for i in range(skip, function.n_in())]
     outputs = [f"r{i}" for i in range(skip, function.n_out())]
     arguments = [f"{kind}* restrict state"] if in_place else []
-    arguments += [f"const {kind}* restrict {each}" for each in inputs] + [
-        f"{kind}* restrict {each}" for each in outputs
-    ]
+    arguments += [f"const {kind}* restrict {argument}" for argument in inputs]
+    arguments += [f"{kind}* restrict {argument}" for argument in outputs]
     body = "\n".join(lines)
     used = set(_ARGUMENT.findall(body))
     loops = [f"  int {variable};" for variable in "ijk" if f"for ({variable} = 0" in body]
-    unused = [f"  (void){each};" for each in (*inputs, *outputs) if each not in used]
+    unused = [f"  (void){argument};" for argument in (*inputs, *outputs) if argument not in used]
     return "\n".join([f"static void {name}({', '.join(arguments)}) {{", *arrays, *loops, *unused, *lines, "}", ""])

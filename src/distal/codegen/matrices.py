@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import casadi as ca
 
 from distal.codegen.calls import call
 from distal.codegen.dataflow import Dataflow
 from distal.codegen.dialects import Dialect
-from distal.codegen.elements import each
+from distal.codegen.elements import elementwise
 from distal.codegen.frame import framed
 from distal.codegen.memory import Memory, Value
 from distal.codegen.placement import Placement
 from distal.codegen.products import dot, product, rank_one
 from distal.codegen.slices import argument, constant, get, join, put, shape, split, transpose
-from distal.codegen.workspace import Workspace, Writer, Written
+from distal.codegen.workspace import Workspace, WriteFunction, Writer, Written
 
 WRITERS: dict[int, Writer] = {
     ca.OP_INPUT: argument,
@@ -38,21 +36,14 @@ WRITERS: dict[int, Writer] = {
 
 
 def write_matrices(
-    function: ca.Function,
-    name: str,
-    in_place: bool,
-    dialect: Dialect,
-    index: str,
-    written: Callable[[ca.Function, bool], Written],
+    function: ca.Function, name: str, in_place: bool, dialect: Dialect, index: str, written: WriteFunction
 ) -> Written:
-    """Return a function of matrices as C.
+    """Return a function of matrices (MX) as C.
 
     Args:
-        function: the function (MX).
-        name: in C.
         in_place: the first input and the first output are one array.
         index: type of tables of indices.
-        written: writes a function that is called, unless it is there already.
+        written: writes the functions that are called.
 
     Raises:
         CodeError: it has an operation that has no C here.
@@ -64,16 +55,15 @@ def write_matrices(
     for k, operation in enumerate(flow.operations):
         step = work.step(k)
         if operation != ca.OP_OUTPUT:
-            lines += WRITERS.get(operation, each)(work, step)
+            lines += WRITERS.get(operation, elementwise)(work, step)
         elif step.inputs:
-            info, (value,) = step.node.info(), step.inputs
-            home, offset = f"r{info['ind']}", int(info["offset"])
-            if in_place and info["ind"] == 0:
+            output, (value,) = step.node.info(), step.inputs
+            home, offset = f"r{output['ind']}", int(output["offset"])
+            if in_place and output["ind"] == 0:
                 state.append((value, offset))
             elif value.home != home:  # a call has not put it there
                 lines += memory.copy(Value(home, offset, value.size), value)
-    lines += _new_state(work, state)
-    lines = memory.scratch.settled(lines)
+    lines = memory.scratch.settled(lines + _new_state(work, state))
     size = memory.scratch.size
     arrays = [f"  {dialect.type} w[{size}];"] if size else []
     text = framed(function, name, in_place, dialect, [*memory.tables.lines, *arrays], lines)

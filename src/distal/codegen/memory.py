@@ -8,6 +8,7 @@ are first written as marks («…»), which `Scratch.settled` replaces.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -77,11 +78,7 @@ class Scratch:
         self.size = 0
 
     def new(self, size: int, first: int, last: int) -> Value:
-        """Return a new piece of scratch.
-
-        Args:
-            last: last one that reads it.
-        """
+        """Return a new piece of scratch, in use from instruction `first` to `last`."""
         self.blocks.append(Block(size, first, last))
         return Value("w", 0, size, len(self.blocks) - 1)
 
@@ -101,9 +98,9 @@ class Scratch:
         placed: list[Block] = []
         for block in sorted(self.blocks, key=lambda b: (-b.size, b.first)):
             busy = sorted(
-                (other.at, other.at + other.size)
-                for other in placed
-                if other.first <= block.last and block.first <= other.last
+                (neighbour.at, neighbour.at + neighbour.size)
+                for neighbour in placed
+                if neighbour.first <= block.last and block.first <= neighbour.last
             )
             at = 0
             for low, high in busy:
@@ -129,7 +126,6 @@ class Tables:
     """Constants and indices of one function, each list of them once.
 
     Args:
-        dialect: how constants are written.
         index: type of indices, one of `INDICES`.
     """
 
@@ -139,11 +135,7 @@ class Tables:
         self.lines: list[str] = []
 
     def constants(self, numbers: tuple[float, ...]) -> str:
-        """Return the name of a table of constants.
-
-        Args:
-            numbers: what is in it.
-        """
+        """Return the name of a table of constants."""
         return self._table("c", self._dialect.type, [self._dialect.entry(number) for number in numbers])
 
     def indices(self, numbers: list[int]) -> str:
@@ -171,7 +163,6 @@ class Memory:
     """The C that reaches a value, wherever it lies.
 
     Args:
-        dialect: how numbers are written.
         index: type of tables of indices, one of `INDICES`.
     """
 
@@ -191,11 +182,7 @@ class Memory:
         return f"{value.home} + {value.offset}" if value.offset else value.home
 
     def at(self, value: Value, index: str | int) -> str:
-        """Return the C of one of a value's numbers.
-
-        Args:
-            index: which one; text is C.
-        """
+        """Return the C of the number of a value at an index, which is an integer or C."""
         if value.home is None:
             if value.is_uniform:
                 return self.dialect.constant(value.numbers[0])
@@ -212,7 +199,11 @@ class Memory:
 
     def copy(self, to: Value, value: Value) -> list[str]:
         """Return the C that copies a value."""
-        n = value.size
-        if n <= UNROLLED:
-            return [f"  {self.at(to, i)} = {self.at(value, i)};" for i in range(n)]
-        return [f"  for (i = 0; i < {n}; ++i) {self.at(to, 'i')} = {self.at(value, 'i')};"]
+        return for_each(value.size, lambda i: f"{self.at(to, i)} = {self.at(value, i)};")
+
+
+def for_each(size: int, line: Callable[[str | int], str]) -> list[str]:
+    """Return a line of C for each index below `size`: a loop, or written one by one if they are few."""
+    if size <= UNROLLED:
+        return [f"  {line(i)}" for i in range(size)]
+    return [f"  for (i = 0; i < {size}; ++i) {line('i')}"]

@@ -6,52 +6,53 @@ import casadi as ca
 
 from distal.errors import DistalError
 
-INFIX = {
+FORMS = {
     ca.OP_ADD: "{a} + {b}",
     ca.OP_SUB: "{a} - {b}",
     ca.OP_MUL: "{a} * {b}",
     ca.OP_DIV: "{a} / {b}",
     ca.OP_NEG: "-{a}",
     ca.OP_SQ: "{a} * {a}",
+    ca.OP_LT: "{truth}({a} < {b})",
+    ca.OP_LE: "{truth}({a} <= {b})",
+    ca.OP_EQ: "{truth}({a} == {b})",
+    ca.OP_NE: "{truth}({a} != {b})",
+    ca.OP_NOT: "{truth}({a} == 0.0{f})",
+    ca.OP_TWICE: "2.0{f} * {a}",
+    ca.OP_INV: "1.0{f} / {a}",
+    ca.OP_ASSIGN: "{a}",
 }
-"""Operations that C writes alike for numbers and for vectors of them."""
+"""Operations that C writes alike for numbers and for vectors: {truth} makes a number of a condition, {f} ends a literal."""
 
-COMPARED = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
-
-CALLED = {
-    ca.OP_SQRT: "sqrt",
-    ca.OP_EXP: "exp",
-    ca.OP_LOG: "log",
-    ca.OP_SIN: "sin",
-    ca.OP_COS: "cos",
-    ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin",
-    ca.OP_ACOS: "acos",
-    ca.OP_ATAN: "atan",
-    ca.OP_ATAN2: "atan2",
-    ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh",
-    ca.OP_TANH: "tanh",
-    ca.OP_FLOOR: "floor",
-    ca.OP_CEIL: "ceil",
-    ca.OP_FABS: "fabs",
-    ca.OP_FMIN: "fmin",
-    ca.OP_FMAX: "fmax",
-    ca.OP_POW: "pow",
-    ca.OP_CONSTPOW: "pow",
-    ca.OP_COPYSIGN: "copysign",
-    ca.OP_EXPM1: "expm1",
-    ca.OP_LOG1P: "log1p",
-    ca.OP_HYPOT: "hypot",
-    ca.OP_ERF: "erf",
-}
+_LIBRARY = (
+    *(
+        "sqrt",
+        "exp",
+        "log",
+        "sin",
+        "cos",
+        "tan",
+        "asin",
+        "acos",
+        "atan",
+        "atan2",
+        "sinh",
+        "cosh",
+        "tanh",
+        "floor",
+        "ceil",
+    ),
+    *("fabs", "fmin", "fmax", "pow", "copysign", "expm1", "log1p", "hypot", "erf"),
+)
+CALLED: dict[int, str] = {getattr(ca, f"OP_{name.upper()}"): name for name in _LIBRARY} | {ca.OP_CONSTPOW: "pow"}
 """Operations that are functions of C's library."""
 
 INLINE = frozenset([ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX, ca.OP_SQRT, ca.OP_COPYSIGN])
 """Those of them that processors with a floating-point unit have as instructions, or that take a few."""
 
 _FUNCTIONS = (ca.OP_ATAN2, ca.OP_FMIN, ca.OP_FMAX, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_COPYSIGN, ca.OP_HYPOT)
-_SIGNS = (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO, *COMPARED)
+_LOGIC = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO)
+_SIGNS = (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, *_LOGIC)
 BINARY = frozenset((*_FUNCTIONS, *_SIGNS))
 """Operations with two operands."""
 

@@ -7,12 +7,7 @@ from distal.codegen.memory import Memory, Value
 
 
 class Placement:
-    """The values of a function that have been made so far, by number, with their places.
-
-    Args:
-        flow: what reads and makes what.
-        memory: where numbers lie.
-    """
+    """The values of a function that have been made so far, by number, with their places."""
 
     def __init__(self, flow: Dataflow, memory: Memory) -> None:
         self._flow, self._memory = flow, memory
@@ -40,8 +35,7 @@ class Placement:
     def over_an_input(self, k: int, size: int) -> Value:
         """Return where an element-wise result goes: over the first input of the same size that may be overwritten.
 
-        Args:
-            k: the instruction: it reads each element before it writes the same one.
+        Instruction `k` reads each element before it writes the same one.
         """
         number = self._flow.makes[k][0]
         for over in self._flow.reads[k]:
@@ -52,12 +46,11 @@ class Placement:
     def over_the_first(self, k: int) -> tuple[Value, list[str]]:
         """Return where a result goes that is its first input with changes, and the lines that let it begin as that.
 
-        Args:
-            k: the instruction: it may read any other input while it writes.
+        Instruction `k` may read any other input while it writes.
         """
-        number, (over, *others) = self._flow.makes[k][0], self._flow.reads[k]
+        number, (over, *factors) = self._flow.makes[k][0], self._flow.reads[k]
         base = self._values[over]
-        if over not in others and self._is_free(over, k):
+        if over not in factors and self._is_free(over, k):
             return self._replaced(k, number, over), []
         to = self.new(k, number, base.size)
         return to, self._memory.copy(to, base)
@@ -73,11 +66,11 @@ class Placement:
         if value.home not in ("w", "state") or flow.last(number, -1) > k:
             return False
         low, high = value.offset, value.offset + value.size
-        for other in self._beside[value.home, value.block]:
-            there = self._values[other]
-            for reader in flow.readers.get(other, []) if other != number else []:
+        for neighbour in self._beside[value.home, value.block]:
+            beside = self._values[neighbour]
+            for reader in flow.readers.get(neighbour, []) if neighbour != number else []:
                 if reader >= k:
-                    begin, end = flow.part_read(reader) or (0, there.size)
-                    if there.offset + begin < high and low < there.offset + end:
+                    begin, end = flow.part_read(reader) or (0, beside.size)
+                    if beside.offset + begin < high and low < beside.offset + end:
                         return False
         return True

@@ -39,14 +39,14 @@ def product(work: Workspace, step: Step) -> list[str]:
     rows, inner, columns = x.size1(), x.size2(), y.size2()
     multiplications = min(int(x.nnz()) * columns, rows * int(y.nnz()))
     if multiplications > LARGEST_INLINE and work.flow.function.name() != PRODUCT:
-        return _called(work, step, _product(*(tuple(each.sparsity().compress()) for each in (x, y))))
+        return _called(work, step, _product(*(tuple(factor.sparsity().compress()) for factor in (x, y))))
     work.cost.operations += 2 * multiplications
     if x.is_dense() and y.is_dense():
         return _dense(work, step, rows, inner, columns)
     if y.is_dense():
-        at = _triplets(x.sparsity())
+        at = x.sparsity().get_triplet()
         return _sparse_left(work, step, (rows, inner, columns), *at)
-    at = _triplets(y.sparsity())
+    at = y.sparsity().get_triplet()
     if len(at[0]) <= UNROLLED_PRODUCT:
         return _sparse_right_unrolled(work, step, rows, columns, list(zip(*at)))
     return _sparse_right(work, step, rows, columns, *at)
@@ -55,7 +55,7 @@ def product(work: Workspace, step: Step) -> list[str]:
 @lru_cache(maxsize=1024)
 def _product(left: tuple[int, ...], right: tuple[int, ...]) -> ca.Function:
     """Return (z, x, y) → z + x y, once for each pair of sparsities, which are given as CasADi compresses them."""
-    x, y = (ca.MX.sym(name, ca.Sparsity.compressed(each)) for name, each in (("x", left), ("y", right)))
+    x, y = (ca.MX.sym(name, ca.Sparsity.compressed(sparsity)) for name, sparsity in (("x", left), ("y", right)))
     z = ca.MX.sym("z", x.size1(), y.size2())
     return ca.Function(PRODUCT, [z, x, y], [ca.mac(x, y, z)])
 
@@ -75,14 +75,9 @@ def rank_one(work: Workspace, step: Step) -> list[str]:
     rows, columns, at = step.node.size1(), step.node.size2(), work.memory.at
     work.cost.operations += 2 * rows * columns
     to, lines = work.placement.over_the_first(step.k)
-    if alpha.home is None and alpha.numbers[0] == -1.0:
-        change = f"-= {at(x, 'i')} * {at(y, 'j')}"
-    else:
-        change = f"+= {at(alpha, 0)} * {at(x, 'i')} * {at(y, 'j')}"
-    return [
-        *lines,
-        f"  for (j = 0; j < {columns}; ++j) for (i = 0; i < {rows}; ++i) {at(to, f'i + {rows} * j')} {change};",
-    ]
+    sign = "-=" if alpha.home is None and alpha.numbers[0] == -1.0 else f"+= {at(alpha, 0)} *"
+    loops = f"for (j = 0; j < {columns}; ++j) for (i = 0; i < {rows}; ++i)"
+    return [*lines, f"  {loops} {at(to, f'i + {rows} * j')} {sign} {at(x, 'i')} * {at(y, 'j')};"]
 
 
 def dot(work: Workspace, step: Step) -> list[str]:
@@ -111,7 +106,7 @@ def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> 
         for k in map(str, range(inner)) if short else ["k"]:
             left = at(x, _sum("i", rows * int(k)) if short else f"i + {rows} * k")
             right = [at(y, _sum(k, inner * (first + c)) + f" + {inner} * j") for c in together]
-            added = " ".join(f"s{c} += e * {each};" for c, each in enumerate(right))
+            added = " ".join(f"s{c} += e * {factor};" for c, factor in enumerate(right))
             terms.append(f"{{ const {kind} e = {left}; {added} }}")
         total = " ".join(terms) if short else f"for (k = 0; k < {inner}; ++k) {terms[0]}"
         ends = " ".join(f"{place} = s{c};" for c, place in enumerate(places))
@@ -124,8 +119,8 @@ def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> 
 
 def _ranges(columns: int) -> list[tuple[int, int]]:
     """Return the columns that are summed a few together, and those that are left."""
-    whole = columns - columns % min(COLUMNS_TOGETHER, columns)
-    return [(0, whole)] + ([(whole, columns)] if whole < columns else [])
+    together = columns - columns % min(COLUMNS_TOGETHER, columns)
+    return [(0, together)] + ([(together, columns)] if together < columns else [])
 
 
 def _sparse_left(
@@ -164,12 +159,11 @@ def _sparse_right_unrolled(
         target = at(to, _sum("i", rows * column))
         terms = [
             f"{at(x, _sum('i', rows * row))} * {at(y, number)}"
-            for number, (row, there) in enumerate(entries)
-            if there == column
+            for number, (row, place) in enumerate(entries)
+            if place == column
         ]
-        start = [] if zero else [target]
         if terms or zero:
-            total = " + ".join([*start, *terms]) or work.memory.dialect.constant(0.0)
+            total = " + ".join([*([] if zero else [target]), *terms]) or work.memory.dialect.constant(0.0)
             lines.append(f"  for (i = 0; i < {rows}; ++i) {target} = {total};")
     return lines
 
@@ -184,9 +178,3 @@ def _begun(work: Workspace, step: Step) -> tuple[Value, list[str], bool]:
 
 def _sum(index: str, offset: int) -> str:
     return f"{index} + {offset}" if offset else index
-
-
-def _triplets(sparsity: ca.Sparsity) -> tuple[list[int], list[int]]:
-    """Return rows and columns of a sparse matrix's numbers, in their order."""
-    rows, columns = sparsity.get_triplet()
-    return [int(i) for i in rows], [int(i) for i in columns]

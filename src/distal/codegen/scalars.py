@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import casadi as ca
 
 from distal.codegen.dialects import Dialect
 from distal.codegen.frame import framed
 from distal.codegen.operations import BINARY, CALLED, INLINE, CodeError
-from distal.codegen.workspace import Cost, Written
+from distal.codegen.workspace import Cost, WriteFunction, Written
 
 
 def write_scalars(
-    function: ca.Function, name: str, in_place: bool, dialect: Dialect, written: Callable[[ca.Function, bool], Written]
+    function: ca.Function, name: str, in_place: bool, dialect: Dialect, written: WriteFunction
 ) -> Written:
-    """Return a function of scalars as C.
+    """Return a function of scalars (SX) as C.
 
     Args:
-        function: the function (SX).
-        name: in C.
         in_place: the first input and the first output are one array: it is read at once and written last.
-        written: writes a function that is called, unless it is there already.
+        written: writes the functions that are called.
 
     Raises:
         CodeError: it has an operation that has no C here.
@@ -43,11 +39,11 @@ def write_scalars(
             lines.append(f"  r{outputs[0]}[{outputs[1]}] = {names[inputs[0]]};")
         elif operation == ca.OP_CALL:
             called = _called(function, len(inputs), len(outputs))
-            lines += _call(k, written(called, False), called, [names[i] for i in inputs], arrays, dialect)
+            callee = written(called, False)
+            lines += _call(k, callee.name, called, [names[i] for i in inputs], arrays, dialect.type)
             results = [f"v{k}_{i}[{j}]" for i in range(called.n_out()) for j in range(called.nnz_out(i))]
             names.update(zip(outputs, results))
-            cost.operations += written(called, False).cost.operations
-            cost.library.update(written(called, False).cost.library)
+            cost.add(callee.cost)
         elif operation == ca.OP_CONST:
             names[outputs[0]] = dialect.constant(function.instruction_constant(k))
         else:
@@ -66,51 +62,41 @@ def write_scalars(
 
 def _called(function: ca.Function, n_in: int, n_out: int) -> ca.Function:
     """Return the function that an instruction calls: CasADi does not say which, so its shape must."""
-    fitting = [
-        each
-        for each in function.find_functions()
-        if sum(each.nnz_in(i) for i in range(each.n_in())) == n_in
-        and sum(each.nnz_out(i) for i in range(each.n_out())) == n_out
-    ]
+    fitting = [called for called in function.find_functions() if (called.nnz_in(), called.nnz_out()) == (n_in, n_out)]
     if len(fitting) != 1:
         raise CodeError(f"'{function.name()}' calls functions of one shape, which cannot be told apart")
     return fitting[0]
 
 
 def _call(
-    k: int,
-    written: Written,
-    called: ca.Function,
-    operands: list[str],
-    arrays: dict[tuple[str, ...], str],
-    dialect: Dialect,
+    k: int, name: str, called: ca.Function, operands: list[str], arrays: dict[tuple[str, ...], str], kind: str
 ) -> list[str]:
     """Write a call; operands are gathered in arrays, which stay for later calls with the same ones."""
     lines, addresses, first = list[str](), list[str](), 0
     for i in range(called.n_in()):
-        own = tuple(operands[first : first + called.nnz_in(i)])
-        first += len(own)
-        if own not in arrays:
-            arrays[own] = f"c{k}_{i}"
-            lines.append(f"  const {dialect.type} c{k}_{i}[] = {{{', '.join(own)}}};")
-        addresses.append(arrays[own])
+        gathered = tuple(operands[first : first + called.nnz_in(i)])
+        first += len(gathered)
+        if gathered not in arrays:
+            arrays[gathered] = f"c{k}_{i}"
+            lines.append(f"  const {kind} c{k}_{i}[] = {{{', '.join(gathered)}}};")
+        addresses.append(arrays[gathered])
     for i in range(called.n_out()):
         size = called.nnz_out(i)
-        lines.append(f"  {dialect.type} v{k}_{i}[{size}];")
+        lines.append(f"  {kind} v{k}_{i}[{size}];")
         arrays[tuple(f"v{k}_{i}[{j}]" for j in range(size))] = f"v{k}_{i}"
         addresses.append(f"v{k}_{i}")
-    return [*lines, f"  {written.name}({', '.join(addresses)});"]
+    return [*lines, f"  {name}({', '.join(addresses)});"]
 
 
 def _sines_and_cosines(function: ca.Function) -> dict[int, tuple[int, int]]:
     """Return for each sine and cosine of the same angle the instructions of both: C has one function for the pair."""
     slots: dict[int, tuple[int, int]] = {}
-    found: dict[tuple[int, int], dict[int, int]] = {}
+    by_angle: dict[tuple[int, int], dict[int, int]] = {}
     for k in range(function.n_instructions()):
         operation, outputs = function.instruction_id(k), function.instruction_output(k)
         if operation in (ca.OP_SIN, ca.OP_COS):
-            found.setdefault(slots[function.instruction_input(k)[0]], {})[operation] = k
+            by_angle.setdefault(slots[function.instruction_input(k)[0]], {})[operation] = k
         if operation != ca.OP_OUTPUT:
             slots.update((slot, (k, i)) for i, slot in enumerate(outputs))
-    both = [(each[ca.OP_SIN], each[ca.OP_COS]) for each in found.values() if len(each) == 2]
-    return {k: pair for pair in both for k in pair}
+    pairs = [(calls[ca.OP_SIN], calls[ca.OP_COS]) for calls in by_angle.values() if len(calls) == 2]
+    return {k: pair for pair in pairs for k in pair}

@@ -5,19 +5,21 @@ Whatever is a run of neighbours is a view and needs no C at all; only scattered 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 import numpy as np
 
-from distal.codegen.memory import UNROLLED, Value
+from distal.codegen.memory import Value, for_each
 from distal.codegen.operations import CodeError
 from distal.codegen.workspace import Step, Workspace
 
 
 def argument(work: Workspace, step: Step) -> list[str]:
     """See an argument, or a part of it, where the caller has it."""
-    info = step.node.info()
-    home = "state" if work.in_place and info["ind"] == 0 else f"a{info['ind']}"
-    return _seen(work, step, Value(home, int(info["offset"]), int(step.node.nnz())))
+    part = step.node.info()
+    home = "state" if work.in_place and part["ind"] == 0 else f"a{part['ind']}"
+    return _seen(work, step, Value(home, int(part["offset"]), int(step.node.nnz())))
 
 
 def constant(work: Workspace, step: Step) -> list[str]:
@@ -58,14 +60,11 @@ def get(work: Workspace, step: Step) -> list[str]:
         CodeError: a slice with structural zeros.
     """
     value, at, memory = step.inputs[0], _mapping(step), work.memory
-    even = _even(at)
-    if even == 1 or len(at) <= 1:
+    if len(at) <= 1 or _even(at) == 1:
         return _seen(work, step, value.part(at[0] if at else 0, len(at)))
     to = work.placement.new(step.k, step.makes[0], len(at))
-    if len(at) <= UNROLLED:
-        return [f"  {memory.at(to, i)} = {memory.at(value, j)};" for i, j in enumerate(at)]
-    source = f"{at[0]} + {even} * i" if even is not None else f"{memory.tables.indices(at)}[i]"
-    return [f"  for (i = 0; i < {len(at)}; ++i) {memory.at(to, 'i')} = {memory.at(value, source)};"]
+    source = _index(work, at)
+    return for_each(len(at), lambda i: f"{memory.at(to, i)} = {memory.at(value, source(i))};")
 
 
 def put(work: Workspace, step: Step) -> list[str]:
@@ -79,11 +78,8 @@ def put(work: Workspace, step: Step) -> list[str]:
     sign = "+=" if adds else "="
     work.cost.operations += len(at) if adds else 0
     to, lines = work.placement.over_the_first(step.k)
-    if len(at) <= UNROLLED:
-        return lines + [f"  {memory.at(to, i)} {sign} {memory.at(values, j)};" for j, i in enumerate(at)]
-    even = _even(at)
-    target = f"{at[0]} + {even} * i" if even is not None else f"{memory.tables.indices(at)}[i]"
-    return [*lines, f"  for (i = 0; i < {len(at)}; ++i) {memory.at(to, target)} {sign} {memory.at(values, 'i')};"]
+    target = _index(work, at)
+    return lines + for_each(len(at), lambda i: f"{memory.at(to, target(i))} {sign} {memory.at(values, i)};")
 
 
 def join(work: Workspace, step: Step) -> list[str]:
@@ -130,6 +126,18 @@ def _mapping(step: Step) -> list[int]:
     if at and min(at) < 0:
         raise CodeError("a slice with structural zeros has no C here")
     return at
+
+
+def _index(work: Workspace, at: list[int]) -> Callable[[str | int], str | int]:
+    """Return the function from a number's place in a slice to its index in the sliced value, an integer or C."""
+    step = _even(at)
+
+    def index(i: str | int) -> str | int:
+        if isinstance(i, int):
+            return at[i]
+        return f"{at[0]} + {step} * {i}" if step is not None else f"{work.memory.tables.indices(at)}[{i}]"
+
+    return index
 
 
 def _even(at: list[int]) -> int | None:

@@ -26,17 +26,15 @@ class Cost:
     operations: int = 0
     library: Counter[str] = field(default_factory=Counter)
 
+    def add(self, cost: Cost) -> None:
+        """Add the cost of a called function."""
+        self.operations += cost.operations
+        self.library.update(cost.library)
+
 
 @dataclass(frozen=True)
 class Written:
-    """A function as C.
-
-    Args:
-        name: in C.
-        text: its definition.
-        cost: what a call of it takes.
-        scratch: numbers in its own array of intermediates.
-    """
+    """A function as C: its definition as text, and what a call takes, with `scratch` numbers for intermediates."""
 
     name: str
     text: str
@@ -44,15 +42,18 @@ class Written:
     scratch: int = 0
 
 
+WriteFunction = Callable[[ca.Function, bool], Written]
+"""Writes a function, in place if its first input is changed, unless it is there already."""
+
+
 @dataclass(frozen=True)
 class Step:
     """One instruction: what a writer turns into lines.
 
     Args:
-        k: which one.
+        k: its number.
         operation: CasADi's number of what it does.
         node: CasADi's expression of it.
-        inputs: the values that it reads.
         makes: numbers of its results.
     """
 
@@ -68,18 +69,14 @@ class Workspace:
     """One function of matrices on its way to C.
 
     Args:
-        flow: what reads and makes what.
-        memory: where numbers lie.
-        placement: where each result goes.
-        written: writes a function that is called, unless it is there already; in place, if its first input is changed.
+        written: writes the functions that are called.
         in_place: the first input and the first output are one array, ``state``.
-        cost: so far.
     """
 
     flow: Dataflow
     memory: Memory
     placement: Placement
-    written: Callable[[ca.Function, bool], Written]
+    written: WriteFunction
     in_place: bool
     cost: Cost = field(default_factory=Cost)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
+from typing import Any
 
 import numpy as np
 
@@ -14,27 +15,19 @@ from distal.arrays import Floats
 from distal.paper.series import PLANTS, Run
 from distal.rig import tendon_angle_name
 
+SIDES = ("left", "right")
+
 
 @dataclass(frozen=True)
 class Measure:
-    """One number of a statement and its bounds.
-
-    Args:
-        text: what is measured.
-        least: the smallest value that counts as holding, or None.
-        most: the largest, or None.
-    """
+    """One number of a statement; it holds from `least` to `most`, where they are not None."""
 
     text: str
     least: float | None
     most: float | None
 
     def margin(self, value: float) -> float:
-        """Return how far a value is within its bound, as a share of the bound; negative outside, −∞ without a value.
-
-        Args:
-            value: of the measure.
-        """
+        """Return how far a value is within its bound, as a share of the bound; negative outside, −∞ without a value."""
         if not np.isfinite(value):
             return -np.inf
         below = np.inf if self.least is None else (value - self.least) / abs(self.least)
@@ -47,8 +40,7 @@ class Statement:
 
     Args:
         key: ``C1`` to ``C12``.
-        text: in words.
-        why: of the threshold.
+        why: the reason for the threshold.
         measures: the main one first; all must be within their bounds.
     """
 
@@ -58,11 +50,7 @@ class Statement:
     measures: tuple[Measure, ...]
 
     def margin(self, values: Sequence[float]) -> float:
-        """Return the smallest margin of its measures: the statement holds where it is not negative.
-
-        Args:
-            values: of the measures.
-        """
+        """Return the smallest margin of the measures' values: the statement holds where it is not negative."""
         return min(measure.margin(value) for measure, value in zip(self.measures, values))
 
 
@@ -71,35 +59,23 @@ def statements() -> tuple[Statement, ...]:
     """Return the paper's statements with the thresholds of `claims.toml`."""
     text = resources.files("distal.paper").joinpath("claims.toml").read_text(encoding="utf-8")
     return tuple(
-        Statement(
-            key,
-            raw["statement"],
-            raw["why"],
-            tuple(
-                Measure(each["measure"], each.get("least"), each.get("most")) for each in [raw, *raw.get("also", [])]
-            ),
-        )
-        for key, raw in tomllib.loads(text).items()
+        Statement(key, main["statement"], main["why"], tuple(map(_measure, [main, *main.get("also", [])])))
+        for key, main in tomllib.loads(text).items()
     )
 
 
-def measured(runs: Sequence[Run]) -> dict[str, tuple[float, ...]]:
-    """Return the values of all measures, by statement.
+def _measure(keys: dict[str, Any]) -> Measure:
+    return Measure(keys["measure"], keys.get("least"), keys.get("most"))
 
-    Args:
-        runs: of one plant: every series that a statement needs.
-    """
+
+def measured(runs: Sequence[Run]) -> dict[str, tuple[float, ...]]:
+    """Return the values of all measures, by statement, from the runs of one plant."""
     return {key: tuple(float(value) for value in measure(runs)) for key, measure in _MEASURES.items()}
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement, measured on the plants of the reproduction.
-
-    Args:
-        statement: what the paper says.
-        values: of its measures, by plant.
-    """
+    """A statement, and the values of its measures on each plant of the reproduction."""
 
     statement: Statement
     values: Mapping[str, tuple[float, ...]]
@@ -120,14 +96,11 @@ GROUPS = ("reproduced", "only with friction that the paper did not know of", "co
 
 
 def measure_claims(runs: Sequence[Run]) -> tuple[Claim, ...]:
-    """Return the paper's statements, measured on the runs of both plants.
-
-    Args:
-        runs: of `all_runs`.
-    """
-    values = {plant.name: measured([run for run in runs if run.plant == plant.name]) for plant in PLANTS}
+    """Return the paper's statements, measured on the runs of both plants."""
+    by_plant = {plant.name: measured([run for run in runs if run.plant == plant.name]) for plant in PLANTS}
     return tuple(
-        Claim(statement, {plant: each[statement.key] for plant, each in values.items()}) for statement in statements()
+        Claim(statement, {plant: values[statement.key] for plant, values in by_plant.items()})
+        for statement in statements()
     )
 
 
@@ -137,35 +110,32 @@ def _pooled(errors: Sequence[Floats]) -> float:
 
 
 def rms(runs: Sequence[Run], series: str, estimator: str) -> float:
-    """Return the RMS error of an estimator, pooled over the seeds of a series [°].
+    """Return the RMS error of an estimator, a key of `Run.estimates`, pooled over the seeds of a series [°]."""
+    return _pooled([run.estimates[estimator].errors() for run in _of(runs, series)])
 
-    Args:
-        estimator: key of `Run.estimates`.
-    """
-    return _pooled([run.estimates[estimator].errors() for run in runs if run.series == series])
+
+def _of(runs: Sequence[Run], series: str) -> list[Run]:
+    return [run for run in runs if run.series == series]
 
 
 def potentiometer_errors(run: Run) -> tuple[Floats, Floats]:
     """Return the errors of the left and right potentiometer's angle, tendons taken as inextensible [rad]."""
-    result = run.estimates["inextensible"]
-    left, right = (result.state(tendon_angle_name(side)) - run.log.truth["theta"] for side in ("left", "right"))
+    estimate = run.estimates["inextensible"]
+    left, right = (estimate.state(tendon_angle_name(side)) - run.log.truth["theta"] for side in SIDES)
     return left, right
 
 
-def _each_potentiometer(runs: Sequence[Run], series: str) -> tuple[float, float]:
-    errors = [potentiometer_errors(run) for run in runs if run.series == series]
-    return _pooled([left for left, _ in errors]), _pooled([right for _, right in errors])
+def _potentiometer_rms(runs: Sequence[Run], series: str) -> list[float]:
+    return [_pooled(errors) for errors in zip(*map(potentiometer_errors, _of(runs, series)))]
 
 
 def _c1(runs: Sequence[Run]) -> tuple[float, ...]:
-    return (min(_each_potentiometer(runs, "series-1-soft")),)
+    return (min(_potentiometer_rms(runs, "series-1-soft")),)
 
 
 def _c2(runs: Sequence[Run]) -> tuple[float, ...]:
     opposing, assisting = [], []
-    for run in runs:
-        if run.series != "series-1-soft":
-            continue
+    for run in _of(runs, "series-1-soft"):
         left, right = potentiometer_errors(run)
         speed = np.gradient(run.log.truth["theta"], run.log.time)
         down, up = speed < np.deg2rad(-2.0), speed > np.deg2rad(2.0)
@@ -176,22 +146,18 @@ def _c2(runs: Sequence[Run]) -> tuple[float, ...]:
 
 
 def _c3(runs: Sequence[Run]) -> tuple[float, ...]:
-    soft, stiff = (float(np.mean(_each_potentiometer(runs, series))) for series in ("series-1-soft", "series-1"))
-    pairs = zip(*([run for run in runs if run.series == series] for series in ("series-1-soft", "series-1")))
+    soft, stiff = (float(np.mean(_potentiometer_rms(runs, series))) for series in ("series-1-soft", "series-1"))
     alike = [
         np.corrcoef(a.estimates["inextensible"].means[:, i], b.estimates["inextensible"].means[:, i])[0, 1]
-        for a, b in pairs
+        for a, b in zip(_of(runs, "series-1-soft"), _of(runs, "series-1"))
         for i in (1, 2)
     ]
     return stiff / soft, stiff, float(np.mean(alike))
 
 
 def _c4(runs: Sequence[Run]) -> tuple[float, ...]:
-    motions = []
-    for run in runs:
-        if run.series == "series-1-soft":
-            for drive in ("left", "right"):
-                motions.append(hidden_motion(run.log.truth["theta"], run.log.truth[f"position_{drive}"]))
+    truths = [run.log.truth for run in _of(runs, "series-1-soft")]
+    motions = [hidden_motion(truth["theta"], truth[f"position_{side}"]) for truth in truths for side in SIDES]
     return (float(np.rad2deg(max(motions))),)
 
 
@@ -199,9 +165,8 @@ def hidden_motion(theta: Floats, position: Floats, within: float = 1e-4) -> floa
     """Return the largest change of θ [rad] over any stretch of time in which the slider stays within `within` [m].
 
     Args:
-        theta: joint angle, (n,).
+        theta: joint angle [rad], (n,).
         position: of the slider [m], (n,).
-        within: how far it may move.
     """
     largest, start = 0.0, 0
     for end in range(len(theta)):
@@ -211,47 +176,24 @@ def hidden_motion(theta: Floats, position: Floats, within: float = 1e-4) -> floa
     return largest
 
 
-def _c5(runs: Sequence[Run]) -> tuple[float, ...]:
-    return (rms(runs, "series-2", "ekf-2008") / rms(runs, "series-2", "inextensible"),)
-
-
-def _c6(runs: Sequence[Run]) -> tuple[float, ...]:
-    return (rms(runs, "series-2-high", "inextensible") / rms(runs, "series-2", "inextensible"),)
-
-
-def _c7(runs: Sequence[Run]) -> tuple[float, ...]:
-    return (rms(runs, "series-2-high", "ekf-2008") / rms(runs, "series-2-high", "inextensible"),)
+def _ratio(numerator: tuple[str, str], denominator: tuple[str, str]) -> Callable[[Sequence[Run]], tuple[float, ...]]:
+    """Return a measure: RMS error of one (series, estimator) over that of another."""
+    return lambda runs: (rms(runs, *numerator) / rms(runs, *denominator),)
 
 
 def _c8(runs: Sequence[Run]) -> tuple[float, ...]:
-    beyond = {}
-    for series in ("series-2", "series-2-high"):
-        ends = [run.estimates["simulation"].errors()[-50:].mean() for run in runs if run.series == series]
-        beyond[series] = float(np.rad2deg(np.mean(ends)))
-    low = beyond["series-2"]
-    growth = beyond["series-2-high"] / low if low > 0.0 else np.nan
-    return beyond["series-2-high"], rms(runs, "series-2", "simulation"), growth
+    low, high = (
+        float(np.rad2deg(np.mean([run.estimates["simulation"].errors()[-50:].mean() for run in _of(runs, series)])))
+        for series in ("series-2", "series-2-high")
+    )
+    return high, rms(runs, "series-2", "simulation"), high / low if low > 0.0 else np.nan
 
 
 def _c9(runs: Sequence[Run]) -> tuple[float, ...]:
-    changes = []
-    for run in runs:
-        if run.series == "series-1":
-            with_it, without = run.estimates["inextensible"], run.estimates["without linearity"]
-            changes += [with_it.means[:, i] - without.means[:, i] for i in (1, 2)]
-    return (_pooled(changes),)
-
-
-def _c10(runs: Sequence[Run]) -> tuple[float, ...]:
-    return (rms(runs, "series-2", "ekf-2008") / rms(runs, "series-2", "hung weights"),)
-
-
-def _c11(runs: Sequence[Run]) -> tuple[float, ...]:
-    return (rms(runs, "series-2", "better cells") / rms(runs, "series-2", "ekf-2008"),)
-
-
-def _c12(runs: Sequence[Run]) -> tuple[float, ...]:
-    return (rms(runs, "series-2", "observed friction") / rms(runs, "series-2", "ekf-2008"),)
+    changes = [
+        run.estimates["inextensible"].means - run.estimates["without linearity"].means for run in _of(runs, "series-1")
+    ]
+    return (_pooled([change[:, i] for change in changes for i in (1, 2)]),)
 
 
 _MEASURES: dict[str, Callable[[Sequence[Run]], tuple[float, ...]]] = {
@@ -259,12 +201,12 @@ _MEASURES: dict[str, Callable[[Sequence[Run]], tuple[float, ...]]] = {
     "C2": _c2,
     "C3": _c3,
     "C4": _c4,
-    "C5": _c5,
-    "C6": _c6,
-    "C7": _c7,
+    "C5": _ratio(("series-2", "ekf-2008"), ("series-2", "inextensible")),
+    "C6": _ratio(("series-2-high", "inextensible"), ("series-2", "inextensible")),
+    "C7": _ratio(("series-2-high", "ekf-2008"), ("series-2-high", "inextensible")),
     "C8": _c8,
     "C9": _c9,
-    "C10": _c10,
-    "C11": _c11,
-    "C12": _c12,
+    "C10": _ratio(("series-2", "ekf-2008"), ("series-2", "hung weights")),
+    "C11": _ratio(("series-2", "better cells"), ("series-2", "ekf-2008")),
+    "C12": _ratio(("series-2", "observed friction"), ("series-2", "ekf-2008")),
 }

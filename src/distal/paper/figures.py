@@ -49,11 +49,7 @@ AFTER = 0.4
 
 
 def first_run(runs: Sequence[Run], series: str, plant: str) -> Run:
-    """Return the run of a series and a plant with the first seed: the one that is drawn.
-
-    Args:
-        runs: of `all_runs`.
-    """
+    """Return the run of a series and a plant with the first seed, which is drawn."""
     return next(run for run in runs if run.series == series and run.plant == plant)
 
 
@@ -70,22 +66,22 @@ def end_of_motion(shown: Sequence[Run]) -> float:
 def draw_summary(runs: Sequence[Run]) -> Figure:
     """Return the figure that sums the reproduction up: three estimates at rising tension on the plant as observed.
 
-    Args:
-        runs: of `all_runs`; the first seed is drawn, the RMS is of all.
+    The first seed is drawn, the RMS errors are of all seeds.
     """
     plant = PLANTS[1].name
+    on_plant = [run for run in runs if run.plant == plant]
     shown = [first_run(runs, series, plant) for series in SERIES_2]
     end = end_of_motion(shown)
-    with figure(2, 3, (7.2, 4.3), sharex=True, sharey="row", height_ratios=[1.5, 1]) as (made, axes):
+    with figure(2, 3, (7.2, 4.3), sharex=True, sharey="row", height_ratios=[1.5, 1]) as (drawing, axes):
         for column, run in enumerate(shown):
             top, bottom = axes[column], axes[3 + column]
             top.plot(run.log.time, np.rad2deg(run.log.truth["theta"]), color=BLACK, linewidth=1.6, label="truth")
             for row, (name, index) in enumerate(SHOWN.items()):
-                result = run.estimates[name]
-                draw_estimate(top, result, index, band=False, label=NAMES.get(name, name))
-                error = np.rad2deg(result.errors())
+                estimate = run.estimates[name]
+                draw_estimate(top, estimate, index, band=False, label=NAMES.get(name, name))
+                error = np.rad2deg(estimate.errors())
                 bottom.plot(run.log.time, error, color=COLOURS[index], linestyle=DASHES[index], linewidth=1.2)
-                pooled = rms([each for each in runs if each.plant == plant], run.series, name)
+                pooled = rms(on_plant, run.series, name)
                 top.text(0.98, 0.27 - 0.1 * row, f"{pooled:.1f}°", color=COLOURS[index], fontsize=8.5, weight="bold",
                          transform=top.transAxes, ha="right")  # fmt: skip
             top.text(0.98, 0.37, "RMS error", fontsize=8, transform=top.transAxes, ha="right")
@@ -98,25 +94,21 @@ def draw_summary(runs: Sequence[Run]) -> Figure:
         top.fill_between([], [], [], color=COLOURS[0], alpha=BAND_ALPHA, linewidth=0, label="95 % band of adaptive")
         axes[0].set_ylabel("link angle θ [°]")
         axes[3].set_ylabel("error [°]")
-        handles, labels = axes[2].get_legend_handles_labels()
-        made.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
-    return made
+        drawing.legend(*axes[2].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8)
+    return drawing
 
 
 def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
-    """Return one of the figures, the plant "as printed" beside the one "as observed".
-
-    Args:
-        name: `SUMMARY` or a key of `FIGURES`.
-        runs: of `all_runs`; the first seed is drawn.
-    """
+    """Return the figure `SUMMARY`, or one of `FIGURES`: the plant "as printed" beside the one "as observed"."""
     if name == SUMMARY:
         return draw_summary(runs)
     shown = [first_run(runs, FIGURES[name], plant.name) for plant in PLANTS]
-    with figure(2, 2, (7.2, 5.2), sharex=True, sharey="row", height_ratios=[2, 1.2]) as (made, axes):
+    with figure(2, 2, (7.2, 5.2), sharex=True, sharey="row", height_ratios=[2, 1.2]) as (drawing, axes):
         for column, run in enumerate(shown):
             top, bottom = axes[column], axes[2 + column]
-            _encoder(top, run)
+            readings, truth = np.rad2deg(run.log.channels["encoder"]), np.rad2deg(run.log.truth["theta"])
+            top.plot(run.log.time, readings, color=SOFT, linewidth=2.2, drawstyle="steps-post", label="encoder (1°)")
+            top.plot(run.log.time, truth, color=BLACK, linewidth=1.0, label="truth")
             (_potentiometers if name == "figure-2" else _filters)(top, bottom, run)
             top.set_title(f"plant {run.plant}", fontsize=9, loc="left")
             bottom.axhline(0.0, color=BLACK, linewidth=0.6)
@@ -125,15 +117,8 @@ def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
             axes[0].set_xlim(0.7, end_of_motion(shown))
         axes[0].set_ylabel("link angle θ [°]")
         axes[2].set_ylabel("error [°]")
-        handles, labels = axes[0].get_legend_handles_labels()
-        made.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8)
-    return made
-
-
-def _encoder(axes: Axes, run: Run) -> None:
-    degrees = np.rad2deg(run.log.channels["encoder"])
-    axes.plot(run.log.time, degrees, color=SOFT, linewidth=2.2, drawstyle="steps-post", label="encoder (1°)")
-    axes.plot(run.log.time, np.rad2deg(run.log.truth["theta"]), color=BLACK, linewidth=1.0, label="truth")
+        drawing.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+    return drawing
 
 
 def _potentiometers(top: Axes, bottom: Axes, run: Run) -> None:
@@ -147,10 +132,10 @@ def _potentiometers(top: Axes, bottom: Axes, run: Run) -> None:
 
 def _filters(top: Axes, bottom: Axes, run: Run) -> None:
     for name, i in {"ekf-2008": 1, "ekf": 2, "adaptive": 0, "simulation": 4, "inextensible": 3}.items():
-        result = run.estimates[name]
-        draw_estimate(top, result, i, band=False, label=NAMES.get(name, name))
+        estimate = run.estimates[name]
+        draw_estimate(top, estimate, i, band=False, label=NAMES.get(name, name))
         if name != "inextensible":
-            error = np.rad2deg(result.errors())
+            error = np.rad2deg(estimate.errors())
             bottom.plot(run.log.time, error, color=COLOURS[i], linestyle=DASHES[i], linewidth=1.1)
     band = np.rad2deg(BAND * run.estimates["adaptive"].theta_std)
     bottom.fill_between(run.log.time, -band, band, color=COLOURS[0], alpha=BAND_ALPHA, linewidth=0)

@@ -7,13 +7,14 @@ from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 
+from distal.control import plot_control
 from distal.errors import OutputError
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import GROUPS, Claim, Measure, measure_claims, rms
 from distal.paper.figures import CAPTIONS, FIGURES, SUMMARY, draw_figure
-from distal.paper.positioned import CAPTION, POSITIONED, positioned, positioned_figure, positioned_text
+from distal.paper.positioned import CAPTION, POSITIONED, positioned, positioned_text
 from distal.paper.reasons import EKF_NOTE, REASONS, SEARCH_NOTE
-from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Run, all_runs
+from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Plant, Run, all_runs
 from distal.reports import make_folder, rig_svg, svg_of
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.results import figure_bytes
@@ -40,7 +41,6 @@ def reproduce(
     """Simulate and filter the paper's two series, and write the figures, ``results.json`` and ``index.html``.
 
     Args:
-        out: folder, made if need be.
         advance: called `distal.paper.series.series_count` times, after each closed loop, then after each figure.
         lab: a page of `distal lab`, to stand beside the page and be linked from it.
 
@@ -57,15 +57,13 @@ def reproduce(
         moving = None if lab is None else Path(lab).read_bytes()
     except OSError as problem:
         raise OutputError(f"{lab}: cannot be read ({problem.strerror}); distal lab writes one") from None
-    folder = make_folder(out)
-    runs = list(all_runs(advance))
-    claims = measure_claims(runs)
+    folder, runs = make_folder(out), list(all_runs(advance))
+    claims, loops = measure_claims(runs), positioned(advance)
     drawings, files = dict[str, str](), dict[Path, bytes | str]()
-    loops = positioned(advance)
     for name in DRAWN:
-        made = positioned_figure(loops) if name == POSITIONED else draw_figure(name, runs)
-        files |= {path: figure_bytes(made, path) for path in (folder / f"{name}.png", folder / f"{name}.svg")}
-        drawings[name] = svg_of(made, CAPTION if name == POSITIONED else CAPTIONS[name])
+        drawing = plot_control(loops) if name == POSITIONED else draw_figure(name, runs)
+        files |= {path: figure_bytes(drawing, path) for path in (folder / f"{name}.png", folder / f"{name}.svg")}
+        drawings[name] = svg_of(drawing, CAPTION if name == POSITIONED else CAPTIONS[name])
         advance()
     files[folder / "results.json"] = json.dumps(results(claims, runs), indent=2, ensure_ascii=False) + "\n"
     files[folder / "index.html"] = _page(claims, runs, drawings, positioned_text(loops), moving is not None)
@@ -76,13 +74,12 @@ def reproduce(
 
 
 def results(claims: Sequence[Claim], runs: Sequence[Run]) -> dict[str, object]:
-    """Return what `results.json` holds: C1 to C12 with numbers and group, and the errors of all estimators.
+    """Return what `results.json` holds: C1 to C12 with numbers and group, and the errors of all estimators."""
 
-    Args:
-        claims: of `measure_claims`.
-        runs: of `all_runs`.
-    """
-    held: dict[str, object] = {
+    def error_of(plant: Plant, series: str, estimator: str) -> float:
+        return round(rms_of(runs, plant.name, series, estimator), 4)
+
+    content: dict[str, object] = {
         claim.statement.key: {
             "statement": claim.statement.text,
             "group": claim.group,
@@ -100,33 +97,24 @@ def results(claims: Sequence[Claim], runs: Sequence[Run]) -> dict[str, object]:
         }
         for claim in claims
     }
-    names = [plant.name for plant in PLANTS]
-    held["rms_error_deg"] = {
-        plant: {
-            series: {name: round(rms_of(runs, plant, series, name), 4) for name in ESTIMATORS} for series in SERIES_2
-        }
-        for plant in names
+    content["rms_error_deg"] = {
+        plant.name: {series: {name: error_of(plant, series, name) for name in ESTIMATORS} for series in SERIES_2}
+        for plant in PLANTS
     }
-    held["readings_of_q_and_r_rms_deg"] = {
-        plant: {name: round(rms_of(runs, plant, "series-2", f"reading {name}"), 4) for name in READINGS}
-        for plant in names
+    content["readings_of_q_and_r_rms_deg"] = {
+        plant.name: {name: error_of(plant, "series-2", f"reading {name}") for name in READINGS} for plant in PLANTS
     }
-    held["seeds"] = list(SEEDS)
-    return held
+    content["seeds"] = list(SEEDS)
+    return content
 
 
 def rms_of(runs: Sequence[Run], plant: str, series: str, estimator: str) -> float:
-    """Return the RMS error of an estimator in a series on a plant, pooled over the seeds [°].
-
-    Args:
-        runs: of `all_runs`.
-        estimator: key of `Run.estimates`.
-    """
+    """Return the RMS error of an estimator, a key of `Run.estimates`, in a series on a plant, pooled over the seeds [°]."""
     return rms([run for run in runs if run.plant == plant], series, estimator)
 
 
 def _page(
-    claims: Sequence[Claim], runs: Sequence[Run], drawings: dict[str, str], positioned_says: str, lab: bool
+    claims: Sequence[Claim], runs: Sequence[Run], drawings: dict[str, str], positioned_sentences: str, lab: bool
 ) -> str:
     observed = PLANTS[1].name
     errors = {name: rms_of(runs, observed, SERIES_2[-1], name) for name in ("inextensible", "ekf-2008", "adaptive")}
@@ -155,9 +143,8 @@ def _page(
         ),
         heading("Figures 2 to 5 of the paper, simulated"),
     ]
-    for name in FIGURES:
-        parts.append(picture(drawings[name], f"{name.replace('-', ' ').capitalize()}. {CAPTIONS[name]}"))
     parts += [
+        *(picture(drawings[name], f"{name.replace('-', ' ').capitalize()}. {CAPTIONS[name]}") for name in FIGURES),
         heading(f"What the paper states: {held} of {len(claims)} statements hold on the observed plant"),
         paragraph("The thresholds were written down before the first run and have not been changed since."),
         paragraph(SEARCH_NOTE),
@@ -169,7 +156,7 @@ def _page(
             parts.append(_claims_table(chosen))
     parts += [
         heading("What it is for: the link positioned without its encoder"),
-        paragraph(positioned_says),
+        paragraph(positioned_sentences),
         picture(drawings[POSITIONED], CAPTION),
         heading("RMS errors in Series 2"),
         _errors_table(runs),
@@ -215,19 +202,15 @@ def _cell(measure: Measure, value: float) -> str:
     return f"<span class='{'yes' if holds else 'no'}'>{value:.2f} {'✓' if holds else '✗'}</span>"
 
 
-def bound_of(measure: Measure) -> str:
-    """Return a measure's bound as text, e.g. ``≥ 1.2``."""
-    return f"≥ {measure.least:g}" if measure.least is not None else f"≤ {measure.most:g}"
-
-
 def _claims_table(claims: Sequence[Claim]) -> str:
     rows = []
     for claim in claims:
         statement, reason = claim.statement, REASONS.get(claim.statement.key, "")
         for i, measure in enumerate(statement.measures):
             values = [_cell(measure, claim.values[plant.name][i]) for plant in PLANTS]
-            said = f"{escape(statement.text)}<br><span class='why'>{escape(reason or statement.why)}</span>"
-            first = [statement.key, said] if i == 0 else ["", ""]
-            rows.append([*first, escape(measure.text), bound_of(measure), *values])
+            sentences = f"{escape(statement.text)}<br><span class='why'>{escape(reason or statement.why)}</span>"
+            bound = f"≥ {measure.least:g}" if measure.least is not None else f"≤ {measure.most:g}"
+            first = [statement.key, sentences] if i == 0 else ["", ""]
+            rows.append([*first, escape(measure.text), bound, *values])
     columns = ["", "statement, and why it stands here", "measure", "threshold", *(plant.name for plant in PLANTS)]
     return html_table(columns, rows, numbers=(3, 4, 5))

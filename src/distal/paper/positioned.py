@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import degrees
-from typing import TYPE_CHECKING
 
-from distal.control import ClosedLoop, closed_loop, plot_control, track
+from distal.control import ClosedLoop, closed_loop, track
 from distal.simulation import load_scenario, scenario_rig
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 POSITIONED = "positioned"
 """Name of the figure."""
@@ -25,11 +21,7 @@ CAPTION = (
 
 
 def positioned(advance: Callable[[], None] = lambda: None) -> list[ClosedLoop]:
-    """Return the closed loops of the link with each feedback.
-
-    Args:
-        advance: called after each.
-    """
+    """Return the closed loops of the link with each feedback; `advance` is called after each."""
     scenario, runs = load_scenario(SCENARIO), []
     rig = scenario_rig(scenario)
     for feedback in FEEDBACKS:
@@ -38,17 +30,8 @@ def positioned(advance: Callable[[], None] = lambda: None) -> list[ClosedLoop]:
     return runs
 
 
-def positioned_figure(runs: list[ClosedLoop]) -> Figure:
-    """Return the figure of `positioned`."""
-    return plot_control(runs)
-
-
 def positioned_text(runs: list[ClosedLoop]) -> str:
-    """Return what it shows, in sentences.
-
-    Args:
-        runs: of `positioned`.
-    """
+    """Return what the closed loops show, in sentences."""
     away = {run.feedback: degrees(track(run)[0].rms) for run in runs}
     return (
         "The paper ends with what its estimate is for: joints without sensors that are still positioned accurately. Here "

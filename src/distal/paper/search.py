@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import combinations
 from multiprocessing import get_context
 
 import numpy as np
@@ -22,14 +23,7 @@ from distal.paper.series import Plant, run_series
 
 @dataclass(frozen=True)
 class Unknown:
-    """Something that the paper does not print, or that its measurements contradict.
-
-    Args:
-        name: short.
-        unit: of its range.
-        low: least value that is tried.
-        high: largest.
-    """
+    """Something that the paper does not print, or that its measurements contradict: tried from `low` to `high`."""
 
     name: str
     unit: str
@@ -74,16 +68,13 @@ def plant_of(values: Floats, reading: str, name: str = "drawn") -> Plant:
         values: in the order and units of `UNKNOWNS`, (6,).
         reading: of the inextensible estimate, one of `READINGS`.
     """
-    constant, load, exponent, reference, preload, turned = (float(value) for value in values)
+    constant, load, *joint, turned = (float(value) for value in values)
     changed: dict[str, object] = {}
     for i in (0, 1):
         changed[f"drives.{i}.friction.constant"] = constant
         changed[f"drives.{i}.friction.load"] = load
-    changed |= {
-        "joints.0.friction.exponent": exponent,
-        "joints.0.friction.reference": reference,
-        "joints.0.friction.preload": preload,
-    }
+    for parameter, number in zip(("exponent", "reference", "preload"), joint):
+        changed[f"joints.0.friction.{parameter}"] = number
     return Plant(name, changed, float(np.deg2rad(turned)), reading == "x/r")
 
 
@@ -93,7 +84,7 @@ def margins_of(plant: Plant) -> Floats:
         values = measured([run for series in NEEDED for run in run_series(series, plant, statements_only=True)])
     except DistalError:
         return np.full(len(statements()), -np.inf)
-    return np.array([each.margin(values[each.key]) for each in statements()])
+    return np.array([statement.margin(values[statement.key]) for statement in statements()])
 
 
 def _both_readings(values: Floats) -> Floats:
@@ -102,7 +93,7 @@ def _both_readings(values: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Search:
-    """What was tried and what held.
+    """The plants that were tried, and the margins of the statements on them.
 
     Args:
         values: of the unknowns, in the order of `UNKNOWNS`, (n, 6).
@@ -122,14 +113,12 @@ class Search:
     @property
     def held(self) -> Bools:
         """Return which statements hold, (n, 12)."""
-        held: Bools = np.asarray(self.margins >= 0.0)
-        return held
+        return np.asarray(self.margins >= 0.0)
 
     def order(self, without: int | None = None) -> NDArray[np.int_]:
         """Return the plants, best first: most statements held, then the largest of the smallest margins held.
 
-        Args:
-            without: index of a statement that does not count.
+        The statement with the index `without` does not count.
         """
         margins = self.margins if without is None else np.delete(self.margins, without, axis=1)
         held = margins >= 0.0
@@ -142,29 +131,21 @@ class Search:
 
     def excluding(self) -> list[tuple[int, int]]:
         """Return the pairs of statements that hold on some plant each, and on none together."""
-        held, ever = self.held, self.ever
-        n = held.shape[1]
-        return [
-            (i, j)
-            for i in range(n)
-            for j in range(i + 1, n)
-            if ever[i] and ever[j] and not (held[:, i] & held[:, j]).any()
-        ]
+        held = self.held
+        pairs = combinations(np.flatnonzero(self.ever).tolist(), 2)
+        return [(i, j) for i, j in pairs if not (held[:, i] & held[:, j]).any()]
 
 
 def search(advance: Callable[[int], None] = lambda _: None, workers: int | None = None) -> Search:
     """Return which statements hold on plants drawn over the unknowns' ranges, then closer and closer to the best.
 
     Sobol's sequence covers the ranges; each later round draws in boxes around the best plants so far.
-
-    Args:
-        advance: called with the number of plants that are done.
-        workers: processes; default one per core.
+    `advance` is called with the number of plants that are done. The default is one process per core.
     """
     from scipy.stats import qmc
 
-    low, high = (np.array([getattr(each, end) for each in UNKNOWNS]) for end in ("low", "high"))
-    found = Search(np.empty((0, len(UNKNOWNS))), np.empty(0, dtype=int), np.empty((0, len(statements()))))
+    low, high = (np.array([getattr(unknown, end) for unknown in UNKNOWNS]) for end in ("low", "high"))
+    tried = Search(np.empty((0, len(UNKNOWNS))), np.empty(0, dtype=int), np.empty((0, len(statements()))))
     done = 0
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         for number, (count, width) in enumerate(zip(DRAWN, NEAR)):
@@ -172,22 +153,17 @@ def search(advance: Callable[[int], None] = lambda _: None, workers: int | None 
             if number == 0:
                 values = low + unit * (high - low)
             else:
-                best = found.values[found.order()[:BEST]]
+                best = tried.values[tried.order()[:BEST]]
                 centres = best[np.arange(count) % len(best)]
                 values = np.clip(centres + width * (unit - 0.5) * (high - low), low, high)
             margins = []
-            for each in pool.map(_both_readings, values):
-                margins.append(each)
+            for plant_margins in pool.map(_both_readings, values):
+                margins.append(plant_margins)
                 done += 1
                 advance(done)
-            found = Search(
-                np.vstack([found.values, np.repeat(values, len(READINGS), axis=0)]),
-                np.concatenate([found.readings, np.tile(np.arange(len(READINGS)), count)]),
-                np.vstack([found.margins, *margins]),
+            tried = Search(
+                np.vstack([tried.values, np.repeat(values, len(READINGS), axis=0)]),
+                np.concatenate([tried.readings, np.tile(np.arange(len(READINGS)), count)]),
+                np.vstack([tried.margins, *margins]),
             )
-    return found
-
-
-def plant_count() -> int:
-    """Return how many plants `search` simulates."""
-    return sum(DRAWN)
+    return tried

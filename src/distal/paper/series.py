@@ -42,7 +42,6 @@ class Plant:
     """A rig that the paper's authors may have had before them; the filters know Table 1 only.
 
     Args:
-        name: of the plant.
         values: of the rig, where they differ from Table 1, by path.
         turned: how far the hand turns the link to each side in Series 1 [rad]; None for what the scenario says.
         over_radius: the inextensible estimate takes the angle as x/r, not from the geometry.
@@ -54,16 +53,12 @@ class Plant:
     over_radius: bool = False
 
     def scenario(self, series: str) -> Scenario:
-        """Return a shipped scenario on this plant.
-
-        Args:
-            series: one of `SERIES_1` or `SERIES_2`.
-        """
+        """Return a shipped scenario on this plant, one of `SERIES_1` or `SERIES_2`."""
         scenario = load_scenario(series)
         hand = scenario.joints["link"].hand if "link" in scenario.joints else None
         if hand is not None and self.turned is not None:
-            most = max(abs(value) for value in hand.angle.values)
-            signal = replace(hand.angle, values=tuple(self.turned / most * value for value in hand.angle.values))
+            largest = max(abs(angle) for angle in hand.angle.values)
+            signal = replace(hand.angle, values=tuple(self.turned / largest * angle for angle in hand.angle.values))
             link = scenario.joints["link"].model_copy(update={"hand": hand.model_copy(update={"angle": signal})})
             scenario = scenario.model_copy(update={"joints": {"link": link}})
         return scenario.model_copy(update={"plant": dict(self.values)})
@@ -94,10 +89,8 @@ class Run:
 
     Args:
         series: name of the scenario.
-        plant: its name.
         seed: of the sensors' errors.
         rig: what the filters know.
-        log: the sensors' values and the truth.
         estimates: by name.
     """
 
@@ -116,10 +109,9 @@ def _estimator(series: str, name: str) -> Estimator:
     if name == "x/r":
         return make_estimator("inextensible", rig.with_values(X_OVER_R))
     if name == "simulation":  # the model driven by the measured forces alone: sure of itself, it learns nothing
-        known = paper_noise(rig)
-        zeros = (np.zeros_like(each) for each in (known.inputs, known.process, known.initial))
-        inputs, process, initial = zeros
-        return FullStateFilter("simulation", rig, Noise(inputs, process, known.measurements, initial))
+        noise = paper_noise(rig)
+        inputs, process, initial = map(np.zeros_like, (noise.inputs, noise.process, noise.initial))
+        return FullStateFilter("simulation", rig, Noise(inputs, process, noise.measurements, initial))
     if name in READINGS:
         q, r = READINGS[name]
         return FullStateFilter("ekf-2008", rig, paper_noise(rig, q=q, r=r))
@@ -129,11 +121,8 @@ def _estimator(series: str, name: str) -> Estimator:
 def run_series(series: str, plant: Plant, seeds: Sequence[int] = SEEDS, *, statements_only: bool = False) -> list[Run]:
     """Simulate one test of the paper with several seeds and run its estimators.
 
-    The motion is the same for all seeds and all sensors: it is simulated once.
-
-    Args:
-        series: one of `SERIES_1` or `SERIES_2`.
-        statements_only: leave out the estimators that no statement of the paper needs.
+    The motion is the same for all seeds and all sensors: it is simulated once. With `statements_only` the estimators that
+    no statement of the paper needs are left out.
     """
     scenario = plant.scenario(series)
     rig = scenario_rig(scenario)
@@ -148,20 +137,21 @@ def run_series(series: str, plant: Plant, seeds: Sequence[int] = SEEDS, *, state
     runs = []
     for seed in seeds:
         log = read(seed)
-        made = {"inextensible": estimate(log, rig, inextensible)}
+        estimates = {"inextensible": estimate(log, rig, inextensible)}
         if series in SERIES_1:
-            made["without linearity"] = estimate(read(seed, IDEAL), rig, inextensible)
+            estimates["without linearity"] = estimate(read(seed, IDEAL), rig, inextensible)
         else:
             filters = ("ekf-2008", "simulation") if statements_only else ("ekf-2008", "simulation", "ekf", "adaptive")
             for name in filters:
-                made[name] = estimate(log, rig, _estimator(series, name), passes=2 if name == "ekf-2008" else 1)
+                passes = 2 if name == "ekf-2008" else 1
+                estimates[name] = estimate(log, rig, _estimator(series, name), passes=passes)
         if series == "series-2":
-            others = {"hung weights": hung_weights(log, scenario), "better cells": read(seed, BETTER_CELLS)}
+            logs = {"hung weights": hung_weights(log, scenario), "better cells": read(seed, BETTER_CELLS)}
             paper = _estimator(series, "ekf-2008")
-            made |= {name: estimate(each, rig, paper, passes=2) for name, each in others.items()}
+            estimates |= {name: estimate(variant, rig, paper, passes=2) for name, variant in logs.items()}
             if not statements_only:
-                made |= {f"reading {name}": estimate(log, rig, _estimator(series, name)) for name in READINGS}
-        runs.append(Run(series, plant.name, seed, rig, log, made))
+                estimates |= {f"reading {name}": estimate(log, rig, _estimator(series, name)) for name in READINGS}
+        runs.append(Run(series, plant.name, seed, rig, log, estimates))
     if series == "series-2" or (series in SERIES_2 and not statements_only):
         knowing = make_estimator("ekf-2008", rig.with_values(plant.values or observed_values()))
         for run in runs:
@@ -170,11 +160,7 @@ def run_series(series: str, plant: Plant, seeds: Sequence[int] = SEEDS, *, state
 
 
 def hung_weights(log: Log, scenario: Scenario) -> Log:
-    """Return the log with the hung weights in place of the load cells' readings.
-
-    Args:
-        scenario: what hangs on each drive.
-    """
+    """Return the log with the hung weights of the scenario in place of the load cells' readings."""
     channels = dict(log.channels)
     for sensor, drive in (("u1", "left"), ("u2", "right")):
         weight = scenario.drives[drive].weight
