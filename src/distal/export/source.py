@@ -97,8 +97,9 @@ def c_filter(
     except CodeError as problem:
         raise ExportError(f"{estimator} of '{rig.name}' has no C: {problem}") from None
     whole = prior.numel_out(1) > len(runner.state_names)  # the covariance, else its diagonal
-    values = _values(runner, name, emitter, begin, advance) | begun(len(runner.state_names), whole)
-    cost = emitter.functions[advance].cost
+    cost, scratch = emitter.functions[advance].cost, sum(written.scratch for written in emitter.functions.values())
+    watching = health_source(runner, name, emitter)
+    values = _values(runner, name, emitter, begin, advance) | watching | begun(len(runner.state_names), whole)
     return Exported(
         name,
         estimator,
@@ -110,7 +111,7 @@ def c_filter(
         states=runner.state_names,
         measured=runner.measured,
         carry=int(step.numel_in(0)),
-        scratch=sum(written.scratch for written in emitter.functions.values()),
+        scratch=scratch,
         operations=cost.operations,
         library=dict(sorted(cost.library.items())),
         interval=runner.interval,
@@ -157,7 +158,6 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "reach": ", ".join(f"{{{dialect.constant(low)}, {dialect.constant(high)}}}" for low, high in reaches),
         "anywhere": dialect.constant(ANYWHERE**2),
         "health": health_codes(name),
-        "watching": health_source(runner, name, dialect),
         "n_joints": str(len(runner.rig.joints)),
         "outputs": members(runner, name),
         "angles": outputs(runner, n),
@@ -238,8 +238,7 @@ $outputs$
 /* What tells whether the stream can be trusted. */
 typedef struct {
   int begun;
-  $name$_real pace, age[$NAME$_CHANNELS], same[$NAME$_CHANNELS], last[$NAME$_CHANNELS], outside[$NAME$_CHANNELS];
-  $name$_real ratio[$n_innovations$];
+  $name$_real memory[$n_memory$];
 } $name$_watch;
 
 /* the codes of a step */

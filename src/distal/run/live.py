@@ -24,7 +24,6 @@ from distal.estimators import (
 )
 from distal.estimators.gaps import MOST_BRIDGES, fill, predictions
 from distal.rig import Rig, load_rig
-from distal.run.offline import priors_of
 
 LATEST = 1e300
 """No stamp is larger than this [s]: differences of stamps stay finite."""
@@ -76,8 +75,6 @@ class LiveEstimator:
         self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
         self._torques = list(external_torques_of(runner).values())
         self._torque_names = tuple(runner.state_names[i] for i in self._torques)
-        means, stds = priors_of(runner)
-        self._priors = None if means is None or stds is None else (means, stds)
         self._warm()
 
     def _warm(self) -> None:
@@ -175,6 +172,11 @@ class LiveEstimator:
         self._begin = (given, angle_std)
         self._samples, self._time = 0, float("nan")
         self._innovations[:] = np.nan
+
+    @property
+    def runner(self) -> KernelEstimator:
+        """The estimator."""
+        return self._runner
 
     @property
     def rig(self) -> Rig:
@@ -282,20 +284,6 @@ class LiveEstimator:
     def innovation_variances(self) -> Floats:
         """Their variances, (m,), a view that changes with each step."""
         return _view(self._y[self._m : 2 * self._m])
-
-    def left_priors(self, far: float) -> tuple[str, ...]:
-        """Return the rig's parameters whose estimates are further from the rig's values than their stds allow.
-
-        Args:
-            far: limit in prior standard deviations; the estimate's own std is subtracted first.
-        """
-        if self._priors is None or self._samples == 0:
-            return ()
-        means, stds = self._priors
-        own = np.sqrt(np.maximum(np.diagonal(self._spread), 0.0))
-        # NaN, of a state that is meant to move, compares as false
-        gone = np.abs(self._mean - means) - own > far * stds
-        return tuple(name for name, there in zip(self.state_names, gone & (stds > 0.0)) if there)
 
     def belief(self) -> Belief:
         """Return a copy of the current belief, to keep.

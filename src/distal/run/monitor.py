@@ -2,73 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, isfinite, nan
-from typing import Literal
+from math import inf, isfinite, nan, sqrt
 
 import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.errors import EstimationError
 from distal.estimators import LARGEST_ANGLE, SHORTEST, sample_problem
+from distal.kernels import Evaluation
 from distal.logs import LARGEST_READING
-from distal.results import LARGE_PRIOR, SMALL
-from distal.rig import Rig, Sensor, step_of
+from distal.rig import Rig
 from distal.run.live import LATEST, LiveEstimator
-from distal.run.places import FAR, place_range
-
-Health = Literal["ok", "untested", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"]
-
-HEALTH: dict[Health, str] = {
-    "ok": "all sensors were read, and those that are compared agree",
-    "untested": "all sensors were read, and none can disagree: no force is compared, or its innovations are far too small",
-    "missing": "a sensor has no value for longer than its own interval; it is bridged",
-    "gap": "samples are missing before this one; they are bridged",
-    "disagrees": "a sensor is not where it can be, its innovations are too large, or a number of the rig left its prior: "
-    "do not trust the band",
-    "dead": "a sensor has had no value, or always the same one, for half a second or more",
-    "restarted": "the clock jumped, or the filter left all bounds: it begins anew with this sample",
-    "late": "the stamp is older than the last one's; skipped, no estimate",
-    "duplicate": "the stamp is the last one's; skipped, no estimate",
-    "bad": "this is no sample; skipped, no estimate",
-}
-"""Each word and its meaning. Where several apply, the last one in this order is reported."""
-
-DEAD = 0.5
-"""A sensor without a value for so long is dead [s]."""
-
-LONGEST_GAP = 0.5
-"""After a longer gap the filter begins anew [s]."""
+from distal.run.watch import LONGEST_GAP, WORDS, Health, begun, watch_of, word_code
 
 REWOUND = 3
 """After this many late samples in a row, each newer than the one before, the clock counts as set back."""
 
 ANYWHERE = 0.5
 """Standard deviation of the joint's angle where the filter begins anew [rad]."""
-
-LARGE = 2.5
-"""Mean of ν²/S of a sensor beyond which it disagrees."""
-
-MEMORY = 1.0
-"""Time over which that mean, and the share of time beyond the stops, is taken [s]."""
-
-UNKNOWN = 1.0
-"""Standard deviation of the angle beyond which it is not known [rad]."""
-
-HURRIED = 0.2
-"""If intervals are below this share of the rig's nominal interval, the unit of time is probably wrong."""
-
-OVERDUE = 2.5
-"""A sensor without a value for longer than this times its own interval is missing."""
-
-CAPPED = 25.0
-"""Upper limit of one ν²/S: a single wild value alone does not make a sensor disagree."""
-
-
-def overdue(sensors: Sequence[Sensor]) -> Floats:
-    """Return after which time without a value each sensor is missing [s]; a known angle, which homes, never is."""
-    return np.array([inf if sensor.measures == "angle" else OVERDUE / sensor.rate for sensor in sensors])
 
 
 @dataclass(frozen=True)
@@ -126,20 +79,12 @@ class Monitor:
 
     def __init__(self, live: LiveEstimator) -> None:
         self._live = live
-        sensors = {sensor.name: sensor for sensor in live.rig.sensors}
-        chosen = [sensors[name] for name in live.channels]
-        self._overdue = overdue(chosen)
-        self._dead = np.maximum(DEAD, 2 * self._overdue)
-        # a sensor with noise does not say the same twice for long
-        self._noisy = np.array([sensor.noise > step_of(sensor) and sensor.measures != "angle" for sensor in chosen])
-        self._ranges = np.array([place_range(live.rig, sensor) for sensor in chosen]).reshape(-1, 2)
+        self._watch = watch = watch_of(live.runner)
+        self._check, self._memory = Evaluation(watch.function), begun(watch)
+        self._sample = np.zeros(watch.sample.size)
+        self._came = {name: self._sample[watch.sample[name]] for name in watch.sample.names}
         self._reach = np.array([joint.travel for joint in live.rig.joints]).T
-        self._seen = np.full(len(chosen), nan)
-        self._changed = np.full(len(chosen), nan)
-        self._last = np.full(len(chosen), nan)
-        self._outside = np.zeros(len(chosen))
-        self._ratios = np.ones(len(live.measured))
-        self._late, self._last_late, self._time, self._pace = 0, -inf, -inf, 1.0
+        self._late, self._last_late, self._time, self._fresh = 0, -inf, -inf, True
         self._anew = ""
 
     @property
@@ -170,11 +115,11 @@ class Monitor:
         problem = sample_problem(sample, live.channels)
         if problem is not None:
             return self._skipped(time, "bad", problem)
-        said: list[tuple[Health, str]] = []
+        problems: list[tuple[Health, str]] = []
         wild = np.abs(sample) > LARGEST_READING
         if wild.any():
             sample = np.where(wild, nan, sample)
-            said.append(("missing", f"{self._names(wild)} wild"))
+            problems.append(("missing", f"{self._names(wild)} wild"))
         gap = time - self._time
         if isfinite(gap):
             skipped = self._late_or_twice(time)
@@ -184,18 +129,10 @@ class Monitor:
                 self._restart(f"the clock was set back by {-gap:.3g} s")
             elif gap > max(LONGEST_GAP, 3 * live.interval):
                 self._restart(f"no sample for {gap:.3g} s; the rig says every {live.interval:.3g} s")
-            elif gap > 1.5 * live.interval:
-                said.append(("gap", f"{gap:.3g} s; the rig says every {live.interval:.3g} s"))
-            share = min(live.interval / MEMORY, 1.0) if gap > 0 else 0.0
-            self._pace += share * (min(gap / live.interval, 2.0) - self._pace)
-            if self._pace < HURRIED:
-                said.append(
-                    ("disagrees", f"samples {gap:.3g} s apart, the rig says {live.interval:.3g} s: unit of time?")
-                )
         self._late, self._last_late = 0, -inf
         if not live.samples and not np.isfinite(sample).any():
             return self._skipped(time, "bad", "the first sample has no value at all")
-        before, self._time = self._time, time
+        self._time = time
         try:
             live.step(time, sample)
         except EstimationError:
@@ -207,25 +144,60 @@ class Monitor:
                 self._restart("the filter left all bounds")
                 return self._skipped(time, "bad", "the filter leaves all bounds with this sample")
         if self._anew:
-            said.append(("restarted", self._anew))
+            problems.append(("restarted", self._anew))
             self._anew = ""
-        dt = time - before if 0.0 < time - before < LONGEST_GAP else live.interval
-        said += self._sensors(time, sample, min(dt / MEMORY, 1.0))
-        said += self._innovations(min(dt / MEMORY, 1.0))
-        gone = live.left_priors(LARGE_PRIOR)
-        if gone:
-            said.append(("disagrees", f"{', '.join(gone)}: further from the rig's value than its std allows"))
-        # a filter that has just begun has not yet had what it needs to say so
-        if not np.any(self._ratios >= SMALL):
-            said.append(("untested", ", ".join(live.measured) or "no sensor is compared"))
-        stds = live.angle_stds
-        if stds.max() > UNKNOWN and live.samples > 1:
-            said.append(("disagrees", "the angle is not known"))
-        health, detail = max(said, key=lambda one: list(HEALTH).index(one[0]), default=("ok", ""))
+        problems += self._found(gap if isfinite(gap) else 0.0, sample)
+        health, detail = max(problems, key=lambda problem: word_code(problem[0]), default=("ok", ""))
         torques, torque_stds = live.external_torques.tolist(), live.external_torque_stds.tolist()
-        return Reading(
-            time, tuple(live.angles.tolist()), tuple(stds.tolist()), health, detail, tuple(torques), tuple(torque_stds)
-        )
+        angles, stds = live.angles.tolist(), live.angle_stds.tolist()
+        return Reading(time, tuple(angles), tuple(stds), health, detail, tuple(torques), tuple(torque_stds))
+
+    def _found(self, dt: float, sample: Floats) -> list[tuple[Health, str]]:
+        """Return what is wrong, word and detail.
+
+        Args:
+            dt: since the sample before [s].
+            sample: values of `channels`, (n_channels,).
+        """
+        live, watch, came = self._live, self._watch, self._came
+        came["mask"][:] = np.isfinite(sample)
+        came["values"][:] = np.where(came["mask"], sample, 0.0)
+        came["compared"][:] = np.isfinite(live.innovations)
+        came["innovations"][:] = np.where(came["compared"], live.innovations, 0.0)
+        came["variances"][:], came["stds"][:] = live.innovation_variances, live.angle_stds
+        came["numbers"][:] = live.mean[list(watch.watched)]
+        came["number_variances"][:] = np.diagonal(live.covariance)[list(watch.watched)]
+        came["first"][:], came["dt"][:] = self._fresh, dt
+        self._memory, findings = self._check(self._memory, self._sample)
+        self._fresh = False
+        if findings[0] == 0:
+            return []
+        flags = {name: findings[watch.findings[name]] != 0 for name in watch.findings.names}
+        details = self._details(flags, dt)
+        return [(WORDS[name], details[name]) for name in WORDS if flags[name].any()]
+
+    def _details(self, flags: Mapping[str, Bools], dt: float) -> dict[str, str]:
+        """Return the sentence on each finding."""
+        live, watch, interval = self._live, self._watch, self._live.interval
+        age, ratio = (self._memory[watch.memory[name]] for name in ("age", "ratio"))
+        places = [live.channels[i] for i, is_wrong in zip(watch.placed, flags["wrong"]) if is_wrong]
+        dead = f"{self._names(flags['dead'])} for {age.max():.3g} s" if flags["dead"].any() else ""
+        stuck = f"{self._names(flags['stuck'])} does not change"
+        large = (f"{live.measured[i]} {sqrt(ratio[i]):.1f}x" for i in np.flatnonzero(flags["large"]))
+        left = (live.state_names[i] for i, is_left in zip(watch.watched, flags["left"]) if is_left)
+        return {
+            "untested": ", ".join(live.measured) or "no sensor is compared",
+            "missing": self._names(flags["missing"]),
+            "nothing": "all sensors",
+            "gap": f"{dt:.3g} s; the rig says every {interval:.3g} s",
+            "hurried": f"samples {dt:.3g} s apart, the rig says {interval:.3g} s: unit of time?",
+            "wrong": f"{', '.join(places)} is where its drive cannot be: wrong unit, zero or side?",
+            "large": ", ".join(large),
+            "left": f"{', '.join(left)}: further from the rig's value than its std allows",
+            "unknown": "the angle is not known",
+            "stuck": f"{dead}, {stuck}" if dead else stuck,
+            "dead": dead,
+        }
 
     def _skipped(self, time: float, health: Health, detail: str = "") -> Reading:
         """Return a reading without an estimate."""
@@ -251,51 +223,10 @@ class Monitor:
         reached = np.clip(angles, *self._reach)
         self._live.reset(tuple(reached.tolist()) if known else None, ANYWHERE)
         self._anew = why
-        self._seen[:] = self._changed[:] = nan
-        self._outside[:] = 0.0
-        self._ratios[:] = 1.0
-
-    def _sensors(self, time: float, sample: Floats, share: float) -> list[tuple[Health, str]]:
-        """Return which sensors are overdue, dead, stuck, or where their drive cannot be."""
-        there = np.isfinite(sample)
-        moved = there & (sample != self._last)
-        np.copyto(self._last, sample, where=there)
-        self._changed[moved | np.isnan(self._changed)] = time
-        never = np.isnan(self._seen) & ~there
-        self._seen[there | never] = time
-        self._seen[never] -= self._overdue[never] * 1.01  # it has not been there at all: overdue from the beginning
-        ages, same = time - self._seen, time - self._changed
-        dead = ages >= self._dead
-        stuck = self._noisy & there & (same >= self._dead)
-        said: list[tuple[Health, str]] = []
-        if dead.any() or stuck.any():
-            names = [f"{self._names(dead)} for {ages[dead].max():.3g} s"] if dead.any() else []
-            names += [f"{self._names(stuck)} does not change"] if stuck.any() else []
-            said.append(("dead", ", ".join(names)))
-        missing = (ages > self._overdue) & ~dead
-        if missing.any() or not there.any():
-            said.append(("missing", self._names(missing) or "all sensors"))
-        outside = there & ((sample < self._ranges[:, 0]) | (sample > self._ranges[:, 1]))
-        far = there & (np.abs(sample - self._ranges.mean(axis=1)) > FAR * np.ptp(self._ranges, axis=1))
-        self._outside += share * (outside - self._outside)
-        wrong = (self._outside > 0.5) | far
-        if wrong.any():
-            said.append(("disagrees", f"{self._names(wrong)} is where its drive cannot be: wrong unit, zero or side?"))
-        return said
-
-    def _innovations(self, share: float) -> list[tuple[Health, str]]:
-        """Return which sensors disagree with the filter."""
-        live = self._live
-        for i in range(len(self._ratios)):
-            innovation = live.innovations[i]
-            if isfinite(innovation):
-                value = float(innovation)
-                ratio = min(value * value / float(live.innovation_variances[i]), CAPPED)
-                self._ratios[i] += share * (ratio - self._ratios[i])
-        large = [i for i, ratio in enumerate(self._ratios) if ratio > LARGE]
-        if not large:
-            return []
-        return [("disagrees", ", ".join(f"{live.measured[i]} {np.sqrt(self._ratios[i]):.1f}x" for i in large))]
+        watch = self._watch
+        pace = self._memory[watch.memory["pace"]].copy()
+        self._memory, self._fresh = begun(watch), True
+        self._memory[watch.memory["pace"]] = pace
 
     def _names(self, chosen: Bools) -> str:
-        return ", ".join(name for name, there in zip(self._live.channels, chosen) if there)
+        return ", ".join(name for name, is_chosen in zip(self._live.channels, chosen) if is_chosen)

@@ -951,6 +951,202 @@ static void adaptive(float* restrict state, const float* restrict a1, const floa
   state[78] = w[89];
 }
 
+static void judged(const float* restrict a0, const float* restrict a1, float* restrict r0, float* restrict r1) {
+  const float v2 = (a1[4] != 0.0f ? a1[2] : 0.0f);
+  const float v3 = (float)(a1[4] == 0.0f);
+  const float v5 = (v3 != 0.0f ? a0[0] : 0.0f);
+  const float v6 = v2 + v5;
+  r0[0] = v6;
+  const float v10 = (a1[5] != 0.0f ? a1[3] : 0.0f);
+  const float v11 = (float)(a1[5] == 0.0f);
+  const float v13 = (v11 != 0.0f ? a0[1] : 0.0f);
+  const float v14 = v10 + v13;
+  r0[1] = v14;
+  const float v18 = (a1[0] != 0.0f ? 0.012625f : 0.0f);
+  const float v19 = (float)(a1[0] == 0.0f);
+  const float v22 = a0[2] + a1[1];
+  const float v23 = (v19 != 0.0f ? v22 : 0.0f);
+  const float v24 = v18 + v23;
+  const float v25 = (v3 != 0.0f ? v24 : 0.0f);
+  r0[2] = v25;
+  const float v28 = a0[3] + a1[1];
+  const float v29 = (v19 != 0.0f ? v28 : 0.0f);
+  const float v30 = v18 + v29;
+  const float v31 = (v11 != 0.0f ? v30 : 0.0f);
+  r0[3] = v31;
+  const float v33 = (float)(a1[2] != a0[0]);
+  const float v34 = (float)(a1[4] != 0.0f && v33 != 0.0f);
+  const float v35 = (float)(a1[0] != 0.0f || v34 != 0.0f);
+  const float v36 = (float)(v35 == 0.0f);
+  const float v38 = a0[4] + a1[1];
+  const float v39 = (v36 != 0.0f ? v38 : 0.0f);
+  r0[4] = v39;
+  const float v41 = (float)(a1[3] != a0[1]);
+  const float v42 = (float)(a1[5] != 0.0f && v41 != 0.0f);
+  const float v43 = (float)(a1[0] != 0.0f || v42 != 0.0f);
+  const float v44 = (float)(v43 == 0.0f);
+  const float v46 = a0[5] + a1[1];
+  const float v47 = (v44 != 0.0f ? v46 : 0.0f);
+  r0[5] = v47;
+  const float v51 = (float)(0.0f < a1[1]);
+  const float v53 = (float)(a1[1] < 0.5f);
+  const float v54 = (float)(v51 != 0.0f && v53 != 0.0f);
+  const float v55 = (v54 != 0.0f ? a1[1] : 0.0f);
+  const float v56 = (float)(v54 == 0.0f);
+  const float v58 = (v56 != 0.0f ? 0.005f : 0.0f);
+  const float v59 = v55 + v58;
+  const float v61 = smaller(v59, 1.0f);
+  const float v63 = (float)(a1[2] < (-40.3234907f));
+  const float v65 = (float)(40.3234907f < a1[2]);
+  const float v66 = (float)(v63 != 0.0f || v65 != 0.0f);
+  const float v67 = a1[4] * v66;
+  const float v68 = v67 - a0[6];
+  const float v69 = v61 * v68;
+  const float v70 = a0[6] + v69;
+  r0[6] = v70;
+  const float v75 = a1[7] * a1[7];
+  const float v77 = v75 / a1[9];
+  const float v79 = smaller(v77, 25.0f);
+  const float v80 = v79 - a0[7];
+  const float v81 = v61 * v80;
+  const float v82 = (a1[8] != 0.0f ? v81 : 0.0f);
+  const float v83 = a0[7] + v82;
+  r0[7] = v83;
+  const float v86 = a1[1] / 0.005f;
+  const float v88 = smaller(v86, 2.0f);
+  const float v89 = v88 - a0[8];
+  const float v90 = 0.005f * v89;
+  const float v91 = (v19 != 0.0f ? v90 : 0.0f);
+  const float v92 = a0[8] + v91;
+  r0[8] = v92;
+  const float v95 = (float)(0.05f <= v83);
+  const float v96 = larger(0.0f, v95);
+  const float v97 = (float)(v96 == 0.0f);
+  const float v98 = larger(0.0f, v97);
+  const float v100 = (float)(0.0125f < v25);
+  const float v102 = (float)(0.499999999f <= v25);
+  const float v103 = (float)(v102 == 0.0f);
+  const float v104 = (float)(v100 != 0.0f && v103 != 0.0f);
+  const float v105 = larger(0.0f, v104);
+  const float v106 = (float)(0.0125f < v31);
+  const float v107 = (float)(0.499999999f <= v31);
+  const float v108 = (float)(v107 == 0.0f);
+  const float v109 = (float)(v106 != 0.0f && v108 != 0.0f);
+  const float v110 = larger(v105, v109);
+  const float v111 = 2.0f * v110;
+  const float v112 = larger(v98, v111);
+  const float v113 = larger(0.0f, a1[4]);
+  const float v114 = larger(v113, a1[5]);
+  const float v115 = (float)(v114 == 0.0f);
+  const float v116 = larger(0.0f, v115);
+  const float v117 = 2.0f * v116;
+  const float v118 = larger(v112, v117);
+  const float v121 = (float)(0.0075f < a1[1]);
+  const float v122 = (float)(v19 != 0.0f && v121 != 0.0f);
+  const float v123 = larger(0.0f, v122);
+  const float v124 = 3.0f * v123;
+  const float v125 = larger(v118, v124);
+  const float v128 = (float)(v92 < 0.2f);
+  const float v129 = (float)(v19 != 0.0f && v128 != 0.0f);
+  const float v130 = larger(0.0f, v129);
+  const float v131 = 4.0f * v130;
+  const float v132 = larger(v125, v131);
+  const float v133 = (float)(0.5f < v70);
+  const float v135 = fabsf(a1[2]);
+  const float v136 = (float)(806.469813f < v135);
+  const float v137 = a1[4] * v136;
+  const float v138 = (float)(v133 != 0.0f || v137 != 0.0f);
+  const float v139 = larger(0.0f, v138);
+  const float v140 = 4.0f * v139;
+  const float v141 = larger(v132, v140);
+  const float v143 = (float)(2.5f < v83);
+  const float v144 = larger(0.0f, v143);
+  const float v145 = 4.0f * v144;
+  const float v146 = larger(v141, v145);
+  const float v150 = a1[10] - 0.150221892f;
+  const float v151 = fabsf(v150);
+  const float v153 = larger(a1[16], 0.0f);
+  const float v154 = sqrtf(v153);
+  const float v155 = v151 - v154;
+  const float v156 = (float)(0.148996653f < v155);
+  const float v157 = larger(0.0f, v156);
+  const float v161 = a1[11] - 0.0200092576f;
+  const float v162 = fabsf(v161);
+  const float v164 = larger(a1[17], 0.0f);
+  const float v165 = sqrtf(v164);
+  const float v166 = v162 - v165;
+  const float v167 = (float)(0.0179536306f < v166);
+  const float v168 = larger(v157, v167);
+  const float v172 = a1[12] - 0.0503527565f;
+  const float v173 = fabsf(v172);
+  const float v175 = larger(a1[18], 0.0f);
+  const float v176 = sqrtf(v175);
+  const float v177 = v173 - v176;
+  const float v178 = (float)(0.0586527036f < v177);
+  const float v179 = larger(v168, v178);
+  const float v183 = a1[13] - 20.0f;
+  const float v184 = fabsf(v183);
+  const float v186 = larger(a1[19], 0.0f);
+  const float v187 = sqrtf(v186);
+  const float v188 = v184 - v187;
+  const float v189 = (float)(12.0f < v188);
+  const float v190 = larger(v179, v189);
+  const float v192 = a1[14] - 20.0f;
+  const float v193 = fabsf(v192);
+  const float v195 = larger(a1[20], 0.0f);
+  const float v196 = sqrtf(v195);
+  const float v197 = v193 - v196;
+  const float v198 = (float)(12.0f < v197);
+  const float v199 = larger(v190, v198);
+  const float v202 = a1[15] - 1.0f;
+  const float v203 = fabsf(v202);
+  const float v205 = larger(a1[21], 0.0f);
+  const float v206 = sqrtf(v205);
+  const float v207 = v203 - v206;
+  const float v208 = (float)(0.45f < v207);
+  const float v209 = larger(v199, v208);
+  const float v210 = 4.0f * v209;
+  const float v211 = larger(v146, v210);
+  const float v213 = (float)(1.0f < a1[6]);
+  const float v214 = larger(0.0f, v213);
+  const float v215 = (float)(v19 != 0.0f && v214 != 0.0f);
+  const float v216 = larger(0.0f, v215);
+  const float v217 = 4.0f * v216;
+  const float v218 = larger(v211, v217);
+  const float v220 = (float)(0.499999999f <= v39);
+  const float v221 = a1[4] * v220;
+  const float v222 = larger(0.0f, v221);
+  const float v223 = (float)(0.499999999f <= v47);
+  const float v224 = a1[5] * v223;
+  const float v225 = larger(v222, v224);
+  const float v226 = 5.0f * v225;
+  const float v227 = larger(v218, v226);
+  const float v228 = larger(0.0f, v102);
+  const float v229 = larger(v228, v107);
+  const float v230 = 5.0f * v229;
+  const float v231 = larger(v227, v230);
+  r1[0] = v231;
+  r1[1] = v122;
+  r1[2] = v129;
+  r1[3] = v115;
+  r1[4] = v97;
+  r1[5] = v215;
+  r1[6] = v102;
+  r1[7] = v107;
+  r1[8] = v221;
+  r1[9] = v224;
+  r1[10] = v104;
+  r1[11] = v109;
+  r1[12] = v138;
+  r1[13] = v143;
+  r1[14] = v156;
+  r1[15] = v167;
+  r1[16] = v178;
+  r1[17] = v189;
+  r1[18] = v198;
+  r1[19] = v208;
+}
+
 /* which of the values each innovation is of */
 static const unsigned char measured[1] = {1};
 
@@ -1030,78 +1226,36 @@ int capstan_adaptive_step(capstan_adaptive_state* state, float dt, const float* 
   return CAPSTAN_ADAPTIVE_OK;
 }
 
-/* when a sensor is missing and dead [s], whether it has noise; where a drive can be; numbers of the rig and 3 stds */
-static const float overdue[] = {0.0125f, 0.0125f};
-static const float dead[] = {0.5f, 0.5f};
-static const float low[] = {(-40.3234907f)};
-static const float high[] = {40.3234907f};
-static const float prior_mean[] = {0.150221892f, 0.0200092576f, 0.0503527565f, 20.0f, 20.0f, 1.0f};
-static const float allowed[] = {0.148996653f, 0.0179536306f, 0.0586527036f, 12.0f, 12.0f, 0.45f};
-static const unsigned char noisy[] = {1, 1};
-static const unsigned char placed[] = {0};
-static const unsigned char lasting[] = {2, 3, 4, 5, 6, 7};
-
-static int worse(int health, int than) { return than > health ? than : health; }
-
 void capstan_adaptive_watch_begin(capstan_adaptive_watch* watch) {
-  int i;
-  memset(watch, 0, sizeof *watch);
-  watch->pace = 1.0f;
-  for (i = 0; i < CAPSTAN_ADAPTIVE_CHANNELS; ++i) watch->last[i] = NAN;
-  for (i = 0; i < CAPSTAN_ADAPTIVE_MEASURED; ++i) watch->ratio[i] = 1.0f;
+  static const float begun[] = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 1.0f, 1.0f};
+  memcpy(watch->memory, begun, sizeof begun);
+  watch->begun = 0;
 }
 
 int capstan_adaptive_health(capstan_adaptive_watch* watch, const capstan_adaptive_state* state, float dt, const float* values,
                   const capstan_adaptive_output* out) {
+  static const unsigned char watched[] = {2, 3, 4, 5, 6, 7};
   const float stds[] = {out->angle_std};
-  const int first = !watch->begun;
-  /* the share that this sample has in means over a second */
-  const float since = dt > 0.0f && dt < 0.5f ? dt : 0.005f;
-  const float share = since < 1.0f ? since / 1.0f : 1.0f;
-  int i, health = CAPSTAN_ADAPTIVE_HEALTH_OK, any = 0, tested = 0;
-  watch->begun = 1;
-  if (!first) {
-    const float pace = dt / 0.005f, weight = 0.005f < 1.0f ? 0.005f / 1.0f : 1.0f;
-    if (dt > 0.0075f) health = CAPSTAN_ADAPTIVE_HEALTH_GAP;
-    watch->pace += weight * ((pace < 2.0f ? pace : 2.0f) - watch->pace);
-    if (watch->pace < 0.2f) health = CAPSTAN_ADAPTIVE_HEALTH_DISAGREES; /* unit of time? */
-  }
+  float sample[22], memory[sizeof watch->memory / sizeof *watch->memory], findings[20];
+  int i;
+  sample[0] = watch->begun ? 0.0f : 1.0f;
+  sample[1] = dt;
   for (i = 0; i < CAPSTAN_ADAPTIVE_CHANNELS; ++i) {
-    const int there = is_there(values[i]), moved = there && values[i] != watch->last[i];
-    any |= there;
-    /* one that has not been there at all is missing from the beginning */
-    watch->age[i] = there ? 0.0f : first ? 1.01f * overdue[i] : watch->age[i] + dt;
-    watch->same[i] = first || moved ? 0.0f : watch->same[i] + dt;
-    if (there) watch->last[i] = values[i];
-    if (watch->age[i] >= dead[i] || (noisy[i] && there && watch->same[i] >= dead[i]))
-      health = worse(health, CAPSTAN_ADAPTIVE_HEALTH_DEAD);
-    else if (watch->age[i] > overdue[i])
-      health = worse(health, CAPSTAN_ADAPTIVE_HEALTH_MISSING);
+    sample[2 + i] = is_there(values[i]) ? values[i] : 0.0f;
+    sample[4 + i] = is_there(values[i]) ? 1.0f : 0.0f;
   }
-  if (!any) health = worse(health, CAPSTAN_ADAPTIVE_HEALTH_MISSING);
-  for (i = 0; i < 1; ++i) { /* a drive beyond where it can be, for most of a second or by far */
-    const float value = values[placed[i]], reach = high[i] - low[i];
-    const int there = is_there(value), beyond = there && (value < low[i] || value > high[i]);
-    watch->outside[i] += share * ((float)beyond - watch->outside[i]);
-    if (watch->outside[i] > 0.5f || (there && fabsf(value - 0.5f * (low[i] + high[i])) > 10.0f * reach))
-      health = worse(health, CAPSTAN_ADAPTIVE_HEALTH_DISAGREES);
-  }
+  for (i = 0; i < (int)(sizeof stds / sizeof *stds); ++i) sample[6 + i] = stds[i];
   for (i = 0; i < CAPSTAN_ADAPTIVE_MEASURED; ++i) {
-    const float innovation = out->innovations[i];
-    if (is_there(innovation)) {
-      const float ratio = innovation * innovation / out->innovation_variances[i];
-      watch->ratio[i] += share * ((ratio < 25.0f ? ratio : 25.0f) - watch->ratio[i]);
-    }
-    tested |= watch->ratio[i] >= 0.05f;
-    if (watch->ratio[i] > 2.5f) health = worse(health, CAPSTAN_ADAPTIVE_HEALTH_DISAGREES);
+    sample[8 + i] = is_there(out->innovations[i]) ? 1.0f : 0.0f;
+    sample[7 + i] = is_there(out->innovations[i]) ? out->innovations[i] : 0.0f;
+    sample[9 + i] = out->innovation_variances[i];
   }
-  if (!tested) health = worse(health, CAPSTAN_ADAPTIVE_HEALTH_UNTESTED);
-  for (i = 0; i < 6; ++i) { /* a number of the rig that left its prior */
-    const int k = lasting[i];
-    if (fabsf(state->carry[k] - prior_mean[i]) - root(state->carry[8 + k * (8 + 1)]) > allowed[i])
-      health = worse(health, CAPSTAN_ADAPTIVE_HEALTH_DISAGREES);
+  for (i = 0; i < 6; ++i) { /* numbers of the rig */
+    sample[10 + i] = state->carry[watched[i]];
+    sample[16 + i] = state->carry[8 + watched[i] * (8 + 1)];
   }
-  for (i = 0; i < (int)(sizeof stds / sizeof *stds); ++i)
-    if (stds[i] > 1.0f && !first) health = worse(health, CAPSTAN_ADAPTIVE_HEALTH_DISAGREES);
-  return health;
+  judged(watch->memory, sample, memory, findings);
+  memcpy(watch->memory, memory, sizeof memory);
+  watch->begun = 1;
+  return (int)findings[0];
 }

@@ -51,8 +51,7 @@ typedef struct {
 /* What tells whether the stream can be trusted. */
 typedef struct {
   int begun;
-  capstan_adaptive_real pace, age[CAPSTAN_ADAPTIVE_CHANNELS], same[CAPSTAN_ADAPTIVE_CHANNELS], last[CAPSTAN_ADAPTIVE_CHANNELS], outside[CAPSTAN_ADAPTIVE_CHANNELS];
-  capstan_adaptive_real ratio[1];
+  capstan_adaptive_real memory[9];
 } capstan_adaptive_watch;
 
 /* the codes of a step */

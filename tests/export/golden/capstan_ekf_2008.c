@@ -14,6 +14,7 @@ static const float numbers[25] = {
 };
 
 static inline float larger(float a, float b) { return a > b || b != b ? a : b; }
+static inline float smaller(float a, float b) { return a < b || b != b ? a : b; }
 
 static void prior(const float* restrict a0, const float* restrict a1, const float* restrict a2, float* restrict r0, float* restrict r1, float* restrict r2) {
   (void)a2;
@@ -1009,6 +1010,153 @@ static void full_state(float* restrict state, const float* restrict a1, const fl
   state[20] = w[44];
 }
 
+static void judged(const float* restrict a0, const float* restrict a1, float* restrict r0, float* restrict r1) {
+  const float v2 = (a1[4] != 0.0f ? a1[2] : 0.0f);
+  const float v3 = (float)(a1[4] == 0.0f);
+  const float v5 = (v3 != 0.0f ? a0[0] : 0.0f);
+  const float v6 = v2 + v5;
+  r0[0] = v6;
+  const float v10 = (a1[5] != 0.0f ? a1[3] : 0.0f);
+  const float v11 = (float)(a1[5] == 0.0f);
+  const float v13 = (v11 != 0.0f ? a0[1] : 0.0f);
+  const float v14 = v10 + v13;
+  r0[1] = v14;
+  const float v18 = (a1[0] != 0.0f ? 0.012625f : 0.0f);
+  const float v19 = (float)(a1[0] == 0.0f);
+  const float v22 = a0[2] + a1[1];
+  const float v23 = (v19 != 0.0f ? v22 : 0.0f);
+  const float v24 = v18 + v23;
+  const float v25 = (v3 != 0.0f ? v24 : 0.0f);
+  r0[2] = v25;
+  const float v28 = a0[3] + a1[1];
+  const float v29 = (v19 != 0.0f ? v28 : 0.0f);
+  const float v30 = v18 + v29;
+  const float v31 = (v11 != 0.0f ? v30 : 0.0f);
+  r0[3] = v31;
+  const float v33 = (float)(a1[2] != a0[0]);
+  const float v34 = (float)(a1[4] != 0.0f && v33 != 0.0f);
+  const float v35 = (float)(a1[0] != 0.0f || v34 != 0.0f);
+  const float v36 = (float)(v35 == 0.0f);
+  const float v38 = a0[4] + a1[1];
+  const float v39 = (v36 != 0.0f ? v38 : 0.0f);
+  r0[4] = v39;
+  const float v41 = (float)(a1[3] != a0[1]);
+  const float v42 = (float)(a1[5] != 0.0f && v41 != 0.0f);
+  const float v43 = (float)(a1[0] != 0.0f || v42 != 0.0f);
+  const float v44 = (float)(v43 == 0.0f);
+  const float v46 = a0[5] + a1[1];
+  const float v47 = (v44 != 0.0f ? v46 : 0.0f);
+  r0[5] = v47;
+  const float v51 = (float)(0.0f < a1[1]);
+  const float v53 = (float)(a1[1] < 0.5f);
+  const float v54 = (float)(v51 != 0.0f && v53 != 0.0f);
+  const float v55 = (v54 != 0.0f ? a1[1] : 0.0f);
+  const float v56 = (float)(v54 == 0.0f);
+  const float v58 = (v56 != 0.0f ? 0.005f : 0.0f);
+  const float v59 = v55 + v58;
+  const float v61 = smaller(v59, 1.0f);
+  const float v63 = (float)(a1[2] < (-40.3234907f));
+  const float v65 = (float)(40.3234907f < a1[2]);
+  const float v66 = (float)(v63 != 0.0f || v65 != 0.0f);
+  const float v67 = a1[4] * v66;
+  const float v68 = v67 - a0[6];
+  const float v69 = v61 * v68;
+  const float v70 = a0[6] + v69;
+  r0[6] = v70;
+  const float v75 = a1[7] * a1[7];
+  const float v77 = v75 / a1[9];
+  const float v79 = smaller(v77, 25.0f);
+  const float v80 = v79 - a0[7];
+  const float v81 = v61 * v80;
+  const float v82 = (a1[8] != 0.0f ? v81 : 0.0f);
+  const float v83 = a0[7] + v82;
+  r0[7] = v83;
+  const float v86 = a1[1] / 0.005f;
+  const float v88 = smaller(v86, 2.0f);
+  const float v89 = v88 - a0[8];
+  const float v90 = 0.005f * v89;
+  const float v91 = (v19 != 0.0f ? v90 : 0.0f);
+  const float v92 = a0[8] + v91;
+  r0[8] = v92;
+  const float v95 = (float)(0.05f <= v83);
+  const float v96 = larger(0.0f, v95);
+  const float v97 = (float)(v96 == 0.0f);
+  const float v98 = larger(0.0f, v97);
+  const float v100 = (float)(0.0125f < v25);
+  const float v102 = (float)(0.499999999f <= v25);
+  const float v103 = (float)(v102 == 0.0f);
+  const float v104 = (float)(v100 != 0.0f && v103 != 0.0f);
+  const float v105 = larger(0.0f, v104);
+  const float v106 = (float)(0.0125f < v31);
+  const float v107 = (float)(0.499999999f <= v31);
+  const float v108 = (float)(v107 == 0.0f);
+  const float v109 = (float)(v106 != 0.0f && v108 != 0.0f);
+  const float v110 = larger(v105, v109);
+  const float v111 = 2.0f * v110;
+  const float v112 = larger(v98, v111);
+  const float v113 = larger(0.0f, a1[4]);
+  const float v114 = larger(v113, a1[5]);
+  const float v115 = (float)(v114 == 0.0f);
+  const float v116 = larger(0.0f, v115);
+  const float v117 = 2.0f * v116;
+  const float v118 = larger(v112, v117);
+  const float v121 = (float)(0.0075f < a1[1]);
+  const float v122 = (float)(v19 != 0.0f && v121 != 0.0f);
+  const float v123 = larger(0.0f, v122);
+  const float v124 = 3.0f * v123;
+  const float v125 = larger(v118, v124);
+  const float v128 = (float)(v92 < 0.2f);
+  const float v129 = (float)(v19 != 0.0f && v128 != 0.0f);
+  const float v130 = larger(0.0f, v129);
+  const float v131 = 4.0f * v130;
+  const float v132 = larger(v125, v131);
+  const float v133 = (float)(0.5f < v70);
+  const float v135 = fabsf(a1[2]);
+  const float v136 = (float)(806.469813f < v135);
+  const float v137 = a1[4] * v136;
+  const float v138 = (float)(v133 != 0.0f || v137 != 0.0f);
+  const float v139 = larger(0.0f, v138);
+  const float v140 = 4.0f * v139;
+  const float v141 = larger(v132, v140);
+  const float v143 = (float)(2.5f < v83);
+  const float v144 = larger(0.0f, v143);
+  const float v145 = 4.0f * v144;
+  const float v146 = larger(v141, v145);
+  const float v147 = larger(v146, 0.0f);
+  const float v149 = (float)(1.0f < a1[6]);
+  const float v150 = larger(0.0f, v149);
+  const float v151 = (float)(v19 != 0.0f && v150 != 0.0f);
+  const float v152 = larger(0.0f, v151);
+  const float v153 = 4.0f * v152;
+  const float v154 = larger(v147, v153);
+  const float v156 = (float)(0.499999999f <= v39);
+  const float v157 = a1[4] * v156;
+  const float v158 = larger(0.0f, v157);
+  const float v159 = (float)(0.499999999f <= v47);
+  const float v160 = a1[5] * v159;
+  const float v161 = larger(v158, v160);
+  const float v162 = 5.0f * v161;
+  const float v163 = larger(v154, v162);
+  const float v164 = larger(0.0f, v102);
+  const float v165 = larger(v164, v107);
+  const float v166 = 5.0f * v165;
+  const float v167 = larger(v163, v166);
+  r1[0] = v167;
+  r1[1] = v122;
+  r1[2] = v129;
+  r1[3] = v115;
+  r1[4] = v97;
+  r1[5] = v151;
+  r1[6] = v102;
+  r1[7] = v107;
+  r1[8] = v157;
+  r1[9] = v160;
+  r1[10] = v104;
+  r1[11] = v109;
+  r1[12] = v138;
+  r1[13] = v143;
+}
+
 /* which of the values each innovation is of */
 static const unsigned char measured[1] = {0};
 
@@ -1088,78 +1236,36 @@ int capstan_ekf_2008_step(capstan_ekf_2008_state* state, float dt, const float* 
   return CAPSTAN_EKF_2008_OK;
 }
 
-/* when a sensor is missing and dead [s], whether it has noise; where a drive can be; numbers of the rig and 3 stds */
-static const float overdue[] = {0.0125f, 0.0125f};
-static const float dead[] = {0.5f, 0.5f};
-static const float low[] = {(-40.3234907f)};
-static const float high[] = {40.3234907f};
-static const float prior_mean[] = {0};
-static const float allowed[] = {0};
-static const unsigned char noisy[] = {1, 1};
-static const unsigned char placed[] = {0};
-static const unsigned char lasting[] = {0};
-
-static int worse(int health, int than) { return than > health ? than : health; }
-
 void capstan_ekf_2008_watch_begin(capstan_ekf_2008_watch* watch) {
-  int i;
-  memset(watch, 0, sizeof *watch);
-  watch->pace = 1.0f;
-  for (i = 0; i < CAPSTAN_EKF_2008_CHANNELS; ++i) watch->last[i] = NAN;
-  for (i = 0; i < CAPSTAN_EKF_2008_MEASURED; ++i) watch->ratio[i] = 1.0f;
+  static const float begun[] = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 1.0f, 1.0f};
+  memcpy(watch->memory, begun, sizeof begun);
+  watch->begun = 0;
 }
 
 int capstan_ekf_2008_health(capstan_ekf_2008_watch* watch, const capstan_ekf_2008_state* state, float dt, const float* values,
                   const capstan_ekf_2008_output* out) {
+  static const unsigned char watched[] = {0};
   const float stds[] = {out->angle_std};
-  const int first = !watch->begun;
-  /* the share that this sample has in means over a second */
-  const float since = dt > 0.0f && dt < 0.5f ? dt : 0.005f;
-  const float share = since < 1.0f ? since / 1.0f : 1.0f;
-  int i, health = CAPSTAN_EKF_2008_HEALTH_OK, any = 0, tested = 0;
-  watch->begun = 1;
-  if (!first) {
-    const float pace = dt / 0.005f, weight = 0.005f < 1.0f ? 0.005f / 1.0f : 1.0f;
-    if (dt > 0.0075f) health = CAPSTAN_EKF_2008_HEALTH_GAP;
-    watch->pace += weight * ((pace < 2.0f ? pace : 2.0f) - watch->pace);
-    if (watch->pace < 0.2f) health = CAPSTAN_EKF_2008_HEALTH_DISAGREES; /* unit of time? */
-  }
+  float sample[10], memory[sizeof watch->memory / sizeof *watch->memory], findings[14];
+  int i;
+  sample[0] = watch->begun ? 0.0f : 1.0f;
+  sample[1] = dt;
   for (i = 0; i < CAPSTAN_EKF_2008_CHANNELS; ++i) {
-    const int there = is_there(values[i]), moved = there && values[i] != watch->last[i];
-    any |= there;
-    /* one that has not been there at all is missing from the beginning */
-    watch->age[i] = there ? 0.0f : first ? 1.01f * overdue[i] : watch->age[i] + dt;
-    watch->same[i] = first || moved ? 0.0f : watch->same[i] + dt;
-    if (there) watch->last[i] = values[i];
-    if (watch->age[i] >= dead[i] || (noisy[i] && there && watch->same[i] >= dead[i]))
-      health = worse(health, CAPSTAN_EKF_2008_HEALTH_DEAD);
-    else if (watch->age[i] > overdue[i])
-      health = worse(health, CAPSTAN_EKF_2008_HEALTH_MISSING);
+    sample[2 + i] = is_there(values[i]) ? values[i] : 0.0f;
+    sample[4 + i] = is_there(values[i]) ? 1.0f : 0.0f;
   }
-  if (!any) health = worse(health, CAPSTAN_EKF_2008_HEALTH_MISSING);
-  for (i = 0; i < 1; ++i) { /* a drive beyond where it can be, for most of a second or by far */
-    const float value = values[placed[i]], reach = high[i] - low[i];
-    const int there = is_there(value), beyond = there && (value < low[i] || value > high[i]);
-    watch->outside[i] += share * ((float)beyond - watch->outside[i]);
-    if (watch->outside[i] > 0.5f || (there && fabsf(value - 0.5f * (low[i] + high[i])) > 10.0f * reach))
-      health = worse(health, CAPSTAN_EKF_2008_HEALTH_DISAGREES);
-  }
+  for (i = 0; i < (int)(sizeof stds / sizeof *stds); ++i) sample[6 + i] = stds[i];
   for (i = 0; i < CAPSTAN_EKF_2008_MEASURED; ++i) {
-    const float innovation = out->innovations[i];
-    if (is_there(innovation)) {
-      const float ratio = innovation * innovation / out->innovation_variances[i];
-      watch->ratio[i] += share * ((ratio < 25.0f ? ratio : 25.0f) - watch->ratio[i]);
-    }
-    tested |= watch->ratio[i] >= 0.05f;
-    if (watch->ratio[i] > 2.5f) health = worse(health, CAPSTAN_EKF_2008_HEALTH_DISAGREES);
+    sample[8 + i] = is_there(out->innovations[i]) ? 1.0f : 0.0f;
+    sample[7 + i] = is_there(out->innovations[i]) ? out->innovations[i] : 0.0f;
+    sample[9 + i] = out->innovation_variances[i];
   }
-  if (!tested) health = worse(health, CAPSTAN_EKF_2008_HEALTH_UNTESTED);
-  for (i = 0; i < 0; ++i) { /* a number of the rig that left its prior */
-    const int k = lasting[i];
-    if (fabsf(state->carry[k] - prior_mean[i]) - root(state->carry[4 + k * (4 + 1)]) > allowed[i])
-      health = worse(health, CAPSTAN_EKF_2008_HEALTH_DISAGREES);
+  for (i = 0; i < 0; ++i) { /* numbers of the rig */
+    sample[10 + i] = state->carry[watched[i]];
+    sample[10 + i] = state->carry[4 + watched[i] * (4 + 1)];
   }
-  for (i = 0; i < (int)(sizeof stds / sizeof *stds); ++i)
-    if (stds[i] > 1.0f && !first) health = worse(health, CAPSTAN_EKF_2008_HEALTH_DISAGREES);
-  return health;
+  judged(watch->memory, sample, memory, findings);
+  memcpy(watch->memory, memory, sizeof memory);
+  watch->begun = 1;
+  return (int)findings[0];
 }

@@ -47,8 +47,7 @@ typedef struct {
 /* What tells whether the stream can be trusted. */
 typedef struct {
   int begun;
-  capstan_ekf_2008_real pace, age[CAPSTAN_EKF_2008_CHANNELS], same[CAPSTAN_EKF_2008_CHANNELS], last[CAPSTAN_EKF_2008_CHANNELS], outside[CAPSTAN_EKF_2008_CHANNELS];
-  capstan_ekf_2008_real ratio[1];
+  capstan_ekf_2008_real memory[9];
 } capstan_ekf_2008_watch;
 
 /* the codes of a step */
