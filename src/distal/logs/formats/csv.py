@@ -145,16 +145,12 @@ def _checked_rows(path: Path, data: bytes, separator: bytes, width: int, above: 
 
 
 def write_csv(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    """Return columns as the content of a file; NaN is an empty cell, and a number has the digits that tell it.
-
-    Args:
-        columns: name → values.
-    """
+    """Return columns as the content of a file; NaN is an empty cell, and a number has the digits that tell it."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    cells = ([None if value != value else value for value in np.asarray(each).tolist()] for each in columns.values())
-    writer.writerows(zip(*cells))
+    lists = (np.asarray(column).tolist() for column in columns.values())
+    writer.writerows(zip(*([None if cell != cell else cell for cell in column] for column in lists)))
     return text.getvalue().encode()
 
 
