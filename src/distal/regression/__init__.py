@@ -5,7 +5,7 @@ from distal.regression.band import NORMAL, Errors, conformal_factor, inflate_ban
 from distal.regression.beyond import Learner, errors_beyond
 from distal.regression.contact import contact_kind
 from distal.regression.discrepancy import discrepancy_kind
-from distal.regression.features import Predicted, Samples, design, half_ranges, limits, outside, predict
+from distal.regression.features import Predicted, Samples, design, limits, outside, predict
 from distal.regression.folds import folds_of, groups_of, splits
 from distal.regression.kernel import first_memory, map_function, memory_size, numbers_of, reporting_function
 from distal.regression.learn import (
@@ -44,7 +44,6 @@ __all__ = [
     "fit_coefficients",
     "folds_of",
     "groups_of",
-    "half_ranges",
     "independent",
     "inflate_band",
     "learn_map",
