@@ -43,12 +43,11 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     Raises:
         LogError: see `read_table`; stamps that repeat or go back; a truth that does not overlap the log.
     """
-    references = {sensor.log_column: sensor for sensor in rig.sensors if sensor.measures == "angle"}
-    torques = {sensor.log_column: sensor for sensor in rig.sensors if sensor.measures == "torque"}
     needed = [sensor for sensor in rig.sensors if sensor.measures not in REFERENCES]
+    wanted = [sensor.log_column for sensor in needed]
+    references = [sensor.log_column for kind in ("angle", "torque") for sensor in rig.sensors_of(kind)]
     joints = [joint.name for joint in rig.joints]
-    simulated = [f"true_{name}" for name in (*angle_names(joints), *torque_names(joints))]
-    wanted, optional = [sensor.log_column for sensor in needed], [*references, *torques, *simulated]
+    optional = [*references, *(f"true_{name}" for name in (*angle_names(joints), *torque_names(joints)))]
     time_column = rig.log.time.column
     asked = [time_column, *wanted, *optional, *([] if truth is None else [str(truth)])]
     recorded = None
@@ -69,7 +68,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     if len(time) < 2:
         raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
     channels = {sensor.name: _in_si(sensor, table) for sensor in needed}
-    angles, origin = _known_angles(rig, table, references, column, truth, Clock(time, stamps))
+    angles, origin = _known_angles(rig, table, column, truth, Clock(time, stamps))
     if angles and not any(np.isfinite(theta).any() for theta in angles.values()):
         if truth is not None:
             raise LogError(f"{table.source}: the truth ({origin}) has no value at all")
@@ -78,7 +77,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
         largest = float(np.max(np.abs(theta[np.isfinite(theta)]), initial=0.0))
         if largest > 1e6:
             raise LogError(f"{table.source}: the truth ({origin}) reaches {largest:.3g} rad, which is no angle")
-    log = Log(time, channels, angles | _known_torques(rig, table, torques), table.source, origin, stamps)
+    log = Log(time, channels, angles | _known_torques(rig, table), table.source, origin, stamps)
     for message in _doubts(log, rig):
         warnings.warn(message, DistalWarning, stacklevel=2)
     return log
@@ -90,26 +89,22 @@ def _distinct(time: Floats, last: bool) -> Bools:
     return ~np.append(same, False) if last else ~np.insert(same, 0, False)
 
 
-def _known_torques(rig: Rig, table: Table, sensors: Mapping[str, Sensor]) -> dict[str, Floats]:
+def _known_torques(rig: Rig, table: Table) -> dict[str, Floats]:
     """Return name → external torque [N m] as far as a log has it: a simulated log's own, else a torque sensor's."""
     joints = [joint.name for joint in rig.joints]
     names = dict(zip(joints, torque_names(joints)))
-    read = {names[s.of]: _in_si(s, table) for s in sensors.values() if s.log_column in table.columns}
+    read = {names[s.of]: _in_si(s, table) for s in rig.sensors_of("torque") if s.log_column in table.columns}
     simulated = {n: table.in_si(f"true_{n}", "N m") for n in names.values() if f"true_{n}" in table.columns}
     return {name: values for name, values in {**read, **simulated}.items() if np.isfinite(values).any()}
 
 
 def _known_angles(
-    rig: Rig,
-    table: Table,
-    references: Mapping[str, Sensor],
-    column: str | None,
-    truth: str | Path | None,
-    clock: Clock,
+    rig: Rig, table: Table, column: str | None, truth: str | Path | None, clock: Clock
 ) -> tuple[dict[str, Floats], TruthSource]:
     """Return name → true angle [rad] as far as a log or a file beside it has them, and where they come from."""
     joints = [joint.name for joint in rig.joints]
     names = dict(zip(joints, angle_names(joints)))
+    references = {sensor.log_column: sensor for sensor in rig.sensors_of("angle")}
     if column is not None:
         sensor = references.get(column)
         if sensor is None and len(joints) > 1:
@@ -117,10 +112,9 @@ def _known_angles(
                 f"truth '{column}' is one column, but the rig has the joints {', '.join(joints)}; give a file with t, "
                 f"{', '.join(names.values())}, or an angle sensor for each joint in the rig file"
             )
-        values = table.in_si(column, "rad") if sensor is None else _in_si(sensor, table)
-        kind = TruthKind.COLUMN if sensor is None else TruthKind.SENSOR
-        origin = TruthSource(kind, f"column '{column}'")
-        return {names[joints[0] if sensor is None else sensor.of]: values}, origin
+        if sensor is None:
+            return {names[joints[0]]: table.in_si(column, "rad")}, TruthSource(TruthKind.COLUMN, f"column '{column}'")
+        return {names[sensor.of]: _in_si(sensor, table)}, TruthSource(TruthKind.SENSOR, f"column '{column}'")
     if truth is not None:
         return read_truth(truth, clock.time, joints, clock.start), TruthSource(TruthKind.FILE, str(truth))
     simulated = {name: f"true_{name}" for name in names.values()}

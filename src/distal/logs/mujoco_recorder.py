@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from math import nan
 from typing import TYPE_CHECKING
 
@@ -42,7 +43,7 @@ class MujocoRecorder:
         places = [int(model.jnt_qposadr[joints[name]]) for name in names]
         self._angles = {name: _entry(now, place) for name, place in zip(angle_names(names), places)}
         of_joints = dict(zip(names, self._angles.values()))
-        self._readers: dict[str, Reader | None] = {
+        self._readers = {
             sensor.name: _own_sensor(model, now, sensor, length_unit)
             or (of_joints[sensor.of] if sensor.measures == "angle" else None)
             or _of_drive(model, now, rig, sensor, length_unit)
@@ -67,7 +68,8 @@ class MujocoRecorder:
         unknown = sorted(set(values) - set(self._readers))
         if unknown:
             raise LogError(f"no sensor is called {', '.join(unknown)}; the rig has {', '.join(self._readers)}")
-        lacking = [name for name, reader in self._readers.items() if reader is None and name not in values]
+        readers = {**self._readers, **{name: partial(float, reading) for name, reading in values.items()}}
+        lacking = [name for name, reader in readers.items() if reader is None]
         if lacking:
             raise LogError(
                 f"what do {', '.join(lacking)} read? The model has neither sensors of these names nor tendons with "
@@ -86,12 +88,8 @@ class MujocoRecorder:
         package.mj_copyData(self._now, self._model, self._data)
         package.mj_forward(self._model, self._now)
         self._times.append(time)
-        self._rows.append([self._read(name, values) if name in intervals else nan for name in self._readers])
+        self._rows.append([reader() if reader and name in intervals else nan for name, reader in readers.items()])
         self._truth.append([read() for read in self._angles.values()])
-
-    def _read(self, name: str, values: Mapping[str, float]) -> float:
-        reader = self._readers[name]
-        return float(values[name]) if name in values or reader is None else reader()
 
     def log(self) -> Log:
         """Return what was recorded so far, with the joints' angles as truth.

@@ -30,13 +30,17 @@ def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[
     """Return the schema of an estimate: stamp, angle and std of each joint, named torques from outside, health, detail."""
     number: dict[str, object] = {"type": ["number", "null"]}
     properties: dict[str, object] = {"t": {"type": "number", "description": "stamp of the sample [s]"}}
-    for name, joint in zip(angle_names(joints), joints):
-        which = "joint angle" if len(joints) == 1 else f"angle of the joint {joint}"
-        properties[name] = number | {"description": f"{which} [rad]; null where the sample was skipped"}
-        properties[std_name(name)] = number | {"description": "standard deviation of its error [rad]"}
-    for name in torques:
-        properties[name] = number | {"description": "torque on the joint from outside [N m]; null where it was skipped"}
-        properties[std_name(name)] = number | {"description": "standard deviation of its error [N m]"}
+    which = ["joint angle"] if len(joints) == 1 else [f"angle of the joint {joint}" for joint in joints]
+    quantities = [
+        *(
+            (name, f"{of} [rad]; null where the sample was skipped", "rad")
+            for name, of in zip(angle_names(joints), which)
+        ),
+        *((name, "torque on the joint from outside [N m]; null where it was skipped", "N m") for name in torques),
+    ]
+    for name, description, unit in quantities:
+        properties[name] = number | {"description": description}
+        properties[std_name(name)] = number | {"description": f"standard deviation of its error [{unit}]"}
     properties["health"] = {"type": "string", "description": "one word: see distal.run.HEALTH"}
     properties["detail"] = {"type": "string", "description": "which sensor, how long"}
     return {

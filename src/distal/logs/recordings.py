@@ -185,11 +185,7 @@ def _in_cycles(stamped: dict[str, list[Stamped]], topic_of: dict[str, str]) -> d
         columns = [column for column in stamped if topic_of.get(column) == topic]
         if len(columns) < 2:
             continue
-        intervals = [
-            np.median(np.diff([stamp for stamp, _ in stamped[column]]))
-            for column in columns
-            if len(stamped[column]) > 1
-        ]
+        intervals = [np.median(np.diff([at for at, _ in stamped[c]])) for c in columns if len(stamped[c]) > 1]
         longest = 0.5 * float(min(intervals, default=0.0))
         samples = sorted((stamp, column, number) for column in columns for stamp, number in stamped[column])
         moved.update({column: [] for column in columns})

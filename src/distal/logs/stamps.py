@@ -131,16 +131,12 @@ def _dated(stamps: Sequence[int | None], cells: Sequence[str], name: str, path: 
 
 
 def _is_date(text: str) -> bool:
-    """Return whether a text begins as an ISO date does: with a year, and no number in all."""
-    return len(text) >= 8 and text[:4].isdigit() and not _is_number(text)
-
-
-def _is_number(text: str) -> bool:
+    """Return whether a text begins as an ISO date does, with a year, and is no number."""
     try:
         float(text)
     except ValueError:
-        return False
-    return True
+        return len(text) >= 8 and text[:4].isdigit()
+    return False
 
 
 def _in_ns(dates: NDArray[Any]) -> list[int | None]:

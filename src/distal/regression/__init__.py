@@ -8,15 +8,7 @@ from distal.regression.discrepancy import discrepancy_kind
 from distal.regression.features import Predicted, Samples, design, limits, outside, predict
 from distal.regression.folds import folds_of, groups_of, splits
 from distal.regression.kernel import first_memory, map_function, memory_size, numbers_of, reporting_function
-from distal.regression.learn import (
-    Kind,
-    Terms,
-    calibrate_band,
-    errors_of,
-    fit_coefficients,
-    learn_map,
-    left_out_errors,
-)
+from distal.regression.learn import Kind, Terms, calibrate_band, errors_of, fit_coefficients, learn_map, left_out_errors
 from distal.regression.random_effects import correlated_samples, independent, line
 from distal.regression.window import EXPECTED, calibrate_window, seen
 

@@ -60,7 +60,6 @@ def rms_beyond_noise(errors: Sequence[Sequence[Errors]], noise: float = 0.0) -> 
     """Return the mean of RMS errors, of each log and joint alone, less the reference's own noise; NaN where there are none.
 
     Args:
-        errors: of each log and joint.
         noise: std of the reference's random error, which no map can explain: its variance is taken off.
     """
     squares = [float(np.mean(error**2)) for log in errors for error, _, _ in log if len(error)]
@@ -71,12 +70,8 @@ def rms_beyond_noise(errors: Sequence[Sequence[Errors]], noise: float = 0.0) -> 
 def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool) -> LearnedMap:
     """Return a map with its band sized by the errors on logs left out.
 
-    Of `OWNS`, the shares of the filter's own std, the one that gives the narrowest sized band is used; of few logs the
-    worst one decides.
-
-    Args:
-        errors: on each log left out, of each joint.
-        enough: whether there are logs enough to choose.
+    Of `OWNS`, the shares of the filter's own std, the one that gives the narrowest sized band is used; where there are not
+    `enough` logs to choose, the worst one decides.
     """
     filtered = any(np.any(v > 0.0) for log in errors for _, _, v in log)
     shares = (1.0,) if not filtered else OWNS if enough else (share_of_few(errors),)

@@ -41,10 +41,9 @@ def inner_parts(logs: Sequence[Samples]) -> list[Bools]:
 def errors_beyond(
     logs: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None, learn: Learner
 ) -> list[list[Errors]]:
-    """Return the errors in the outer part of each log with what the inner parts of the logs of other folds teach.
+    """Return the errors in the outer part of each log with what the inner parts of other folds' logs teach.
 
-    Args:
-        homing: length of the homing window [s], or None.
+    They count after a window of `homing` [s], if any.
     """
     parts, errors = inner_parts(logs), []
     for out, left in splits(folds) if len(set(folds)) > 1 else ():

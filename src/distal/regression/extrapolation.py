@@ -13,11 +13,7 @@ from distal.rig import LearnedMap
 
 
 def extrapolation(
-    partly: Mapping[int, Samples],
-    learn: Callable[[int], LearnedMap | None],
-    joints: int,
-    homing: float,
-    by_motion: bool,
+    partly: Mapping[int, Samples], fit: Callable[[int], LearnedMap | None], joints: int, homing: float, by_motion: bool
 ) -> tuple[float, ...]:
     """Return κ of each joint, by logs left out whose homing move covers half of their range.
 
@@ -25,14 +21,13 @@ def extrapolation(
 
     Args:
         partly: the logs, by their index.
-        learn: returns the map without a log, None where there is none.
+        fit: returns the map without a log, None where there is none.
         joints: number of joints.
         homing: length of the homing window [s].
-        by_motion: see `calibrate_window`.
     """
     costs: list[list[float]] = [[] for _ in range(joints)]
     for i, out in partly.items():
-        learned = learn(i)
+        learned = fit(i)
         if learned is None:
             continue
         learned, _ = calibrate_window(learned, out, out.window(homing), by_motion)
@@ -45,11 +40,7 @@ def extrapolation(
 def cost_beyond(learned: LearnedMap, samples: Samples, joint: int, homing: float) -> float | None:
     """Return κ of a log, κ² = (mean e² − mean v)/mean h² over what lies beyond its homing move; None where nothing does.
 
-    e are the errors, v the variances without κ, h is from `beyond_homing`.
-
-    Args:
-        learned: after the move.
-        homing: length of the homing window [s].
+    e are the errors, v the variances without κ, h is from `beyond_homing`; the move took a time `homing` [s].
     """
     predicted = predict(learned, samples, joint)
     past, target = beyond_homing(learned, samples, joint, predicted.values), samples.targets[:, joint]

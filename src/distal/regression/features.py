@@ -108,10 +108,10 @@ def variables(
     widths: Sequence[Scalar],
     magnitude: Callable[[Value], Value] = np.abs,
 ) -> dict[str, Value]:
-    """Return name → value of what terms are products of.
+    """Return name → value of what terms are products of: numbers, symbols or arrays.
 
     Args:
-        scaled: scaled readings, then scaled angles by the filter: numbers, symbols or arrays.
+        scaled: readings, then angles by the filter.
         plays: index of a channel → its scaled reading after its play.
         widths: half-widths of the plays, (m,).
         magnitude: the function |·| for what they are.
@@ -159,9 +159,8 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
     inner = middle + drawn_in(learned, samples)[:, None] * (samples.every[:, : len(learned.centre)] - middle)
     scaled = (inner - np.asarray(learned.centre)) / np.asarray(learned.scale)
     plays = {i: played(scaled[:, i], learned.width[i]) for i in learned.played}
-    phi = np.column_stack(
-        columns(learned.terms, variables(learned, list(scaled.T), plays, learned.width), np.ones(len(scaled)))
-    )
+    values = variables(learned, list(scaled.T), plays, learned.width)
+    phi = np.column_stack(columns(learned.terms, values, np.ones(len(scaled))))
     if np.isfinite(learned.fades_over):
         fading = np.array([term != CONSTANT for term in learned.terms])
         phi[:, fading] *= fade(learned, outside(learned, samples))[:, None]
@@ -169,10 +168,9 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
 
 
 def fade(learned: LearnedMap, far: Value) -> Value:
-    """Return the weight of the terms outside the learned range, 1 / (1 + (d / d½)²): numbers or symbols.
+    """Return the weight of the terms at d = `far` outside the learned range, 1 / (1 + (d / d½)²): numbers or symbols.
 
-    Nothing constrains a curve where there are no logs, and there the filter alone errs less. Lines do not fade. `far` is
-    d, from `outside`.
+    Nothing constrains a curve where there are no logs, and there the filter alone errs less. Lines do not fade.
     """
     return 1.0 / (1.0 + (far / learned.fades_over) ** 2)
 
@@ -200,9 +198,7 @@ def squared_distances(learned: LearnedMap, samples: Samples) -> Floats:
 def beyond_homing(learned: LearnedMap, samples: Samples, joint: int, values: Floats) -> Floats:
     """Return how far the corrected angle of a joint is beyond what a homing move covered [rad], (k,).
 
-    Args:
-        learned: the map after the move; before it nothing is beyond.
-        values: of the map, which are added to the filter's own angle, (k,).
+    Before the move nothing is beyond. The map's `values`, (k,), are added to the filter's own angle.
     """
     if not learned.homed:
         return np.zeros(len(samples.time))

@@ -35,9 +35,8 @@ def groups_of(names: Sequence[str], pattern: str | None, least: int = 2) -> list
     Raises:
         FitError: it is no such expression, does not match a name, or leaves fewer groups.
     """
-    if pattern is None:
-        groups = list(names)
-    else:
+    groups = list(names)
+    if pattern is not None:
         try:
             expression = re.compile(pattern)
         except re.error as problem:

@@ -168,7 +168,4 @@ def _split(column: Vector, sizes: Sequence[int]) -> list[Vector]:
 def _form(matrix: Vector, vector: Vector) -> Scalar:
     """Return vᵀ M v of a symmetric matrix that stands row by row."""
     n = vector.numel()
-    total = ca.SX(0)
-    for i in range(n):
-        total += vector[i] * ca.dot(matrix[i * n : (i + 1) * n], vector)
-    return total
+    return sum((vector[i] * ca.dot(matrix[i * n : (i + 1) * n], vector) for i in range(n)), start=ca.SX(0))

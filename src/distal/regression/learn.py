@@ -109,10 +109,9 @@ def learn_map(
 
 
 def choose_terms(logs: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None) -> Terms:
-    """Return the set of terms with the least error on left-out logs, fewer terms preferred; of one log on its halves.
+    """Return the terms with the least error on left-out logs (of one log on its halves), fewer preferred; see `errors_of`.
 
-    Args:
-        homing: length of the homing window [s], or None.
+    They are for the use after a window of `homing` [s], if any.
     """
     sets = kind.sets
     if len(sets) == 1:
@@ -254,7 +253,7 @@ def errors_of(
     """Return errors on a left-out log, the variances of the map without its band's factor, and the filter's, per joint.
 
     Args:
-        homing: length of the homing window [s], or None; with it errors count after the window.
+        homing: length of the homing window [s], after which errors count, or None.
         among: which samples count besides, (k,); None for all.
     """
     late = np.ones(len(out.time), dtype=bool) if among is None else among
@@ -272,11 +271,7 @@ def errors_of(
 def left_out_errors(
     logs: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
 ) -> list[list[Errors]]:
-    """Return the errors on each log with what the logs of other folds teach.
-
-    Args:
-        homing: length of the homing window [s], or None.
-    """
+    """Return the errors on each log with what the logs of other folds teach, after a window of `homing` [s] if any."""
     errors = []
     for out, left in splits(folds):
         remaining = [logs[i] for i in left]
@@ -296,11 +291,7 @@ def _all_known(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> bool:
 def calibrate_band(
     logs: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
 ) -> LearnedMap:
-    """Return what logs teach with a set of terms, its band sized by the errors on logs left out (`sized`).
-
-    Args:
-        homing: length of the homing window [s], or None.
-    """
+    """Return what logs teach with a set of terms, its band `sized` by `left_out_errors`, with the same `homing` [s]."""
     learned, count = fit_coefficients(logs, kind, chosen), len(set(folds))
     # what scatters between few logs is known as Student's distribution says
     draws = count if kind.by_group else len(logs)

@@ -24,11 +24,7 @@ SMALLEST_RESIDUAL = 1e-6
 
 
 def correlated_samples(residuals: Floats) -> float:
-    """Return how many samples count as one, 1 + 2 Σ ρ_k up to the first ρ_k that is not positive (Sokal, 1997, §3).
-
-    Args:
-        residuals: in the order of time, evenly spaced, (k,).
-    """
+    """Return how many of evenly spaced samples count as one, 1 + 2 Σ ρ_k up to the first ρ_k ≤ 0 (Sokal, 1997, §3)."""
     centred, n = residuals - residuals.mean(), len(residuals)
     power = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
     correlation = np.fft.irfft(power)[:n]
@@ -49,23 +45,16 @@ class Line:
         covariance: s² N (XᵀX)⁻¹, N samples counting as one, (n, n).
         std: s, with the degrees of freedom that are left: s² = RSS/(k − n N).
         correlated: N.
-        freedom: k/N − n, at least 1.
     """
 
     coefficients: Floats
     covariance: Floats
     std: float
     correlated: float
-    freedom: float
 
 
 def line(design: Floats, angles: Floats) -> Line:
-    """Return the least-squares coefficients, their covariance with correlated residuals, and the residuals' std.
-
-    Args:
-        design: X of full rank, (k, n).
-        angles: y [rad], (k,).
-    """
+    """Return the least-squares `Line` of `angles` y [rad], (k,), over a `design` X of full rank, (k, n)."""
     k, n = design.shape
     inverse = _inverse(design.T @ design)
     coefficients = inverse @ (design.T @ angles)
@@ -74,7 +63,7 @@ def line(design: Floats, angles: Floats) -> Line:
     # below one independent sample beyond the coefficients nothing could be said at all
     freedom = max(k / correlated - n, 1.0)
     std = max(float(np.sqrt(np.mean(residuals**2) * (freedom + n) / freedom)), SMALLEST_RESIDUAL)
-    return Line(coefficients, std**2 * correlated * inverse, std, correlated, freedom)
+    return Line(coefficients, std**2 * correlated * inverse, std, correlated)
 
 
 def _inverse(gram: Floats) -> Floats:
@@ -99,7 +88,8 @@ def updated(
         moment: Xᵀy of their angles y [rad], (n,) or (logs, n).
         spread: r, variance of a sample times the number of samples that count as one; of each log, (logs,).
     """
-    r, root = np.asarray(spread)[..., None], _root(covariance)
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    r, root = np.asarray(spread)[..., None], vectors * np.sqrt(np.maximum(values, 0.0))
     information = root.T @ gram @ root / r[..., None] + np.eye(len(mean))
     gain = root @ np.linalg.solve(information, np.broadcast_to(root.T, information.shape))
     after = mean + np.squeeze(gain @ ((moment - gram @ mean) / r)[..., None], -1)
@@ -146,12 +136,6 @@ ABOVE_NOISE = 1.5
 
 RANK = 1e-6
 """The same without noise: the share of its size below which a column is a combination of others."""
-
-
-def _root(covariance: Floats) -> Floats:
-    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
 
 
 def random_effects(

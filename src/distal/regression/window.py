@@ -64,14 +64,9 @@ def seen(learned: LearnedMap, samples: Samples) -> LearnedMap:
 
 
 def _after_window(joint: JointMap, x: Floats, y: Floats, count: float, logs: int) -> tuple[JointMap, float]:
-    """Return a joint's coefficients after a window of samples, and how surprising it was in stds.
+    """Return a joint's coefficients after a window, and how surprising it was in stds.
 
-    Args:
-        joint: mean and covariance before, the prior.
-        x: columns in the window, (k, n).
-        y: what they are to give, (k,).
-        count: how many samples count as one.
-        logs: how many logs the prior was learned from.
+    The window has columns `x`, (k, n), and targets `y`, (k,), of which `count` count as one; the prior is from `logs` logs.
     """
     mean, covariance = np.asarray(joint.coefficients), np.asarray(joint.covariance)
     gram, moment, spread = x.T @ x, x.T @ y, joint.std**2 * count

@@ -3,14 +3,7 @@
 from distal.results.curves import BAND
 from distal.results.estimate import ANGLE_UNITS, Estimate
 from distal.results.panels import HEALTH_COLOURS
-from distal.results.plots import (
-    PANELS,
-    check_panels,
-    draw_estimate,
-    from_start,
-    plot_estimates,
-    time_label,
-)
+from distal.results.plots import PANELS, check_panels, draw_estimate, from_start, plot_estimates, time_label
 from distal.results.style import (
     BAD,
     BAND_ALPHA,

@@ -49,11 +49,9 @@ class Estimate:
             the estimator has no such states.
         prior_stds: their standard deviations, (n,).
         torque_truths: true external torques on the joints [N m], (k, n_joints); None where none is known.
-        unseen: which joint motions the sensors cannot observe, a sentence also in `notes`; None where there are none, or
-            where this is not known.
+        unseen: which joint motions the sensors cannot observe, a sentence also in `notes`; None where none is known.
         state_kinds: what each state is, (n,); default those of the joints by their names.
-        state_parts: the part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its
-            path with names of parts.
+        state_parts: the joint, drive, tendon or sensor that each state is of, (n,), or the path of a number of the rig.
         state_units: SI unit of each state, (n,); default those of the joints' states.
         stamps: dates of the log since 1970 [ns], (k,), if it has dates; they link results to other recordings.
     """
@@ -119,23 +117,22 @@ class Estimate:
 
         The band is the median half-width of the 95 % band; ``inside band`` is a share of the samples.
         """
-        rows: list[SummaryRow] = []
+        rows = []
         for joint, name in enumerate(self.joint_names):
             angles, stds = self.angles[:, joint], self.angle_stds[:, joint]
             truth = np.full(len(self), np.nan) if self.truths is None else self.truths[:, joint]
             errors = (angles - truth)[np.isfinite(truth)]
             inside = np.abs(errors) <= BAND * stds[np.isfinite(truth)]
-            rows.append(
-                {
-                    "joint": name,
-                    "least [deg]": float(np.rad2deg(angles.min())),
-                    "greatest [deg]": float(np.rad2deg(angles.max())),
-                    "median band [deg]": float(np.rad2deg(BAND * np.median(stds))),
-                    "RMS error [deg]": float(np.rad2deg(np.sqrt(np.mean(errors**2)))) if len(errors) else None,
-                    "largest error [deg]": float(np.rad2deg(np.max(np.abs(errors)))) if len(errors) else None,
-                    "inside band": float(np.mean(inside)) if len(errors) else None,
-                }
-            )
+            row: SummaryRow = {
+                "joint": name,
+                "least [deg]": float(np.rad2deg(angles.min())),
+                "greatest [deg]": float(np.rad2deg(angles.max())),
+                "median band [deg]": float(np.rad2deg(BAND * np.median(stds))),
+                "RMS error [deg]": float(np.rad2deg(np.sqrt(np.mean(errors**2)))) if len(errors) else None,
+                "largest error [deg]": float(np.rad2deg(np.max(np.abs(errors)))) if len(errors) else None,
+                "inside band": float(np.mean(inside)) if len(errors) else None,
+            }
+            rows.append(row)
         return rows
 
     @property
@@ -293,10 +290,7 @@ class Estimate:
         return errors[:, 0] if len(self.joint_names) == 1 else errors
 
     def errors(self, truth: Floats | None = None) -> Floats:
-        """Return estimate minus truth [rad], (k,), or (k, n_joints) for several joints; NaN where the truth is missing.
-
-        Args:
-            truth: true angles [rad], of the same shape; default the log's own.
+        """Return estimate minus `truth` [rad] (default: the log's own), (k,), or (k, n_joints); NaN where it is missing.
 
         Raises:
             EstimationError: no truth is known.
@@ -370,10 +364,8 @@ class Estimate:
         return pandas_frame(self.columns(unit, every=every))
 
     def plot(self, path: str | Path | None = None, **options: Unpack[PlotOptions]) -> Figure:
-        """Draw truth, estimate and 95 % band over time, and save it if a path is given.
+        """Draw truth, estimate and 95 % band over time, and save them in a PNG, SVG or PDF if it has a path.
 
-        Args:
-            path: where to save (PNG, SVG or PDF by its suffix); None only returns the figure.
-            options: see `distal.plot_estimates`.
+        The `options` are those of `distal.plot_estimates`.
         """
         return plot_estimates([self], path=path, **options)

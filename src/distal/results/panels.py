@@ -55,12 +55,7 @@ def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
 
 
 def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:
-    """Draw when a stream of the log has which word for its health, a line for each word that occurs.
-
-    Args:
-        time: from the first sample on [s], (k,).
-        health: a word for each sample.
-    """
+    """Draw when a stream of the log has which word for its health, at a `time` from the start [s]; a line for each word."""
     words = sorted(set(health), key=lambda word: (word != "ok", word))
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     for row, word in enumerate(words):

@@ -205,7 +205,7 @@ def limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half:
     """Choose the limits of an error axis so that `SHARE` of the time fills it, and mark what is beyond.
 
     Args:
-        errors: name, times and errors of each curve.
+        errors: name, times [s] and errors [°] of each curve.
         half: half-width of the first one's band; where it is much wider than the errors it runs out of the picture.
     """
     sizes = [np.abs(error[np.isfinite(error)]) for _, _, error in errors]
@@ -264,12 +264,7 @@ def _half_width(estimate: Curves, joint: int) -> Floats:
 def draw_estimate(
     axes: Axes, estimate: Curves, index: int, band: bool = True, label: str | None = None, joint: int = 0
 ) -> Artist:
-    """Draw one estimate of a joint and its 95 % band [°], and return its handle for a legend.
-
-    Args:
-        index: of its colour and dash.
-        label: in the legend; default the estimator's name.
-    """
+    """Draw one estimate of a joint and its 95 % band [°] in the style of an index; return its handle for a legend."""
     theta, half = np.rad2deg(estimate.angles[:, joint]), _half_width(estimate, joint)
     time, name = from_start(estimate.time), label or estimate.estimator
     handles = [_shade(axes, time, theta - half, theta + half, index)] if band else []

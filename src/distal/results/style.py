@@ -65,9 +65,7 @@ def figure(
 ) -> Iterator[tuple[Figure, list[Axes]]]:
     """Make a figure in distal's style without touching the user's backend or settings.
 
-    Args:
-        size: in inches.
-        options: of matplotlib's `Figure.subplots`.
+    The `size` is in inches; `options` are those of matplotlib's `Figure.subplots`.
     """
     try:
         from matplotlib.figure import Figure
@@ -133,11 +131,7 @@ def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
 
 
 def legend_above(axes: Axes, entries: Sequence[tuple[Artist, str]] = (), most: int = 4) -> None:
-    """Put the legend above the axes, where it never lies on a curve.
-
-    Args:
-        entries: handles and labels; default those of the axes.
-    """
+    """Put the legend of `entries` (default: of the axes) above the axes, where it never lies on a curve."""
     handles, labels = zip(*entries) if entries else axes.get_legend_handles_labels()
     if handles:
         axes.legend(

@@ -116,19 +116,18 @@ def _without_quotes(path: Path, data: bytes, separator: str, above: int) -> byte
     lines = (line.removesuffix(b"\n").decode() for line in io.BytesIO(data))
     reader = csv.reader(lines, delimiter=separator, strict=True)
     rows: list[bytes] = []
-    while True:
-        begins = reader.line_num + 1 + above
-        try:
-            row = next(reader)
-        except StopIteration:
-            return b"\n".join(rows)
-        except csv.Error as problem:
-            raise LogError(f"{path}: row {begins}: cannot be read as CSV ({problem}); is a quote not closed?") from None
-        if reader.line_num + above != begins:
-            raise LogError(
-                f"{path}: row {begins}: a quote is opened and not closed in this row; a cell may not hold a line break"
-            )
-        rows.append(SEPARATOR.join(row).encode())
+    try:
+        for row in reader:
+            begins = above + len(rows) + 1
+            if above + reader.line_num != begins:
+                raise LogError(
+                    f"{path}: row {begins}: a quote is opened and not closed in this row; a cell may not hold a line break"
+                )
+            rows.append(SEPARATOR.join(row).encode())
+    except csv.Error as problem:
+        begins = above + len(rows) + 1
+        raise LogError(f"{path}: row {begins}: cannot be read as CSV ({problem}); is a quote not closed?") from None
+    return b"\n".join(rows)
 
 
 def _checked_rows(path: Path, data: bytes, separator: bytes, width: int, above: int) -> int:
