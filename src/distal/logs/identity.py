@@ -6,6 +6,7 @@ import os
 import stat
 import unicodedata
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 Key = tuple[int | str, ...]
@@ -53,9 +54,6 @@ def _ignores_case(folder: Path) -> bool:
 
 
 def _near(folder: Path) -> Iterator[Path]:
-    try:
-        with os.scandir(folder) as entries:
-            yield from (Path(entry.path) for entry in entries)
-    except OSError:
-        pass
+    with suppress(OSError), os.scandir(folder) as entries:
+        yield from (Path(entry.path) for entry in entries)
     yield from (place for place in (folder, *folder.parents) if place.name)

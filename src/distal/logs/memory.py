@@ -23,10 +23,8 @@ def memory_limit() -> int:
         LogError: the variable holds no size.
     """
     limit = os.environ.get(MEMORY_VARIABLE)
-    if not limit:
-        return MOST
     try:
-        return size_of(limit)
+        return size_of(limit) if limit else MOST
     except UnitError as problem:
         raise LogError(f"{MEMORY_VARIABLE}: {problem}") from None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from distal.errors import OutputError
@@ -128,8 +128,8 @@ class _Written:
         self._moved = True
 
     def move_back(self) -> None:
-        """Put what stood there back in its place, as far as that is possible."""
-        try:
+        """Put what stood there back in its place; where that is not possible, it stays beside it."""
+        with suppress(OSError):
             if self._backup is not None:
                 os.replace(self._backup, self._target)
                 if os.path.exists(self._backup):  # two names of one file: replacing one by the other does nothing
@@ -137,8 +137,6 @@ class _Written:
                 self._backup = None
             elif self._moved and not self._replaces:
                 os.unlink(self._target)
-        except OSError:
-            pass  # it stays beside its place
 
     def tidy(self) -> None:
         """Remove what is beside the file's place."""

@@ -8,6 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TypedDict
 
@@ -56,7 +57,7 @@ def serve() -> None:
 
 def limit_memory(size: int) -> None:
     """Let this process have no more than `size` more bytes of memory; where the system has such a limit."""
-    try:
+    with suppress(ImportError, OSError, ValueError, AttributeError):
         import resource
 
         status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").split()
@@ -66,8 +67,6 @@ def limit_memory(size: int) -> None:
         _, hard = resource.getrlimit(resource.RLIMIT_DATA)
         most = reserved + max(size - resident, 0)
         resource.setrlimit(resource.RLIMIT_DATA, (most if hard < 0 else min(most, hard), hard))
-    except (ImportError, OSError, ValueError, AttributeError):
-        return
 
 
 def answer_to(request: Request) -> tuple[Answer, bytes]:

@@ -7,6 +7,7 @@ import stat
 import tempfile
 import unicodedata
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,10 +91,8 @@ def _check_name(path: Path) -> None:
 def _longest_name(path: Path) -> int:
     """Return how many bytes a name may have on the file system of a path [bytes]."""
     for folder in path.parents:
-        try:
+        with suppress(OSError, ValueError):
             return os.pathconf(folder, "PC_NAME_MAX")
-        except (OSError, ValueError):
-            continue
     return 255
 
 

@@ -47,5 +47,5 @@ def cost_beyond(learned: LearnedMap, samples: Samples, joint: int, homing: float
     rows = (samples.time >= homing) & np.isfinite(target) & (past > 0.0)
     if not rows.any():
         return None
-    excess = float(np.mean(((predicted.values - target) ** 2 - predicted.variances - predicted.own)[rows]))
+    excess = float(np.mean(((predicted.values - target) ** 2 - predicted.variances - predicted.filter_variances)[rows]))
     return float(np.sqrt(max(excess, 0.0) / float(np.mean(past[rows] ** 2))))

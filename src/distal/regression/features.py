@@ -227,12 +227,12 @@ class Predicted:
     Args:
         values: of what is mapped, (k,).
         variances: of the map, (k,).
-        own: the part of the filter's own variance that counts, (k,).
+        filter_variances: the part of the filter's own variances that counts, (k,).
     """
 
     values: Floats
     variances: Floats
-    own: Floats
+    filter_variances: Floats
 
 
 def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:

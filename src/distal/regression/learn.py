@@ -264,7 +264,7 @@ def errors_of(
     for j in range(len(learned.joints)):
         predicted, target = predict(learned, out, j), out.targets[:, j]
         rows = late & np.isfinite(target)
-        errors.append(((predicted.values - target)[rows], predicted.variances[rows], predicted.own[rows]))
+        errors.append(((predicted.values - target)[rows], predicted.variances[rows], predicted.filter_variances[rows]))
     return errors
 
 
