@@ -132,15 +132,15 @@ def test_a_filter_can_say_what_affine_says() -> None:
     inside = np.abs(own[2].angles[:, 0] - np.mean([frame.low[2], frame.high[2]])) < 0.5 * (frame.high[2] - frame.low[2])
     np.testing.assert_allclose((said.values + own[2].angles[:, 0])[inside], known.values[inside], atol=1e-12)
     np.testing.assert_allclose(said.variances[inside], known.variances[inside], rtol=1e-9)
-    np.testing.assert_allclose(said.own[inside], 0.0, atol=1e-20)
+    np.testing.assert_allclose(said.filter_variances[inside], 0.0, atol=1e-20)
     far = replace(seen, angles=seen.angles + 50.0)
-    np.testing.assert_allclose(predict(both, far).own, 1.0)
+    np.testing.assert_allclose(predict(both, far).filter_variances, 1.0)
     # or the line goes on, whatever the filter says there
     beyond = replace(far, readings=3.0 * far.readings)
     assert outside(both, beyond).min() > 0.0
     going_on = predict(as_discrepancy(line, frame, follows=True), beyond)
     np.testing.assert_allclose(going_on.values + beyond.angles[:, 0], predict(line, beyond).values, atol=1e-9)
-    np.testing.assert_allclose(going_on.own, 0.0, atol=1e-20)
+    np.testing.assert_allclose(going_on.filter_variances, 0.0, atol=1e-20)
 
 
 @given(st.floats(1.0, 20.0), st.floats(-1.0, 1.0), st.booleans())

@@ -5,12 +5,12 @@ from distal.logs.files import check_format, file_of, read_log, read_truth, write
 from distal.logs.formats import TABLES
 from distal.logs.frames import pandas_frame, polars_frame
 from distal.logs.headers import header
-from distal.logs.log import LARGEST_READING, Log, check_stamps, frozen
+from distal.logs.log import LARGEST_READING, Log, frozen
 from distal.logs.memory import MEMORY_VARIABLE, size_of
 from distal.logs.messages import MessageReader
 from distal.logs.mujoco_recorder import MujocoRecorder, from_mujoco
-from distal.logs.output import check_writable, write_together, write_whole
-from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_SCHEMA, SAMPLE_TOPIC, Recorder, estimate_schema
+from distal.logs.output import write_together, write_whole
+from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimate_schema
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.sources import Frame, Source
 from distal.logs.tables import Table, open_table, read_table, table_of
@@ -23,7 +23,6 @@ __all__ = [
     "FROM_SENSOR",
     "LARGEST_READING",
     "MEMORY_VARIABLE",
-    "SAMPLE_SCHEMA",
     "SAMPLE_TOPIC",
     "TABLES",
     "Frame",
@@ -38,8 +37,6 @@ __all__ = [
     "TruthSource",
     "check_format",
     "check_outputs",
-    "check_stamps",
-    "check_writable",
     "da_vinci_grasper",
     "estimate_schema",
     "file_of",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from math import isinf, nan
+from math import inf, isinf, nan
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +28,9 @@ class Cells:
 
     Args:
         blocks: names of columns → their cells, some rows after the others: a long text is never taken apart as a whole.
-        path: what to call it.
         first_row: row number of the first value in the file, as an editor counts.
         names: of all its columns; without units where they were asked for so.
-        rows: how many it has.
+        rows: number of rows.
         units: name → unit, of those whose header says it beside the name that was asked for.
     """
 
@@ -42,19 +41,15 @@ class Cells:
     rows: int
     units: Mapping[str, str] = field(default_factory=dict)
 
-    def without_units(self, said: Mapping[str, tuple[str, str]]) -> Cells:
-        """Return the same table where columns are called by their names alone.
-
-        Args:
-            said: name → header and unit, see `distal.logs.headers.units_of`.
-        """
-        header_of = {name: text for name, (text, _) in said.items()}
-        plain = {text: name for name, text in header_of.items()}
+    def without_units(self, headers: Mapping[str, tuple[str, str]]) -> Cells:
+        """Return the same table where columns are called by their names alone, by the `headers` of `units_of`."""
+        header_of = {name: header for name, (header, _) in headers.items()}
+        name_of = {header: name for name, header in header_of.items()}
         return replace(
             self,
             blocks=lambda names: self.blocks([header_of.get(name, name) for name in names]),
-            names=tuple(plain.get(name, name) for name in self.names),
-            units={name: unit for name, (_, unit) in said.items()},
+            names=tuple(name_of.get(header, header) for header in self.names),
+            units={name: unit for name, (_, unit) in headers.items()},
         )
 
     def column(self, name: str) -> Column:
@@ -74,17 +69,10 @@ class Cells:
             for name, column in zip(names, columns):
                 parts[name].append(numbers_of(column, self.path, name, row))
             row += len(columns[0])
-        return {name: np.concatenate(each) for name, each in parts.items()}
+        return {name: np.concatenate(blocks) for name, blocks in parts.items()}
 
     def check(self, names: Iterable[str]) -> None:
-        """Refuse a table that lacks a column, or has no row.
-
-        Args:
-            names: columns that must be there.
-
-        Raises:
-            LogError: see above.
-        """
+        """Raise a `LogError` where the table lacks one of these columns, or has no row."""
         for name in names:
             if name not in self.names:
                 raise LogError(f"{self.path}: column '{name}' is missing{did_you_mean(name, self.names)}")
@@ -98,20 +86,15 @@ def in_memory(
     """Return a table of columns that are in memory.
 
     Args:
-        first_row: row number of the first value.
         names: of all columns that the file has; None: of those.
     """
     rows = len(next(iter(columns.values()), ()))
-    there = tuple(columns if names is None else names)
-    return Cells(lambda wanted: [[columns[name] for name in wanted]], path, first_row, there, rows)
+    every = tuple(columns if names is None else names)
+    return Cells(lambda wanted: [[columns[name] for name in wanted]], path, first_row, every, rows)
 
 
 def numbers_of(column: Column, path: Path, name: str, first_row: int) -> Floats:
     """Return a column as numbers, NaN where a cell is missing.
-
-    Args:
-        path: what to call the table.
-        first_row: row number of the first cell.
 
     Raises:
         LogError: a cell is no finite number.
@@ -132,7 +115,7 @@ def numbers_of(column: Column, path: Path, name: str, first_row: int) -> Floats:
 
 
 def _plain_numbers(cells: list[str]) -> Floats | None:
-    """Return numbers of cells that are nothing else, else None: fast, and so it is for most logs."""
+    """Return the numbers of cells that hold nothing else, else None; this is fast, and enough for most logs."""
     try:
         values = np.fromiter(map(float, cells), np.float64, len(cells))
     except ValueError:
@@ -150,10 +133,10 @@ def _number(cell: str, path: Path, name: str, row: int) -> float:
     if text.lower() in MISSING:
         return nan
     try:
-        number = float(text)
+        number = float(text) if is_plain(text) else inf
     except ValueError:
-        raise _no_number(path, row, name, cell.strip("\r")) from None
-    if isinf(number) or not is_plain(text):
+        number = inf
+    if isinf(number):
         raise _no_number(path, row, name, cell.strip("\r"))
     return number
 

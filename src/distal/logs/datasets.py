@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,38 +66,35 @@ def da_vinci_grasper(folder: str | Path | None = None) -> tuple[Path, ...]:
     Raises:
         LogError: they cannot be fetched, or are not what they were when distal was made.
     """
-    given = os.environ.get("DISTAL_DATA")
-    if given and folder is None:
-        paths = tuple(Path(given) / "da_vinci_grasper" / f"run_{run}.csv" for run in FINGERPRINTS)
+    shared = os.environ.get("DISTAL_DATA") if folder is None else None
+    if folder is None:
+        folder = Path(shared or _pooch().os_cache("distal")) / "da_vinci_grasper"
+    folder = Path(folder)
+    paths = tuple(folder / f"run_{run}.csv" for run in FINGERPRINTS)
+    if shared:
         missing = [path for path in paths if not path.is_file()]
         if missing:
             raise LogError(f"{missing[0]}: is not there; DISTAL_DATA must be the folder that holds da_vinci_grasper")
         return paths
-    kept = Path(folder) if folder is not None else _cache()
-    paths = tuple(kept / f"run_{run}.csv" for run in FINGERPRINTS)
     for run, path in zip(FINGERPRINTS, paths):
         if not path.is_file():
-            counts = counts_of(_fetched(run, kept))
+            counts = counts_of(_fetched(run, folder))
             check_fingerprint(run, counts)
             write_whole(path, csv_of(counts))
-    write_whole(kept / "LICENCE.txt", LICENCE)
+    write_whole(folder / "LICENCE.txt", LICENCE)
     return paths
 
 
-def _cache() -> Path:
+def _pooch() -> ModuleType:
     try:
-        import pooch
+        return import_module("pooch")
     except ImportError:
         raise LogError(NEEDS) from None
-    return Path(pooch.os_cache("distal")) / "da_vinci_grasper"
 
 
 def _fetched(run: str, folder: Path) -> str:
     """Return the text of a raw file, by way of pooch's cache."""
-    try:
-        import pooch
-    except ImportError:
-        raise LogError(NEEDS) from None
+    pooch = _pooch()
     url = SOURCE.format(run=run)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -107,10 +106,7 @@ def _fetched(run: str, folder: Path) -> str:
 
 
 def counts_of(text: str) -> NDArray[np.int64]:
-    """Return stamps [ms] and counts of every fifth row of a raw file, (n, 6).
-
-    Args:
-        text: of the file; lines that begin with % are comments.
+    """Return stamps [ms] and counts of every fifth row of a raw file, (n, 6); lines that begin with % are comments.
 
     Raises:
         LogError: it is not such a file.
@@ -126,37 +122,21 @@ def counts_of(text: str) -> NDArray[np.int64]:
 
 
 def fingerprint(counts: NDArray[np.int64]) -> str:
-    """Return the SHA-256 of a run's counts.
-
-    Args:
-        counts: of `counts_of`.
-    """
+    """Return the SHA-256 of a run's counts."""
     return hashlib.sha256(np.ascontiguousarray(counts, dtype="<i8").tobytes()).hexdigest()
 
 
 def check_fingerprint(run: str, counts: NDArray[np.int64]) -> None:
-    """Refuse a run that is not what it was when distal was made.
-
-    Args:
-        counts: of `counts_of`.
-
-    Raises:
-        LogError: the fingerprints differ.
-    """
-    found = fingerprint(counts)
-    if found != FINGERPRINTS[run]:
+    """Raise a `LogError` where the counts of a run do not have the fingerprint that they had when distal was made."""
+    digest = fingerprint(counts)
+    if digest != FINGERPRINTS[run]:
         raise LogError(
-            f"run {run}: the fetched file is not the one that is known (its counts have SHA-256 {found[:16]}…, not "
+            f"run {run}: the fetched file is not the one that is known (its counts have SHA-256 {digest[:16]}…, not "
             f"{FINGERPRINTS[run][:16]}…); nothing was kept"
         )
 
 
 def csv_of(counts: NDArray[np.int64]) -> str:
-    """Return a run as CSV, in the columns' units.
-
-    Args:
-        counts: of `counts_of`.
-    """
-    values = counts * np.array(FACTORS)
-    rows = [",".join(f"{value:.8f}".rstrip("0").rstrip(".") for value in row) for row in values]
+    """Return a run as CSV, its counts in the columns' units."""
+    rows = [",".join(f"{cell:.8f}".rstrip("0").rstrip(".") for cell in row) for row in counts * np.array(FACTORS)]
     return "\n".join([",".join(COLUMNS), *rows]) + "\n"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -43,79 +43,68 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     Raises:
         LogError: see `read_table`; stamps that repeat or go back; a truth that does not overlap the log.
     """
-    references = {sensor.log_column: sensor for sensor in rig.sensors if sensor.measures == "angle"}
-    torques = {sensor.log_column: sensor for sensor in rig.sensors if sensor.measures == "torque"}
     needed = [sensor for sensor in rig.sensors if sensor.measures not in REFERENCES]
-    joints = [joint.name for joint in rig.joints]
-    simulated = [f"true_{name}" for name in (*angle_names(joints), *torque_names(joints))]
-    asked = [rig.log.time.column, *(s.log_column for s in needed), *references, *torques, *simulated]
-    asked += [str(truth)] if truth is not None else []
-    stamps = None
-    if is_recording(path):
-        factor = unit_factor(rig.log.time.unit, "s")
-        cells, recorded = recording_by_process(Path(path), asked, rig.log.time.column, factor)
-        stamps = np.asarray(recorded)
-    else:
-        cells = open_table(path, asked, rig.log.time.column)
-    column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None
-    optional = [*references, *torques, *simulated, *([column] if column else [])]
     wanted = [sensor.log_column for sensor in needed]
-    cells.check([rig.log.time.column])
-    clock = clock_of(
-        cells, rig.log.time.column, time_factor(rig, cells.units.get(rig.log.time.column), str(cells.path))
-    )
-    table = table_of(cells, wanted, optional)
+    references = [sensor.log_column for kind in ("angle", "torque") for sensor in rig.sensors_of(kind)]
+    joints = [joint.name for joint in rig.joints]
+    optional = [*references, *(f"true_{name}" for name in (*angle_names(joints), *torque_names(joints)))]
+    time_column = rig.log.time.column
+    asked = [time_column, *wanted, *optional, *([] if truth is None else [str(truth)])]
+    recorded = None
+    if is_recording(path):
+        cells, recorded = recording_by_process(Path(path), asked, time_column, unit_factor(rig.log.time.unit, "s"))
+    else:
+        cells = open_table(path, asked, time_column)
+    column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None
+    cells.check([time_column])
+    clock = clock_of(cells, time_column, time_factor(rig, cells.units.get(time_column), str(cells.path)))
+    table = table_of(cells, wanted, [*optional, *([column] if column else [])])
+    time, stamps = clock.time, clock.stamps if recorded is None else np.asarray(recorded)
     if rig.log.time.repeated != "refused":
-        kept = _one_of_each(clock.time, last=rig.log.time.repeated == "last")
-        table = replace(table, columns={name: values[kept] for name, values in table.columns.items()})
-        stamps = None if stamps is None else stamps[kept]
-        clock = Clock(clock.time[kept], None if clock.stamps is None else clock.stamps[kept])
-    time, stamps = clock.time, clock.stamps if stamps is None else stamps
+        rows = _distinct(time, last=rig.log.time.repeated == "last")
+        table = replace(table, columns={name: values[rows] for name, values in table.columns.items()})
+        time, stamps = time[rows], None if stamps is None else stamps[rows]
     check_stamps(time, table.source, table.first_row)
     if len(time) < 2:
         raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
     channels = {sensor.name: _in_si(sensor, table) for sensor in needed}
-    known, origin = _known_angles(rig, table, references, column, truth, Clock(time, stamps))
-    if known and not any(np.isfinite(values).any() for values in known.values()):
+    angles, origin = _known_angles(rig, table, column, truth, Clock(time, stamps))
+    if angles and not any(np.isfinite(theta).any() for theta in angles.values()):
         if truth is not None:
             raise LogError(f"{table.source}: the truth ({origin}) has no value at all")
-        known, origin = {}, NO_SOURCE  # a reference that was never connected
-    for values in known.values():
-        largest = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+        angles, origin = {}, NO_SOURCE  # a reference that was never connected
+    for theta in angles.values():
+        largest = float(np.max(np.abs(theta[np.isfinite(theta)]), initial=0.0))
         if largest > 1e6:
             raise LogError(f"{table.source}: the truth ({origin}) reaches {largest:.3g} rad, which is no angle")
-    known |= _known_torques(rig, table, torques)
-    log = Log(time, channels, known, table.source, origin, stamps)
-    _warn_of_units(log, rig)
+    log = Log(time, channels, angles | _known_torques(rig, table), table.source, origin, stamps)
+    for message in _doubts(log, rig):
+        warnings.warn(message, DistalWarning, stacklevel=2)
     return log
 
 
-def _one_of_each(time: Floats, last: bool) -> Bools:
+def _distinct(time: Floats, last: bool) -> Bools:
     """Return which rows stay where neighbours have the same stamp, (k,)."""
     same = np.diff(time) == 0.0
     return ~np.append(same, False) if last else ~np.insert(same, 0, False)
 
 
-def _known_torques(rig: Rig, table: Table, sensors: Mapping[str, Sensor]) -> dict[str, Floats]:
+def _known_torques(rig: Rig, table: Table) -> dict[str, Floats]:
     """Return name → external torque [N m] as far as a log has it: a simulated log's own, else a torque sensor's."""
     joints = [joint.name for joint in rig.joints]
     names = dict(zip(joints, torque_names(joints)))
-    read = {names[s.of]: _in_si(s, table) for s in sensors.values() if s.log_column in table.columns}
+    read = {names[s.of]: _in_si(s, table) for s in rig.sensors_of("torque") if s.log_column in table.columns}
     simulated = {n: table.in_si(f"true_{n}", "N m") for n in names.values() if f"true_{n}" in table.columns}
     return {name: values for name, values in {**read, **simulated}.items() if np.isfinite(values).any()}
 
 
 def _known_angles(
-    rig: Rig,
-    table: Table,
-    references: Mapping[str, Sensor],
-    column: str | None,
-    truth: str | Path | None,
-    clock: Clock,
+    rig: Rig, table: Table, column: str | None, truth: str | Path | None, clock: Clock
 ) -> tuple[dict[str, Floats], TruthSource]:
     """Return name → true angle [rad] as far as a log or a file beside it has them, and where they come from."""
     joints = [joint.name for joint in rig.joints]
     names = dict(zip(joints, angle_names(joints)))
+    references = {sensor.log_column: sensor for sensor in rig.sensors_of("angle")}
     if column is not None:
         sensor = references.get(column)
         if sensor is None and len(joints) > 1:
@@ -123,16 +112,15 @@ def _known_angles(
                 f"truth '{column}' is one column, but the rig has the joints {', '.join(joints)}; give a file with t, "
                 f"{', '.join(names.values())}, or an angle sensor for each joint in the rig file"
             )
-        values = table.in_si(column, "rad") if sensor is None else _in_si(sensor, table)
-        kind = TruthKind.COLUMN if sensor is None else TruthKind.SENSOR
-        origin = TruthSource(kind, f"column '{column}'")
-        return {names[joints[0] if sensor is None else sensor.of]: values}, origin
+        if sensor is None:
+            return {names[joints[0]]: table.in_si(column, "rad")}, TruthSource(TruthKind.COLUMN, f"column '{column}'")
+        return {names[sensor.of]: _in_si(sensor, table)}, TruthSource(TruthKind.SENSOR, f"column '{column}'")
     if truth is not None:
         return read_truth(truth, clock.time, joints, clock.start), TruthSource(TruthKind.FILE, str(truth))
     simulated = {name: f"true_{name}" for name in names.values()}
-    if any(there in table.columns for there in simulated.values()):
-        known = {name: table.in_si(there, "rad") for name, there in simulated.items() if there in table.columns}
-        return known, TruthSource(TruthKind.COLUMN, "column " + ", ".join(f"'{simulated[name]}'" for name in known))
+    angles = {name: table.in_si(header, "rad") for name, header in simulated.items() if header in table.columns}
+    if angles:
+        return angles, TruthSource(TruthKind.COLUMN, "column " + ", ".join(f"'{simulated[name]}'" for name in angles))
     read = {names[s.of]: s for s in references.values() if s.log_column in table.columns}
     listed = ", ".join(f"'{sensor.log_column}'" for sensor in read.values())
     origin = TruthSource(TruthKind.SENSOR, f"column {listed}") if read else NO_SOURCE
@@ -166,19 +154,19 @@ def read_truth(
     cells = open_table(path, ["t", *names])
     cells.check(["t"])
     unit = scale(cells.units.get("t"), "s", f"{cells.path}: column 't'")
-    stamps, known = clock_of(cells, "t", unit).since(start), dict[str, Floats]()
+    stamps, angles = clock_of(cells, "t", unit).since(start), dict[str, Floats]()
     table = table_of(cells, names)
     check_stamps(stamps, table.source, table.first_row)
     for name in names:
         theta = table.in_si(name, "rad")
-        there = np.isfinite(theta)
-        if not there.any() or stamps[there][-1] < time[0] or stamps[there][0] > time[-1]:
+        finite = np.isfinite(theta)
+        if not finite.any() or stamps[finite][-1] < time[0] or stamps[finite][0] > time[-1]:
             raise LogError(
                 f"{table.source}: does not overlap the log in time ({stamps[0]:g} to {stamps[-1]:g} s; "
                 f"the log has {time[0]:g} to {time[-1]:g} s)"
             )
-        known[name] = np.interp(time, stamps[there], theta[there], left=np.nan, right=np.nan)
-    return known
+        angles[name] = np.interp(time, stamps[finite], theta[finite], left=np.nan, right=np.nan)
+    return angles
 
 
 def _in_si(sensor: Sensor, table: Table) -> Floats:
@@ -187,64 +175,56 @@ def _in_si(sensor: Sensor, table: Table) -> Floats:
     return values
 
 
-def _warn_of_units(log: Log, rig: Rig) -> None:
-    """Warn where a displacement or angle is so large that its unit is probably wrong."""
+def _doubts(log: Log, rig: Rig) -> Iterator[str]:
+    """Yield what makes the units of a log doubtful: readings, intervals or angles of an unlikely size."""
     drives = {drive.name: drive for drive in rig.drives}
     for sensor in rig.sensors_of("position"):
         values = log.channels[sensor.name]
         values = np.where(np.abs(values) > LARGEST_READING, np.nan, values)
         if not np.isfinite(values).any():
             continue
-        span = float(np.nanmax(values) - np.nanmin(values))
-        radii = [t.total_arm for t in rig.tendons if t.drive == sensor.of]
         drive = drives[sensor.of]
-        lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
         if drive.stops is not None:
-            _warn_beyond_stops(log, sensor, values, drive.stops)
+            yield from _doubts_of_stops(log, sensor, values, drive.stops)
+        span = float(np.nanmax(values) - np.nanmin(values))
+        lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
         # a joint turns by a few radians at most, and a tendon stretches by less than that
-        travel = span * lever / max(max(radii), 1e-12)
-        unit = sensor.unit or sensor.si
-        reading = f"{log.source}: '{sensor.log_column}' spans {span:.3g} {sensor.si} when read in '{unit}'"
+        travel = span * lever / max(*(t.total_arm for t in rig.tendons if t.drive == sensor.of), 1e-12)
         if travel > 50.0:
             hint = "mm" if sensor.si == "m" else "deg"
-            warnings.warn(
-                f"{reading}, far more than the joint can turn; is the log in {hint}? "
-                f"(--set 'sensors.{sensor.name}.unit=\"{hint}\"')",
-                DistalWarning,
-                stacklevel=3,
+            yield (
+                f"{log.source}: '{sensor.log_column}' spans {span:.3g} {sensor.si} when read in "
+                f"'{sensor.unit or sensor.si}', far more than the joint can turn; is the log in {hint}? "
+                f"(--set 'sensors.{sensor.name}.unit=\"{hint}\"')"
             )
     rate = max((sensor.rate for sensor in rig.sensors), default=0.0)
     step = float(np.median(np.diff(log.time)))
     if rate > 0.0 and not 0.05 < step * rate < 20.0:
-        warnings.warn(
+        yield (
             f"{log.source}: the stamps are {step:g} s apart, the rig's sensors give a value every {1 / rate:g} s; is "
-            "the unit of time right? (--set 'log.time.unit=\"ms\"', or the sensors' rate)",
-            DistalWarning,
-            stacklevel=3,
+            "the unit of time right? (--set 'log.time.unit=\"ms\"', or the sensors' rate)"
         )
-    names = dict(zip((joint.name for joint in rig.joints), angle_names([joint.name for joint in rig.joints])))
+    joints = [joint.name for joint in rig.joints]
+    names = dict(zip(joints, angle_names(joints)))
     for sensor in rig.sensors_of("angle"):
         theta = log.truth.get(names[sensor.of])
-        if theta is not None and np.isfinite(theta).any() and float(np.nanmax(np.abs(theta))) > 20.0:
-            warnings.warn(
-                f"{log.source}: the reference angle reaches {float(np.nanmax(np.abs(theta))):.3g} rad; is it in degrees? "
-                f"(--set 'sensors.{sensor.name}.unit=\"deg\"')",
-                DistalWarning,
-                stacklevel=3,
+        largest = 0.0 if theta is None else float(np.nanmax(np.abs(theta), initial=0.0))
+        if largest > 20.0:
+            yield (
+                f"{log.source}: the reference angle reaches {largest:.3g} rad; is it in degrees? "
+                f"(--set 'sensors.{sensor.name}.unit=\"deg\"')"
             )
 
 
-def _warn_beyond_stops(log: Log, sensor: Sensor, values: Floats, stops: tuple[float, float]) -> None:
-    """Warn where a drive goes well beyond the stops that the rig gives it: a wrong window, zero or sign."""
+def _doubts_of_stops(log: Log, sensor: Sensor, values: Floats, stops: tuple[float, float]) -> Iterator[str]:
+    """Yield a sentence where a drive goes well beyond the stops that the rig gives it: a wrong window, zero or sign."""
     room = 0.02 * (stops[1] - stops[0]) + sensor.linearity + 5.0 * sensor.noise
     low, high = float(np.nanquantile(values, 0.02)), float(np.nanquantile(values, 0.98))
     if low < stops[0] - room or high > stops[1] + room:
         drive = f"drives.{sensor.of}.stops"
-        warnings.warn(
+        yield (
             f"{log.source}: '{sensor.log_column}' is between {low:.4g} and {high:.4g} {sensor.si} most of the time, beyond "
-            f"{drive} = {list(stops)}; is the window right? (--set '{drive}=[…]')",
-            DistalWarning,
-            stacklevel=4,
+            f"{drive} = {list(stops)}; is the window right? (--set '{drive}=[…]')"
         )
 
 
@@ -275,11 +255,7 @@ def write_columns(columns: Mapping[str, NDArray[np.generic]], path: str | Path) 
 
 
 def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> bytes:
-    """Return columns as the file that `path` will hold, see `write_columns`.
-
-    Args:
-        columns: name → values.
-        path: where it will be written; its ending gives the format.
+    """Return `columns` as the file that `path` will hold, in the format of its ending.
 
     Raises:
         OutputError: a package for that is missing.
@@ -290,9 +266,6 @@ def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> byt
 
 def check_format(path: str | Path) -> None:
     """Refuse a path for columns whose format cannot be written here.
-
-    Args:
-        path: where they will be written.
 
     Raises:
         OutputError: a package for that is missing.

@@ -23,7 +23,8 @@ def pandas_frame(columns: Mapping[str, NDArray[np.generic]]) -> pandas.DataFrame
     Raises:
         DistalError: pandas is not installed.
     """
-    frame: pandas.DataFrame = _library("pandas").DataFrame({name: np.array(each) for name, each in columns.items()})
+    copies = {name: np.array(column) for name, column in columns.items()}
+    frame: pandas.DataFrame = _library("pandas").DataFrame(copies)
     return frame
 
 

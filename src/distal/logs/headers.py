@@ -19,46 +19,37 @@ def header(name: str, unit: str) -> str:
 
 def name_and_unit(text: str) -> tuple[str, str | None]:
     """Return name and unit of a header, None where it has no unit; ``position[0]`` has none."""
-    found = _UNIT.fullmatch(text)
-    return (text, None) if found is None else (found[1], found[2])
+    match = _UNIT.fullmatch(text)
+    return (text, None) if match is None else (match[1], match[2])
 
 
 def needed(text: str, columns: Collection[str] | None) -> bool:
-    """Return whether a column is needed, by its header or by the name in it.
-
-    Args:
-        columns: names of what is needed; None needs all.
-    """
+    """Return whether the column of a header is needed: `columns` holds headers or the names in them, None needs all."""
     return columns is None or text in columns or name_and_unit(text)[0] in columns
 
 
 def units_of(headers: Sequence[str], wanted: Collection[str], source: str) -> dict[str, tuple[str, str]]:
     """Return wanted name → its header and unit, for columns whose header is not the name alone.
 
-    Args:
-        source: what to call the table.
-
     Raises:
         LogError: a column is there with two units.
     """
-    found: dict[str, tuple[str, str]] = {}
+    units: dict[str, tuple[str, str]] = {}
     for text in headers:
         name, unit = name_and_unit(text)
         if unit is None or name not in wanted or name in headers:
             continue
-        if name in found:
-            raise LogError(f"{source}: column '{name}' is there twice, as '{found[name][0]}' and '{text}'; remove one")
-        found[name] = text, unit
-    return found
+        if name in units:
+            raise LogError(f"{source}: column '{name}' is there twice, as '{units[name][0]}' and '{text}'; remove one")
+        units[name] = text, unit
+    return units
 
 
 def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
     """Return the factor that turns a column's numbers into SI, without the sensor's sign.
 
     Args:
-        sensor: whose column it is; where the rig gives it no unit, that of the header counts.
-        unit: in the header, or None.
-        source: what to call the log.
+        unit: in the header, or None; it counts where the rig gives the sensor no unit.
 
     Raises:
         LogError: the header's unit is not one of what the sensor measures, or not that of the rig.
@@ -69,43 +60,36 @@ def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
     try:
         if (unit in COUNTS) != (sensor.unit in COUNTS):
             raise UnitError('counts need unit = "count" and counts_per_turn in the rig file')
-        said = log_factor(sensor.model_copy(update={"unit": unit}))
+        factor = log_factor(sensor.model_copy(update={"unit": unit}))
     except UnitError as problem:
         raise LogError(f"{place}: {problem}") from None
-    if sensor.unit is not None and abs(said - log_factor(sensor)) > 1e-9 * said:
+    if sensor.unit is not None and abs(factor - log_factor(sensor)) > 1e-9 * factor:
         raise LogError(f"{place}: the rig file says unit = \"{sensor.unit}\" for '{sensor.name}'; correct one of them")
-    return said
+    return factor
 
 
 def time_factor(rig: Rig, unit: str | None, source: str) -> float:
     """Return the factor that turns a log's stamps into seconds.
 
     Args:
-        rig: the description; where its unit is the default one, that of the header counts.
-        unit: in the header, or None.
-        source: what to call the log.
+        unit: in the header, or None; it counts where the rig has the default unit.
 
     Raises:
         LogError: the header's unit is not a unit of time, or not that of the rig.
     """
-    known = unit_factor(rig.log.time.unit, "s")
+    factor = unit_factor(rig.log.time.unit, "s")
     if unit is None:
-        return known
-    said = scale(unit, "s", f"{source}: column '{header(rig.log.time.column, unit)}'")
-    if known not in (1.0, said):
+        return factor
+    header_factor = scale(unit, "s", f"{source}: column '{header(rig.log.time.column, unit)}'")
+    if factor not in (1.0, header_factor):
         raise LogError(
             f"{source}: time is in '{unit}' by its header, in '{rig.log.time.unit}' by the rig file (log.time)"
         )
-    return said
+    return header_factor
 
 
 def scale(unit: str | None, si: str, place: str) -> float:
-    """Return the factor from a header's unit to SI, 1 where it says none.
-
-    Args:
-        unit: in the header, or None.
-        si: unit of the dimension that is wanted.
-        place: what to call the column.
+    """Return the factor from a header's unit to the SI unit of a dimension, 1 where the header has no unit.
 
     Raises:
         LogError: it has another dimension, or is unknown.

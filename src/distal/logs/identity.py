@@ -6,6 +6,7 @@ import os
 import stat
 import unicodedata
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 Key = tuple[int | str, ...]
@@ -19,10 +20,10 @@ def file_key(place: str | Path | int) -> Key | None:
         place: a path, or a file descriptor.
     """
     try:
-        found = os.stat(place)
+        status = os.stat(place)
     except (OSError, ValueError):
         return None if isinstance(place, int) else _key_to_be(place)
-    return None if stat.S_ISCHR(found.st_mode) else (found.st_dev, found.st_ino)
+    return None if stat.S_ISCHR(status.st_mode) else (status.st_dev, status.st_ino)
 
 
 def _key_to_be(path: str | Path) -> Key | None:
@@ -33,29 +34,26 @@ def _key_to_be(path: str | Path) -> Key | None:
         return None
     for folder in real.parents:
         try:
-            found = os.stat(folder)
+            status = os.stat(folder)
         except OSError:
             continue
         names = real.relative_to(folder).parts
         if _ignores_case(folder):
             names = tuple(unicodedata.normalize("NFC", name).casefold() for name in names)
-        return (found.st_dev, found.st_ino, *names)
+        return (status.st_dev, status.st_ino, *names)
     return None
 
 
 def _ignores_case(folder: Path) -> bool:
     """Return whether a folder takes names that differ by case for the same, seen from what is in it or above it."""
     for place in _near(folder):
-        other = place.with_name(place.name.swapcase())
-        if other != place:
-            return os.path.exists(other) and os.path.exists(place) and os.path.samefile(place, other)
+        swapped = place.with_name(place.name.swapcase())
+        if swapped != place:
+            return os.path.exists(swapped) and os.path.exists(place) and os.path.samefile(place, swapped)
     return False
 
 
 def _near(folder: Path) -> Iterator[Path]:
-    try:
-        with os.scandir(folder) as entries:
-            yield from (Path(entry.path) for entry in entries)
-    except OSError:
-        pass
+    with suppress(OSError), os.scandir(folder) as entries:
+        yield from (Path(entry.path) for entry in entries)
     yield from (place for place in (folder, *folder.parents) if place.name)

@@ -42,7 +42,7 @@ class Log:
         channels: sensor name → values, (n,) each; NaN = missing.
         truth: name → values, (n,) each: joint angles [rad] and, from a simulation, whatever else it knows.
         source: what to call it in messages.
-        truth_source: where the truth comes from; a text alone is said, but its kind is not known.
+        truth_source: where the truth comes from; of a text alone the kind is not known.
         stamps: the original stamps, since 1970 [ns], (n,), where time counts from the start of a log that has dates.
 
     Raises:
@@ -82,8 +82,8 @@ class Log:
     def __repr__(self) -> str:
         """Return what it is in a few words."""
         span = f", {self.time[0]:g} to {self.time[-1]:g} s, {self.rate:.4g} Hz" if len(self) > 1 else ""
-        known = f"; truth: {', '.join(self.truth)}" if self.truth else ""
-        return f"Log {self.source}: {len(self)} samples{span}; {', '.join(self.channels)}{known}"
+        truth = f"; truth: {', '.join(self.truth)}" if self.truth else ""
+        return f"Log {self.source}: {len(self)} samples{span}; {', '.join(self.channels)}{truth}"
 
     @property
     def truth_kind(self) -> TruthKind:
@@ -136,26 +136,22 @@ class Log:
 
 
 def check_stamps(time: Floats, source: str, first_row: int | None = None) -> None:
-    """Raise where a stamp is not finite, repeats or goes back, naming row, stamp and the one before.
+    """Raise a `LogError` where a stamp is not finite, repeats or goes back, naming row, stamp and the one before.
 
     Args:
         time: stamps [s], (n,).
-        source: what to call the log.
         first_row: row number of the first stamp in its file; None counts samples from 0.
-
-    Raises:
-        LogError: see above.
     """
-    place = "sample" if first_row is None else "row"
-    offset = first_row or 0
+    place, offset = ("sample", 0) if first_row is None else ("row", first_row)
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
         raise LogError(f"{source}: {place} {bad[0] + offset}: time is {time[bad[0]]}; a finite number is needed")
     back = np.flatnonzero(np.diff(time) <= 0)
     if len(back):
         i = int(back[0]) + 1
-        what = "repeats" if time[i] == time[i - 1] else "goes back"
+        fault, remedy = "goes back", "sort the rows"
+        if time[i] == time[i - 1]:
+            fault, remedy = "repeats", "--repeated last keeps the last of such rows"
         raise LogError(
-            f"{source}: {place} {i + offset}: time {what} ({time[i]:.15g} s after {time[i - 1]:.15g} s); "
-            + ("--repeated last keeps the last of such rows" if time[i] == time[i - 1] else "sort the rows")
+            f"{source}: {place} {i + offset}: time {fault} ({time[i]:.15g} s after {time[i - 1]:.15g} s); {remedy}"
         )

@@ -22,20 +22,15 @@ def memory_limit() -> int:
     Raises:
         LogError: the variable holds no size.
     """
-    given = os.environ.get(MEMORY_VARIABLE)
-    if not given:
-        return MOST
+    limit = os.environ.get(MEMORY_VARIABLE)
     try:
-        return size_of(given)
+        return size_of(limit) if limit else MOST
     except UnitError as problem:
         raise LogError(f"{MEMORY_VARIABLE}: {problem}") from None
 
 
 def size_of(text: str) -> int:
-    """Return a size given as ``8 GB`` or ``500 MB`` [bytes].
-
-    Args:
-        text: as typed; a bare number is in bytes.
+    """Return a size typed as ``8 GB`` or ``500 MB`` [bytes]; a bare number is in bytes.
 
     Raises:
         UnitError: it is no size, or less than a megabyte.
@@ -50,14 +45,7 @@ def size_of(text: str) -> int:
 
 
 def check_memory(path: Path, needed: float, why: str) -> None:
-    """Refuse a log that would take more memory than is allowed, before it is read.
-
-    Args:
-        needed: what reading it takes [bytes].
-
-    Raises:
-        LogError: see above.
-    """
+    """Raise a `LogError` where reading a log needs more memory than is allowed; `needed` is in bytes."""
     if needed > memory_limit():
         raise LogError(f"{shown(path)}: {why}, about {needed / 1e9:.1f} GB in memory; {how_to_allow()}")
 

@@ -26,7 +26,7 @@ class MessageReader:
     """Turns messages into stamps and samples, SI.
 
     Args:
-        rig: the description; its sensors name the columns and their units.
+        rig: its sensors name the columns and their units.
         channels: the sensors in a sample, in order.
     """
 
@@ -54,9 +54,9 @@ class MessageReader:
         name, count = Counter(names).most_common(1)[0]
         if count > 1:
             raise LogError(f"the stream's header has '{name[:80]}' twice")
-        said = units_of(names, [self._time, *self._columns], "the stream")
-        plain = {text: name for name, (text, _) in said.items()}
-        names, units = [plain.get(name, name) for name in names], {name: unit for name, (_, unit) in said.items()}
+        headers = units_of(names, [self._time, *self._columns], "the stream")
+        name_of = {header: name for name, (header, _) in headers.items()}
+        names, units = [name_of.get(name, name) for name in names], {name: unit for name, (_, unit) in headers.items()}
         if self._time not in names:
             raise LogError(
                 f"the stream's header lacks the time column '{self._time}' (it has {', '.join(names)[:200]})"
@@ -87,11 +87,8 @@ class MessageReader:
     def csv(self, line: str) -> tuple[float, Floats]:
         """Return stamp and sample of a CSV line; the array is used again by the next call.
 
-        Args:
-            line: as many cells as the header.
-
         Raises:
-            LogError: it is no such line.
+            LogError: it has not as many cells as the header, or a cell is no number.
         """
         assert self._at is not None
         cells = self._cells(line)
@@ -115,29 +112,21 @@ class MessageReader:
             raise LogError(f"no JSON ({str(problem)[:80]})") from None
         if not isinstance(message, dict):
             raise LogError("a JSON object is expected, with a member for each column")
-        found = find(message, self._time)
-        time = nan if found is None else number_of(found, self._time) * self._time_factor
-        if found is None:
-            known = [find(message, name) for name in STAMPS]
-            time = next((number_of(value, "timestamp") for value in known if value is not None), nan)
+        stamp = find(message, self._time)
+        time = number_of(stamp, self._time) * self._time_factor
+        if stamp is None:
+            stamps = (find(message, name) for name in STAMPS)
+            time = next((number_of(stamp, "timestamp") for stamp in stamps if stamp is not None), nan)
         if isnan(time):
-            others = ", ".join(name for name in STAMPS if name != self._time)
-            raise LogError(f"no stamp: neither '{self._time}' nor {others} is there with a value")
-        for i, column in enumerate(self._columns):
-            value = find(message, column)
-            self._sample[i] = nan if value is None else number_of(value, column)
+            names = ", ".join(name for name in STAMPS if name != self._time)
+            raise LogError(f"no stamp: neither '{self._time}' nor {names} is there with a value")
+        self._sample[:] = [number_of(find(message, column), column) for column in self._columns]
         self._sample *= self._factors
         return time, self._sample
 
     def message(self, time: float, sample: Floats) -> dict[str, float]:
-        """Return a sample as a JSON object that `json` reads: the rig's columns in the rig's units.
-
-        Args:
-            time: stamp [s].
-            sample: SI.
-        """
-        values = {column: float(value) for column, value in zip(self._columns, sample / self._factors)}
-        return {self._time: time / self._time_factor, **values}
+        """Return a stamp `time` [s] and a `sample` (SI) as a JSON object that `json` reads, in the rig's units."""
+        return {self._time: time / self._time_factor, **dict(zip(self._columns, (sample / self._factors).tolist()))}
 
 
 def find(message: object, path: str) -> object:
@@ -149,12 +138,12 @@ def find(message: object, path: str) -> object:
     while isinstance(message, dict):
         if path in message:
             return message[path]
-        head, _, rest = path.partition(".")
+        head, _, tail = path.partition(".")
         # a topic may have slashes of its own
-        name = next((name for name in (head, head.lstrip("/")) if rest and name in message), None)
+        name = next((name for name in (head, head.lstrip("/")) if tail and name in message), None)
         if name is None:
             break
-        message, path = message[name], rest
+        message, path = message[name], tail
     for part in re.findall(r"[^./\[\]]+", path):
         if isinstance(message, dict) and part in message:
             message = message[part]
@@ -170,20 +159,17 @@ def _is_index(part: str) -> bool:
     return part.isascii() and part.isdecimal() and len(part) < 10
 
 
-def number_of(value: object, name: str) -> float:
+def number_of(cell: object, name: str) -> float:
     """Return a cell or a member as a number, NaN where it is missing.
-
-    Args:
-        name: of the column, for messages.
 
     Raises:
         LogError: it is none.
     """
-    if value is None or (isinstance(value, str) and value.strip().lower() in MISSING):
+    if cell is None or (isinstance(cell, str) and cell.strip().lower() in MISSING):
         return nan
-    if isinstance(value, (bool, dict, list)) or (isinstance(value, str) and "_" in value):
-        raise LogError(f"'{name}' is {str(value)[:40]}; a number is expected")
+    if isinstance(cell, (bool, dict, list)) or (isinstance(cell, str) and "_" in cell):
+        raise LogError(f"'{name}' is {str(cell)[:40]}; a number is expected")
     try:
-        return float(value)  # type: ignore[arg-type]
+        return float(cell)  # type: ignore[arg-type]
     except (ValueError, OverflowError):
-        raise LogError(f"'{name}' is '{str(value)[:40]}'; a number is expected") from None
+        raise LogError(f"'{name}' is '{str(cell)[:40]}'; a number is expected") from None

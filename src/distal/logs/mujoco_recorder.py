@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from math import nan
 from typing import TYPE_CHECKING
 
@@ -26,13 +27,7 @@ Reader = Callable[[], float]
 
 
 class MujocoRecorder:
-    """What the sensors of a rig read in a simulation, a row at a time; made by `from_mujoco`.
-
-    Args:
-        model: the model.
-        data: its state, which the user steps.
-        rig: its sensors are read; its joints are the model's by name.
-        length_unit: metres in one unit of length of the model.
+    """What the sensors of a rig read in a simulation, a row at a time; see `from_mujoco`.
 
     Raises:
         LogError: the model lacks a joint of the rig.
@@ -50,7 +45,7 @@ class MujocoRecorder:
         places = [int(model.jnt_qposadr[joints[name]]) for name in names]
         self._angles = {name: _entry(now, place) for name, place in zip(angle_names(names), places)}
         of_joints = dict(zip(names, self._angles.values()))
-        self._readers: dict[str, Reader | None] = {
+        self._readers = {
             sensor.name: _own_sensor(model, now, sensor, length_unit)
             or (of_joints[sensor.of] if sensor.measures == "angle" else None)
             or _of_drive(model, now, rig, sensor, length_unit)
@@ -71,11 +66,12 @@ class MujocoRecorder:
         Raises:
             LogError: time goes back, a name is unknown, or neither MuJoCo nor `values` has what a sensor reads.
         """
-        time, given = float(self._data.time), dict(values or {})
-        unknown = sorted(set(given) - set(self._readers))
+        time, values = float(self._data.time), values or {}
+        unknown = sorted(set(values) - set(self._readers))
         if unknown:
             raise LogError(f"no sensor is called {', '.join(unknown)}; the rig has {', '.join(self._readers)}")
-        lacking = [name for name, reader in self._readers.items() if reader is None and name not in given]
+        readers = {**self._readers, **{name: partial(float, reading) for name, reading in values.items()}}
+        lacking = [name for name, reader in readers.items() if reader is None]
         if lacking:
             raise LogError(
                 f"what do {', '.join(lacking)} read? The model has neither sensors of these names nor tendons with "
@@ -83,24 +79,19 @@ class MujocoRecorder:
             )
         if self._times and time < self._times[-1]:
             raise LogError(f"time went back from {self._times[-1]:g} s to {time:g} s; a reset needs a new recorder")
-        due = {sensor.name for sensor in self._rig.sensors if time >= self._due[sensor.name] - EARLY}
-        if not due:
+        intervals = {s.name: 1.0 / s.rate for s in self._rig.sensors if time >= self._due[s.name] - EARLY}
+        if not intervals:
             return
-        rates = {sensor.name: sensor.rate for sensor in self._rig.sensors}
-        for name in due:
+        for name, interval in intervals.items():
             # where steps are longer than the interval, each of them is a sample
-            was = max(self._due[name], time - 1.0 / rates[name]) if self._times else time
-            self._due[name] = was + 1.0 / rates[name]
+            before = max(self._due[name], time - interval) if self._times else time
+            self._due[name] = before + interval
         package = mujoco_module()
         package.mj_copyData(self._now, self._model, self._data)
         package.mj_forward(self._model, self._now)
         self._times.append(time)
-        self._rows.append([self._read(name, given) if name in due else nan for name in self._readers])
+        self._rows.append([reader() if reader and name in intervals else nan for name, reader in readers.items()])
         self._truth.append([read() for read in self._angles.values()])
-
-    def _read(self, name: str, given: Mapping[str, float]) -> float:
-        reader = self._readers[name]
-        return float(given[name]) if name in given or reader is None else reader()
 
     def log(self) -> Log:
         """Return what was recorded so far, with the joints' angles as truth.
@@ -123,8 +114,8 @@ def from_mujoco(model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_uni
     actuator on this tendon.
 
     Args:
-        data: its state, which the loop steps.
-        rig: see `distal.rig.from_mujoco` for one made from the model.
+        data: the model's state, which the loop steps.
+        rig: its joints are the model's by name; `distal.rig.from_mujoco` makes one from the model.
         length_unit: metres in one unit of length of the model.
 
     Raises:
@@ -157,7 +148,7 @@ def _of_drive(
     model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, sensor: Sensor, length_unit: float
 ) -> Reader | None:
     """Return what reads a drive's displacement or force, or a tension, off its tendon; None where it is not there."""
-    drive = next((one for one in rig.drives if one.name == sensor.of), None)
+    drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
     pulled = [t.name for t in rig.tendons if t.name == sensor.of or (drive is not None and t.drive == drive.name)]
     tendons = {tendon_name(model, t): t for t in range(model.ntendon)}
     index = tendons.get(pulled[0]) if len(pulled) == 1 else None
@@ -166,8 +157,8 @@ def _of_drive(
     lever = drive.radius.value if drive is not None and drive.kind == "capstan" else 1.0
     if sensor.measures == "position":
         names = [joint.name for joint in rig.joints]
-        rest = rest_lengths(model, [j for j in range(model.njnt) if joint_name(model, j) in names])[index]
-        return lambda: length_unit * float(rest - data.ten_length[index]) / lever
+        at_rest = rest_lengths(model, [j for j in range(model.njnt) if joint_name(model, j) in names])[index]
+        return lambda: length_unit * float(at_rest - data.ten_length[index]) / lever
     kind = int(mujoco_module().mjtTrn.mjTRN_TENDON)
     at = [
         a for a in range(model.nu) if (int(model.actuator_trntype[a]), int(model.actuator_trnid[a][0])) == (kind, index)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from distal.errors import OutputError
@@ -29,7 +29,7 @@ def write_whole(path: str | Path, data: bytes | str) -> None:
 
     Args:
         path: where; its folder must exist.
-        data: what; text is written as UTF-8.
+        data: text is written as UTF-8.
 
     Raises:
         OutputError: it cannot be written.
@@ -55,26 +55,26 @@ def write_together(files: Mapping[Path, bytes | str]) -> None:
             # a byte of a file's name that is no text has no UTF-8 either; it is no reason to lose what is written
             content = data.encode(errors="replace") if isinstance(data, str) else data
             check_writable(path)
-            with _told(path):
+            with _as_output_error(path):
                 if path.exists() and not path.is_file():
                     # a device or a pipe, such as /dev/stdout, cannot be replaced
                     path.write_bytes(content)
                 else:
                     written.append(_Written(path, content))
-        for one in written:
-            with _told(one.path):
-                one.move_in(keep=len(written) > 1)
+        for file in written:
+            with _as_output_error(file.path):
+                file.move_in(keep=len(written) > 1)
     except BaseException:
-        for one in reversed(written):
-            one.move_back()
+        for file in reversed(written):
+            file.move_back()
         raise
     finally:
-        for one in written:
-            one.tidy()
+        for file in written:
+            file.tidy()
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _as_output_error(path: Path) -> Iterator[None]:
     """Raise an `OutputError` with the path for whatever the file system says."""
     try:
         yield
@@ -94,10 +94,10 @@ class _Written:
         self.path = path
         # a link is followed, so that what it points to is replaced
         self._target = path.resolve()
-        self._kept: str | None = None
+        self._backup: str | None = None
         self._moved = False
-        self._there = self._target.exists()
-        if self._there and not os.access(self._target, os.W_OK):
+        self._replaces = self._target.exists()
+        if self._replaces and not os.access(self._target, os.W_OK):
             raise OutputError(f"{path}: cannot be written (it is read-only)")
         handle, self._temporary = self._beside()
         try:
@@ -105,7 +105,7 @@ class _Written:
                 file.write(content)
             umask = os.umask(0)
             os.umask(umask)
-            os.chmod(self._temporary, self._target.stat().st_mode & 0o777 if self._there else 0o666 & ~umask)
+            os.chmod(self._temporary, self._target.stat().st_mode & 0o777 if self._replaces else 0o666 & ~umask)
         except BaseException:
             os.unlink(self._temporary)
             raise
@@ -114,38 +114,32 @@ class _Written:
         return tempfile.mkstemp(dir=self._target.parent, prefix=f".{self._target.name}.")
 
     def move_in(self, keep: bool) -> None:
-        """Put the file in its place.
-
-        Args:
-            keep: what stood there, beside its place until `tidy`.
-        """
-        if keep and self._there:
-            handle, kept = self._beside()
+        """Put the file in its place; `keep` what stood there beside it until `tidy`."""
+        if keep and self._replaces:
+            handle, backup = self._beside()
             os.close(handle)
-            os.unlink(kept)
+            os.unlink(backup)
             try:
-                os.link(self._target, kept)
+                os.link(self._target, backup)
             except OSError:
-                os.replace(self._target, kept)  # a file system without hard links
-            self._kept = kept
+                os.replace(self._target, backup)  # a file system without hard links
+            self._backup = backup
         os.replace(self._temporary, self._target)
         self._moved = True
 
     def move_back(self) -> None:
-        """Put what stood there back in its place, as far as that is possible."""
-        try:
-            if self._kept is not None:
-                os.replace(self._kept, self._target)
-                if os.path.exists(self._kept):  # two names of one file: replacing one by the other does nothing
-                    os.unlink(self._kept)
-                self._kept = None
-            elif self._moved and not self._there:
+        """Put what stood there back in its place; where that is not possible, it stays beside it."""
+        with suppress(OSError):
+            if self._backup is not None:
+                os.replace(self._backup, self._target)
+                if os.path.exists(self._backup):  # two names of one file: replacing one by the other does nothing
+                    os.unlink(self._backup)
+                self._backup = None
+            elif self._moved and not self._replaces:
                 os.unlink(self._target)
-        except OSError:
-            pass  # it stays beside its place
 
     def tidy(self) -> None:
         """Remove what is beside the file's place."""
-        for left in (self._temporary, *([self._kept] if self._moved and self._kept is not None else [])):
-            if os.path.exists(left):
-                os.unlink(left)
+        for path in (self._temporary, self._backup if self._moved else None):
+            if path is not None and os.path.exists(path):
+                os.unlink(path)

@@ -8,6 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TypedDict
 
@@ -56,7 +57,7 @@ def serve() -> None:
 
 def limit_memory(size: int) -> None:
     """Let this process have no more than `size` more bytes of memory; where the system has such a limit."""
-    try:
+    with suppress(ImportError, OSError, ValueError, AttributeError):
         import resource
 
         status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").split()
@@ -66,17 +67,11 @@ def limit_memory(size: int) -> None:
         _, hard = resource.getrlimit(resource.RLIMIT_DATA)
         most = reserved + max(size - resident, 0)
         resource.setrlimit(resource.RLIMIT_DATA, (most if hard < 0 else min(most, hard), hard))
-    except (ImportError, OSError, ValueError, AttributeError):
-        return
 
 
 def answer_to(request: Request) -> tuple[Answer, bytes]:
-    """Return the answer to a request: names and warnings, or an error; and the columns as `packed` writes them.
-
-    Args:
-        request: what to read, as `distal.logs.reader_process` asks.
-    """
-    said: list[str] = []
+    """Return the answer to a request: names and warnings, or an error; and the columns as `packed` writes them."""
+    messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DistalWarning)
         try:
@@ -86,23 +81,23 @@ def answer_to(request: Request) -> tuple[Answer, bytes]:
             path, columns = Path(request["path"]), request["columns"]
             read = format_of(path).read
             if read is None:
-                found, stamps = open_recording(path, columns or (), request["time"], request["unit"])
-                names, held = tuple(found), {**found, STAMPS: stamps}
+                recorded, stamps = open_recording(path, columns or (), request["time"], request["unit"])
+                names, held = tuple(recorded), {**recorded, STAMPS: stamps}
             else:
                 cells = read(path, columns)
                 names = cells.names
                 held = {name: cells.column(name) for name in names if needed(name, columns)}
             payload = packed(held.values())
         except LogError as problem:
-            return {"error": str(problem), "warnings": said}, b""
+            return {"error": str(problem), "warnings": messages}, b""
         except MemoryError:
             return {"error": f"{shown(request['path'])}: takes too much memory to read; {how_to_allow()}"}, b""
         except Exception as problem:
-            what = f"{type(problem).__name__}: {str(problem).splitlines()[0][:120] if str(problem) else ''}"
-            return {"error": f"{shown(request['path'])}: cannot be read ({what}); the file is damaged"}, b""
+            reason = f"{type(problem).__name__}: {str(problem).splitlines()[0][:120] if str(problem) else ''}"
+            return {"error": f"{shown(request['path'])}: cannot be read ({reason}); the file is damaged"}, b""
         finally:
-            said += [str(one.message) for one in caught if issubclass(one.category, DistalWarning)]
-    return {"names": names, "held": [*held], "warnings": said}, payload
+            messages += [str(warning.message) for warning in caught if issubclass(warning.category, DistalWarning)]
+    return {"names": names, "held": [*held], "warnings": messages}, payload
 
 
 STAMPS = "stamps [ns]"
@@ -110,11 +105,7 @@ STAMPS = "stamps [ns]"
 
 
 def packed(columns: Iterable[Column]) -> bytes:
-    """Return columns as bytes: arrays as NumPy writes them, text as JSON in one.
-
-    Args:
-        columns: one after the other.
-    """
+    """Return columns as bytes, one after the other: arrays as NumPy writes them, text as an array of JSON's bytes."""
     buffer = io.BytesIO()
     for column in columns:
         text = isinstance(column, list)

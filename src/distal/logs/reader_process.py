@@ -29,10 +29,7 @@ _LOCK = Lock()
 
 
 def table_by_process(path: Path, columns: Sequence[str] | None) -> Cells:
-    """Return what the format's own reader does, read in a process of its own.
-
-    Args:
-        columns: that are read; None reads all.
+    """Return what the format's own reader does, read in a process of its own; `columns` of None reads all.
 
     Raises:
         LogError: it cannot be read, is damaged, or takes too much memory.
@@ -42,17 +39,13 @@ def table_by_process(path: Path, columns: Sequence[str] | None) -> Cells:
 
 
 def recording_by_process(path: Path, columns: Sequence[str], time: str, unit: float) -> tuple[Cells, Column]:
-    """Return the table and the stamps of `distal.logs.recordings.open_recording`, read in a process of its own.
-
-    Args:
-        path: an MCAP file, or a bag.
-        unit: in which it is [s].
+    """Return the table and the stamps of `open_recording`, read in a process of its own; `unit` is in seconds.
 
     Raises:
         LogError: it cannot be read, is damaged, or takes too much memory.
     """
-    names, found = _asked({"path": str(path), "columns": [*columns], "time": time, "unit": unit})
-    return in_memory(found, path, 0, names), found[STAMPS]
+    names, recorded = _asked({"path": str(path), "columns": [*columns], "time": time, "unit": unit})
+    return in_memory(recorded, path, 0, names), recorded[STAMPS]
 
 
 def _asked(request: Request) -> tuple[list[str], dict[str, Column]]:
@@ -119,15 +112,15 @@ class _Reader:
         try:
             process.stdin.write(json.dumps(request).encode() + b"\n")
             process.stdin.flush()
-            head = process.stdout.readline()
-            answer: Answer = json.loads(head)
+            answer: Answer = json.loads(process.stdout.readline())
             payload = process.stdout.read(answer["bytes"])
             if len(payload) < answer["bytes"]:
                 raise EOFError
         except (OSError, ValueError, EOFError):
             code = self.end(patience=2.0)
+            cause = f"signal {-code}" if code < 0 else f"exit code {code}"
             raise LogError(
-                f"{shown(request['path'])}: cannot be read, it ended its reader ({_ending(code)}): it is damaged, "
+                f"{shown(request['path'])}: cannot be read, it ended its reader ({cause}): it is damaged, "
                 f"or takes too much memory ({how_to_allow()})"
             ) from None
         except BaseException:
@@ -136,11 +129,7 @@ class _Reader:
         return answer, payload
 
     def end(self, patience: float = 0.0) -> int:
-        """End the process and return its exit code.
-
-        Args:
-            patience: how long it may take to end by itself [s].
-        """
+        """End the process, which has a `patience` [s] to end by itself, and return its exit code."""
         process = self._process
         if self._of[0] != os.getpid():
             return 0  # a forked process leaves its parent's reader alone
@@ -156,7 +145,3 @@ class _Reader:
                 if pipe is not None:
                     pipe.close()
         return code
-
-
-def _ending(code: int) -> str:
-    return f"signal {-code}" if code < 0 else f"exit code {code}"

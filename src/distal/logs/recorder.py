@@ -16,7 +16,7 @@ from distal.rig import angle_names, std_name
 SAMPLE_TOPIC, ESTIMATE_TOPIC = "distal/sample", "distal/estimate"
 
 LONGEST_STEM = 230
-"""Bytes of a file's name that the name of its part holds."""
+"""Bytes of a file's name in the name of its part, which must not be too long where the file's is just short enough."""
 
 SAMPLE_SCHEMA = {
     "title": "distal.Sample",
@@ -27,20 +27,20 @@ SAMPLE_SCHEMA = {
 
 
 def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[str, object]:
-    """Return the schema of an estimate: stamp, angle and std of each joint, torques from outside, health, detail.
-
-    Args:
-        torques: names of the torques from outside that are estimated.
-    """
+    """Return the schema of an estimate: stamp, angle and std of each joint, named torques from outside, health, detail."""
     number: dict[str, object] = {"type": ["number", "null"]}
     properties: dict[str, object] = {"t": {"type": "number", "description": "stamp of the sample [s]"}}
-    for name, joint in zip(angle_names(joints), joints):
-        which = "joint angle" if len(joints) == 1 else f"angle of the joint {joint}"
-        properties[name] = number | {"description": f"{which} [rad]; null where the sample was skipped"}
-        properties[std_name(name)] = number | {"description": "standard deviation of its error [rad]"}
-    for name in torques:
-        properties[name] = number | {"description": "torque on the joint from outside [N m]; null where it was skipped"}
-        properties[std_name(name)] = number | {"description": "standard deviation of its error [N m]"}
+    which = ["joint angle"] if len(joints) == 1 else [f"angle of the joint {joint}" for joint in joints]
+    quantities = [
+        *(
+            (name, f"{of} [rad]; null where the sample was skipped", "rad")
+            for name, of in zip(angle_names(joints), which)
+        ),
+        *((name, "torque on the joint from outside [N m]; null where it was skipped", "N m") for name in torques),
+    ]
+    for name, description, unit in quantities:
+        properties[name] = number | {"description": description}
+        properties[std_name(name)] = number | {"description": f"standard deviation of its error [{unit}]"}
     properties["health"] = {"type": "string", "description": "one word: see distal.run.HEALTH"}
     properties["detail"] = {"type": "string", "description": "which sensor, how long"}
     return {
@@ -56,8 +56,6 @@ class Recorder:
     """Writes an MCAP file; it stands in its place once it is closed, whole. Without a message, what stood there stays.
 
     Args:
-        path: where.
-        joints: names of the joints.
         torques: names of the torques from outside that are estimated.
 
     Raises:
@@ -73,7 +71,6 @@ class Recorder:
         # a link is followed; a device or a pipe cannot be replaced, and is written as it is
         target = path.resolve()
         self._path, self._target = path, target
-        # a name that is just short enough for a file must not be too long for its part
         stem = target.name.encode(errors="ignore")[:LONGEST_STEM].decode(errors="ignore")
         self._part = target.with_name(f".{stem}.{os.getpid()}.part")
         self._direct = target.exists() and not target.is_file()

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import TypeGuard
+from typing import TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +20,19 @@ from distal.logs.messages import number_of
 NEAR = 0.1
 """Messages whose stamps differ by less than this share of the busiest topic's interval are one row."""
 
-Read = Callable[[str], object]
+SET_BACK = 1_000_000_000
+"""A clock whose stamps go back by more than this was set back [ns]."""
 
 LATEST = 9.0e9
 """No stamp is later than this [s]: a stamp in another unit is."""
+
+Read = Callable[[str], object]
+
+Reading: TypeAlias = tuple[int | None, int, float]
+"""Stamp of the message's header, stamp of the recorder [ns], number."""
+
+Stamped: TypeAlias = tuple[int, float]
+"""Stamp [ns] and number."""
 
 
 def is_recording(path: object) -> TypeGuard[str | Path]:
@@ -42,50 +52,51 @@ def open_recording(
 
     Args:
         path: an MCAP file, or a bag of ROS 2 (a folder) or ROS 1.
-        unit: in which it is [s].
+        unit: of the time column [s].
 
     Raises:
         LogError: it cannot be read, a package for that is missing, or none of the columns is there.
     """
     path = Path(path)
     wanted = [(column, *_named(column)) for column in columns if column != time]
-    cells: dict[str, list[tuple[str, int | None, int, float]]] = {column: [] for column, _, _ in wanted}
+    readings: dict[str, list[Reading]] = {column: [] for column, _, _ in wanted}
     topics: set[str] = set()
     for message in _messages(path, topics):
-        stamp = message.stamp
-        if message.json:
-            stamp = _own_stamp(path, message, time, unit)
+        stamp = _json_stamp(path, message, time, unit) if message.json else message.stamp
         for column, topic, field in wanted:
-            value = element(message.read, field) if topic in ("", message.topic) and (topic or message.json) else None
-            if value is None and message.json:
-                value = message.read(column)
-            if value is None:
+            cell = element(message.read, field) if topic in ("", message.topic) and (topic or message.json) else None
+            if cell is None and message.json:
+                cell = message.read(column)
+            if cell is None:
                 continue
-            if isinstance(value, (list, dict)) or np.asarray(value, dtype=object).ndim > 0:
+            if isinstance(cell, (list, dict)) or np.asarray(cell, dtype=object).ndim > 0:
                 raise LogError(f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]")
-            try:
-                number = number_of(value, column)
-            except LogError as problem:
-                raise LogError(f"{path}: {problem}") from None
+            number = _number(path, cell, column)
             if not 0 <= message.recorded < LATEST * 1e9:
                 raise LogError(f"{path}: '{message.topic}' was recorded at {message.recorded} ns, which is no time")
-            cells[column].append((message.topic, stamp, message.recorded, number))
-    found = {column: values for column, values in cells.items() if values}
-    if not found:
-        one = next(iter(cells), "")
+            readings[column].append((stamp, message.recorded, number))
+    if not any(readings.values()):
+        first = next(iter(readings), "")
         raise LogError(
-            f"{path}: no message has '{one}'{did_you_mean(one.partition('.')[0], topics)}; columns are /topic.field, "
+            f"{path}: no message has '{first}'{did_you_mean(first.partition('.')[0], topics)}; columns are /topic.field, "
             f"the topics are {', '.join(sorted(topics))[:300] or 'none'}"
         )
-    stamped = _in_cycles(_stamped(path, found), {column: topic for column, topic, field in wanted if field[:1] == "["})
-    rows = _merged([[stamp for stamp, _ in values] for values in stamped.values()])
+    stamped = _stamped(path, {column: samples for column, samples in readings.items() if samples})
+    stamped = _in_cycles(stamped, {column: topic for column, topic, field in wanted if field[:1] == "["})
+    rows = _merged([[stamp for stamp, _ in samples] for samples in stamped.values()])
     columns_of = {time: (rows - rows[0]) * 1e-9 / unit}
-    for column, entries in stamped.items():
-        filled = np.full(len(rows), np.nan)
-        at = np.searchsorted(rows, [stamp for stamp, _ in entries], side="right") - 1
-        filled[at] = [value for _, value in entries]
-        columns_of[column] = filled
+    for column, samples in stamped.items():
+        stamps, numbers = zip(*samples)
+        columns_of[column] = np.full(len(rows), np.nan)
+        columns_of[column][np.searchsorted(rows, stamps, side="right") - 1] = numbers
     return columns_of, rows
+
+
+def _number(path: Path, cell: object, name: str) -> float:
+    try:
+        return number_of(cell, name)
+    except LogError as problem:
+        raise LogError(f"{path}: {problem}") from None
 
 
 def _named(column: str) -> tuple[str, str]:
@@ -93,9 +104,9 @@ def _named(column: str) -> tuple[str, str]:
 
     Of ``/joint_states[left.wrist].position`` the field is ``[left.wrist].position``: see `element`.
     """
-    found = re.fullmatch(r"([^\[\].]*/[^\[\].]*)(\[[^\[\]]+\])\.(.+)", column)
-    if found is not None:
-        return found[1], f"{found[2]}.{found[3]}"
+    match = re.fullmatch(r"([^\[\].]*/[^\[\].]*)(\[[^\[\]]+\]\..+)", column)
+    if match is not None:
+        return match[1], match[2]
     topic, dot, field = column.partition(".")
     return (topic, field) if dot and "/" in topic else ("", column)
 
@@ -106,81 +117,67 @@ def element(read: Read, field: str) -> object:
     Args:
         read: gives a field, None where it is not there.
     """
-    found = re.fullmatch(r"\[([^\[\]]+)\]\.(.+)", field)
-    if found is None:
+    match = re.fullmatch(r"\[([^\[\]]+)\]\.(.+)", field)
+    if match is None:
         return read(field)
     names = read("name")
-    if isinstance(names, str) or not isinstance(names, Iterable) or found[1] not in (known := list(names)):
+    if isinstance(names, str) or not isinstance(names, Iterable) or match[1] not in (names := list(names)):
         return None  # a driver may publish each joint in a message of its own
-    return read(f"{found[2]}[{known.index(found[1])}]")
+    return read(f"{match[2]}[{names.index(match[1])}]")
 
 
-def _own_stamp(path: Path, message: Message, time: str, unit: float) -> int | None:
+def _json_stamp(path: Path, message: Message, time: str, unit: float) -> int | None:
     """Return the stamp that a JSON message has itself [ns], or None."""
     for name, factor in ((time, unit), ("timestamp", 1.0)):
-        value = message.read(name)
-        if value is None:
+        cell = message.read(name)
+        if cell is None:
             continue
-        try:
-            seconds = number_of(value, name) * factor
-        except LogError as problem:
-            raise LogError(f"{path}: {problem}") from None
+        seconds = _number(path, cell, name) * factor
         if not abs(seconds) < LATEST:
             raise LogError(
-                f"{path}: '{name}' is {value}, {seconds:g} s, which is no time; what unit has it? (log.time.unit)"
+                f"{path}: '{name}' is {cell}, {seconds:g} s, which is no time; what unit has it? (log.time.unit)"
             )
         return round(seconds * 1e9)
     return None
 
 
-def _stamped(
-    path: Path, found: dict[str, list[tuple[str, int | None, int, float]]]
-) -> dict[str, list[tuple[int, float]]]:
+def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, list[Stamped]]:
     """Return stamps and values of each column, by one clock: the headers' where a topic has them, else the recorder's.
 
-    Where a clock was set back only the longest part between is taken, and that is said.
+    Where a clock was set back, only the longest part is taken, with a warning.
     """
-    stamped: dict[str, list[tuple[int, float]]] = {}
-    clocks = {}
-    for column, values in found.items():
+    stamped: dict[str, list[Stamped]] = {}
+    have_headers = set()
+    for column, samples in readings.items():
         # a header of zero is none, unless others of the same topic are not: a simulation that begins at zero
-        own = any(stamp for _, stamp, _, _ in values if stamp)
-        clocks[column] = own
-        stamped[column] = [(stamp if own and stamp is not None else at, number) for _, stamp, at, number in values]
-    starts = [values[0][0] for values in stamped.values()]
-    if len(set(clocks.values())) > 1 and max(starts) - min(starts) > 1e15:
+        by_header = any(stamp for stamp, _, _ in samples)
+        have_headers.add(by_header)
+        stamped[column] = [(stamp if by_header and stamp is not None else at, number) for stamp, at, number in samples]
+    starts = [samples[0][0] for samples in stamped.values()]
+    if len(have_headers) > 1 and max(starts) - min(starts) > 1e15:
         raise LogError(
             f"{path}: some topics have stamps of their own (from {min(starts) * 1e-9:.6g} s on), others only that of the "
             f"recorder ({max(starts) * 1e-9:.12g} s): two clocks; record all with headers, or all without"
         )
-    back = [
-        values[k][0]
-        for values in stamped.values()
-        for k in range(1, len(values))
-        if values[k][0] < values[k - 1][0] - 1_000_000_000
-    ]
-    if not back:
+    parts = {column: _parts(samples) for column, samples in stamped.items()}
+    if all(len(of_column) == 1 for of_column in parts.values()):
         return stamped
-    parts = {column: _parts_between(values) for column, values in stamped.items()}
-    count = min(len(each) for each in parts.values())
-    longest = max(range(count), key=lambda i: min(len(each[i]) for each in parts.values()))
+    count = min(len(of_column) for of_column in parts.values())
+    longest = max(range(count), key=lambda i: min(len(of_column[i]) for of_column in parts.values()))
     warnings.warn(
         f"{path}: the clock was set back {count - 1} times; only part {longest + 1} of {count} is read, the longest",
         DistalWarning,
         stacklevel=4,
     )
-    return {column: each[longest] for column, each in parts.items()}
+    return {column: of_column[longest] for column, of_column in parts.items()}
 
 
-def _in_cycles(
-    stamped: dict[str, list[tuple[int, float]]], topic_of: dict[str, str]
-) -> dict[str, list[tuple[int, float]]]:
+def _in_cycles(stamped: dict[str, list[Stamped]], topic_of: dict[str, str]) -> dict[str, list[Stamped]]:
     """Return the same with one stamp for all joints of a cycle, where a driver publishes each in a message of its own.
 
     A cycle of a topic begins with a joint that the last one has already, or half an interval after it began.
 
     Args:
-        stamped: stamps and values of each column.
         topic_of: column → topic of columns that name an element.
     """
     moved = dict(stamped)
@@ -188,40 +185,37 @@ def _in_cycles(
         columns = [column for column in stamped if topic_of.get(column) == topic]
         if len(columns) < 2:
             continue
-        intervals = [
-            np.median(np.diff([stamp for stamp, _ in stamped[column]]))
-            for column in columns
-            if len(stamped[column]) > 1
-        ]
+        intervals = [np.median(np.diff([at for at, _ in stamped[c]])) for c in columns if len(stamped[c]) > 1]
         longest = 0.5 * float(min(intervals, default=0.0))
-        entries = sorted((stamp, column, value) for column in columns for stamp, value in stamped[column])
+        samples = sorted((stamp, column, number) for column in columns for stamp, number in stamped[column])
         moved.update({column: [] for column in columns})
-        begun, there = entries[0][0], set[str]()
-        for stamp, column, value in entries:
-            if column in there or stamp - begun > longest:
-                begun, there = stamp, set()
-            there.add(column)
-            moved[column].append((begun, value))
+        begun, cycle = samples[0][0], set[str]()
+        for stamp, column, number in samples:
+            if column in cycle or stamp - begun > longest:
+                begun, cycle = stamp, set()
+            cycle.add(column)
+            moved[column].append((begun, number))
     return moved
 
 
-def _parts_between(values: list[tuple[int, float]]) -> list[list[tuple[int, float]]]:
-    parts: list[list[tuple[int, float]]] = [[]]
-    for k, value in enumerate(values):
-        if k and value[0] < values[k - 1][0] - 1_000_000_000:
+def _parts(samples: list[Stamped]) -> list[list[Stamped]]:
+    """Return the parts between which the clock was set back."""
+    parts = [samples[:1]]
+    for before, sample in pairwise(samples):
+        if sample[0] < before[0] - SET_BACK:
             parts.append([])
-        parts[-1].append(value)
+        parts[-1].append(sample)
     return parts
 
 
 def _merged(stamps: list[list[int]]) -> NDArray[np.int64]:
     """Return the stamps of rows: what is nearer than `NEAR` of the busiest topic's interval is one row."""
-    intervals = [float(np.median(np.diff(np.unique(each)))) for each in stamps if len(set(each)) > 1]
+    distinct = [np.unique(np.array(of_column, dtype=np.int64)) for of_column in stamps]
+    intervals = [float(np.median(np.diff(of_column))) for of_column in distinct if len(of_column) > 1]
     near = NEAR * min(intervals, default=0.0)
-    every = np.unique(np.concatenate([np.array(each, dtype=np.int64) for each in stamps]))
-    rows = [every[0]]
-    for stamp in every[1:]:
-        if stamp - rows[-1] > near:
+    rows: list[np.int64] = []
+    for stamp in np.unique(np.concatenate(distinct)):
+        if not rows or stamp - rows[-1] > near:
             rows.append(stamp)
     return np.array(rows, dtype=np.int64)
 

@@ -13,11 +13,9 @@ class Frame(Protocol):
     @property
     def columns(self) -> Iterable[str]:
         """Names of the columns."""
-        ...
 
     def __getitem__(self, name: str, /) -> object:
         """Return a column."""
-        ...
 
 
 Source: TypeAlias = str | Path | Frame

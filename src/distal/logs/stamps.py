@@ -47,11 +47,7 @@ class Clock:
         return None if self.stamps is None else int(self.stamps[0])
 
     def since(self, start: int | None) -> Floats:
-        """Return the time from a first stamp of another file on [s]; as it is where either has no dates.
-
-        Args:
-            start: since 1970 [ns], or None.
-        """
+        """Return the time from the `start` of another log on [s]; as it is where either has no dates."""
         if start is None or self.stamps is None:
             return self.time
         return np.asarray((self.stamps - start) * 1e-9, dtype=np.float64)
@@ -70,9 +66,9 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     """
     column, path, first_row = cells.column(name), cells.path, cells.first_row
     if isinstance(column, list):
-        whole = _whole_numbers(column)
-        if whole is not None:
-            return _counted(whole, unit, name, path)
+        counts = _whole_numbers(column)
+        if counts is not None:
+            return _counted(counts, unit, name, path)
         first = next((text for text in map(str.strip, column) if text.lower() not in MISSING), "")
         if _is_date(first):
             return _dated([_one_date(cell.strip()) for cell in column], column, name, path, first_row)
@@ -95,17 +91,15 @@ def _whole_numbers(cells: list[str]) -> Stamps | None:
 
 def _counted(values: Any, unit: float, name: str, path: Path) -> Clock:
     """Return the time of stamps that are numbers, whole ones to the nanosecond."""
-    there = values[np.isfinite(values)]
-    if not len(there):
+    finite = values[np.isfinite(values)]
+    first = abs(float(finite[0])) if len(finite) else 0.0
+    if first * unit < EPOCH:
         return Clock(values.astype(np.float64) * unit)
-    size = abs(float(there[0])) * unit
-    if size < EPOCH:
-        return Clock(values.astype(np.float64) * unit)
-    if size >= LATEST:
-        fits = [other for other in UNITS if EPOCH <= abs(float(there[0])) * other < LATEST]
+    if first * unit >= LATEST:
+        fits = [candidate for candidate in UNITS if EPOCH <= first * candidate < LATEST]
         if not fits:
             raise LogError(
-                f"{path}: '{name}' is {there[0]}, {size:g} s, which is no time; what unit has it? (log.time.unit)"
+                f"{path}: '{name}' is {finite[0]}, {first * unit:g} s, which is no time; what unit has it? (log.time.unit)"
             )
         unit = fits[0]
     far = np.flatnonzero(~(np.abs(values.astype(np.float64)) * unit < LATEST) & np.isfinite(values))
@@ -137,24 +131,20 @@ def _dated(stamps: Sequence[int | None], cells: Sequence[str], name: str, path: 
 
 
 def _is_date(text: str) -> bool:
-    """Return whether a text begins as an ISO date does: with a year, and no number in all."""
-    return len(text) >= 8 and text[:4].isdigit() and not _is_number(text)
-
-
-def _is_number(text: str) -> bool:
+    """Return whether a text begins as an ISO date does, with a year, and is no number."""
     try:
         float(text)
     except ValueError:
-        return False
-    return True
+        return len(text) >= 8 and text[:4].isdigit()
+    return False
 
 
 def _in_ns(dates: NDArray[Any]) -> list[int | None]:
     """Return dates as nanoseconds since 1970, None where there is none or 64 bits do not hold it."""
     seconds = dates.astype("datetime64[s]").astype(np.int64)
-    there = ~np.isnat(dates) & (np.abs(seconds) < LATEST)
-    whole = dates.astype("datetime64[ns]").astype(np.int64).tolist()
-    return [stamp if one else None for stamp, one in zip(whole, there.tolist())]
+    is_date = ~np.isnat(dates) & (np.abs(seconds) < LATEST)
+    stamps = dates.astype("datetime64[ns]").astype(np.int64)
+    return [stamp if valid else None for stamp, valid in zip(stamps.tolist(), is_date.tolist())]
 
 
 def _one_date(cell: str) -> int | None:

@@ -24,7 +24,6 @@ class Table:
     """Columns of a file, all read as numbers.
 
     Args:
-        source: the file's name.
         columns: name → values, NaN where missing.
         first_row: row number of the first value in the file, as an editor counts.
         units: name → unit, of those whose header says it beside the name.
@@ -38,9 +37,6 @@ class Table:
     def in_si(self, name: str, si: str) -> Floats:
         """Return a column in SI by the unit in its header; unchanged where the header has no unit.
 
-        Args:
-            si: unit of the dimension that is wanted.
-
         Raises:
             LogError: the header's unit has another dimension, or is unknown.
         """
@@ -52,7 +48,7 @@ def read_table(path: str | Path, wanted: Sequence[str] | None = None) -> Table:
     """Read columns of a CSV or Parquet file as numbers.
 
     Args:
-        path: the file; ``.parquet`` is Parquet, anything else CSV with a header, separated by comma, semicolon or tab.
+        path: ``.parquet`` is Parquet, anything else CSV with a header, separated by comma, semicolon or tab.
         wanted: columns that must be there; None reads all.
 
     Raises:
@@ -82,16 +78,15 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
     if isinstance(path, (str, Path)):
         path = Path(path)
         try:
-            folder = path.is_dir()
-            there = path.exists()
+            is_folder, exists = path.is_dir(), path.exists()
         except (OSError, ValueError, RuntimeError) as problem:
             raise LogError(f"{shown(path)}: cannot be read ({getattr(problem, 'strerror', None) or problem})") from None
-        if folder:
+        if is_folder:
             raise LogError(f"{path}: is a folder; a CSV or Parquet file is expected")
         kind = format_of(path)
         if kind.read is None:
             raise LogError(f"{path}: is a recording of topics; a CSV or Parquet file is expected")
-        return table_by_process(path, columns) if there and kind.apart else kind.read(path, columns)
+        return table_by_process(path, columns) if exists and kind.apart else kind.read(path, columns)
     if not hasattr(path, "columns"):
         raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
     columns_of = {str(name): _column(path[name]) for name in path.columns if needed(str(name), columns)}

@@ -7,6 +7,7 @@ import stat
 import tempfile
 import unicodedata
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +23,6 @@ class Output:
     """A file that will be written.
 
     Args:
-        path: where.
         by: what asks for it, e.g. ``--out``.
         folder: that is made if need be, and in which the file stands; None where the file's folder must be there.
     """
@@ -33,11 +33,7 @@ class Output:
 
 
 def outputs_in(folder: str | Path, names: Iterable[str], by: str) -> list[Output]:
-    """Return the files of a folder that is made if need be.
-
-    Args:
-        by: what asks for it, e.g. ``--report``.
-    """
+    """Return the files of a folder that is made if need be."""
     return [Output(Path(folder) / name, by, Path(folder)) for name in names]
 
 
@@ -52,7 +48,6 @@ def check_outputs(
     file system takes them for the same.
 
     Args:
-        outputs: every file that will be written.
         inputs: what is read: its label, e.g. ``--rig``, and its path or file descriptor.
         streams: where text is printed: label and file descriptor, e.g. ``("standard output", 1)``.
 
@@ -60,14 +55,13 @@ def check_outputs(
         OutputError: an output is an input, or two are the same file; it is a folder; its name has a character or a length
             that cannot be written; its folder is missing, no folder, or read-only.
     """
-    wanted = list(outputs)
-    for output in wanted:
+    outputs = list(outputs)
+    for output in outputs:
         _check_name(output.path)
-    held = _held(inputs, streams)
-    _check_apart(wanted, held)
-    for output in wanted:
+    _check_apart(outputs, _held(inputs, streams))
+    for output in outputs:
         _check_place(output)
-    _try(wanted)
+    _try(outputs)
 
 
 def shown(path: str | Path) -> str:
@@ -83,9 +77,9 @@ def _check_name(path: Path) -> None:
             return
         odd = next((c for c in part.name if unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp")), None)
         if odd is not None:
-            what = "part of no UTF-8 text" if unicodedata.category(odd) == "Cs" else "a control character"
+            fault = "part of no UTF-8 text" if unicodedata.category(odd) == "Cs" else "a control character"
             raise OutputError(
-                f"{shown(path)}: the name holds {shown(odd)}, {what}; give a name of printable characters only"
+                f"{shown(path)}: the name holds {shown(odd)}, {fault}; give a name of printable characters only"
             )
         size, most = len(part.name.encode()), _longest_name(part) - (ROOM if part is path else 0)
         if size > most:
@@ -97,10 +91,8 @@ def _check_name(path: Path) -> None:
 def _longest_name(path: Path) -> int:
     """Return how many bytes a name may have on the file system of a path [bytes]."""
     for folder in path.parents:
-        try:
+        with suppress(OSError, ValueError):
             return os.pathconf(folder, "PC_NAME_MAX")
-        except (OSError, ValueError):
-            continue
     return 255
 
 
@@ -136,11 +128,10 @@ def _check_apart(outputs: list[Output], held: dict[Key, str]) -> None:
                 raise _twice(output.path, files[key], output.by)
             files[key] = output.by
         if output.folder is not None and output.folder not in folders:
-            folders[output.folder] = file_key(output.folder), output.by
-            if folders[output.folder][0] in held:
-                raise OutputError(
-                    f"{shown(output.folder)}: is {held[file_key(output.folder) or ()]}; give another folder"
-                )
+            key = file_key(output.folder)
+            folders[output.folder] = key, output.by
+            if key is not None and key in held:
+                raise OutputError(f"{shown(output.folder)}: is {held[key]}; give another folder")
     for output in outputs:
         for parent in Path(os.path.realpath(output.path)).parents:
             if parent not in folders:
@@ -150,8 +141,8 @@ def _check_apart(outputs: list[Output], held: dict[Key, str]) -> None:
             raise _twice(folder, files[key], by)
 
 
-def _twice(path: Path, one: str, other: str) -> OutputError:
-    return OutputError(f"{shown(path)}: is asked for twice, by {one} and {other}; give two names")
+def _twice(path: Path, first: str, second: str) -> OutputError:
+    return OutputError(f"{shown(path)}: is asked for twice, by {first} and {second}; give two names")
 
 
 def _check_place(output: Output) -> None:
@@ -160,19 +151,19 @@ def _check_place(output: Output) -> None:
     if folder is not None:
         above = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
         if not os.path.isdir(above):
-            what = "is a file" if above == folder else f"cannot be made, since '{shown(above)}' is a file"
-            raise OutputError(f"{shown(folder)}: {what}; give the name of a folder")
+            fault = "is a file" if above == folder else f"cannot be made, since '{shown(above)}' is a file"
+            raise OutputError(f"{shown(folder)}: {fault}; give the name of a folder")
     try:
         mode = os.stat(path).st_mode
     except (FileNotFoundError, NotADirectoryError):
         # a link may point to what is not there yet; a file is then made where it points to
         home = Path(os.path.realpath(path)).parent
         if folder is None and not home.is_dir():
-            told = home if os.path.islink(path) else path.parent
-            what = f"the folder '{shown(told)}' does not exist; make it first"
-            if os.path.exists(told):
-                what = f"cannot stand in '{shown(told)}', which is a file; give another name"
-            raise OutputError(f"{shown(path)}: {what}") from None
+            parent = home if os.path.islink(path) else path.parent
+            fault = f"the folder '{shown(parent)}' does not exist; make it first"
+            if os.path.exists(parent):
+                fault = f"cannot stand in '{shown(parent)}', which is a file; give another name"
+            raise OutputError(f"{shown(path)}: {fault}") from None
         return
     except OSError as problem:
         raise OutputError(f"{shown(path)}: cannot be written ({problem.strerror})") from None
@@ -194,10 +185,10 @@ def _try(outputs: list[Output]) -> None:
         if len(real.name.encode(errors="replace")) > len(longest.get(real.parent, ("", real))[0].encode()):
             longest[real.parent] = real.name, output.path
     for folder, (name, path) in longest.items():
-        there = next(place for place in (folder, *folder.parents) if os.path.isdir(place))
+        nearest = next(place for place in (folder, *folder.parents) if os.path.isdir(place))
         try:
-            handle, made = tempfile.mkstemp(dir=there, prefix=f".{name}.")
+            handle, temporary = tempfile.mkstemp(dir=nearest, prefix=f".{name}.")
             os.close(handle)
-            os.unlink(made)
+            os.unlink(temporary)
         except OSError as problem:
             raise OutputError(f"{shown(path)}: cannot be written ({problem.strerror}); give another place") from None

@@ -12,22 +12,12 @@ from distal.rig import angle_names, torque_names
 
 
 def true_angles(log: Log, joints: Sequence[str]) -> Floats | None:
-    """Return the true angles of the joints [rad], (k, n_joints), NaN where one is not known; None where none is.
-
-    The array is read-only.
-
-    Args:
-        joints: names of the joints, in their order.
-    """
+    """Return the joints' true angles [rad], read-only, (k, n_joints); NaN where one is not known, None where none is."""
     return _columns(log, angle_names(joints))
 
 
 def true_torques(log: Log, joints: Sequence[str]) -> Floats | None:
-    """Return the true torques on the joints from outside [N m], as `true_angles` does.
-
-    Args:
-        joints: names of the joints, in their order.
-    """
+    """Return the true torques on the joints from outside [N m], as `true_angles` does."""
     return _columns(log, torque_names(joints))
 
 

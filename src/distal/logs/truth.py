@@ -35,20 +35,15 @@ class TruthKind(Enum):
 
 @dataclass(frozen=True)
 class TruthSource:
-    """Where a log's truth comes from.
-
-    Args:
-        kind: what the program goes by.
-        place: for people: which column, file or mark.
-    """
+    """Where a log's truth comes from; its `place` is for people: which column, file or mark."""
 
     kind: TruthKind = TruthKind.UNKNOWN
     place: str = ""
 
     def __str__(self) -> str:
         """Return it in words."""
-        said = (self.place, "the reference sensor" if self.kind.by_sensor else "")
-        return ", ".join(part for part in said if part)
+        parts = (self.place, "the reference sensor" if self.kind.by_sensor else "")
+        return ", ".join(part for part in parts if part)
 
 
 NO_SOURCE = TruthSource()

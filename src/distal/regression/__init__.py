@@ -5,18 +5,10 @@ from distal.regression.band import NORMAL, Errors, conformal_factor, inflate_ban
 from distal.regression.beyond import Learner, errors_beyond
 from distal.regression.contact import contact_kind
 from distal.regression.discrepancy import discrepancy_kind
-from distal.regression.features import Predicted, Samples, design, half_ranges, limits, outside, predict
+from distal.regression.features import Samples, design, limits, outside, predict
 from distal.regression.folds import folds_of, groups_of, splits
 from distal.regression.kernel import first_memory, map_function, memory_size, numbers_of, reporting_function
-from distal.regression.learn import (
-    Kind,
-    Terms,
-    calibrate_band,
-    errors_of,
-    fit_coefficients,
-    learn_map,
-    left_out_errors,
-)
+from distal.regression.learn import Kind, Terms, calibrate_band, errors_of, fit_coefficients, learn_map, left_out_errors
 from distal.regression.random_effects import correlated_samples, independent, line
 from distal.regression.window import EXPECTED, calibrate_window, seen
 
@@ -26,7 +18,6 @@ __all__ = [
     "Errors",
     "Kind",
     "Learner",
-    "Predicted",
     "Samples",
     "Terms",
     "affine_kind",
@@ -44,7 +35,6 @@ __all__ = [
     "fit_coefficients",
     "folds_of",
     "groups_of",
-    "half_ranges",
     "independent",
     "inflate_band",
     "learn_map",

@@ -8,6 +8,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.regression.learn import Kind, Terms
+from distal.regression.random_effects import row_of, rows_of
 from distal.rig import CONSTANT, Affine, Discrepancy, JointMap, LearnedMap
 
 DEAD_BAND = 6.0
@@ -21,37 +22,22 @@ DIRECTIONS_HELP = 0.95
 
 
 def affine_kind(channels: Sequence[str], positions: Sequence[str], joints: Sequence[str], noise: Floats) -> Kind:
-    """Return the kind of map that gives joints' angles from readings alone.
-
-    Args:
-        noise: standard deviation of each sensor's random error [SI], (m,).
-    """
+    """Return the kind of map that gives joints' angles from readings alone; `noise` is as in `Kind`."""
     linear = (CONSTANT, *channels)
-    turns = tuple(f"slip({name})" for name in positions)
-    plays = tuple(f"play({name})" for name in positions)
+    turning = (*linear, *(f"slip({name})" for name in positions))
+    playing = (*linear, *(f"play({name})" for name in positions))
     line, directions = "a straight line of what the sensors read", "a straight line, with directions of motion"
-    sets = (
-        Terms(line, linear, DEAD_BAND, of_noise=True),
-        Terms(f"{line}, all logs as one", linear, DEAD_BAND, of_noise=True, pooled=True),
-        Terms(directions, (*linear, *turns), DEAD_BAND, of_noise=True),
-        Terms(f"{directions}, all logs as one", (*linear, *turns), DEAD_BAND, of_noise=True, pooled=True),
-        *(
-            Terms(
-                f"a straight line, with a play of {width:g} std, all logs as one", (*linear, *plays), width, pooled=True
-            )
-            for width in PLAYS
-        ),
-    )
+    sets = [
+        Terms(name + suffix, terms, DEAD_BAND, of_noise=True, pooled=pooled)
+        for name, terms in ((line, linear), (directions, turning))
+        for suffix, pooled in (("", False), (", all logs as one", True))
+    ]
+    for width in PLAYS:
+        name = f"a straight line, with a play of {width:g} std, all logs as one"
+        sets.append(Terms(name, playing, width, pooled=True))
+    channels, joints = tuple(channels), tuple(joints)
     return Kind(
-        Affine,
-        "affine",
-        tuple(channels),
-        tuple(joints),
-        noise,
-        sets,
-        DIRECTIONS_HELP,
-        by_motion=True,
-        unknown_outside=False,
+        Affine, "affine", channels, joints, noise, tuple(sets), DIRECTIONS_HELP, by_motion=True, unknown_outside=False
     )
 
 
@@ -65,39 +51,23 @@ def as_discrepancy(affine: LearnedMap, frame: LearnedMap, follows: bool = False)
         frame: a discrepancy of the same logs, for the range of the filter's own angles.
         follows: whether the line goes on beyond the range.
     """
-    m, nj = len(affine.channels), len(affine.joints)
-
-    def both(name: str) -> tuple[float, ...]:
-        return (*getattr(affine, name), *getattr(frame, name)[m:])
-
+    m, n, nj = len(affine.channels), len(affine.terms), len(affine.joints)
     joints = []
     for j, joint in enumerate(affine.joints):
         coefficients = np.concatenate([joint.coefficients, np.zeros(nj)])
         coefficients[affine.terms.index(CONSTANT)] -= frame.centre[m + j]
-        coefficients[len(affine.terms) + j] = -frame.scale[m + j]
-        covariance = np.zeros((len(coefficients), len(coefficients)))
-        covariance[: len(affine.terms), : len(affine.terms)] = joint.covariance
-        joints.append(
-            JointMap(
-                joint=joint.joint,
-                coefficients=tuple(float(value) for value in coefficients),
-                covariance=tuple(tuple(float(value) for value in row) for row in covariance),
-                std=joint.std,
-            )
-        )
+        coefficients[n + j] = -frame.scale[m + j]
+        covariance = np.pad(np.asarray(joint.covariance), (0, nj))
+        b, c = row_of(coefficients), rows_of(covariance)
+        joints.append(JointMap(joint=joint.joint, coefficients=b, covariance=c, std=joint.std))
+    ranges = ("centre", "scale", "low", "high", "rate")
+    same = ("channels", "width", "distance", "reach", "correlation_time", "band", "logs", "dropped")
     return Discrepancy(
         terms=(*affine.terms, *(f"angle({joint.joint})" for joint in affine.joints)),
-        channels=affine.channels,
         tracked=False,
-        **{name: both(name) for name in ("centre", "scale", "low", "high", "rate")},
-        width=affine.width,
-        distance=affine.distance,
-        reach=affine.reach,
-        correlation_time=affine.correlation_time,
+        **{name: (*getattr(affine, name), *getattr(frame, name)[m:]) for name in ranges},
+        **{name: getattr(affine, name) for name in same},
         spread=affine.spread if follows else frame.spread,
         follows=follows,
-        band=affine.band,
-        logs=affine.logs,
-        dropped=affine.dropped,
         joints=tuple(joints),
     )

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from distal.arrays import Floats
+from distal.regression.random_effects import rows_of
 from distal.rig import LearnedMap
 
 NORMAL = 1.959963984540054
@@ -32,29 +33,19 @@ Errors = tuple[Floats, Floats, Floats]
 
 
 def student(freedom: float) -> float:
-    """Return by what a 95 % band is wider that knows its std from so many degrees of freedom: t_{0.975}/1.96.
-
-    Args:
-        freedom: degrees of freedom.
-    """
+    """Return by what a 95 % band is wider that knows its std from so many degrees of freedom: t_{0.975}/1.96."""
     from scipy.special import stdtrit  # loaded late: it takes as long as all of distal
 
     return float(stdtrit(max(freedom, 1.0), 0.975)) / NORMAL
 
 
 def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> float:
-    """Return the least factor c for which, over all logs alike, 95 % of errors have e² ≤ 1.96² (c² u + v).
-
-    Args:
-        logs: the errors on each left-out log.
-        least: smallest factor.
-        largest: largest factor.
-    """
+    """Return the smallest c from `least` to `largest` for which 95 % of all logs' errors have e² ≤ 1.96² (c² u + v)."""
     needed, weights = [], []
     for error, scaled, fixed in logs:
         if len(error):
-            wanted = np.maximum(error**2 / NORMAL**2 - fixed, 0.0)
-            needed.append(np.sqrt(wanted / np.maximum(scaled, 1e-30)))
+            excess = np.maximum(error**2 / NORMAL**2 - fixed, 0.0)
+            needed.append(np.sqrt(excess / np.maximum(scaled, 1e-30)))
             weights.append(np.full(len(error), 1.0 / len(error)))
     if not needed:
         return float(np.clip(1.0, least, largest))
@@ -69,27 +60,18 @@ def rms_beyond_noise(errors: Sequence[Sequence[Errors]], noise: float = 0.0) -> 
     """Return the mean of RMS errors, of each log and joint alone, less the reference's own noise; NaN where there are none.
 
     Args:
-        errors: of each log and joint.
         noise: std of the reference's random error, which no map can explain: its variance is taken off.
     """
-    each = [
-        np.sqrt(max(float(np.mean(error**2)) - noise**2, (BELOW_NOISE * noise) ** 2))
-        for log in errors
-        for error, _, _ in log
-        if len(error)
-    ]
-    return float(np.mean(each)) if each else float("nan")
+    squares = [float(np.mean(error**2)) for log in errors for error, _, _ in log if len(error)]
+    rms = [np.sqrt(max(square - noise**2, (BELOW_NOISE * noise) ** 2)) for square in squares]
+    return float(np.mean(rms)) if rms else float("nan")
 
 
 def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool) -> LearnedMap:
     """Return a map with its band sized by the errors on logs left out.
 
-    Of `OWNS`, the shares of the filter's own std, the one that gives the narrowest sized band is used; of few logs the
-    worst one decides.
-
-    Args:
-        errors: on each log left out, of each joint.
-        enough: whether there are logs enough to choose.
+    Of `OWNS`, the shares of the filter's own std, the one that gives the narrowest sized band is used; where there are not
+    `enough` logs to choose, the worst one decides.
     """
     filtered = any(np.any(v > 0.0) for log in errors for _, _, v in log)
     shares = (1.0,) if not filtered else OWNS if enough else (share_of_few(errors),)
@@ -105,34 +87,18 @@ def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool)
 
 
 def share_of_few(errors: Sequence[Sequence[Errors]]) -> float:
-    """Return the share of the filter's own std that the worst of few logs left out needs, at most 1.
-
-    Args:
-        errors: of each log and joint.
-    """
-    needed = [
-        np.quantile(np.abs(e) / np.sqrt(np.maximum(v, 1e-30)), 0.95) for log in errors for e, _, v in log if len(e)
-    ]
-    return float(min(1.0, max(needed, default=NORMAL) / NORMAL))
+    """Return the share of the filter's own std that the worst log and joint of few left out needs, at most 1."""
+    ratios = [np.abs(e) / np.sqrt(np.maximum(v, 1e-30)) for log in errors for e, _, v in log if len(e)]
+    return float(min(1.0, max((np.quantile(ratio, 0.95) for ratio in ratios), default=NORMAL) / NORMAL))
 
 
 def inflate_band(learned: LearnedMap, factors: Sequence[float]) -> LearnedMap:
-    """Return a map with a wider or narrower band.
-
-    Args:
-        factors: on the standard deviation, one for each joint.
-    """
+    """Return a map with a wider or narrower band, by `factors` on each joint's standard deviation."""
     return learned.model_copy(update={"band": tuple(float(c * f) for c, f in zip(learned.band, factors))})
 
 
 def widened_between(learned: LearnedMap, wider: float) -> LearnedMap:
-    """Return a map whose coefficients differ more from log to log.
-
-    Args:
-        wider: factor on the standard deviation of the coefficients.
-    """
-    joints = tuple(
-        joint.model_copy(update={"covariance": tuple(tuple(wider**2 * v for v in row) for row in joint.covariance)})
-        for joint in learned.joints
-    )
-    return learned.model_copy(update={"joints": joints})
+    """Return a map whose coefficients differ more from log to log: their standard deviation is `wider` times as large."""
+    covariances = [rows_of(wider**2 * np.asarray(joint.covariance)) for joint in learned.joints]
+    joints = [joint.model_copy(update={"covariance": c}) for joint, c in zip(learned.joints, covariances)]
+    return learned.model_copy(update={"joints": tuple(joints)})

@@ -25,39 +25,31 @@ COVERED = (0.5, 99.5)
 """Percentiles between which logs cover what is read: a single spike is no range."""
 
 
-def inner_parts(data: Sequence[Samples]) -> list[Bools]:
+def inner_parts(logs: Sequence[Samples]) -> list[Bools]:
     """Return which samples of each log lie in the inner part, where max_i |x_i − m_i| / h_i is small.
 
     The maximum is over all readings and angles; m_i is the middle of the range of one, h_i half of its length.
     """
-    every = np.vstack([one.every for one in data])
-    low, high = np.percentile(every, COVERED, axis=0)
+    low, high = np.percentile(np.vstack([log.every for log in logs]), COVERED, axis=0)
     moving = high > low
     middle, half = (low + high)[moving] / 2, (high - low)[moving] / 2
-    far = [np.max(np.abs(one.every[:, moving] - middle) / half, axis=1, initial=0.0) for one in data]
+    far = [np.max(np.abs(log.every[:, moving] - middle) / half, axis=1, initial=0.0) for log in logs]
     limit = np.quantile(np.concatenate(far), INNER)
-    return [np.asarray(own <= limit) for own in far]
+    return [np.asarray(distance <= limit) for distance in far]
 
 
 def errors_beyond(
-    data: Sequence[Samples],
-    kind: Kind,
-    folds: Sequence[int],
-    homing: float | None,
-    learn: Learner,
+    logs: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None, learn: Learner
 ) -> list[list[Errors]]:
-    """Return the errors in the outer part of each log with what the inner parts of the logs of other folds teach.
+    """Return the errors in the outer part of each log with what the inner parts of other folds' logs teach.
 
-    Args:
-        homing: length of the homing window [s], or None.
-        learn: returns the map that parts of logs teach.
+    They count after a window of `homing` [s], if any.
     """
-    parts, errors = inner_parts(data), []
-    for out, rest in splits(folds) if len(set(folds)) > 1 else ():
+    parts, errors = inner_parts(logs), []
+    for out, left in splits(folds) if len(set(folds)) > 1 else ():
         try:
-            learned = learn(rest, [parts[i] for i in rest])
+            learned = learn(left, [parts[i] for i in left])
         except FitError:
             continue  # without these logs nothing is known of a joint
-        for i in out:
-            errors.append(errors_of(learned, data[i], kind, homing, ~parts[i]))
+        errors += [errors_of(learned, logs[i], kind, homing, ~parts[i]) for i in out]
     return errors

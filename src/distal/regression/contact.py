@@ -19,8 +19,8 @@ def contact_kind(channels: Sequence[str], positions: Sequence[str], joints: Sequ
     """Return the kind of map of the external torque; friction of the whole chain follows a drive's last direction.
 
     Args:
-        positions: those of drives' places; the others are efforts.
-        noise: standard deviation of each sensor's random error [SI], (m,).
+        positions: channels of drives' places; the others are efforts.
+        noise: as in `Kind`.
     """
     efforts = [name for name in channels if name not in positions]
     linear = (CONSTANT, *efforts)
@@ -29,7 +29,7 @@ def contact_kind(channels: Sequence[str], positions: Sequence[str], joints: Sequ
         rubbing = tuple(f"slip({x})" for x in positions)
         products = tuple(f"slip({x})*abs({e})" for x in positions for e in efforts)
         along = tuple(t for x in positions for t in (x, f"{x}*{x}", *(f"{x}*{e}" for e in efforts)))
-        said = f"with friction by a play of {width:g} std"
-        sets.append(Terms(f"efforts {said}", (*linear, *rubbing, *products), width))
-        sets.append(Terms(f"efforts and places {said}", (*linear, *rubbing, *products, *along), width))
+        friction = f"with friction by a play of {width:g} std"
+        sets.append(Terms(f"efforts {friction}", (*linear, *rubbing, *products), width))
+        sets.append(Terms(f"efforts and places {friction}", (*linear, *rubbing, *products, *along), width))
     return Kind(Contact, "contact", tuple(channels), tuple(joints), noise, tuple(sets), TERMS_HELP)

@@ -16,20 +16,16 @@ NO_CORRECTION = Terms("the angle is not corrected", (CONSTANT,), corrects=False)
 
 
 def discrepancy_kind(
-    channels: Sequence[str],
-    moving: Sequence[str],
-    efforts: Sequence[str],
-    joints: Sequence[str],
-    noise: Floats,
+    channels: Sequence[str], moving: Sequence[str], efforts: Sequence[str], joints: Sequence[str], noise: Floats
 ) -> Kind:
     """Return the kind of map of a filter's angle errors, from readings and from the filter's own angles.
 
     Args:
-        moving: those with independent information.
+        moving: channels with independent information.
         efforts: those of them that are forces, torques or tensions.
-        noise: standard deviation of each sensor's random error [SI], (m,).
+        noise: as in `Kind`.
     """
-    own = tuple(f"angle({joint})" for joint in joints)
+    theta = tuple(f"angle({joint})" for joint in joints)
     linear = (CONSTANT, *moving)
     squares = tuple(f"{a}*{b}" for i, a in enumerate(moving) for b in moving[i:] if not (a == b and a in efforts))
     magnitudes = tuple(f"{name}*abs({name})" for name in efforts)
@@ -40,19 +36,18 @@ def discrepancy_kind(
         Terms("a constant", (CONSTANT,)),
         Terms("linear in what the sensors read", linear),
         Terms("linear in what the sensors read, all logs as one", linear, pooled=True),
-        Terms("linear in what the sensors read and in the filter's own angle", (*linear, *own)),
-        Terms("linear in sensors and the filter's own angle, all logs as one", (*linear, *own), pooled=True),
+        Terms("linear in what the sensors read and in the filter's own angle", (*linear, *theta)),
+        Terms("linear in sensors and the filter's own angle, all logs as one", (*linear, *theta), pooled=True),
         # with the filter's angle taken off it is what `affine` says
-        Terms("linear with directions and the filter's own angle", (*linear, *turns, *own), DEAD_BAND, of_noise=True),
+        Terms("linear with directions and the filter's own angle", (*linear, *turns, *theta), DEAD_BAND, of_noise=True),
     ]
+    lines = (*linear, *(f"play({name})" for name in moving))
+    mixed = tuple(f"{place}*play({effort})" for place in places for effort in efforts)
+    curves = (*linear, *(f"play({name})" for name in efforts), *squares, *magnitudes, *mixed)
+    shapes = [("linear", lines), *([("curves", curves)] if efforts else [])]
     for width in PLAYS:
-        plays = tuple(f"play({name})" for name in moving)
-        said = f"with a play of {width:g} std"
-        sets.append(Terms(f"linear, {said}", (*linear, *plays), width))
-        sets.append(Terms(f"linear with the filter's own angle, {said}", (*linear, *plays, *own), width))
-        if efforts:
-            mixed = tuple(f"{place}*play({effort})" for place in places for effort in efforts)
-            curved = (*linear, *(f"play({name})" for name in efforts), *squares, *magnitudes, *mixed)
-            sets.append(Terms(f"curves, {said}", curved, width))
-            sets.append(Terms(f"curves with the filter's own angle, {said}", (*curved, *own), width))
+        for shape, terms in shapes:
+            sets.append(Terms(f"{shape}, with a play of {width:g} std", terms, width))
+            name = f"{shape} with the filter's own angle, with a play of {width:g} std"
+            sets.append(Terms(name, (*terms, *theta), width))
     return Kind(Discrepancy, "discrepancy", tuple(channels), tuple(joints), noise, tuple(sets), by_group=True)

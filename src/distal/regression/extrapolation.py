@@ -13,7 +13,7 @@ from distal.rig import LearnedMap
 
 
 def extrapolation(
-    partly: Mapping[int, Samples], told: Callable[[int], LearnedMap | None], joints: int, homing: float, by_motion: bool
+    partly: Mapping[int, Samples], fit: Callable[[int], LearnedMap | None], joints: int, homing: float, by_motion: bool
 ) -> tuple[float, ...]:
     """Return κ of each joint, by logs left out whose homing move covers half of their range.
 
@@ -21,36 +21,31 @@ def extrapolation(
 
     Args:
         partly: the logs, by their index.
-        told: returns the map learned from the others, None where there is none.
+        fit: returns the map without a log, None where there is none.
         joints: number of joints.
         homing: length of the homing window [s].
-        by_motion: see `calibrate_window`.
     """
     costs: list[list[float]] = [[] for _ in range(joints)]
     for i, out in partly.items():
-        learned = told(i)
+        learned = fit(i)
         if learned is None:
             continue
         learned, _ = calibrate_window(learned, out, out.window(homing), by_motion)
-        for j, own in enumerate(costs):
+        for j in range(joints):
             cost = cost_beyond(learned, out, j, homing)
-            own += [] if cost is None else [cost]
-    return tuple(float(np.quantile(own, COVERED)) if own else 0.0 for own in costs)
+            costs[j] += [] if cost is None else [cost]
+    return tuple(float(np.quantile(of_joint, COVERED)) if of_joint else 0.0 for of_joint in costs)
 
 
 def cost_beyond(learned: LearnedMap, samples: Samples, joint: int, homing: float) -> float | None:
     """Return κ of a log, κ² = (mean e² − mean v)/mean h² over what lies beyond its homing move; None where nothing does.
 
-    e are the errors, v the variances without κ, h is from `beyond_homing`.
-
-    Args:
-        learned: after the move.
-        homing: length of the homing window [s].
+    e are the errors, v the variances without κ, h is from `beyond_homing`; the move took a time `homing` [s].
     """
-    said = predict(learned, samples, joint)
-    past, target = beyond_homing(learned, samples, joint, said.values), samples.targets[:, joint]
-    there = (samples.time >= homing) & np.isfinite(target) & (past > 0.0)
-    if not there.any():
+    predicted = predict(learned, samples, joint)
+    past, target = beyond_homing(learned, samples, joint, predicted.values), samples.targets[:, joint]
+    rows = (samples.time >= homing) & np.isfinite(target) & (past > 0.0)
+    if not rows.any():
         return None
-    excess = float(np.mean(((said.values - target) ** 2 - said.variances - said.own)[there]))
-    return float(np.sqrt(max(excess, 0.0) / float(np.mean(past[there] ** 2))))
+    excess = float(np.mean(((predicted.values - target) ** 2 - predicted.variances - predicted.filter_variances)[rows]))
+    return float(np.sqrt(max(excess, 0.0) / float(np.mean(past[rows] ** 2))))

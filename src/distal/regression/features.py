@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, reduce
+from operator import mul
 from typing import TypeVar
 
 import casadi as ca
@@ -30,7 +31,6 @@ class Samples:
     """A log as input of a map.
 
     Args:
-        source: name of the log.
         time: since its first sample [s], (k,).
         readings: of the channels, missing ones held, (k, m).
         angles: of the joints by the filter, which a map may use, (k, n_joints), or none of them, (k, 0) [rad].
@@ -52,21 +52,13 @@ class Samples:
     usable: Bools | None = None
 
     def part(self, rows: Bools) -> Samples:
-        """Return some of the samples.
-
-        Args:
-            rows: which, (k,).
-        """
+        """Return some of the samples, by a mask of `rows`, (k,)."""
         names = ("time", "readings", "angles", "targets", "variances")
         usable = None if self.usable is None else self.usable[rows]
         return replace(self, usable=usable, **{name: getattr(self, name)[rows] for name in names})
 
     def window(self, homing: float) -> Bools:
-        """Return which samples a homing move of so long [s] may use, (k,).
-
-        Args:
-            homing: its length.
-        """
+        """Return which samples a homing move of so long [s] may use, (k,)."""
         early: Bools = self.time < homing
         return early if self.usable is None else early & self.usable
 
@@ -77,31 +69,19 @@ class Samples:
 
 
 def half_ranges(learned: LearnedMap) -> Floats:
-    """Return half of the learned range of each reading and angle [SI].
-
-    Args:
-        learned: with its range.
-    """
+    """Return half of the learned range of each reading and angle [SI]."""
     halves: Floats = np.maximum((np.asarray(learned.high) - np.asarray(learned.low)) / 2.0, SMALLEST_HALF)
     return halves
 
 
 def middles(learned: LearnedMap) -> Floats:
-    """Return the middle of the learned range of each reading and angle [SI].
-
-    Args:
-        learned: with its range.
-    """
+    """Return the middle of the learned range of each reading and angle [SI]."""
     middle: Floats = (np.asarray(learned.high) + np.asarray(learned.low)) / 2.0
     return middle
 
 
 def limits(learned: LearnedMap) -> tuple[Floats, Floats]:
-    """Return the limits within which the terms follow each reading and angle [SI].
-
-    Args:
-        learned: with its range.
-    """
+    """Return the limits within which the terms follow each reading and angle [SI]."""
     half = half_ranges(learned)
     return np.asarray(learned.low) - learned.margin * half, np.asarray(learned.high) + learned.margin * half
 
@@ -112,9 +92,6 @@ def drawn_in(learned: LearnedMap, samples: Samples) -> Floats:
     s = min(1, (1 + MARGIN) / max_i |x_i − m_i| / h_i) with m_i in the middle of a range of half-length h_i: the terms stay
     as they are where the straight line to the middle leaves the range. Readings and angles depend on each other; were each
     held at the end of its own range, large coefficients that cancel inside would no longer do so outside.
-
-    Args:
-        learned: with its range.
     """
     used = list(learned.used)
     if np.isinf(learned.margin) or not used:
@@ -131,10 +108,10 @@ def variables(
     widths: Sequence[Scalar],
     magnitude: Callable[[Value], Value] = np.abs,
 ) -> dict[str, Value]:
-    """Return name → value of what terms are products of.
+    """Return name → value of what terms are products of: numbers, symbols or arrays.
 
     Args:
-        scaled: scaled readings, then scaled angles by the filter: numbers, symbols or arrays.
+        scaled: readings, then angles by the filter.
         plays: index of a channel → its scaled reading after its play.
         widths: half-widths of the plays, (m,).
         magnitude: the function |·| for what they are.
@@ -150,20 +127,9 @@ def variables(
     return values
 
 
-def columns(terms: Sequence[str], values: Mapping[str, Value], one: Value) -> list[Value]:
-    """Return the terms' values.
-
-    Args:
-        values: from `variables`.
-        one: the constant, of the kind of the others.
-    """
-    built = []
-    for term in terms:
-        product = one
-        for factor in factors(term):
-            product = product * values[factor]
-        built.append(product)
-    return built
+def columns(terms: Sequence[str], values: Mapping[str, Value], constant: Value) -> list[Value]:
+    """Return the terms' values, products of the `constant` 1 and of `values` from `variables`."""
+    return [reduce(mul, (values[factor] for factor in factors(term)), constant) for term in terms]
 
 
 @cache
@@ -188,30 +154,23 @@ def played(values: Floats, half: float) -> Floats:
 
 
 def design(learned: LearnedMap, samples: Samples) -> Floats:
-    """Return the terms over a log, all but the constant faded outside the learned range, (k, n_terms).
-
-    Args:
-        samples: of the log, whole, since plays remember.
-    """
+    """Return the terms over a whole log (plays remember), all but the constant faded outside the learned range, (k, n)."""
     middle = middles(learned)
     inner = middle + drawn_in(learned, samples)[:, None] * (samples.every[:, : len(learned.centre)] - middle)
     scaled = (inner - np.asarray(learned.centre)) / np.asarray(learned.scale)
     plays = {i: played(scaled[:, i], learned.width[i]) for i in learned.played}
     values = variables(learned, list(scaled.T), plays, learned.width)
-    every = columns(learned.terms, values, np.ones(len(scaled)))
-    if np.isinf(learned.fades_over):
-        return np.column_stack(every)
-    faded = fade(learned, outside(learned, samples))
-    return np.column_stack([one if term == CONSTANT else faded * one for term, one in zip(learned.terms, every)])
+    phi = np.column_stack(columns(learned.terms, values, np.ones(len(scaled))))
+    if np.isfinite(learned.fades_over):
+        fading = np.array([term != CONSTANT for term in learned.terms])
+        phi[:, fading] *= fade(learned, outside(learned, samples))[:, None]
+    return phi
 
 
 def fade(learned: LearnedMap, far: Value) -> Value:
-    """Return the weight of the terms outside the learned range, 1 / (1 + (d / d½)²): numbers or symbols.
+    """Return the weight of the terms at d = `far` outside the learned range, 1 / (1 + (d / d½)²): numbers or symbols.
 
     Nothing constrains a curve where there are no logs, and there the filter alone errs less. Lines do not fade.
-
-    Args:
-        far: d, from `outside`.
     """
     return 1.0 / (1.0 + (far / learned.fades_over) ** 2)
 
@@ -220,25 +179,26 @@ def outside(learned: LearnedMap, samples: Samples) -> Floats:
     """Return how far a log is outside the learned range, 0 within; 1 is half a range beyond its end, (k,).
 
     It is the larger of a single reading's excess and that of the Mahalanobis distance, which detects new combinations.
-
-    Args:
-        learned: with the range.
     """
-    m, every = len(learned.channels), samples.every[:, : len(learned.centre)]
+    every = samples.every[:, : len(learned.centre)]
     beyond = np.maximum(np.asarray(learned.low) - every, every - np.asarray(learned.high)) / half_ranges(learned)
-    z = (samples.readings - np.asarray(learned.centre)[:m]) / np.asarray(learned.scale)[:m]
-    squared = np.sum(z @ np.asarray(learned.distance) * z, axis=1)
-    far = np.sqrt(np.maximum(squared, 0.0)) / learned.reach - 1.0
+    far = np.sqrt(np.maximum(squared_distances(learned, samples), 0.0)) / learned.reach - 1.0
     excess: Floats = np.maximum(0.0, np.maximum(beyond.max(axis=1), far))
     return excess
+
+
+def squared_distances(learned: LearnedMap, samples: Samples) -> Floats:
+    """Return the squared Mahalanobis distances of readings from the middle of those that were learned from, (k,)."""
+    m = len(learned.channels)
+    z = (samples.readings - np.asarray(learned.centre)[:m]) / np.asarray(learned.scale)[:m]
+    squared: Floats = np.sum(z @ np.asarray(learned.distance) * z, axis=1)
+    return squared
 
 
 def beyond_homing(learned: LearnedMap, samples: Samples, joint: int, values: Floats) -> Floats:
     """Return how far the corrected angle of a joint is beyond what a homing move covered [rad], (k,).
 
-    Args:
-        learned: the map after the move; before it nothing is beyond.
-        values: of the map, which are added to the filter's own angle, (k,).
+    Before the move nothing is beyond. The map's `values`, (k,), are added to the filter's own angle.
     """
     if not learned.homed:
         return np.zeros(len(samples.time))
@@ -267,12 +227,12 @@ class Predicted:
     Args:
         values: of what is mapped, (k,).
         variances: of the map, (k,).
-        own: the part of the filter's own variance that counts, (k,).
+        filter_variances: the part of the filter's own variances that counts, (k,).
     """
 
     values: Floats
     variances: Floats
-    own: Floats
+    filter_variances: Floats
 
 
 def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:
@@ -281,15 +241,12 @@ def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:
     d is from `outside`, h from `beyond_homing`, κ is `LearnedMap.extrapolation`; of the filter's own variance
     own² (1 + ∂(map)/∂θ)² counts.
     """
-    own, phi, far = learned.joints[joint], design(learned, samples), outside(learned, samples)
-    values = phi @ np.asarray(own.coefficients)
-    leverage = np.sum(phi @ np.asarray(own.covariance) * phi, axis=1)
-    beyond = far**2 * (own.std**2 + learned.spread[joint] ** 2)
+    fit, phi, far = learned.joints[joint], design(learned, samples), outside(learned, samples)
+    values = phi @ np.asarray(fit.coefficients)
+    leverage = np.sum(phi @ np.asarray(fit.covariance) * phi, axis=1)
+    beyond = far**2 * (fit.std**2 + learned.spread[joint] ** 2)
     if learned.extrapolation:
         beyond = beyond + (learned.extrapolation[joint] * beyond_homing(learned, samples, joint, values)) ** 2
     weight = learned.own * (1.0 + own_slope(learned, samples, joint))
-    return Predicted(
-        values,
-        learned.band[joint] ** 2 * (leverage + own.std**2) + beyond,
-        weight**2 * samples.variances[:, joint],
-    )
+    variances = learned.band[joint] ** 2 * (leverage + fit.std**2) + beyond
+    return Predicted(values, variances, weight**2 * samples.variances[:, joint])

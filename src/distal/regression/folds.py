@@ -21,8 +21,8 @@ def folds_of(groups: Sequence[str]) -> list[int]:
 def splits(folds: Sequence[int]) -> Iterator[tuple[list[int], list[int]]]:
     """Yield for each fold which logs are left out and which are left, by their indices."""
     for fold in sorted(set(folds)):
-        out = [i for i, own in enumerate(folds) if own == fold]
-        yield out, [i for i, own in enumerate(folds) if own != fold]
+        out = [i for i, fold_of_log in enumerate(folds) if fold_of_log == fold]
+        yield out, [i for i, fold_of_log in enumerate(folds) if fold_of_log != fold]
 
 
 def groups_of(names: Sequence[str], pattern: str | None, least: int = 2) -> list[str]:
@@ -35,9 +35,8 @@ def groups_of(names: Sequence[str], pattern: str | None, least: int = 2) -> list
     Raises:
         FitError: it is no such expression, does not match a name, or leaves fewer groups.
     """
-    if pattern is None:
-        groups = list(names)
-    else:
+    groups = list(names)
+    if pattern is not None:
         try:
             expression = re.compile(pattern)
         except re.error as problem:
@@ -46,10 +45,10 @@ def groups_of(names: Sequence[str], pattern: str | None, least: int = 2) -> list
             raise FitError(f"'{pattern}': needs a parenthesis around what names a group, e.g. 'run_(.)'")
         groups = []
         for name in names:
-            found = expression.search(Path(name).name)
-            if found is None:
+            match = expression.search(Path(name).name)
+            if match is None:
                 raise FitError(f"'{pattern}': does not match '{Path(name).name}'")
-            groups.append(str(found.group(1)))
+            groups.append(str(match[1]))
     if len(set(groups)) < least:
         raise FitError(f"logs of at least {least} groups are needed; {len(names)} logs came, of {len(set(groups))}")
     return groups

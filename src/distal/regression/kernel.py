@@ -23,21 +23,19 @@ def memory_size(learned: LearnedMap) -> int:
     return 2 * len(learned.channels) + len(learned.played)
 
 
-def _number_sizes(learned: LearnedMap) -> list[int]:
-    """Return the sizes of what `numbers_of` puts side by side."""
-    m, n, nj, size = len(learned.channels), len(learned.centre), len(learned.joints), len(learned.terms)
-    return [n, n, n, n, n, m, m * m, 1, 1, nj, nj, nj, nj, nj, *(nj * [size, size * size, 1])]
-
-
 def numbers_of(learned: LearnedMap) -> Floats:
     """Return the parameters of `map_function`, (n_p,)."""
+    return np.concatenate(_parameters(learned))
+
+
+def _parameters(learned: LearnedMap) -> list[Floats]:
     names = ("centre", "scale", "low", "high", "rate", "width", "distance", "reach", "own", "spread", "band")
-    parts = [np.asarray(getattr(learned, name), dtype=np.float64).ravel() for name in names]
+    parameters = [np.asarray(getattr(learned, name), dtype=np.float64).ravel() for name in names]
     homed = np.array(learned.homed or [ANYWHERE] * len(learned.joints))
-    parts += [np.array(learned.extrapolation or [0.0] * len(learned.joints)), *homed.T]
+    parameters += [np.array(learned.extrapolation or [0.0] * len(learned.joints)), *homed.T]
     for joint in learned.joints:
-        parts += [np.asarray(joint.coefficients), np.asarray(joint.covariance).ravel(), np.array([joint.std])]
-    return np.concatenate(parts)
+        parameters += [np.asarray(joint.coefficients), np.asarray(joint.covariance).ravel(), np.array([joint.std])]
+    return parameters
 
 
 def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.Function:
@@ -49,21 +47,21 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     min(rate · a, its whole range). Each radian beyond what a homing move covered adds κ², see `beyond_homing`.
 
     Args:
-        learned: the map; its coefficients and ranges are parameters (`numbers_of`).
+        learned: its coefficients and ranges are parameters (`numbers_of`).
         width: number of the estimator's channels, those of the map first.
         placed: for each channel of the map, whether its drive's place is estimated instead of read.
     """
     nj, m, k, n = len(learned.joints), len(learned.channels), len(learned.played), len(learned.centre)
     memory, x = ca.SX.sym("memory", memory_size(learned)), ca.SX.sym("x", 1 + 2 * width)
     places, angles = ca.SX.sym("places", m), ca.SX.sym("angles", nj)
-    sizes = _number_sizes(learned)
+    sizes = [len(part) for part in _parameters(learned)]
     numbers = ca.SX.sym("numbers", sum(sizes))
-    centre, scale, low, high, rate, half_play, distance, reach, share, spread, band, *rest = _split(numbers, sizes)
-    extrapolation, homed_low, homed_high, *own = rest
+    centre, scale, low, high, rate, half_play, distance, reach, *parts = _split(numbers, sizes)
+    share, spread, band, extrapolation, homed_low, homed_high, *of_joints = parts
     held, ages, plays = _split(memory, [m, m, k])
-    there = [is_read(x[1 + width + i]) for i in range(m)]
-    aged = [ca.if_else(there[i], 0, ages[i] + x[0]) for i in range(m)]
-    readings = [places[i] if placed[i] else ca.if_else(there[i], x[1 + i], held[i]) for i in range(m)]
+    is_present = [is_read(x[1 + width + i]) for i in range(m)]
+    aged = [ca.if_else(is_present[i], 0, ages[i] + x[0]) for i in range(m)]
+    readings = [places[i] if placed[i] else ca.if_else(is_present[i], x[1 + i], held[i]) for i in range(m)]
     symbols = ca.SX.sym("symbols", n)
     half = ca.fmax((high - low) / 2, SMALLEST_HALF)
     middle, share_in = (high + low) / 2, ca.SX.sym("share")
@@ -71,10 +69,9 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     inner, follows = ca.SX(1), [ca.SX(1)] * n
     if np.isfinite(learned.margin) and learned.used:
         away = [ca.fabs(symbols[i] - middle[i]) / half[i] for i in range(n)]
-        inner = (1 + learned.margin) / ca.fmax(
-            1 + learned.margin, ca.mmax(ca.vertcat(*(away[i] for i in learned.used)))
-        )
-        follows = [ca.if_else(each < 1 + learned.margin, 1, 0) for each in away]
+        furthest = ca.mmax(ca.vertcat(*(away[i] for i in learned.used)))
+        inner = (1 + learned.margin) / ca.fmax(1 + learned.margin, furthest)
+        follows = [ca.if_else(excess < 1 + learned.margin, 1, 0) for excess in away]
     after = {
         i: ca.fmin(ca.fmax(plays[at], scaled[i] - half_play[i]), scaled[i] + half_play[i])
         for at, i in enumerate(learned.played)
@@ -89,7 +86,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     shown = ca.vertcat(*(1 if term == CONSTANT else faded for term in learned.terms)) * phi
     values, gains, variances = [], [], []
     for j in range(nj):
-        coefficients, covariance, std = own[3 * j : 3 * j + 3]
+        coefficients, covariance, std = of_joints[3 * j : 3 * j + 3]
         value = ca.dot(coefficients, shown)
         slopes = faded * ca.jacobian(ca.dot(coefficients, phi), symbols).T * ca.vertcat(*follows)
         variance = band[j] ** 2 * (_form(covariance, shown) + std**2) + far**2 * (std**2 + spread[j] ** 2)
@@ -101,11 +98,11 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         values.append(value)
         gains.append(share * (1 + (slopes[m + j] if n > m else 0)))
         variances.append(variance)
-    results = [ca.vertcat(*part) for part in (values, gains, variances)]
-    results += [far, ca.vertcat(*readings, *aged, *(after[i] for i in learned.played))]
-    results = ca.substitute(results, [share_in], [inner])
-    results = ca.substitute(results, [symbols], [ca.vertcat(*readings, angles)[:n]])
-    return ca.Function("map", [memory, x, places, angles, numbers], ca.cse([ca.densify(each) for each in results]))
+    outputs = [ca.vertcat(*column) for column in (values, gains, variances)]
+    outputs += [far, ca.vertcat(*readings, *aged, *(after[i] for i in learned.played))]
+    outputs = ca.substitute(outputs, [share_in], [inner])
+    outputs = ca.substitute(outputs, [symbols], [ca.vertcat(*readings, angles)[:n]])
+    return ca.Function("map", [memory, x, places, angles, numbers], ca.cse([ca.densify(y) for y in outputs]))
 
 
 def first_memory(learned: LearnedMap, values: Vector, mask: Vector) -> Vector:
@@ -118,8 +115,8 @@ def first_memory(learned: LearnedMap, values: Vector, mask: Vector) -> Vector:
     m, (low, high) = len(learned.channels), limits(learned)
     held = [ca.if_else(is_read(mask[i]), values[i], learned.centre[i]) for i in range(m)]
     ages = [ca.if_else(is_read(mask[i]), 0.0, UNREAD_AGE) for i in range(m)]
-    inside = [ca.fmin(ca.fmax(held[i], float(low[i])), float(high[i])) for i in learned.played]
-    plays = [(value - learned.centre[i]) / learned.scale[i] for value, i in zip(inside, learned.played)]
+    inside = {i: ca.fmin(ca.fmax(held[i], float(low[i])), float(high[i])) for i in learned.played}
+    plays = [(reading - learned.centre[i]) / learned.scale[i] for i, reading in inside.items()]
     return ca.vertcat(*held, *ages, *plays)
 
 
@@ -142,23 +139,22 @@ def reporting_function(
         places: for each channel of the maps where in the carry its drive's place stands, None for what is read.
         joints: number of joints.
     """
-    own, given = inner.size1_in(0), inner.size1_in(2)
+    n_carry, n_parameters = inner.size1_in(0), inner.size1_in(2)
     sizes, counts = [memory_size(learned) for learned, *_ in maps], [len(numbers_of(learned)) for learned, *_ in maps]
-    carry, x = ca.MX.sym("carry", own + sum(sizes)), ca.MX.sym("x", inner.size1_in(1))
-    p = ca.MX.sym("p", given + sum(counts))
-    following, y = inner(carry[:own], x, p[:given])
+    carry, x = ca.MX.sym("carry", n_carry + sum(sizes)), ca.MX.sym("x", inner.size1_in(1))
+    p = ca.MX.sym("p", n_parameters + sum(counts))
+    following, y = inner(carry[:n_carry], x, p[:n_parameters])
     read = ca.vertcat(*(0 if place is None else following[place] for place in places))
-    memories, reports, at, number = [], [], own, given
+    memories, reports, at, number = [], [], n_carry, n_parameters
     for (learned, states, corrects), size, count in zip(maps, sizes, counts):
         function = map_function(learned, width, [place is not None and learned.tracked for place in places])
-        values, gains, variances, _, memory = function(
-            carry[at : at + size], x, read, following[list(range(joints))], p[number : number + count]
-        )
+        memory, numbers = carry[at : at + size], p[number : number + count]
+        values, gains, variances, _, after = function(memory, x, read, following[list(range(joints))], numbers)
         if corrects:
             reports += [following[list(states)] + values, gains, variances]
         else:
             reports += [values, ca.MX.zeros(len(states)), variances]
-        memories.append(memory)
+        memories.append(after)
         at, number = at + size, number + count
     names = ["carry", "x", "p"], ["next", "y"]
     return ca.Function("reporting", [carry, x, p], [ca.vertcat(following, *memories), ca.vertcat(y, *reports)], *names)
@@ -172,7 +168,4 @@ def _split(column: Vector, sizes: Sequence[int]) -> list[Vector]:
 def _form(matrix: Vector, vector: Vector) -> Scalar:
     """Return vᵀ M v of a symmetric matrix that stands row by row."""
     n = vector.numel()
-    total = ca.SX(0)
-    for i in range(n):
-        total += vector[i] * ca.dot(matrix[i * n : (i + 1) * n], vector)
-    return total
+    return sum((vector[i] * ca.dot(matrix[i * n : (i + 1) * n], vector) for i in range(n)), start=ca.SX(0))

@@ -35,7 +35,6 @@ class Terms:
     """A set of terms that may be tried.
 
     Args:
-        name: what it is called in a note.
         terms: see `LearnedMap`.
         width: half-width of the plays, in standard deviations of each reading.
         of_noise: the width is in standard deviations of each sensor's random error instead.
@@ -57,9 +56,7 @@ class Kind:
 
     Args:
         form: class of its description.
-        name: for messages.
         channels: names of the sensors.
-        joints: names of the joints.
         noise: standard deviation of each sensor's random error [SI], (m,).
         sets: terms that may be tried, fewer first.
         better: a set of more terms is taken where its error on left-out logs is below this share of that of fewer.
@@ -82,7 +79,7 @@ class Kind:
 
 
 def learn_map(
-    data: Sequence[Samples],
+    logs: Sequence[Samples],
     kind: Kind,
     folds: Sequence[int],
     homing: float | None,
@@ -91,61 +88,55 @@ def learn_map(
     """Return the map that logs teach, its terms chosen and its band sized by logs left out, and these terms.
 
     Args:
-        folds: of the logs; those of one are left out together.
         homing: learn for the use after a homing window of so long [s], or None.
         partly: some of the logs, by their index, after a homing move that covers half of their range: their errors
-            beyond it sizes `LearnedMap.extrapolation`.
+            beyond it size `LearnedMap.extrapolation`.
     """
-    chosen = choose_terms(data, kind, folds, homing)
-    learned = calibrate_band(data, kind, chosen, folds, homing)
+    chosen = choose_terms(logs, kind, folds, homing)
+    learned = calibrate_band(logs, kind, chosen, folds, homing)
     if partly and homing is not None and len(set(folds)) > 1:
+        calibrated = {"band": learned.band, "own": learned.own}
 
-        def told(out: int) -> LearnedMap | None:
-            left = next(left for gone, left in splits(folds) if out in gone)
-            rest = [data[i] for i in left]
-            sized = {"band": learned.band, "own": learned.own}
-            return (
-                fit_coefficients(rest, kind, chosen).model_copy(update=sized)
-                if _all_known(rest, kind, chosen)
-                else None
-            )
+        def without(i: int) -> LearnedMap | None:
+            remaining = [logs[k] for k in next(left for out, left in splits(folds) if i in out)]
+            if not _all_known(remaining, kind, chosen):
+                return None
+            return fit_coefficients(remaining, kind, chosen).model_copy(update=calibrated)
 
-        costs = extrapolation(partly, told, len(kind.joints), homing, kind.by_motion)
-        return learned.model_copy(update={"extrapolation": costs}), chosen
+        costs = extrapolation(partly, without, len(kind.joints), homing, kind.by_motion)
+        learned = learned.model_copy(update={"extrapolation": costs})
     return learned, chosen
 
 
-def choose_terms(data: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None) -> Terms:
-    """Return the set of terms with the least error on left-out logs, fewer terms preferred; of a single log on its halves.
+def choose_terms(logs: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None) -> Terms:
+    """Return the terms with the least error on left-out logs (of one log on its halves), fewer preferred; see `errors_of`.
 
-    Args:
-        kind: with the sets, fewer terms first.
-        homing: length of the homing window [s], or None.
+    They are for the use after a window of `homing` [s], if any.
     """
     sets = kind.sets
     if len(sets) == 1:
         return sets[0]
     if len(set(folds)) < 2:
-        if not sets[0].corrects and _honest(data):
+        if not sets[0].corrects and _honest(logs):
             return sets[0]  # one log does not tell what comes again, and the filter's band held it
-        data, folds, homing = _halves(data), [0, 1] * len(data), None
+        logs, folds, homing = _halves(logs), [0, 1] * len(logs), None
+    shortest, noise = min(len(log.time) for log in logs), max(log.reference_std for log in logs)
     best, least = sets[0], float("inf")
-    for one in sets:
-        if len(one.terms) * SAMPLES_PER_TERM > min(len(each.time) for each in data):
+    for candidate in sets:
+        if len(candidate.terms) * SAMPLES_PER_TERM > shortest:
             continue
-        if one.pooled and homing is not None:
+        if candidate.pooled and homing is not None:
             continue  # a homing move finds what is a log's own
-        errors = left_out_errors(data, kind, one, folds, homing)
+        errors = left_out_errors(logs, kind, candidate, folds, homing)
         # of each log alone, so that one that is unlike the others does not decide
-        noise = max(each.reference_std for each in data)
         rms = rms_beyond_noise(errors)
         if np.isnan(rms):
             return sets[0]  # each log alone knows of a joint: there is nothing to choose by
-        if not one.corrects and rms < noise:
-            return one  # what is less than the reference's own error is not worth a correction
+        if not candidate.corrects and rms < noise:
+            return candidate  # what is less than the reference's own error is not worth a correction
         rms = rms_beyond_noise(errors, noise)
-        if rms < kind.better * least or (len(one.terms) == len(best.terms) and rms < least):
-            best, least = one, rms
+        if rms < kind.better * least or (len(candidate.terms) == len(best.terms) and rms < least):
+            best, least = candidate, rms
     return best
 
 
@@ -153,56 +144,53 @@ HELD = 0.8
 """If a filter's band holds this share of a single log, no correction is learned from this log alone."""
 
 
-def _honest(data: Sequence[Samples]) -> bool:
+def _honest(logs: Sequence[Samples]) -> bool:
     """Return whether the filter's own band holds nearly its nominal share on some logs."""
-    errors = np.concatenate([one.targets.ravel() for one in data])
-    stds = np.sqrt(np.concatenate([one.variances.ravel() for one in data]))
-    there = np.isfinite(errors)
-    return float(np.mean(np.abs(errors[there]) <= NORMAL * stds[there])) >= HELD
+    errors = np.concatenate([log.targets.ravel() for log in logs])
+    stds = np.sqrt(np.concatenate([log.variances.ravel() for log in logs]))
+    finite = np.isfinite(errors)
+    return float(np.mean(np.abs(errors[finite]) <= NORMAL * stds[finite])) >= HELD
 
 
-def _halves(data: Sequence[Samples]) -> list[Samples]:
-    halves = []
-    for one in data:
-        first = np.arange(len(one.time)) < len(one.time) // 2
-        halves += [one.part(first), one.part(~first)]
-    return halves
+def _halves(logs: Sequence[Samples]) -> list[Samples]:
+    firsts = [np.arange(len(log.time)) < len(log.time) // 2 for log in logs]
+    return [log.part(rows) for log, first in zip(logs, firsts) for rows in (first, ~first)]
 
 
-def fit_coefficients(data: Sequence[Samples], kind: Kind, chosen: Terms) -> LearnedMap:
+def fit_coefficients(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> LearnedMap:
     """Return what some logs teach with a set of terms by random effects, its band not yet sized.
 
     Raises:
         FitError: what is mapped is known in no log.
     """
-    learned, kept = frame(data, kind, chosen)
-    designs = [_thinned(design(learned, one)) for one in data]
+    learned, columns = frame(logs, kind, chosen)
+    designs = [_thinned(design(learned, log)) for log in logs]
     joints, times, spreads = [], [], []
     for j, joint in enumerate(learned.joints):
-        parts, squares = [], []
-        for one, phi in zip(data, designs):
-            target = _thinned(one.targets[:, j])
-            there = np.isfinite(target)
-            if there.sum() > len(kept):
-                parts.append((phi[there][:, kept], target[there], one.interval * _step(len(one.time))))
-                squares.append(float(np.mean(target[there] ** 2)))
+        parts = []
+        for log, phi in zip(logs, designs):
+            target = _thinned(log.targets[:, j])
+            rows = np.isfinite(target)
+            if rows.sum() > len(columns):
+                parts.append((phi[rows][:, columns], target[rows], log.interval * _step(len(log.time))))
         if not parts:
             raise FitError(f"{kind.name}: the truth that it needs of '{joint.joint}' is known in no log")
-        found, time = random_effects(joint, kept, parts, chosen.pooled)
+        fit, time = random_effects(joint, columns, parts, chosen.pooled)
         if not chosen.corrects:  # what is off on average is not known to come again
-            square = found.covariance[0][0] + found.coefficients[0] ** 2
-            found = found.model_copy(update={"coefficients": (0.0,), "covariance": ((square,),)})
-        joints.append(found)
+            square = fit.covariance[0][0] + fit.coefficients[0] ** 2
+            fit = fit.model_copy(update={"coefficients": (0.0,), "covariance": ((square,),)})
+        joints.append(fit)
         times.append(time)
+        squares = [float(np.mean(target**2)) for _, target, _ in parts]
         spreads.append(float(np.sqrt(np.mean(squares))) if kind.unknown_outside else 0.0)
     return learned.model_copy(
         update={"joints": tuple(joints), "correlation_time": max(times), "spread": tuple(spreads)}
     )
 
 
-def frame(data: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMap, list[int]]:
+def frame(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMap, list[int]]:
     """Return a map with scales and range of some logs, its coefficients zero, and which of its terms tell something."""
-    every, m, size = np.vstack([one.every for one in data]), len(kind.channels), len(chosen.terms)
+    every, m, size = np.vstack([log.every for log in logs]), len(kind.channels), len(chosen.terms)
     centre, spread = every.mean(axis=0), every.std(axis=0)
     alone = independent(every[:, :m] - centre[:m], kind.noise)
     scale = np.where(spread > 1e-12, spread, 1.0)
@@ -221,33 +209,32 @@ def frame(data: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMa
         scale=row_of(scale),
         low=row_of(np.minimum(every.min(axis=0), centre - room)),
         high=row_of(np.maximum(every.max(axis=0), centre + room)),
-        rate=row_of(_speeds(data)),
+        rate=row_of(_speeds(logs)),
         width=row_of(np.maximum(chosen.width * (kind.noise / scale[:m] if chosen.of_noise else np.ones(m)), 1e-9)),
         distance=rows_of(distance),
         reach=reach,
-        correlation_time=data[0].interval,
+        correlation_time=logs[0].interval,
         spread=(0.0,) * len(kind.joints),
         band=(1.0,) * len(kind.joints),
-        logs=len(data),
+        logs=len(logs),
         dropped=tuple(
-            f"{name}: {'was constant' if own <= 1.5 * sigma else 'follows from the others'}"
-            for name, own, sigma, told in zip(kind.channels, spread, kind.noise, alone)
-            if not told
+            f"{kind.channels[i]}: {'was constant' if spread[i] <= 1.5 * kind.noise[i] else 'follows from the others'}"
+            for i in np.flatnonzero(~alone)
         ),
         joints=tuple(zero.model_copy(update={"joint": joint}) for joint in kind.joints),
     )
-    silent = {name for name, told in zip(kind.channels, alone) if not told}
+    silent = {kind.channels[i] for i in np.flatnonzero(~alone)}
     return learned, [i for i, term in enumerate(chosen.terms) if term not in silent]
 
 
-def _speeds(data: Sequence[Samples]) -> Floats:
+def _speeds(logs: Sequence[Samples]) -> Floats:
     """Return the RMS speed of each reading and angle over some logs [SI/s]."""
-    squares, count = np.zeros(data[0].every.shape[1]), 0
-    for one in data:
-        lag = max(1, round(SPEED_OVER / one.interval))
-        if len(one.time) > lag:
-            every = one.every
-            changes = (every[lag:] - every[:-lag]) / (one.time[lag:] - one.time[:-lag])[:, None]
+    squares, count = np.zeros(logs[0].every.shape[1]), 0
+    for log in logs:
+        lag = max(1, round(SPEED_OVER / log.interval))
+        if len(log.time) > lag:
+            every = log.every
+            changes = (every[lag:] - every[:-lag]) / (log.time[lag:] - log.time[:-lag])[:, None]
             squares, count = squares + np.sum(changes**2, axis=0), count + len(changes)
     return np.sqrt(squares / max(count, 1))
 
@@ -266,7 +253,7 @@ def errors_of(
     """Return errors on a left-out log, the variances of the map without its band's factor, and the filter's, per joint.
 
     Args:
-        homing: length of the homing window [s], or None; with it errors count after the window.
+        homing: length of the homing window [s], after which errors count, or None.
         among: which samples count besides, (k,); None for all.
     """
     late = np.ones(len(out.time), dtype=bool) if among is None else among
@@ -275,54 +262,41 @@ def errors_of(
         learned, _ = calibrate_window(learned, out, out.window(homing), kind.by_motion)
     errors = []
     for j in range(len(learned.joints)):
-        said = predict(learned, out, j)
-        there = late & np.isfinite(out.targets[:, j])
-        errors.append(((said.values - out.targets[:, j])[there], said.variances[there], said.own[there]))
+        predicted, target = predict(learned, out, j), out.targets[:, j]
+        rows = late & np.isfinite(target)
+        errors.append(((predicted.values - target)[rows], predicted.variances[rows], predicted.filter_variances[rows]))
     return errors
 
 
 def left_out_errors(
-    data: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
+    logs: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
 ) -> list[list[Errors]]:
-    """Return the errors on each log with what the logs of other folds teach.
-
-    Args:
-        homing: length of the homing window [s], or None.
-    """
+    """Return the errors on each log with what the logs of other folds teach, after a window of `homing` [s] if any."""
     errors = []
     for out, left in splits(folds):
-        rest = [data[i] for i in left]
-        if not _all_known(rest, kind, chosen):
+        remaining = [logs[i] for i in left]
+        if not _all_known(remaining, kind, chosen):
             continue  # without these logs nothing is known of a joint
-        learned = fit_coefficients(rest, kind, chosen)
-        errors += [errors_of(learned, data[i], kind, homing) for i in out]
+        learned = fit_coefficients(remaining, kind, chosen)
+        errors += [errors_of(learned, logs[i], kind, homing) for i in out]
     return errors
 
 
-def _all_known(data: Sequence[Samples], kind: Kind, chosen: Terms) -> bool:
+def _all_known(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> bool:
     """Return whether for every joint some log has more samples with a known target than there are terms."""
-    known = [np.isfinite(_thinned(one.targets)).sum(axis=0) > len(chosen.terms) for one in data]
-    return bool(known) and bool(np.all(np.any(known, axis=0))) and len(kind.joints) > 0
+    enough = [np.isfinite(_thinned(log.targets)).sum(axis=0) > len(chosen.terms) for log in logs]
+    return bool(enough) and bool(np.all(np.any(enough, axis=0))) and len(kind.joints) > 0
 
 
 def calibrate_band(
-    data: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
+    logs: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
 ) -> LearnedMap:
-    """Return what logs teach with a set of terms, its band sized by the errors on logs left out.
-
-    Of `OWNS`, the shares of the filter's own std, the one that gives the narrowest sized band is used.
-
-    Args:
-        folds: of the logs; those of one are left out together.
-        homing: length of the homing window [s], or None.
-    """
-    learned, count = fit_coefficients(data, kind, chosen), len(set(folds))
+    """Return what logs teach with a set of terms, its band `sized` by `left_out_errors`, with the same `homing` [s]."""
+    learned, count = fit_coefficients(logs, kind, chosen), len(set(folds))
     # what scatters between few logs is known as Student's distribution says
-    draws = count if kind.by_group else len(data)
+    draws = count if kind.by_group else len(logs)
     wider = 1.0 if draws >= ENOUGH_LOGS else student(draws - 1)
-    if count < 2:
-        return widened_between(learned, wider)
-    errors = left_out_errors(data, kind, chosen, folds, homing)
-    if not errors:
-        return widened_between(learned, wider)
-    return widened_between(sized(learned, errors, count >= ENOUGH_LOGS), wider)
+    errors = left_out_errors(logs, kind, chosen, folds, homing) if count > 1 else []
+    if errors:
+        learned = sized(learned, errors, count >= ENOUGH_LOGS)
+    return widened_between(learned, wider)

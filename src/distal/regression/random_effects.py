@@ -24,11 +24,7 @@ SMALLEST_RESIDUAL = 1e-6
 
 
 def correlated_samples(residuals: Floats) -> float:
-    """Return how many samples count as one, 1 + 2 Σ ρ_k up to the first ρ_k that is not positive (Sokal, 1997, §3).
-
-    Args:
-        residuals: in the order of time, evenly spaced, (k,).
-    """
+    """Return how many of evenly spaced samples count as one, 1 + 2 Σ ρ_k up to the first ρ_k ≤ 0 (Sokal, 1997, §3)."""
     centred, n = residuals - residuals.mean(), len(residuals)
     power = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
     correlation = np.fft.irfft(power)[:n]
@@ -49,23 +45,16 @@ class Line:
         covariance: s² N (XᵀX)⁻¹, N samples counting as one, (n, n).
         std: s, with the degrees of freedom that are left: s² = RSS/(k − n N).
         correlated: N.
-        freedom: k/N − n, at least 1.
     """
 
     coefficients: Floats
     covariance: Floats
     std: float
     correlated: float
-    freedom: float
 
 
 def line(design: Floats, angles: Floats) -> Line:
-    """Return the least-squares coefficients, their covariance with correlated residuals, and the residuals' std.
-
-    Args:
-        design: X of full rank, (k, n).
-        angles: y [rad], (k,).
-    """
+    """Return the least-squares `Line` of `angles` y [rad], (k,), over a `design` X of full rank, (k, n)."""
     k, n = design.shape
     inverse = _inverse(design.T @ design)
     coefficients = inverse @ (design.T @ angles)
@@ -74,15 +63,15 @@ def line(design: Floats, angles: Floats) -> Line:
     # below one independent sample beyond the coefficients nothing could be said at all
     freedom = max(k / correlated - n, 1.0)
     std = max(float(np.sqrt(np.mean(residuals**2) * (freedom + n) / freedom)), SMALLEST_RESIDUAL)
-    return Line(coefficients, std**2 * correlated * inverse, std, correlated, freedom)
+    return Line(coefficients, std**2 * correlated * inverse, std, correlated)
 
 
 def _inverse(gram: Floats) -> Floats:
     """Return the pseudoinverse of XᵀX, positive semidefinite: directions that rounding may have made are left out."""
     size = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(gram / np.outer(size, size))
-    kept = values > ROUNDED * values[-1]
-    root = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
+    large = values > ROUNDED * values[-1]
+    root = vectors[:, large] / np.sqrt(values[large]) / size[:, None]
     inverse: Floats = root @ root.T
     return inverse
 
@@ -99,22 +88,18 @@ def updated(
         moment: Xᵀy of their angles y [rad], (n,) or (logs, n).
         spread: r, variance of a sample times the number of samples that count as one; of each log, (logs,).
     """
-    r, root = np.asarray(spread)[..., None], _root(covariance)
-    told = root.T @ gram @ root / r[..., None] + np.eye(len(mean))
-    gain = root @ np.linalg.solve(told, np.broadcast_to(root.T, told.shape))
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    r, root = np.asarray(spread)[..., None], vectors * np.sqrt(np.maximum(values, 0.0))
+    information = root.T @ gram @ root / r[..., None] + np.eye(len(mean))
+    gain = root @ np.linalg.solve(information, np.broadcast_to(root.T, information.shape))
     after = mean + np.squeeze(gain @ ((moment - gram @ mean) / r)[..., None], -1)
     return after, 0.5 * (gain + np.swapaxes(gain, -1, -2))
 
 
 def surprise(mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float) -> float:
-    """Return the squared Mahalanobis distance of a log's own coefficients from what was expected, for n numbers.
+    """Return the squared Mahalanobis distance of a log's own n coefficients from what was expected.
 
-    Args:
-        mean: expected, (n,).
-        covariance: of that, (n, n).
-        gram: XᵀX, (n, n).
-        moment: Xᵀy [rad], (n,).
-        spread: as for `updated`.
+    The arguments `mean`, `covariance`, `gram`, `moment` and `spread` are as for `updated`, of one log.
     """
     values, vectors = np.linalg.eigh(gram / spread)
     seen = values > 1e-9 * values[-1]
@@ -131,16 +116,16 @@ def independent(values: Floats, noise: Floats) -> Bools:
         values: centred readings, (k, m).
         noise: standard deviation of each sensor's random error, in the units of `values`, (m,).
     """
-    kept = np.zeros(values.shape[1], dtype=bool)
+    chosen = np.zeros(values.shape[1], dtype=bool)
     for i in range(values.shape[1]):
-        column = values[:, i]
-        if kept.any():
-            others = values[:, kept]
-            column = column - others @ np.linalg.lstsq(others, column, rcond=None)[0]
-        own, size = float(np.sqrt(np.mean(column**2))), float(np.sqrt(np.mean(values[:, i] ** 2)))
+        residual = column = values[:, i]
+        if chosen.any():
+            earlier = values[:, chosen]
+            residual = column - earlier @ np.linalg.lstsq(earlier, column, rcond=None)[0]
+        rms, size = float(np.sqrt(np.mean(residual**2))), float(np.sqrt(np.mean(column**2)))
         # noise alone leaves one std of it; a rounded constant leaves nothing
-        kept[i] = own > max(ABOVE_NOISE * noise[i], RANK * size)
-    return kept
+        chosen[i] = rms > max(ABOVE_NOISE * noise[i], RANK * size)
+    return chosen
 
 
 ROUNDED = 1e-12
@@ -153,50 +138,48 @@ RANK = 1e-6
 """The same without noise: the share of its size below which a column is a combination of others."""
 
 
-def _root(covariance: Floats) -> Floats:
-    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
-
-
 def random_effects(
     joint: JointMap, columns: Sequence[int], parts: Sequence[tuple[Floats, Floats, float]], pooled: bool = False
 ) -> tuple[JointMap, float]:
     """Return the coefficients of one joint and the correlation time of the residuals [s].
 
     Args:
-        joint: whose; its coefficients give their number.
+        joint: its coefficients give their number.
         columns: which of them are learned, (n,).
         parts: of each log (design (k, n), angles [rad] (k,), interval [s]).
         pooled: take the mean from all samples together, so that what differs between logs tells it too (a load that is
             constant in each); else from each log's own coefficients.
     """
+    full_designs, angles, intervals = zip(*parts)
     if len(parts) == 1:
-        only = line(*parts[0][:2])
-        return filled(joint, columns, only.coefficients, only.covariance, only.std), only.correlated * parts[0][2]
-    basis = _basis([part[0] for part in parts])
-    designs = [part[0] @ basis for part in parts]
-    grams = np.array([design.T @ design for design in designs])
-    moments = np.array([design.T @ part[1] for design, part in zip(designs, parts)])
+        only = line(full_designs[0], angles[0])
+        return filled(joint, columns, only.coefficients, only.covariance, only.std), only.correlated * intervals[0]
+    basis = _basis(full_designs)
+    designs = [design @ basis for design in full_designs]
+    grams = np.array([x.T @ x for x in designs])
+    moments = np.array([x.T @ y for x, y in zip(designs, angles)])
     mean = np.linalg.pinv(grams.sum(axis=0)) @ moments.sum(axis=0)
-    ones = [line(design, part[1]) for design, part in zip(designs, parts)]
-    lengths = np.array([len(part[1]) for part in parts])
-    count = np.array([one.correlated for one in ones])
-    std = np.sqrt(max(np.average([one.std**2 for one in ones], weights=lengths), SMALLEST_RESIDUAL**2))
-    spread = _start(designs, [part[1] for part in parts], mean, std)
+    lines = [line(x, y) for x, y in zip(designs, angles)]
+    count = np.array([fit.correlated for fit in lines])
+    std = np.sqrt(
+        max(np.average([fit.std**2 for fit in lines], weights=[len(y) for y in angles]), SMALLEST_RESIDUAL**2)
+    )
+    # wide to start from: as if every coefficient alone explained the residual of the common map
+    left = np.concatenate([y - x @ mean for x, y in zip(designs, angles)])
+    spread = np.eye(len(mean)) * max(float(np.mean(left**2)), std**2)
     for _ in range(EM_ITERATIONS):
-        means, left = updated(mean, spread, grams, moments, std**2 * count)
+        means, covariances = updated(mean, spread, grams, moments, std**2 * count)
         mean = mean if pooled else means.mean(axis=0)
         off = means - mean
         before = spread
         # the mean is of the same logs: one degree of freedom less
-        spread = (off.T @ off + left.sum(axis=0)) / (len(parts) - 1)
+        spread = (off.T @ off + covariances.sum(axis=0)) / (len(parts) - 1)
         if np.abs(spread - before).max() < EM_SETTLED * np.abs(spread).max():
             break
     spread = _shrunk(spread, len(parts))
-    residuals = [part[1] - design @ after for design, part, after in zip(designs, parts, means)]
+    residuals = [y - x @ after for x, y, after in zip(designs, angles, means)]
     std = max(float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))), SMALLEST_RESIDUAL)
-    times = [correlated_samples(own) * part[2] for own, part in zip(residuals, parts)]
+    times = [correlated_samples(residual) * interval for residual, interval in zip(residuals, intervals)]
     covariance = basis @ (spread * (1.0 + 1.0 / len(parts))) @ basis.T
     covariance = 0.5 * (covariance + covariance.T)
     return filled(joint, columns, basis @ mean, covariance, std), float(np.mean(times))
@@ -208,17 +191,11 @@ def _basis(designs: Sequence[Floats]) -> Floats:
     The spread between logs is assumed for such columns, so that the assumption does not depend on how the same
     columns are written; combinations that hardly ever differ from zero are left at zero.
     """
-    whole = np.vstack(designs)
-    values, vectors = np.linalg.eigh(whole.T @ whole / len(whole))
-    kept = values > SMALLEST_SHARE * values[-1]
-    basis: Floats = vectors[:, kept] / np.sqrt(values[kept])
+    rows = np.vstack(designs)
+    values, vectors = np.linalg.eigh(rows.T @ rows / len(rows))
+    large = values > SMALLEST_SHARE * values[-1]
+    basis: Floats = vectors[:, large] / np.sqrt(values[large])
     return basis
-
-
-def _start(designs: Sequence[Floats], angles: Sequence[Floats], mean: Floats, std: float) -> Floats:
-    """Return a wide spread to start from: as if every coefficient alone explained the residual of the common map."""
-    left = np.concatenate([y - x @ mean for x, y in zip(designs, angles)])
-    return np.eye(len(mean)) * max(float(np.mean(left**2)), std**2)
 
 
 def _shrunk(spread: Floats, logs: int) -> Floats:
@@ -239,31 +216,23 @@ def filled(joint: JointMap, columns: Sequence[int], mean: Floats, covariance: Fl
     """Return a joint's map with some of its coefficients; the others are zero for certain.
 
     Args:
-        columns: which coefficients, (n,).
+        columns: indices of these n coefficients.
         mean: theirs [rad], (n,).
         covariance: theirs [rad²], (n, n).
         std: of the residual [rad].
     """
     size = len(joint.coefficients)
-    whole, square = np.zeros(size), np.zeros((size, size))
-    whole[list(columns)] = mean
+    coefficients, square = np.zeros(size), np.zeros((size, size))
+    coefficients[list(columns)] = mean
     square[np.ix_(columns, columns)] = covariance
-    return JointMap(joint=joint.joint, coefficients=row_of(whole), covariance=rows_of(square), std=float(std))
+    return JointMap(joint=joint.joint, coefficients=row_of(coefficients), covariance=rows_of(square), std=float(std))
 
 
-def row_of(values: Floats) -> tuple[float, ...]:
-    """Return an array as plain numbers.
-
-    Args:
-        values: (n,).
-    """
-    return tuple(float(value) for value in values)
+def row_of(array: Floats) -> tuple[float, ...]:
+    """Return an array as plain numbers."""
+    return tuple(float(number) for number in array)
 
 
 def rows_of(matrix: Floats) -> tuple[tuple[float, ...], ...]:
-    """Return a matrix as rows of plain numbers.
-
-    Args:
-        matrix: (n, m).
-    """
+    """Return a matrix as rows of plain numbers."""
     return tuple(row_of(row) for row in matrix)

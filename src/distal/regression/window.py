@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.regression.features import Samples, design
+from distal.regression.features import Samples, design, squared_distances
 from distal.regression.random_effects import correlated_samples, row_of, rows_of, surprise, updated
 from distal.rig import JointMap, LearnedMap
 
@@ -30,11 +30,11 @@ def calibrate_window(
     """
     phi, joints, worst = design(learned, samples), [], 0.0
     for j, joint in enumerate(learned.joints):
-        there = window & np.isfinite(samples.targets[:, j])
-        if not there.any():
+        rows = window & np.isfinite(samples.targets[:, j])
+        if not rows.any():
             joints.append(joint)
             continue
-        x, y = phi[there], samples.targets[there, j]
+        x, y = phi[rows], samples.targets[rows, j]
         count = max(learned.correlation_time / samples.interval, 1.0)
         if by_motion:
             count = max(count, correlated_samples(x @ np.asarray(joint.coefficients)))
@@ -45,42 +45,28 @@ def calibrate_window(
 
 
 def _covered(learned: LearnedMap, samples: Samples, window: Bools) -> tuple[tuple[float, float], ...]:
-    """Return lowest and highest truth of each joint in a window; one that is not known there has no bounds.
-
-    Args:
-        window: which of them, (k,).
-    """
-    known = [window & np.isfinite(target) for target in samples.targets.T]
+    """Return lowest and highest truth of each joint in a window; one that is not known there has no bounds."""
+    masks = [window & np.isfinite(target) for target in samples.targets.T]
     truths = (samples.targets + samples.angles if learned.uses_angles else samples.targets).T
-    return tuple((float(a[k].min()), float(a[k].max())) if k.any() else ANYWHERE for a, k in zip(truths, known))
+    inside = [truth[mask] for truth, mask in zip(truths, masks)]
+    return tuple((float(truth.min()), float(truth.max())) if len(truth) else ANYWHERE for truth in inside)
 
 
 def seen(learned: LearnedMap, samples: Samples) -> LearnedMap:
-    """Return a map whose range also holds what some samples read.
-
-    Args:
-        learned: with its range.
-    """
-    m, every = len(learned.channels), samples.every[:, : len(learned.centre)]
-    z = (samples.readings - np.asarray(learned.centre)[:m]) / np.asarray(learned.scale)[:m]
-    far = float(np.sqrt(np.max(np.sum(z @ np.asarray(learned.distance) * z, axis=1), initial=0.0)))
+    """Return a map whose range also holds what some samples read."""
+    every = samples.every[:, : len(learned.centre)]
     changes = {
         "low": row_of(np.minimum(learned.low, every.min(axis=0))),
         "high": row_of(np.maximum(learned.high, every.max(axis=0))),
-        "reach": max(learned.reach, far),
+        "reach": max(learned.reach, float(np.sqrt(np.max(squared_distances(learned, samples), initial=0.0)))),
     }
     return learned.model_copy(update=changes)
 
 
 def _after_window(joint: JointMap, x: Floats, y: Floats, count: float, logs: int) -> tuple[JointMap, float]:
-    """Return a joint's coefficients after a window of samples, and how surprising it was in stds.
+    """Return a joint's coefficients after a window, and how surprising it was in stds.
 
-    Args:
-        joint: mean and covariance before, the prior.
-        x: columns in the window, (k, n).
-        y: what they are to give, (k,).
-        count: how many samples count as one.
-        logs: how many logs the prior was learned from.
+    The window has columns `x`, (k, n), and targets `y`, (k,), of which `count` count as one; the prior is from `logs` logs.
     """
     mean, covariance = np.asarray(joint.coefficients), np.asarray(joint.covariance)
     gram, moment, spread = x.T @ x, x.T @ y, joint.std**2 * count
@@ -88,11 +74,10 @@ def _after_window(joint: JointMap, x: Floats, y: Floats, count: float, logs: int
     if ratio > EXPECTED**2:
         covariance = covariance * ratio
     after, left = updated(mean, covariance, gram, moment, spread)
-    rest = y - x @ after
+    residual = y - x @ after
     # what this log leaves beyond the logs before it is its own
-    own, independent = float(np.mean(rest**2)), len(y) / max(count, correlated_samples(rest))
+    square, independent = float(np.mean(residual**2)), len(y) / max(count, correlated_samples(residual))
     weight = max(logs, 1)
-    std = float(np.sqrt(max(joint.std**2, (weight * joint.std**2 + independent * own) / (weight + independent))))
-    return JointMap(joint=joint.joint, coefficients=row_of(after), covariance=rows_of(left), std=std), float(
-        np.sqrt(ratio)
-    )
+    std = float(np.sqrt(max(joint.std**2, (weight * joint.std**2 + independent * square) / (weight + independent))))
+    changed = JointMap(joint=joint.joint, coefficients=row_of(after), covariance=rows_of(left), std=std)
+    return changed, float(np.sqrt(ratio))

@@ -3,16 +3,7 @@
 from distal.results.curves import BAND
 from distal.results.estimate import ANGLE_UNITS, Estimate
 from distal.results.panels import HEALTH_COLOURS
-from distal.results.plots import (
-    PANELS,
-    check_panels,
-    draw_errors,
-    draw_estimate,
-    from_start,
-    limit_errors,
-    plot_estimates,
-    time_label,
-)
+from distal.results.plots import PANELS, check_panels, draw_estimate, from_start, plot_estimates, time_label
 from distal.results.style import (
     BAD,
     BAND_ALPHA,
@@ -31,7 +22,6 @@ from distal.results.style import (
     plot_kind,
     save_figure,
     styled,
-    title_above,
 )
 from distal.results.thresholds import LARGE_PRIOR, SMALL
 
@@ -55,17 +45,14 @@ __all__ = [
     "WHITE",
     "Estimate",
     "check_panels",
-    "draw_errors",
     "draw_estimate",
     "figure",
     "figure_bytes",
     "from_start",
     "legend_above",
-    "limit_errors",
     "plot_estimates",
     "plot_kind",
     "save_figure",
     "styled",
     "time_label",
-    "title_above",
 ]

@@ -34,7 +34,6 @@ class Estimate:
     """The states over a log, with their standard deviations, and the innovations.
 
     Args:
-        estimator: its name.
         rig: title of the rig.
         time: stamps [s], (k,).
         state_names: names of the n states; the joints' angles [rad] are the first.
@@ -45,17 +44,14 @@ class Estimate:
         innovation_variances: (k, m).
         truths: true angles [rad], (k, n_joints), NaN where a joint's is not known; None where none is.
         covariances: (k, n, n); None from a batch, where they would fill the memory.
-        joint_names: names of the joints.
         notes: remarks of the estimator on its estimate, one sentence each, such as how much was outside a learned range.
-        prior_means: prior means of states that are constants of the rig or its sensors; NaN for states that vary,
-            (n,); None where the estimator has no such states.
+        prior_means: of states that are constants of the rig or its sensors; NaN for states that vary, (n,); None where
+            the estimator has no such states.
         prior_stds: their standard deviations, (n,).
         torque_truths: true external torques on the joints [N m], (k, n_joints); None where none is known.
-        unseen: which joint motions the sensors cannot observe, a sentence also in `notes`; None where they observe every
-            direction, or where this is not known.
+        unseen: which joint motions the sensors cannot observe, a sentence also in `notes`; None where none is known.
         state_kinds: what each state is, (n,); default those of the joints by their names.
-        state_parts: the part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its
-            path with names of parts.
+        state_parts: the joint, drive, tendon or sensor that each state is of, (n,), or the path of a number of the rig.
         state_units: SI unit of each state, (n,); default those of the joints' states.
         stamps: dates of the log since 1970 [ns], (k,), if it has dates; they link results to other recordings.
     """
@@ -84,7 +80,7 @@ class Estimate:
     state_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Fill in kinds, parts and units of the states where the estimator gave none."""
+        """Fill in kinds, parts and units of the states where the estimator has none."""
         if not self.state_kinds:
             kinds, parts = kinds_by_joint(self.state_names, self.joint_names)
             object.__setattr__(self, "state_kinds", kinds)
@@ -121,24 +117,22 @@ class Estimate:
 
         The band is the median half-width of the 95 % band; ``inside band`` is a share of the samples.
         """
-        rows: list[SummaryRow] = []
+        rows = []
         for joint, name in enumerate(self.joint_names):
             angles, stds = self.angles[:, joint], self.angle_stds[:, joint]
-            known = np.full(len(self), np.nan) if self.truths is None else self.truths[:, joint]
-            errors = (angles - known)[np.isfinite(known)]
-            inside = np.abs(errors) <= BAND * stds[np.isfinite(known)]
-            there = len(errors) > 0
-            rows.append(
-                {
-                    "joint": name,
-                    "least [deg]": float(np.rad2deg(angles.min())),
-                    "greatest [deg]": float(np.rad2deg(angles.max())),
-                    "median band [deg]": float(np.rad2deg(BAND * np.median(stds))),
-                    "RMS error [deg]": float(np.rad2deg(np.sqrt(np.mean(errors**2)))) if there else None,
-                    "largest error [deg]": float(np.rad2deg(np.max(np.abs(errors)))) if there else None,
-                    "inside band": float(np.mean(inside)) if there else None,
-                }
-            )
+            truth = np.full(len(self), np.nan) if self.truths is None else self.truths[:, joint]
+            errors = (angles - truth)[np.isfinite(truth)]
+            inside = np.abs(errors) <= BAND * stds[np.isfinite(truth)]
+            row: SummaryRow = {
+                "joint": name,
+                "least [deg]": float(np.rad2deg(angles.min())),
+                "greatest [deg]": float(np.rad2deg(angles.max())),
+                "median band [deg]": float(np.rad2deg(BAND * np.median(stds))),
+                "RMS error [deg]": float(np.rad2deg(np.sqrt(np.mean(errors**2)))) if len(errors) else None,
+                "largest error [deg]": float(np.rad2deg(np.max(np.abs(errors)))) if len(errors) else None,
+                "inside band": float(np.mean(inside)) if len(errors) else None,
+            }
+            rows.append(row)
         return rows
 
     @property
@@ -217,9 +211,9 @@ class Estimate:
     @property
     def log_likelihood(self) -> float:
         """Sum over the log of ln p(sample | past)."""
-        there = np.isfinite(self.innovations)
-        variances = self.innovation_variances[there]
-        return float(-0.5 * np.sum(self.innovations[there] ** 2 / variances + np.log(2 * np.pi * variances)))
+        finite = np.isfinite(self.innovations)
+        variances = self.innovation_variances[finite]
+        return float(-0.5 * np.sum(self.innovations[finite] ** 2 / variances + np.log(2 * np.pi * variances)))
 
     @property
     def external_torques(self) -> Floats:
@@ -258,33 +252,30 @@ class Estimate:
         return self._only(self.external_torque_stds, "external_torque_std", "external_torque_stds")
 
     def _torque_states(self) -> list[int]:
-        found = states_of(StateKind.EXTERNAL_TORQUE, self.joint_names, self.state_kinds, self.state_parts)
+        columns = states_of(StateKind.EXTERNAL_TORQUE, self.joint_names, self.state_kinds, self.state_parts)
         for joint in self.joint_names:
-            if joint not in found:
+            if joint not in columns:
                 raise EstimationError(
                     f"the rig says that nothing touches '{joint}', so {self.estimator} has no torque of it; say how large "
                     f"it may be: --set 'joints.{joint}.external_torque.std=\"0.05 N m\"'"
                 )
-        return list(found.values())
+        return list(columns.values())
 
     def contacts(self, sigmas: float = 5.0, joint: int = 0) -> list[float]:
-        """Return when contacts with a joint begin [s]: its external torque exceeds this many standard deviations.
+        """Return when contacts with a joint begin [s]: its external torque exceeds `sigmas` standard deviations.
 
-        Between two contacts the torque has fallen below half of that limit.
-
-        Args:
-            sigmas: limit in standard deviations; with 5 there was no false contact in ten minutes
-                (`python -m benchmarks.strangers contact`).
+        Between two contacts the torque has fallen below half of that limit. With 5 there was no false contact in ten
+        minutes (`python -m benchmarks.strangers contact`).
 
         Raises:
             EstimationError: as `external_torques`.
         """
         ratio = np.abs(self.external_torques[:, joint]) / np.maximum(self.external_torque_stds[:, joint], 1e-300)
         onsets, touched = list[float](), False
-        for time, one in zip(self.time.tolist(), ratio.tolist()):
-            if not touched and one > sigmas:
+        for time, level in zip(self.time.tolist(), ratio.tolist()):
+            if not touched and level > sigmas:
                 onsets.append(time)
-            touched = one > (sigmas / 2 if touched else sigmas)
+            touched = level > (sigmas / 2 if touched else sigmas)
         return onsets
 
     def torque_errors(self) -> Floats:
@@ -299,18 +290,15 @@ class Estimate:
         return errors[:, 0] if len(self.joint_names) == 1 else errors
 
     def errors(self, truth: Floats | None = None) -> Floats:
-        """Return estimate minus truth [rad], (k,), or (k, n_joints) for several joints; NaN where the truth is missing.
-
-        Args:
-            truth: true angles [rad], of the same shape; default the log's own.
+        """Return estimate minus `truth` [rad] (default: the log's own), (k,), or (k, n_joints); NaN where it is missing.
 
         Raises:
             EstimationError: no truth is known.
         """
-        known = self.truths if truth is None else np.asarray(truth, dtype=np.float64).reshape(self.angles.shape)
-        if known is None:
+        truths = self.truths if truth is None else np.asarray(truth, dtype=np.float64).reshape(self.angles.shape)
+        if truths is None:
             raise EstimationError("the log has no truth; pass it, or read the log with truth=…")
-        errors = self.angles - known
+        errors = self.angles - truths
         return errors[:, 0] if len(self.joint_names) == 1 else errors
 
     def rms_error(self, truth: Floats | None = None) -> float:
@@ -328,8 +316,8 @@ class Estimate:
     def inside_band(self, truth: Floats | None = None) -> float:
         """Return the share of samples whose truth is inside the estimate's 95 % band, of all joints together."""
         errors = self.errors(truth)
-        there, stds = np.isfinite(errors), self.angle_stds.reshape(errors.shape)
-        return float(np.mean(np.abs(errors[there]) <= BAND * stds[there]))
+        finite, stds = np.isfinite(errors), self.angle_stds.reshape(errors.shape)
+        return float(np.mean(np.abs(errors[finite]) <= BAND * stds[finite]))
 
     def columns(self, unit: str = "rad", *, every: bool = False) -> dict[str, NDArray[np.generic]]:
         """Return header → values: ``t [s]``, the angles with their ``_std``, and the external torques on the joints.
@@ -350,20 +338,17 @@ class Estimate:
             columns[header("stamp", "ns")] = self.stamps
         stds = self.stds
         for i, (name, kind, si) in enumerate(zip(self.state_names, self.state_kinds, self.state_units)):
-            factor = 1.0 / ANGLE_UNITS[unit] if si in ("rad", "rad/s") else 1.0
-            said = si.replace("rad", unit) if si in ("rad", "rad/s") else si
+            factor, written = 1.0, si
+            if si in ("rad", "rad/s"):
+                factor, written = 1.0 / ANGLE_UNITS[unit], si.replace("rad", unit)
             if every or kind in (StateKind.ANGLE, StateKind.EXTERNAL_TORQUE):
-                columns[header(name, said)] = factor * self.means[:, i]
+                columns[header(name, written)] = factor * self.means[:, i]
             if every or kind is StateKind.ANGLE:
-                columns[header(std_name(name), said)] = factor * stds[:, i]
+                columns[header(std_name(name), written)] = factor * stds[:, i]
         return columns
 
     def to_polars(self, unit: str = "rad", *, every: bool = False) -> polars.DataFrame:
         """Return the `columns` as a polars frame.
-
-        Args:
-            unit: of angles: "rad" or "deg".
-            every: all states with their standard deviations.
 
         Raises:
             DistalError: polars is not installed.
@@ -373,20 +358,14 @@ class Estimate:
     def to_pandas(self, unit: str = "rad", *, every: bool = False) -> pandas.DataFrame:
         """Return the `columns` as a pandas frame.
 
-        Args:
-            unit: of angles: "rad" or "deg".
-            every: all states with their standard deviations.
-
         Raises:
             DistalError: pandas is not installed.
         """
         return pandas_frame(self.columns(unit, every=every))
 
     def plot(self, path: str | Path | None = None, **options: Unpack[PlotOptions]) -> Figure:
-        """Draw truth, estimate and 95 % band over time, and save it if a path is given.
+        """Draw truth, estimate and 95 % band over time, and save them in a PNG, SVG or PDF if it has a path.
 
-        Args:
-            path: where to save (PNG, SVG or PDF by its suffix); None only returns the figure.
-            options: see `distal.plot_estimates`.
+        The `options` are those of `distal.plot_estimates`.
         """
         return plot_estimates([self], path=path, **options)

@@ -16,8 +16,8 @@ from distal.results.panels import draw_forces, draw_health, draw_innovations
 from distal.results.style import (
     BAND_ALPHA,
     BLACK,
-    COLOURS,
-    DASHES,
+    colour,
+    curve_style,
     figure,
     legend_above,
     plain,
@@ -72,13 +72,11 @@ def plot_estimates(
 
     Args:
         path: where to save; None only returns the figure.
-        title: above the axes; default the rig's name.
-        bands: draw the 95 % bands.
+        title: default the rig's name.
         errors: draw the errors too; default where the truth is known.
         panels: what else is drawn, of `PANELS`: innovations of the first estimate in standard deviations, with ±2;
             measured forces, tensions and torques; the words that a stream of the log has for its health.
-        log: that was estimated, for its forces.
-        rig: the description, for their units.
+        log: for the panel of its forces, with the rig for their units.
         health: a word for each sample (`distal.log_health`).
 
     Raises:
@@ -90,35 +88,35 @@ def plot_estimates(
     below = "errors" if with_errors else "bands" if bands else ""
     heights = [2.2, *([1.1] if below else []), *(0.8 if panel == "health" else 1.1 for panel in panels)]
     size = (6.5 if joints == 1 else 4.0 * joints, 0.9 + 1.25 * sum(heights))
-    with figure(len(heights), joints, size, sharex=True, height_ratios=heights) as (made, axes):
-        own = 2 if below else 1
+    with figure(len(heights), joints, size, sharex=True, height_ratios=heights) as (drawing, axes):
+        rows = 2 if below else 1
         for joint, name in enumerate(first.joint_names):
             column = axes[joint::joints]
-            _draw_joint(column[:own], estimates, joint, bands, below, joints > 1)
+            _draw_joint(column[:rows], estimates, joint, bands, below, joints > 1)
             if joints > 1:
                 column[0].set_ylabel(f"{plain(name[:40])} [°]")
             if not panels or joints > 1:
-                column[own - 1].set_xlabel(time_label(first.time))
-                column[own - 1].tick_params(labelbottom=True)
-        for row, panel in enumerate(panels, start=own):
-            place = axes[row * joints] if joints == 1 else _across(made, axes, row, joints)
+                column[rows - 1].set_xlabel(time_label(first.time))
+                column[rows - 1].tick_params(labelbottom=True)
+        for row, panel in enumerate(panels, start=rows):
+            place = axes[row * joints] if joints == 1 else _across(drawing, axes, row, joints)
             _draw_panel(place, panel, first, log, rig, health)
             if row == len(heights) - 1:
                 place.set_xlabel(time_label(first.time))
-        made.align_ylabels()
-        title_above(made, title or first.rig)
+        drawing.align_ylabels()
+        title_above(drawing, title or first.rig)
     if path is not None:
-        save_figure(made, path)
-    return made
+        save_figure(drawing, path)
+    return drawing
 
 
-def _across(made: Figure, axes: Sequence[Axes], row: int, columns: int) -> Axes:
-    """Return axes over all columns of a row, in place of its own: what is drawn there is of all joints."""
-    for each in axes[row * columns : (row + 1) * columns]:
-        each.remove()
+def _across(drawing: Figure, axes: Sequence[Axes], row: int, columns: int) -> Axes:
+    """Return axes over all columns of a row, in place of those of each column: they are for all joints."""
+    for cell in axes[row * columns : (row + 1) * columns]:
+        cell.remove()
     grid = axes[0].get_gridspec()
     assert grid is not None
-    across: Axes = made.add_subplot(grid[row, :], sharex=axes[0])
+    across: Axes = drawing.add_subplot(grid[row, :], sharex=axes[0])
     return across
 
 
@@ -154,21 +152,13 @@ def _draw_panel(
 
 
 def from_start(time: Floats) -> Floats:
-    """Return the time since the first sample [s], (k,).
-
-    Args:
-        time: stamps [s], (k,).
-    """
+    """Return the time since the first sample [s], (k,)."""
     since: Floats = time - time[0]
     return since
 
 
 def time_label(time: Floats) -> str:
-    """Return the label of an axis of time.
-
-    Args:
-        time: stamps [s], (k,).
-    """
+    """Return the label of an axis of time."""
     return "time [s]" if abs(time[0]) < 1e-9 else f"time [s] from the first sample on, which has t = {time[0]:.10g} s"
 
 
@@ -181,49 +171,41 @@ def _draw_joint(
     if truth is not None:
         (line,) = top.plot(from_start(estimates[0].time), np.rad2deg(truth), color=BLACK, linewidth=1.6)
         entries.append((line, "truth"))
-    for i, result in enumerate(estimates):
-        handle = draw_estimate(top, result, i, bands, joint=joint)
-        entries.append((handle, result.estimator + (", 95 % band" if bands else "")))
+    for i, estimate in enumerate(estimates):
+        handle = draw_estimate(top, estimate, i, bands, joint=joint)
+        entries.append((handle, estimate.estimator + (", 95 % band" if bands else "")))
     _limit_angles(top, estimates, joint)
     top.set_ylabel("joint angle θ [°]")
-    if not several:
-        legend_above(top, entries)
-    elif joint == 0:
-        legend_above(top, entries, most=2)
+    if joint == 0:
+        legend_above(top, entries, most=2 if several else 4)
     if below == "errors":
         draw_errors(axes[1], estimates, joint, bands)
     elif below == "bands":
-        for i, result in enumerate(estimates):
-            half = np.rad2deg(BAND * result.angle_stds[:, joint])
-            axes[1].plot(from_start(result.time), half, color=_colour(i), linestyle=_dash(i), linewidth=1.0)
+        for i, estimate in enumerate(estimates):
+            axes[1].plot(from_start(estimate.time), _half_width(estimate, joint), linewidth=1.0, **curve_style(i))
         axes[1].set_ylim(bottom=0.0)
         axes[1].set_ylabel("95 % band ± [°]")
 
 
 def draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int = 0, bands: bool = True) -> None:
-    """Draw a joint's errors with the bands about zero; a short event does not flatten the rest.
-
-    Args:
-        bands: draw the 95 % bands.
-    """
-    errors = [_error(result, joint) for result in estimates]
-    halves = [np.rad2deg(BAND * result.angle_stds[:, joint]) for result in estimates]
-    for i, (result, error, half) in enumerate(zip(estimates, errors, halves)):
-        time = from_start(result.time)
+    """Draw a joint's errors with the bands about zero; a short event does not flatten the others."""
+    curves = []
+    for i, estimate in enumerate(estimates):
+        time, error, half = from_start(estimate.time), _error(estimate, joint), _half_width(estimate, joint)
         if bands:
             _shade(axes, time, -half, half, i)
-        axes.plot(time, error, color=_colour(i), linestyle=_dash(i), linewidth=1.0)
+        axes.plot(time, error, linewidth=1.0, **curve_style(i))
+        curves.append((estimate.estimator, time, error))
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     axes.set_ylabel("error [°]")
-    curves = [(result.estimator, from_start(result.time), error) for result, error in zip(estimates, errors)]
-    limit_errors(axes, curves, halves[0] if bands else np.zeros(1))
+    limit_errors(axes, curves, _half_width(estimates[0], joint) if bands else np.zeros(1))
 
 
 def limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half: Floats) -> None:
     """Choose the limits of an error axis so that `SHARE` of the time fills it, and mark what is beyond.
 
     Args:
-        errors: name, times and errors of each curve.
+        errors: name, times [s] and errors [°] of each curve.
         half: half-width of the first one's band; where it is much wider than the errors it runs out of the picture.
     """
     sizes = [np.abs(error[np.isfinite(error)]) for _, _, error in errors]
@@ -231,26 +213,26 @@ def limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half:
         return
     # the first estimate is what the plot is about; the others may take the axis as far as eight times its errors
     wanted = [_usual(size) for size in sizes if len(size)]
-    shown = max(wanted[0], min(max(wanted), 8.0 * wanted[0]))
+    shown = min(max(wanted), 8.0 * wanted[0])
     band = 1.1 * float(np.quantile(half, 0.9))
     limit = max(shown, min(band, 4.0 * shown))
     axes.set_ylim(-limit, limit)
-    said = []
+    remarks = []
     for i, ((name, time, error), size) in enumerate(zip(errors, sizes)):
         beyond = np.flatnonzero(np.abs(error) > limit)
         if not len(beyond):
             continue
         some = beyond[:: max(1, len(beyond) // 30)]
         for sign, marker in ((1, "^"), (-1, "v")):
-            own = some[np.sign(error[some]) == sign]
-            edge = np.full(len(own), sign * 0.94 * limit)
-            axes.plot(time[own], edge, linestyle="none", marker=marker, markersize=4, color=_colour(i))
+            rows = some[np.sign(error[some]) == sign]
+            edge = np.full(len(rows), sign * 0.94 * limit)
+            axes.plot(time[rows], edge, linestyle="none", marker=marker, markersize=4, color=colour(i))
         share = 100.0 * float(np.mean(size <= limit))
-        said.append(f"{name}: {share:.1f} % of the time shown, largest error {float(size.max()):.3g}° (marked)")
+        remarks.append(f"{name}: {share:.1f} % of the time shown, largest error {float(size.max()):.3g}° (marked)")
     if band > limit:
-        said.append(f"band ±{float(np.median(half)):.3g}° (median), beyond the axis")
-    if said:
-        axes.set_title("\n".join(said), fontsize=7, loc="right", pad=2)
+        remarks.append(f"band ±{float(np.median(half)):.3g}° (median), beyond the axis")
+    if remarks:
+        axes.set_title("\n".join(remarks), fontsize=7, loc="right", pad=2)
 
 
 def _usual(size: Floats) -> float:
@@ -259,57 +241,47 @@ def _usual(size: Floats) -> float:
     return 1.3 * usual if largest > SHORT * usual else 1.1 * max(largest, 0.02)
 
 
-def truth_of(result: Curves, joint: int) -> Floats | None:
+def truth_of(estimate: Curves, joint: int) -> Floats | None:
     """Return a joint's true angle [rad], (k,), None where it is nowhere known."""
-    if result.truths is None or not np.isfinite(result.truths[:, joint]).any():
+    if estimate.truths is None or not np.isfinite(estimate.truths[:, joint]).any():
         return None
-    return result.truths[:, joint]
+    return estimate.truths[:, joint]
 
 
-def _error(result: Curves, joint: int) -> Floats:
+def _error(estimate: Curves, joint: int) -> Floats:
     """Return a joint's error [°], NaN where its truth is not known."""
-    truth = truth_of(result, joint)
-    error: Floats = np.rad2deg(result.angles[:, joint] - (np.nan if truth is None else truth))
+    truth = truth_of(estimate, joint)
+    error: Floats = np.rad2deg(estimate.angles[:, joint] - (np.nan if truth is None else truth))
     return error
 
 
-def draw_estimate(
-    axes: Axes, result: Curves, index: int, band: bool = True, label: str | None = None, joint: int = 0
-) -> Artist:
-    """Draw one estimate of a joint and its 95 % band [°], and return its handle for a legend.
+def _half_width(estimate: Curves, joint: int) -> Floats:
+    """Return the half-width of a joint's 95 % band [°]."""
+    half: Floats = np.rad2deg(BAND * estimate.angle_stds[:, joint])
+    return half
 
-    Args:
-        index: of its colour and dash.
-        band: draw the 95 % band.
-        label: in the legend; default the estimator's name.
-    """
-    theta, half = np.rad2deg(result.angles[:, joint]), np.rad2deg(BAND * result.angle_stds[:, joint])
-    time, name = from_start(result.time), label or result.estimator
-    handles = []
-    if band:
-        handles.append(_shade(axes, time, theta - half, theta + half, index))
-    handles += axes.plot(time, theta, color=_colour(index), linestyle=_dash(index), linewidth=1.2, label=name)
+
+def draw_estimate(
+    axes: Axes, estimate: Curves, index: int, band: bool = True, label: str | None = None, joint: int = 0
+) -> Artist:
+    """Draw one estimate of a joint and its 95 % band [°] in the style of an index; return its handle for a legend."""
+    theta, half = np.rad2deg(estimate.angles[:, joint]), _half_width(estimate, joint)
+    time, name = from_start(estimate.time), label or estimate.estimator
+    handles = [_shade(axes, time, theta - half, theta + half, index)] if band else []
+    handles += axes.plot(time, theta, linewidth=1.2, label=name, **curve_style(index))
     return tuple(handles)
 
 
 def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> Artist:
     """Shade a band, with edges that are seen where it is hardly wider than a line; return its handle."""
     for edge in (low, high):
-        axes.plot(time, edge, color=_colour(index), linewidth=0.4, alpha=0.6)
-    return axes.fill_between(time, low, high, color=_colour(index), alpha=BAND_ALPHA, linewidth=0)
-
-
-def _colour(index: int) -> str:
-    return COLOURS[index % len(COLOURS)]
-
-
-def _dash(index: int) -> object:
-    return DASHES[index % len(DASHES)]
+        axes.plot(time, edge, color=colour(index), linewidth=0.4, alpha=0.6)
+    return axes.fill_between(time, low, high, color=colour(index), alpha=BAND_ALPHA, linewidth=0)
 
 
 def _limit_angles(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
     """Keep the curves readable where a band is much wider than they are: it then runs out of the picture."""
-    curves = [np.rad2deg(result.angles[:, joint]) for result in estimates]
+    curves = [np.rad2deg(estimate.angles[:, joint]) for estimate in estimates]
     truth = truth_of(estimates[0], joint)
     curves += [] if truth is None else [np.rad2deg(truth)]
     lowest, highest = (float(f([f(curve) for curve in curves])) for f in (np.nanmin, np.nanmax))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -64,9 +65,7 @@ def figure(
 ) -> Iterator[tuple[Figure, list[Axes]]]:
     """Make a figure in distal's style without touching the user's backend or settings.
 
-    Args:
-        size: in inches.
-        options: of matplotlib's `Figure.subplots`.
+    The `size` is in inches; `options` are those of matplotlib's `Figure.subplots`.
     """
     try:
         from matplotlib.figure import Figure
@@ -74,9 +73,19 @@ def figure(
         raise OutputError(f"nothing can be drawn: matplotlib does not start ({problem})") from None
 
     with styled():
-        made = Figure(figsize=size)
-        axes = made.subplots(rows, columns, squeeze=False, **options)
-        yield made, list(np.ravel(axes))
+        drawing = Figure(figsize=size)
+        axes = drawing.subplots(rows, columns, squeeze=False, **options)
+        yield drawing, list(np.ravel(axes))
+
+
+def colour(index: int) -> str:
+    """Return the colour of a curve; after the last the first comes again."""
+    return COLOURS[index % len(COLOURS)]
+
+
+def curve_style(index: int) -> dict[str, object]:
+    """Return colour and dash of a curve, as options of `Axes.plot`."""
+    return {"color": colour(index), "linestyle": DASHES[index % len(DASHES)]}
 
 
 def plain(text: str) -> str:
@@ -106,35 +115,23 @@ def save_figure(drawing: Figure, path: str | Path) -> None:
 
 
 def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
-    """Return a figure as the file that `path` will hold.
-
-    Args:
-        path: where it will be written; its suffix gives the format.
+    """Return a figure as the file that `path` will hold, in the format of its suffix.
 
     Raises:
         OutputError: the format is unknown.
     """
-    import io
-
-    kind = plot_kind(path)
-
-    with styled():
-        buffer = io.BytesIO()
-        # no dates inside, so that the same results give the same file
-        metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
-        with warnings.catch_warnings():
-            # a title may hold characters that the font lacks, or be too long: the plot is made all the same
-            warnings.simplefilter("ignore", UserWarning)
-            drawing.savefig(buffer, format=kind, dpi=150, metadata=metadata)
+    kind, buffer = plot_kind(path), io.BytesIO()
+    # no dates inside, so that the same results give the same file
+    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
+    with styled(), warnings.catch_warnings():
+        # a title may hold characters that the font lacks, or be too long: the plot is made all the same
+        warnings.simplefilter("ignore", UserWarning)
+        drawing.savefig(buffer, format=kind, dpi=150, metadata=metadata)
     return buffer.getvalue()
 
 
 def legend_above(axes: Axes, entries: Sequence[tuple[Artist, str]] = (), most: int = 4) -> None:
-    """Put the legend above the axes, where it never lies on a curve.
-
-    Args:
-        entries: handles and labels; default those of the axes.
-    """
+    """Put the legend of `entries` (default: of the axes) above the axes, where it never lies on a curve."""
     handles, labels = zip(*entries) if entries else axes.get_legend_handles_labels()
     if handles:
         axes.legend(

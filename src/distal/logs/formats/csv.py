@@ -116,19 +116,18 @@ def _without_quotes(path: Path, data: bytes, separator: str, above: int) -> byte
     lines = (line.removesuffix(b"\n").decode() for line in io.BytesIO(data))
     reader = csv.reader(lines, delimiter=separator, strict=True)
     rows: list[bytes] = []
-    while True:
-        begins = reader.line_num + 1 + above
-        try:
-            row = next(reader)
-        except StopIteration:
-            return b"\n".join(rows)
-        except csv.Error as problem:
-            raise LogError(f"{path}: row {begins}: cannot be read as CSV ({problem}); is a quote not closed?") from None
-        if reader.line_num + above != begins:
-            raise LogError(
-                f"{path}: row {begins}: a quote is opened and not closed in this row; a cell may not hold a line break"
-            )
-        rows.append(SEPARATOR.join(row).encode())
+    try:
+        for row in reader:
+            begins = above + len(rows) + 1
+            if above + reader.line_num != begins:
+                raise LogError(
+                    f"{path}: row {begins}: a quote is opened and not closed in this row; a cell may not hold a line break"
+                )
+            rows.append(SEPARATOR.join(row).encode())
+    except csv.Error as problem:
+        begins = above + len(rows) + 1
+        raise LogError(f"{path}: row {begins}: cannot be read as CSV ({problem}); is a quote not closed?") from None
+    return b"\n".join(rows)
 
 
 def _checked_rows(path: Path, data: bytes, separator: bytes, width: int, above: int) -> int:
@@ -145,16 +144,12 @@ def _checked_rows(path: Path, data: bytes, separator: bytes, width: int, above: 
 
 
 def write_csv(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    """Return columns as the content of a file; NaN is an empty cell, and a number has the digits that tell it.
-
-    Args:
-        columns: name → values.
-    """
+    """Return columns as the content of a file; NaN is an empty cell, and a number has the digits that tell it."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    cells = ([None if value != value else value for value in np.asarray(each).tolist()] for each in columns.values())
-    writer.writerows(zip(*cells))
+    lists = (np.asarray(column).tolist() for column in columns.values())
+    writer.writerows(zip(*([None if cell != cell else cell for cell in column] for column in lists)))
     return text.getvalue().encode()
 
 

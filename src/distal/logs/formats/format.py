@@ -17,7 +17,6 @@ class Message:
     """One message of a recording.
 
     Args:
-        topic: where it was published.
         recorded: when [ns].
         stamp: of its header [ns]; None where it has none.
         read: gives a field, None where it is not there.

@@ -16,10 +16,7 @@ from distal.logs.messages import find
 
 
 def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
-    """Yield the messages of a file, as they were recorded.
-
-    Args:
-        topics: names of the topics are put into it.
+    """Yield the messages of a file, as they were recorded; names of its topics are put into `topics`.
 
     Raises:
         LogError: a package that reads it is missing, or a chunk takes more memory than is allowed.
@@ -28,7 +25,7 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
         from mcap.reader import make_reader
     except ImportError:
         raise LogError(f"{path}: MCAP needs the package mcap (pip install '.[mcap]')") from None
-    known: dict[int, Any] = {}
+    stores: dict[int, Any] = {}
     with path.open("rb") as file:
         reader = make_reader(file)
         summary = reader.get_summary()
@@ -47,9 +44,9 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
                 yield Message(channel.topic, message.log_time, None, partial(find, read), json=True)
             elif channel.message_encoding == "cdr" and schema is not None:
                 topics.add(channel.topic)
-                if schema.id not in known:
-                    known[schema.id] = _typestore(path, schema)
-                read = known[schema.id].deserialize_cdr(message.data, schema.name)
+                if schema.id not in stores:
+                    stores[schema.id] = _typestore(path, schema)
+                read = stores[schema.id].deserialize_cdr(message.data, schema.name)
                 yield Message(channel.topic, message.log_time, stamp_of(read), partial(field, read))
 
 

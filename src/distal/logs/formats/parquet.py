@@ -27,10 +27,7 @@ TEXTS = ("string", "large_string", "string_view")
 
 
 def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
-    """Return columns of a Parquet file as far as it has them.
-
-    Args:
-        columns: that are read; None reads all.
+    """Return columns (None: all) of a Parquet file as far as it has them.
 
     Raises:
         LogError: it is not such a file, what is asked for takes more memory than is allowed or is neither numbers nor
@@ -94,16 +91,13 @@ def _column(path: Path, name: str, column: Any) -> Column:
 
 
 def write_parquet(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    """Return columns as the content of a file.
-
-    Args:
-        columns: name → values.
-    """
+    """Return columns as the content of a file."""
     import pyarrow
     import pyarrow.parquet
 
     buffer = io.BytesIO()
-    pyarrow.parquet.write_table(pyarrow.table({name: np.asarray(each) for name, each in columns.items()}), buffer)
+    table = pyarrow.table({name: np.asarray(column) for name, column in columns.items()})
+    pyarrow.parquet.write_table(table, buffer)
     return buffer.getvalue()
 
 

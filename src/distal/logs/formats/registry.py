@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from distal.logs.formats.csv import CSV
@@ -12,17 +13,15 @@ from distal.logs.formats.rosbag import ROSBAG
 
 FORMATS = (CSV, PARQUET, MCAP, ROSBAG)
 
-TABLES = tuple(ending for one in FORMATS if one.read is not None for ending in one.endings)
+TABLES = tuple(ending for kind in FORMATS if kind.read is not None for ending in kind.endings)
 """Endings of the names of tables."""
 
 
 def format_of(path: str | Path) -> Format:
     """Return the format of a log by its name, of a folder by what is in it; a name without a known ending is CSV."""
     path = Path(path)
-    for one in FORMATS:
-        try:
-            if path.suffix.lower() in one.endings or (one.folder is not None and (path / one.folder).is_file()):
-                return one
-        except (OSError, ValueError):  # no name that a file could have; reading it says so
-            break
+    with suppress(OSError, ValueError):  # no name that a file could have; reading it says so
+        for kind in FORMATS:
+            if path.suffix.lower() in kind.endings or (kind.folder is not None and (path / kind.folder).is_file()):
+                return kind
     return CSV

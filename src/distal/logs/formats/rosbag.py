@@ -12,11 +12,7 @@ from distal.logs.formats.ros_messages import field, stamp_of
 
 
 def read_rosbag(path: Path, topics: set[str]) -> Iterator[Message]:
-    """Yield the messages of a bag.
-
-    Args:
-        path: of the bag, or of the database in it.
-        topics: names of the topics are put into it.
+    """Yield the messages of a bag, or of the database in it; names of its topics are put into `topics`.
 
     Raises:
         LogError: the package that reads it is missing.
