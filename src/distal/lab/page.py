@@ -42,12 +42,7 @@ FACTORS = {
 }
 """The plant's numbers that a slider multiplies."""
 
-LABELS = {
-    "friction": "friction",
-    "stiffness": "tendon stiffness",
-    "pretension": "pre-tension",
-    "arm": "moment arms",
-}
+LABELS = {"friction": "friction", "stiffness": "tendon stiffness", "pretension": "pre-tension", "arm": "moment arms"}
 
 SWING = 0.5
 """A joint without stops swings so far to both sides [rad]."""
@@ -89,15 +84,10 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
 
 
 def _data(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str, Any]:
-    """Return what the page's script needs to know of a rig.
-
-    Args:
-        source: how the rig is called on the command line.
-    """
-    plant, made = module.plant, module.plant.plant
-    n, nj = made.n_bodies, made.n_joints
-    tensions = module.plant.first[2 * n : 2 * n + made.n_tendons]
-    most = _largest_load(rig, tensions)
+    """Return what the page's script needs to know of a rig."""
+    plant, mechanism = module.plant, module.plant.plant
+    n, nj = mechanism.n_bodies, mechanism.n_joints
+    most = _largest_load(rig, plant.first[2 * n : 2 * n + mechanism.n_tendons])
     sensors = [next(s for s in rig.sensors if s.name == name) for name in plant.sensors]
     runner = make_estimator(estimator, rig, compiled=False)
     touched = dict(zip((field for _, field in torque_fields(runner)), external_torques_of(runner)))
@@ -116,20 +106,20 @@ def _data(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str,
         "window": WINDOW,
         "longest": LONGEST,
         "numbers": len(plant.numbers),
-        "told": list(module.told),
+        "told": list(module.outputs),
         "plain": module.inextensible,
         "torques": [[field, std_name(field), joint] for field, joint in touched.items()],
         "health": [[word, meaning] for word, meaning in HEALTH.items()],
         "start": plant.start.tolist(),
-        "effort": resting_pull(made).tolist(),
+        "effort": resting_pull(mechanism).tolist(),
         "motion": _motion(rig),
         "places": _places(rig, plant),
         "servo": _servo(plant),
         "hand": [most / 0.2, 0.02 * most / 0.2],
         "loadMost": most,
         "factors": {
-            name: [i for i, one in enumerate(plant.numbers) if re.search(pattern, one)]
-            for name, pattern in FACTORS.items()
+            factor: [i for i, path in enumerate(plant.numbers) if re.search(pattern, path)]
+            for factor, pattern in FACTORS.items()
         },
         "columns": columns,
         "scales": [*scales, *[1.0] * nj],
@@ -142,7 +132,8 @@ def _motion(rig: Rig) -> list[dict[str, float]]:
     """Return how each joint is led: where it begins, centre, amplitude, and its pace beside the others'."""
     rows = []
     for j, joint in enumerate(rig.joints):
-        centre, amplitude, start = joint.initial.value, SWING, joint.initial.value
+        start = centre = joint.initial.value
+        amplitude = SWING
         if joint.stops is not None:
             low, high = joint.stops
             centre, amplitude = (low + high) / 2, min(0.35 * (high - low), 2 * SWING)
@@ -152,9 +143,9 @@ def _motion(rig: Rig) -> list[dict[str, float]]:
 
 def _places(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
     """Return of each joint how far the drives stand from the start at some of its angles, with nominal pulls."""
-    made, tables = plant.plant, []
-    n, nj = made.n_bodies, made.n_joints
-    held = BodyInputs(resting_pull(made)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+    mechanism, tables = plant.plant, []
+    n, nj = mechanism.n_bodies, mechanism.n_joints
+    held = BodyInputs(resting_pull(mechanism)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
     for j, motion in enumerate(_motion(rig)):
         reach = motion["amplitude"] + abs(motion["centre"] - motion["from"])
         low, high = motion["from"] - reach, motion["from"] + reach
@@ -163,20 +154,21 @@ def _places(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
             angles = plant.start[:nj].copy()
             if rig.joints[j].coupled is None:
                 angles[j] = angle
-            placed = (made.spread.full() @ angles[made.free]) + made.offsets.full().ravel()
-            rows.append((equilibrium(made, placed, held)[nj:] - plant.start[nj:]).tolist())
+            placed = (mechanism.spread.full() @ angles[mechanism.free]) + mechanism.offsets.full().ravel()
+            rows.append((equilibrium(mechanism, placed, held)[nj:] - plant.start[nj:]).tolist())
         tables.append({"from": low, "to": high, "rows": rows})
     return tables
 
 
 def _servo(plant: ExportedPlant) -> list[list[float]]:
     """Return stiffness and damping of each drive's position loop: stiff beside its tendons, well damped."""
-    made = plant.plant
-    q, p, drives = ca.SX.sym("q", made.n_bodies), made.parameters, slice(made.n_joints, made.n_bodies)
-    stiffness = ca.mtimes(made.length_jacobian(q).T, ca.jacobian(made.elastic_forces(q), q))
-    found = ca.Function("servo", [q, p.symbols], [ca.diag(stiffness), made.inertias()])(plant.start, p.values)
-    own, inertias = (np.abs(np.array(each)).ravel()[drives] for each in found)
-    k = STIFF * np.maximum(own, 1e-6)
+    mechanism = plant.plant
+    q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
+    stiffness = ca.mtimes(mechanism.length_jacobian(q).T, ca.jacobian(mechanism.elastic_forces(q), q))
+    function = ca.Function("servo", [q, p.symbols], [ca.diag(stiffness), mechanism.inertias()])
+    diagonals = function(plant.start, p.values)
+    stiffnesses, inertias = (np.abs(np.array(bodies)).ravel()[mechanism.n_joints :] for bodies in diagonals)
+    k = STIFF * np.maximum(stiffnesses, 1e-6)
     return np.column_stack([k, 1.4 * np.sqrt(k * inertias)]).tolist()  # type: ignore[no-any-return]
 
 
@@ -193,38 +185,36 @@ def _body(rig: Rig, module: LabModule, data: dict[str, Any], estimator: str) -> 
     most, joints = data["loadMost"], [escape(joint.name) for joint in rig.joints]
     sliders = []
     for name, label in LABELS.items():
-        there = bool(data["factors"][name]) or (name == "pretension" and any(data["effort"]))
+        present = bool(data["factors"][name]) or (name == "pretension" and any(data["effort"]))
         reach = 0.3 if name == "arm" else 2.0  # a power of two
-        sliders.append(_slider(name, label, (-reach, reach, 0.0), "×", "data-log", not there))
+        sliders.append(_slider(name, label, (-reach, reach, 0.0), "×", "data-log", not present))
     sliders.append(_slider("load", "torque on the joint in the curves", (-most, most, 0.0), "N m"))
     motion = [
         _slider("range", "range", (0.0, 1.0, 0.7), "", "data-kept"),
         _slider("speed", "speed", (0.02, 1.0, 0.15), "Hz", "data-kept"),
     ]
-    last = len(joints) - 1
     torque = (
         "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true and estimated'></canvas>"
         "<figcaption>Torque on the joint from outside: true and estimated.</figcaption></figure>"
     )
-    experiments = [
-        f"<button type='button' data-set='{escape(json.dumps(values))}' data-why='{escape(why)}'>{name}</button>"
-        for name, values, why in _experiments(data)
-    ]
-    values = {
-        "experiments": "".join(experiments),
+    plain = f"<span style='color:{COLOURS[1]}'>Dashed: tendons taken as inextensible.</span>"
+    blanks = {
+        "experiments": "".join(
+            f"<button type='button' data-set='{escape(json.dumps(settings))}' data-why='{escape(why)}'>{name}</button>"
+            for name, settings, why in _experiments(data)
+        ),
         "scale": tension_scale("<span id='most'></span> N"),
         "rows": "".join(
             f"<tr><td>{name}</td><td class='n' id='now-{j}'></td><td class='n' id='true-{j}'></td></tr>"
             for j, name in enumerate(joints)
         ),
         "choices": "".join(
-            f"<option value='{j}'{' selected' * (j == last)}>{name}</option>" for j, name in enumerate(joints)
+            f"<option value='{j}'{' selected' * (j == len(joints) - 1)}>{name}</option>"
+            for j, name in enumerate(joints)
         ),
         "blue": COLOURS[0],
         "estimator": escape(estimator),
-        "plain": f"<span style='color:{COLOURS[1]}'>Dashed: tendons taken as inextensible.</span>"
-        if module.inextensible
-        else "",
+        "plain": plain if module.inextensible else "",
         "torque": torque if data["torques"] else "",
         "sliders": "".join(sliders),
         "dead": "".join(
@@ -232,7 +222,7 @@ def _body(rig: Rig, module: LabModule, data: dict[str, Any], estimator: str) -> 
         ),
         "motion": "".join(motion),
     }
-    return filled(_resource("lab.html"), values)
+    return filled(_resource("lab.html"), blanks)
 
 
 def _resource(name: str) -> str:
@@ -243,8 +233,8 @@ def _slider(
     name: str, label: str, ends: tuple[float, float, float], unit: str, mark: str = "", hidden: bool = False
 ) -> str:
     """Return a slider with its label; ends are the lowest, the highest and the first value."""
-    low, high, value = ends
-    numbers = f"min='{low:g}' max='{high:g}' step='{(high - low) / 200:.6g}' value='{value:g}' data-unit='{unit}'"
+    low, high, first = ends
+    numbers = f"min='{low:g}' max='{high:g}' step='{(high - low) / 200:.6g}' value='{first:g}' data-unit='{unit}'"
     return (
         f"<label for='set-{name}'{' hidden' * hidden}>{label} <output id='{name}-said'></output>"
         f"<input type='range' id='set-{name}' name='{name}' {numbers} {mark}></label>"
@@ -253,7 +243,7 @@ def _slider(
 
 def _experiments(data: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
     """Return what can be tried with a rig: a name, the settings, and what to look at."""
-    every: list[tuple[str, dict[str, Any], str]] = [
+    experiments: list[tuple[str, dict[str, Any], str]] = [
         (
             "As described",
             {},
@@ -289,4 +279,4 @@ def _experiments(data: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
         ),
     ]
     factors = data["factors"]
-    return [one for one in every if all(factors.get(name, [0]) for name in one[1])]
+    return [experiment for experiment in experiments if all(factors.get(name, [0]) for name in experiment[1])]

@@ -4,22 +4,14 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from math import hypot, log10
+from math import dist, log10
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from distal.arrays import Floats
 from distal.reports.drawing.arms import changing_arms, draw_curves, draw_table, table_width
-from distal.reports.drawing.drives import (
-    Lane,
-    block_height,
-    draw_capstan,
-    draw_slider,
-    drive_lines,
-    glyph_width,
-    motor_half,
-)
+from distal.reports.drawing.drives import Lane, draw_capstan, draw_slider, drive_lines, glyph_width, motor_half
 from distal.reports.drawing.joints import draw_coupling, draw_joint, draw_link, draw_pin, joint_lines, scaled
 from distal.reports.drawing.pose import Stand, gravity_on_paper, stands
 from distal.reports.drawing.routes import Wheel
@@ -37,7 +29,6 @@ if TYPE_CHECKING:
 FAN = 0.6
 """From where tendons are level to the base, in which they go to their height there [in]."""
 
-
 PANEL = (2.6, 1.2)
 """Width and height of the axes for moment arms that change [in]."""
 
@@ -53,23 +44,23 @@ def draw_rig(rig: Rig) -> Figure:
     placed = stands(rig, largest)
     scale = _scale(rig, placed, largest)
     past = wheels(rig, placed, scale)
-    around = [_around(past, placed[j], scale) for j in range(len(placed))]
+    around = [_around(past, stand, scale) for stand in placed]
     base = -around[0] - 0.3
     lines = [joint_lines(rig, j, stand.turn) for j, stand in enumerate(placed)]
     _draw_base(sheet, placed, past, scale, base)
     for j, stand in enumerate(placed):
-        ends = [scaled(other.centre, scale) for other in placed if other.parent == j]
-        draw_link(sheet, stand, scale, ends or [scaled(stand.tip, scale)])
+        ends = [child.centre for child in placed if child.parent == j] or [stand.tip]
+        draw_link(sheet, stand, scale, [scaled(end, scale) for end in ends])
     names = [joint.name for joint in rig.joints]
     for j, (joint, stand) in enumerate(zip(rig.joints, placed)):
         if joint.coupled is not None:
-            ends = [scaled(placed[k].centre, scale) for k in (names.index(joint.coupled.joint), j)]
-            draw_coupling(sheet, ends[0], ends[1], joint.coupled.ratio)
+            leader = placed[names.index(joint.coupled.joint)]
+            draw_coupling(sheet, scaled(leader.centre, scale), scaled(stand.centre, scale), joint.coupled.ratio)
         draw_joint(sheet, rig, j, stand, scale, around[j], lines[j])
     for i, tendon in enumerate(rig.tendons):
         if isinstance(tendon.meetings[-1].shape, Pinned):
-            joint_of = names.index(tendon.meetings[-1].joints[0])
-            draw_pin(sheet, placed[joint_of], past[i][-1].centre, scale)
+            stand = placed[names.index(tendon.meetings[-1].joints[0])]
+            draw_pin(sheet, stand, past[i][-1].centre, scale)
     _draw_proximal(sheet, rig, placed, past, scale, base)
     _write_joints(sheet, placed, lines, around, scale, base + 0.1)
     _finish(sheet, rig, arms, placed, scale)
@@ -80,8 +71,8 @@ def rig_svg(rig: Rig) -> str:
     """Return the drawing of a rig as an SVG element for a page, with a text that says what it shows."""
     joints, tendons = (", ".join(part.name for part in parts) for parts in (rig.joints, rig.tendons))
     drives = ", ".join(f"{drive.name} ({drive.kind})" for drive in rig.drives)
-    said = f"Drawing of the rig {rig.name}: joints {joints}; drives {drives}; tendons {tendons}"
-    return svg_of(draw_rig(rig), said)
+    description = f"Drawing of the rig {rig.name}: joints {joints}; drives {drives}; tendons {tendons}"
+    return svg_of(draw_rig(rig), description)
 
 
 def _scale(rig: Rig, placed: Sequence[Stand], largest: float) -> float:
@@ -98,9 +89,10 @@ def _scale(rig: Rig, placed: Sequence[Stand], largest: float) -> float:
 def _around(past: Sequence[Sequence[Wheel]], stand: Stand, scale: float) -> float:
     """Return the radius outside all pulleys of a joint, where its stops stand [in]."""
     centre = scaled(stand.centre, scale)
-    own = [wheel.radius for each in past for wheel in each if wheel.centre == centre]
-    pins = [hypot(w.centre[0] - centre[0], w.centre[1] - centre[1]) for each in past for w in each if not w.radius]
-    return max([*own, *(pin for pin in pins if pin < 0.63), 0.12]) + 0.13
+    circles = [wheel for tendon in past for wheel in tendon]
+    radii = [wheel.radius for wheel in circles if wheel.centre == centre]
+    pins = [dist(wheel.centre, centre) for wheel in circles if not wheel.radius]
+    return max([*radii, *(pin for pin in pins if pin < 0.63), 0.12]) + 0.13
 
 
 def _draw_base(sheet: Sheet, placed: Sequence[Stand], past: Sequence[Sequence[Wheel]], scale: float, x: float) -> None:
@@ -108,7 +100,7 @@ def _draw_base(sheet: Sheet, placed: Sequence[Stand], past: Sequence[Sequence[Wh
     from matplotlib.patches import Rectangle
 
     roots = [scaled(stand.centre, scale) for stand in placed if stand.parent is None]
-    heights = [own[0].point(0.0)[1] for own in past] + [root[1] for root in roots]
+    heights = [tendon[0].point(0.0)[1] for tendon in past] + [root[1] for root in roots]
     low, high = min(heights) - 0.16, max(heights) + 0.16
     for root in roots:
         sheet.bar([(x, root[1]), root], FAINT, 8.0, SOFT, order=0.8)
@@ -123,49 +115,50 @@ def _draw_proximal(
     sheet: Sheet, rig: Rig, placed: Sequence[Stand], past: Sequence[Sequence[Wheel]], scale: float, base: float
 ) -> None:
     """Draw the drives below one another, in the order in which their tendons reach the base, and all tendons."""
-    heights = [own[0].point(0.0)[1] for own in past]
+    heights = [tendon[0].point(0.0)[1] for tendon in past]
     wide, pitch = lane_room(rig)
     right = base - FAN
     left = right - wide - 0.1
     names = [joint.name for joint in rig.joints]
     texts = {drive.name: drive_lines(rig, drive) for drive in rig.drives}
     glyphs = left - glyph_width(rig, scale)
-    margin = glyphs - 0.14 - max(line.width for own in texts.values() for line in own)
+    margin = glyphs - 0.14 - max(line.width for lines in texts.values() for line in lines)
     rows = []
     for drive in rig.drives:
-        own = sorted((i for i, t in enumerate(rig.tendons) if t.drive == drive.name), key=lambda i: -heights[i])
+        tendons = sorted((i for i, t in enumerate(rig.tendons) if t.drive == drive.name), key=lambda i: -heights[i])
         if isinstance(drive, Capstan):
-            first = rig.tendons[own[0]]
+            first = rig.tendons[tendons[0]]
             joint = names.index(first.joints[0])
             way = placed[joint].turn * (1 if next(iter(first.arms().values())) * first.winding >= 0 else -1)
             # wound by a positive angle: from below where that turns clockwise
-            above = [i for i in own if rig.tendons[i].winding * way > 0]
-            below = [i for i in own if i not in above]
+            above = [i for i in tendons if rig.tendons[i].winding * way > 0]
+            below = [i for i in tendons if i not in above]
             reach = max(scale * drive.radius.value, pitch / 2)
             lanes = {i: reach + pitch * (len(above) - 1 - k) for k, i in enumerate(above)}
             lanes |= {i: -reach - pitch * k for k, i in enumerate(below)}
             half = motor_half(drive, scale)
         else:
-            lanes = {i: pitch * ((len(own) - 1) / 2 - k) for k, i in enumerate(own)}
+            lanes = {i: pitch * ((len(tendons) - 1) / 2 - k) for k, i in enumerate(tendons)}
             way, half = 0, 0.28
-        up = max(half, *(h + 0.2 for h in lanes.values()), block_height(texts[drive.name]) / 2)
-        down = max(half, *(pitch - 0.2 - h for h in lanes.values()), block_height(texts[drive.name]) / 2)
-        rows.append((float(np.mean([heights[i] for i in own])), drive, lanes, way, up, down))
+        half = max(half, len(texts[drive.name]) * PITCH / 2)
+        up = max(half, *(h + 0.2 for h in lanes.values()))
+        down = max(half, *(pitch - 0.2 - h for h in lanes.values()))
+        rows.append((float(np.mean([heights[i] for i in tendons])), drive, lanes, way, up, down))
     rows.sort(key=lambda row: -row[0])
     total = sum(up + down + 0.12 for *_, up, down in rows) - 0.12
     y = total / 2
     for _, drive, lanes, way, up, down in rows:
         centre = y - up
         y = centre - down - 0.12
-        own_lines = texts[drive.name]
-        sheet.block((margin, centre + (len(own_lines) - 1) * PITCH / 2), own_lines)
+        lines = texts[drive.name]
+        sheet.block((margin, centre + (len(lines) - 1) * PITCH / 2), lines)
         levels = {i: centre + h for i, h in lanes.items()}
         if isinstance(drive, Capstan):
             at = (left - motor_half(drive, scale), centre)
-            draw_capstan(sheet, drive, own_lines, at, scale, way)
+            draw_capstan(sheet, drive, lines, at, scale, way)
             starts = {i: Wheel(at, scale * drive.radius.value, -1 if lanes[i] > 0 else 1) for i in lanes}
         else:
-            begin = draw_slider(sheet, drive, own_lines, (left, centre), list(levels.values()), scale)
+            begin = draw_slider(sheet, drive, lines, (left, centre), list(levels.values()), scale)
             starts = {i: Wheel((begin, level)) for i, level in levels.items()}
         for i, level in levels.items():
             eye = (base - 0.045, heights[i])
@@ -248,10 +241,10 @@ def _draw_scale(sheet: Sheet, at: Point, scale: float) -> None:
 
 def _draw_gravity(sheet: Sheet, rig: Rig, at: Point) -> None:
     """Draw which way things fall, where anything has weight."""
-    found = gravity_on_paper(rig)
-    if found is None:
+    gravity = gravity_on_paper(rig)
+    if gravity is None:
         return
-    (right, up, near), size = found
+    (right, up, near), size = gravity
     x, y = at
     text = f"g {written(size, 'm/s²')}"
     if abs(near) > 0.7:

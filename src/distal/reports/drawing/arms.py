@@ -42,16 +42,15 @@ def _arms_of(rig: Rig) -> Callable[[Floats], Floats]:
 
 def changing_arms(rig: Rig) -> Changing:
     """Return (tendon, joint) → angles [rad] and arms [m], of those that change with the joint's own angle."""
-    look, found = _arms_of(rig), Changing()
+    arms_at, changing = _arms_of(rig), Changing()
+    start = np.array([joint.initial.value for joint in rig.joints])
     for j, joint in enumerate(rig.joints):
-        low, high = joint.stops or (-np.pi / 3, np.pi / 3)
-        angles = np.linspace(low, high, POINTS)
-        at = np.array([each.initial.value for each in rig.joints])
-        arms = np.array([look(np.where(np.arange(len(at)) == j, angle, at))[:, j] for angle in angles])
+        angles = np.linspace(*(joint.stops or (-np.pi / 3, np.pi / 3)), POINTS)
+        arms = np.array([arms_at(np.where(np.arange(len(start)) == j, angle, start))[:, j] for angle in angles])
         for i in range(len(rig.tendons)):
             if np.ptp(arms[:, i]) > 1e-3 * np.abs(arms).max(initial=1e-12):
-                found[i, j] = (angles, arms[:, i])
-    return found
+                changing[i, j] = (angles, arms[:, i])
+    return changing
 
 
 def table_width(rig: Rig) -> float:
@@ -94,11 +93,7 @@ def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
 
 
 def draw_curves(axes: Axes, rig: Rig, changing: Changing) -> None:
-    """Draw the arms that change over the joint's own angle.
-
-    Args:
-        changing: of `changing_arms`.
-    """
+    """Draw the arms of `changing_arms` over the joint's own angle."""
     for (i, j), (angles, arms) in list(changing.items())[:MOST_CURVES]:
         label = rig.tendons[i].name if len(rig.joints) == 1 else f"{rig.tendons[i].name} at {rig.joints[j].name}"
         style = {"color": COLOURS[i % len(COLOURS)], "ls": DASHES[(i + j) % len(DASHES)]}
