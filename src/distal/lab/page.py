@@ -20,7 +20,7 @@ from distal.export.plant import ExportedPlant, resting_pull
 from distal.lab.module import LabModule, lab_module
 from distal.logs import write_whole
 from distal.reports.moving import chain_script, chain_shape, tension_scale
-from distal.reports.page import page
+from distal.reports.page import page, script_with
 from distal.results import COLOURS
 from distal.rig import Rig, angle_names, log_factor, std_name
 from distal.run.monitor import HEALTH
@@ -68,12 +68,10 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
     """
     module = lab_module(rig, estimator)
     data = _data(rig, module, estimator, source)
-    script = chain_script() + _resource("lab.js")
-    packed = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     parts = [
         f"<style>{_resource('lab.css')}</style>",
         _body(rig, module, data, estimator),
-        f"<script type='application/json' id='lab-data'>{packed}</script>\n<script>{script}</script>",
+        script_with("lab-data", data, chain_script() + _resource("lab.js")),
     ]
     lead = (
         "The rig moves in your browser, and a filter says where its joints are from what its motors measure. Change what "
@@ -189,10 +187,8 @@ def _body(rig: Rig, module: LabModule, data: dict[str, Any], estimator: str) -> 
         reach = 0.3 if name == "arm" else 2.0  # a power of two
         sliders.append(_slider(name, label, (-reach, reach, 0.0), "×", "data-log", not present))
     sliders.append(_slider("load", "torque on the joint in the curves", (-most, most, 0.0), "N m"))
-    motion = [
-        _slider("range", "range", (0.0, 1.0, 0.7), "", "data-kept"),
-        _slider("speed", "speed", (0.02, 1.0, 0.15), "Hz", "data-kept"),
-    ]
+    motion = _slider("range", "range", (0.0, 1.0, 0.7), "", "data-kept")
+    motion += _slider("speed", "speed", (0.02, 1.0, 0.15), "Hz", "data-kept")
     torque = (
         "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true and estimated'></canvas>"
         "<figcaption>Torque on the joint from outside: true and estimated.</figcaption></figure>"
@@ -220,7 +216,7 @@ def _body(rig: Rig, module: LabModule, data: dict[str, Any], estimator: str) -> 
         "dead": "".join(
             f"<label><input type='checkbox' id='dead-{i}'> {escape(data['sensors'][i])}</label>" for i in data["read"]
         ),
-        "motion": "".join(motion),
+        "motion": motion,
     }
     return filled(_resource("lab.html"), blanks)
 

@@ -112,19 +112,11 @@ def _parameters(fit: Fit) -> list[str]:
         for name, before, after in zip(fit.channels, fit.nis_before, fit.nis_after)
         if np.isfinite(after)
     ]
-    parts += [
-        paragraph(
-            "Normalised innovations, mean of ν²/S; 1 is expected, more means that the filter is too sure of itself."
-        ),
-        html_table(("sensor", "before", "after"), ratios, numbers=(1, 2)),
-    ]
+    nis = "Normalised innovations, mean of ν²/S; 1 is expected, more means that the filter is too sure of itself."
     ended = "was interrupted" if fit.interrupted else "converged" if fit.converged else "stopped before it converged"
-    parts.append(
-        paragraph(
-            f"−ln p from {fit.cost_before:.1f} to {fit.cost_after:.1f} in {fit.iterations} iterations; the search {ended}."
-        )
-    )
-    return parts
+    costs = f"−ln p from {fit.cost_before:.1f} to {fit.cost_after:.1f} in {fit.iterations} iterations"
+    table = html_table(("sensor", "before", "after"), ratios, numbers=(1, 2))
+    return [*parts, paragraph(nis), table, paragraph(f"{costs}; the search {ended}.")]
 
 
 def _ratio(nis: float) -> str:

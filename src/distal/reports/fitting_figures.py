@@ -57,16 +57,11 @@ def draw_residuals(logs: Sequence[Log], before: Sequence[Estimate], after: Seque
     pairs = [(i, j) for i in range(len(logs)) for j in range(len(rig.joints))]
     with_truth = [(i, j) for i, j in pairs if (true := truths[i]) is not None and np.isfinite(true[:, j]).any()]
     chosen = with_truth or pairs
-    against: list[tuple[str, list[Floats]]] = [("angle θ [°]", []), ("speed [°/s]", [])]
+    angles = [np.rad2deg((after[i].angles if (true := truths[i]) is None else true)[:, j]) for i, j in chosen]
+    speeds = [_smooth_speed(logs[i].time, angle) for (i, _), angle in zip(chosen, angles)]
+    against: list[tuple[str, list[Floats]]] = [("angle θ [°]", angles), ("speed [°/s]", speeds)]
     if force is not None:
-        against.append((f"{force.name} [{force.si}]", []))
-    for i, j in chosen:
-        true = truths[i]
-        angle = np.rad2deg((after[i].angles if true is None else true)[:, j])
-        against[0][1].append(angle)
-        against[1][1].append(_smooth_speed(logs[i].time, angle))
-        if force is not None:
-            against[2][1].append(logs[i].channels[force.name])
+        against.append((f"{force.name} [{force.si}]", [logs[i].channels[force.name] for i, _ in chosen]))
     with figure(1, len(against), (7.2, 2.9), sharey=True) as (drawing, panels):
         for name, estimates, colour in (("before", before, 1), ("after", after, 0)):
             residuals = [_residuals(truths[i] if with_truth else None, estimates[i], j) for i, j in chosen]
@@ -106,14 +101,10 @@ def _draw_binned(axes: Axes, x: Floats, y: Floats, index: int, name: str) -> Non
     low, high = np.quantile(x, [0.005, 0.995])
     edges = np.linspace(low, high, BINS + 1) if high > low else np.array([low - 0.5, low + 0.5])
     number = np.clip(np.digitize(x, edges) - 1, 0, len(edges) - 2)
-    centres, middle = [], []
-    for k in range(len(edges) - 1):
-        inside = y[number == k]
-        if len(inside) >= FEWEST:
-            centres.append((edges[k] + edges[k + 1]) / 2)
-            middle.append(np.quantile(inside, [0.1, 0.5, 0.9]))
-    if not centres:
+    bins = [k for k in range(len(edges) - 1) if np.count_nonzero(number == k) >= FEWEST]
+    if not bins:
         return
-    table = np.array(middle)
-    axes.fill_between(centres, table[:, 0], table[:, 2], color=COLOURS[index], alpha=BAND_ALPHA, lw=0)
-    axes.plot(centres, table[:, 1], color=COLOURS[index], ls=DASHES[index], lw=1.4, marker="o", ms=2.5, label=name)
+    centres = [(edges[k] + edges[k + 1]) / 2 for k in bins]
+    lower, median, upper = np.transpose([np.quantile(y[number == k], [0.1, 0.5, 0.9]) for k in bins])
+    axes.fill_between(centres, lower, upper, color=COLOURS[index], alpha=BAND_ALPHA, lw=0)
+    axes.plot(centres, median, color=COLOURS[index], ls=DASHES[index], lw=1.4, marker="o", ms=2.5, label=name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from html import escape
 from importlib import resources
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.logs import Log
+from distal.reports.page import script_with
 from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, FAINT, INK, SOFT, WHITE, Estimate, from_start
 from distal.rig import Rig, Tendon
 
@@ -55,8 +55,7 @@ def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
         f"<figcaption>The joints as they are estimated{dashed}; fans are 95 % bands. Grey tendons have no sensor of their "
         "own. Drag to turn the view, click a curve to go to its time.</figcaption></figure>"
     )
-    packed = json.dumps(frames, separators=(",", ":")).replace("<", "\\u003c")
-    return picture, f"<script type='application/json' id='moving-data'>{packed}</script>\n<script>{script}</script>"
+    return picture, script_with("moving-data", frames, script)
 
 
 def chain_script() -> str:
@@ -70,10 +69,11 @@ def chain_shape(rig: Rig, most: float) -> dict[str, object]:
     Args:
         most: tension at the end of the scale of colours [N].
     """
+    parents = [-1 if (parent := rig.parent_of(j)) is None else parent for j in range(len(rig.joints))]
     return {
         "joints": [
-            {"parent": _parent(rig, j), "offset": joint.offset, "axis": joint.axis, "link": list(link)}
-            for j, (joint, link) in enumerate(zip(rig.joints, _links(rig)))
+            {"parent": parent, "offset": joint.offset, "axis": joint.axis, "link": list(link)}
+            for parent, joint, link in zip(parents, rig.joints, _links(rig))
         ],
         "tendons": [{"name": tendon.name, "crossings": _crossings(rig, tendon)} for tendon in rig.tendons],
         "most": most,
@@ -109,18 +109,13 @@ _STYLE = f"""
 """
 
 
-def _parent(rig: Rig, joint: int) -> int:
-    parent = rig.parent_of(joint)
-    return -1 if parent is None else parent
-
-
 def _links(rig: Rig) -> Floats:
     """Return where each link ends in its joint's frame [m]: at the joint that it carries, or twice as far as its mass."""
     arms = [abs(arm) for tendon in rig.tendons for arm in tendon.arms().values()]
     length = LENGTHS * max(arms, default=0.01)
     ends = np.tile([length, 0.0, 0.0], (len(rig.joints), 1))
     for j, joint in enumerate(rig.joints):
-        carried = [np.array(rig.joints[i].offset) for i in range(len(rig.joints)) if _parent(rig, i) == j]
+        carried = [np.array(rig.joints[i].offset) for i in range(len(rig.joints)) if rig.parent_of(i) == j]
         far = max(carried, key=lambda offset: float(np.linalg.norm(offset)), default=np.zeros(3))
         centre = np.zeros(3) if joint.link is None else 2 * np.array(joint.link.centre)
         axis = np.array(joint.axis)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -92,6 +93,12 @@ def html_table(columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: S
         for row in rows
     )
     return f"<div class='scroll'><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>"
+
+
+def script_with(name: str, table: Mapping[str, object], script: str) -> str:
+    """Return a script with the numbers that it reads, as JSON in an element of some name."""
+    packed = json.dumps(table, separators=(",", ":")).replace("<", "\\u003c")
+    return f"<script type='application/json' id='{name}'>{packed}</script>\n<script>{script}</script>"
 
 
 def make_folder(path: str | Path) -> Path:

@@ -11,8 +11,8 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.reports.drawing.arms import changing_arms, draw_curves, draw_table, table_width
-from distal.reports.drawing.drives import Lane, draw_capstan, draw_slider, drive_lines, glyph_width, motor_half
-from distal.reports.drawing.joints import draw_coupling, draw_joint, draw_link, draw_pin, joint_lines, scaled
+from distal.reports.drawing.drives import draw_capstan, draw_slider, drive_lines, glyph_width, motor_half
+from distal.reports.drawing.joints import draw_coupling, draw_joint, draw_link, draw_pin, joint_lines
 from distal.reports.drawing.pose import Stand, gravity_on_paper, stands
 from distal.reports.drawing.routes import Wheel
 from distal.reports.drawing.sheet import PITCH, SIZE, Line, Point, Sheet, width_of
@@ -43,26 +43,26 @@ def draw_rig(rig: Rig) -> Figure:
     largest = float(np.abs(arms).max()) or max(tendon.total_arm for tendon in rig.tendons) or 1e-2
     placed = stands(rig, largest)
     scale = _scale(rig, placed, largest)
+    placed = [stand.scaled(scale) for stand in placed]
     past = wheels(rig, placed, scale)
-    around = [_around(past, stand, scale) for stand in placed]
+    around = [_around(past, stand) for stand in placed]
     base = -around[0] - 0.3
     lines = [joint_lines(rig, j, stand.turn) for j, stand in enumerate(placed)]
-    _draw_base(sheet, placed, past, scale, base)
+    _draw_base(sheet, placed, past, base)
     for j, stand in enumerate(placed):
-        ends = [child.centre for child in placed if child.parent == j] or [stand.tip]
-        draw_link(sheet, stand, scale, [scaled(end, scale) for end in ends])
+        draw_link(sheet, stand, [child.centre for child in placed if child.parent == j] or [stand.tip])
     names = [joint.name for joint in rig.joints]
     for j, (joint, stand) in enumerate(zip(rig.joints, placed)):
         if joint.coupled is not None:
             leader = placed[names.index(joint.coupled.joint)]
-            draw_coupling(sheet, scaled(leader.centre, scale), scaled(stand.centre, scale), joint.coupled.ratio)
+            draw_coupling(sheet, leader.centre, stand.centre, joint.coupled.ratio)
         draw_joint(sheet, rig, j, stand, scale, around[j], lines[j])
     for i, tendon in enumerate(rig.tendons):
         if isinstance(tendon.meetings[-1].shape, Pinned):
             stand = placed[names.index(tendon.meetings[-1].joints[0])]
-            draw_pin(sheet, stand, past[i][-1].centre, scale)
+            draw_pin(sheet, stand, past[i][-1].centre)
     _draw_proximal(sheet, rig, placed, past, scale, base)
-    _write_joints(sheet, placed, lines, around, scale, base + 0.1)
+    _write_joints(sheet, placed, lines, around, base + 0.1)
     _finish(sheet, rig, arms, placed, scale)
     return sheet.figure
 
@@ -86,27 +86,25 @@ def _scale(rig: Rig, placed: Sequence[Stand], largest: float) -> float:
     return min(limits)
 
 
-def _around(past: Sequence[Sequence[Wheel]], stand: Stand, scale: float) -> float:
+def _around(past: Sequence[Sequence[Wheel]], stand: Stand) -> float:
     """Return the radius outside all pulleys of a joint, where its stops stand [in]."""
-    centre = scaled(stand.centre, scale)
     circles = [wheel for tendon in past for wheel in tendon]
-    radii = [wheel.radius for wheel in circles if wheel.centre == centre]
-    pins = [dist(wheel.centre, centre) for wheel in circles if not wheel.radius]
+    radii = [wheel.radius for wheel in circles if wheel.centre == stand.centre]
+    pins = [dist(wheel.centre, stand.centre) for wheel in circles if not wheel.radius]
     return max([*radii, *(pin for pin in pins if pin < 0.63), 0.12]) + 0.13
 
 
-def _draw_base(sheet: Sheet, placed: Sequence[Stand], past: Sequence[Sequence[Wheel]], scale: float, x: float) -> None:
+def _draw_base(sheet: Sheet, placed: Sequence[Stand], past: Sequence[Sequence[Wheel]], x: float) -> None:
     """Draw the wall that the first joints are held by, and the bars to them."""
     from matplotlib.patches import Rectangle
 
-    roots = [scaled(stand.centre, scale) for stand in placed if stand.parent is None]
+    roots = [stand.centre for stand in placed if stand.parent is None]
     heights = [tendon[0].point(0.0)[1] for tendon in past] + [root[1] for root in roots]
     low, high = min(heights) - 0.16, max(heights) + 0.16
     for root in roots:
-        sheet.bar([(x, root[1]), root], FAINT, 8.0, SOFT, order=0.8)
-    wall = Rectangle(
-        (x - 0.09, low), 0.09, high - low, facecolor=PALE, edgecolor=SOFT, hatch="//////", lw=0.0, zorder=1.2
-    )
+        sheet.bar([(x, root[1]), root], FAINT, 8.0, order=0.8)
+    look = {"facecolor": PALE, "edgecolor": SOFT, "hatch": "//////", "lw": 0.0, "zorder": 1.2}
+    wall = Rectangle((x - 0.09, low), 0.09, high - low, **look)
     sheet.patch(wall, (x - 0.09, low), (x, high))
     sheet.line([(x, low), (x, high)], INK, 1.2, zorder=1.3)
 
@@ -161,35 +159,26 @@ def _draw_proximal(
             begin = draw_slider(sheet, drive, lines, (left, centre), list(levels.values()), scale)
             starts = {i: Wheel((begin, level)) for i, level in levels.items()}
         for i, level in levels.items():
-            eye = (base - 0.045, heights[i])
-            draw_tendon(sheet, rig, i, Lane(starts[i], level), (left + 0.1, right), eye, past[i])
+            ends, eye = ((left + 0.1, level), (right, level)), (base - 0.045, heights[i])
+            draw_tendon(sheet, rig, i, starts[i], ends, eye, past[i])
 
 
 def _write_joints(
-    sheet: Sheet,
-    placed: Sequence[Stand],
-    lines: Sequence[Sequence[Line]],
-    around: Sequence[float],
-    scale: float,
-    left: float,
+    sheet: Sheet, placed: Sequence[Stand], lines: Sequence[Sequence[Line]], around: Sequence[float], left: float
 ) -> None:
     """Write of each joint above all of them, side by side, with a thin line down to it."""
-    centres = [scaled(stand.centre, scale) for stand in placed]
+    centres = [stand.centre for stand in placed]
     foot = max(centre[1] + a for centre, a in zip(centres, around)) + 0.36
-    order = sorted(range(len(placed)), key=lambda j: centres[j])
-    widths = {j: max(line.width for line in lines[j]) for j in order}
     places: dict[int, float] = {}
     free = left
-    for j in order:
+    for j in sorted(range(len(placed)), key=lambda j: centres[j]):
         places[j] = max(centres[j][0] - 0.1, free)
-        free = places[j] + widths[j] + 0.16
-    shift = float(np.mean([places[j] - (centres[j][0] - 0.1) for j in order]))
+        free = places[j] + max(line.width for line in lines[j]) + 0.16
+    shift = float(np.mean([place - (centres[j][0] - 0.1) for j, place in places.items()]))
     shift = min(shift, min(places.values()) - left)
-    for j in order:
-        x, (cx, cy) = places[j] - shift, centres[j]
-        sheet.line(
-            [(x - 0.05, foot + (len(lines[j]) - 0.5) * PITCH), (x - 0.05, foot - 0.1), (cx, cy)], SOFT, 0.5, zorder=0.5
-        )
+    for j, place in places.items():
+        x, top = place - shift, foot + (len(lines[j]) - 0.5) * PITCH
+        sheet.line([(x - 0.05, top), (x - 0.05, foot - 0.1), centres[j]], SOFT, 0.5, zorder=0.5)
         sheet.block((x, foot + (len(lines[j]) - 1) * PITCH), lines[j])
 
 

@@ -78,7 +78,7 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         f"Asked: joint {asked.joint} within ±{degrees(asked.within):.3g}° for {100 * asked.time:.3g} % of the time. "
         "Every rig as built is drawn from the standard deviations of the rig file; the estimator knows the rig file only."
     )
-    parts = [_STYLE, f"<p class='answer'>{escape(answer.sentence)}</p>", *_scenarios(plan, answer)]
+    parts = [_STYLE, f"<p class='answer'>{escape(answer.sentence)}</p>", *_scenarios(answer)]
     if answer.regions:
         parts += [heading("Where it is met"), _regions(answer)]
     if answer.influences:
@@ -101,7 +101,7 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         "cases": [asdict(case) for case in answer.worst],
         "colours": COLOURS,
         "cells": CELLS,
-        **_chosen(space.axes, answer.influences, points),
+        **_chosen(answer.influences, points),
     }
     packed = json.dumps(data, separators=(",", ":"), ensure_ascii=False).replace("</", "<\\/")
     script = resources.files("distal.reports").joinpath("study_page.js").read_text(encoding="utf-8")
@@ -111,13 +111,11 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     return folder / "index.html"
 
 
-def _scenarios(plan: Plan, answer: Answer) -> list[str]:
+def _scenarios(answer: Answer) -> list[str]:
     rows = [[escape(name), f"{part.met:,} of {part.rigs:,}", str(part)] for name, part in answer.scenarios.items()]
     measured = [[escape(WORDS[name]), f"{answer.measures[name]:.3g}"] for name in MEASURES]
-    return [
-        html_table(["scenario", "rigs that meet it", "share"], rows),
-        html_table(["mean over all runs", ""], measured, [1]),
-    ]
+    table = html_table(["scenario", "rigs that meet it", "share"], rows)
+    return [table, html_table(["mean over all runs", ""], measured, [1])]
 
 
 def _regions(answer: Answer) -> str:
@@ -191,9 +189,7 @@ def _numbers(values: NDArray[np.generic]) -> list[float | None]:
     return [float(f"{number:.4g}") if np.isfinite(number) else None for number in values.astype(np.float64)]
 
 
-def _chosen(
-    axes: Sequence[Axis], influences: Sequence[Influence], points: dict[str, dict[str, object]]
-) -> dict[str, list[str]]:
+def _chosen(influences: Sequence[Influence], points: dict[str, dict[str, object]]) -> dict[str, list[str]]:
     """Return which columns the charts show at first: those that matter most."""
     ranked = [influence.name for influence in influences if influence.name in points]
     order = [*ranked, *(name for name in points if name not in ranked and name not in WORDS), "within", "worst_deg"]

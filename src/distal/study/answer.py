@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
-from distal.control import ClosedLoop
-from distal.errors import DistalError, StudyError
-from distal.results import BAND, Estimate
+from distal.errors import StudyError
 from distal.rig import in_words
 from distal.study.description import Plan
-from distal.study.runs import BUILT, MEASURES, Task, run_tasks
+from distal.study.runs import BUILT, MEASURES, Task, curves_of, run_tasks
 from distal.study.space import ESTIMATOR, FEEDBACK, Axis, Space, Value
 from distal.study.storage import Columns
 
@@ -260,7 +258,7 @@ def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
         index, scenario = int(columns["design"][k]), plan.study.scenarios.index(str(columns["scenario"][k]))
         tasks.append(Task(index, space.design(index), int(columns["seed"][k]), scenario))
     for k, task, outcome in zip(order, tasks, run_tasks(plan, tasks, space)):
-        curves = _curves(outcome, plan.joint)
+        curves = curves_of(outcome, plan.joint)
         if curves is None:
             continue
         time, *angles = (curve[:: max(1, len(curves[0]) // POINTS)] for curve in curves)
@@ -271,15 +269,6 @@ def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
         traces = [time - time[0], *map(np.rad2deg, angles)]
         cases.append(Case(words, *([round(float(number), 3) for number in trace] for trace in traces)))
     return tuple(cases)
-
-
-def _curves(outcome: Estimate | ClosedLoop | DistalError, j: int) -> tuple[Floats, Floats, Floats, Floats] | None:
-    """Return time [s], true angle, estimate and half of the band [rad] of a run; None where there are none."""
-    if isinstance(outcome, ClosedLoop):
-        return outcome.time, outcome.angles[:, j], outcome.estimates[:, j], BAND * outcome.stds[:, j]
-    if isinstance(outcome, DistalError) or outcome.truths is None:
-        return None
-    return outcome.time, outcome.truths[:, j], outcome.angles[:, j], BAND * outcome.angle_stds[:, j]
 
 
 def _sentence(

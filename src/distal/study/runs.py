@@ -36,6 +36,7 @@ from distal.threads import one_blas_thread
 Lane = TypeVar("Lane")
 Cell = float | str | bool | None
 Rows = dict[str, list[Cell]]
+Outcome = Estimate | ClosedLoop | DistalError
 
 MEASURES = ("rms_deg", "worst_deg", "within", "inside", "half_band_deg")
 """What is measured of a run: RMS and largest error [°], shares of the time within the limit and inside the 95 % band, and
@@ -85,17 +86,21 @@ def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
         return rows
 
 
-def _row(plan: Plan, task: Task, outcome: Estimate | ClosedLoop | DistalError) -> dict[str, Cell]:
+def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
     asked, name = plan.study.requirement, plan.study.scenarios[task.scenario]
     row: dict[str, Cell] = {"design": task.index, "seed": task.seed, "scenario": name}
     row |= {path: setting if isinstance(setting, str) else float(setting) for path, setting in task.design.items()}
     row |= {f"{BUILT}{draw}": score for draw, score in scores(draws_of(plan.rig), _seeds(plan, task)).items()}
-    problem, met = "", False
-    if isinstance(outcome, DistalError) or (isinstance(outcome, Estimate) and outcome.truths is None):
+    curves, problem, met = curves_of(outcome, plan.joint), "", False
+    if curves is None:
         problem = str(outcome)
         row |= dict.fromkeys(MEASURES, float("nan"))
     else:
-        errors, wrong, half = _errors(outcome, plan.joint, asked.joint)
+        _, truth, estimate, half = curves
+        errors = wrong = np.abs(estimate - truth)
+        if isinstance(outcome, ClosedLoop) and asked.joint in outcome.references:
+            # in a closed loop it is the true angle that is asked for something, the reference
+            errors = np.abs(truth - outcome.references[asked.joint])
         within = float(np.mean(errors <= asked.within))
         rms, worst, width = np.rad2deg([np.sqrt(np.mean(errors**2)), errors.max(), half.mean()]).tolist()
         row |= dict(zip(MEASURES, (rms, worst, within, float(np.mean(wrong <= half)), width)))
@@ -104,18 +109,13 @@ def _row(plan: Plan, task: Task, outcome: Estimate | ClosedLoop | DistalError) -
     return row | {"met": met if is_asked else None, "problem": problem}
 
 
-def _errors(outcome: Estimate | ClosedLoop, j: int, name: str) -> tuple[Floats, Floats, Floats]:
-    """Return how far a joint is from what is asked of it, how wrong its estimate is, and half of its band [rad].
-
-    An estimate is asked for the true angle; in a closed loop the true angle is asked for the reference.
-    """
-    if isinstance(outcome, Estimate):
-        assert outcome.truths is not None
-        wrong = np.abs(outcome.angles[:, j] - outcome.truths[:, j])
-        return wrong, wrong, BAND * outcome.angle_stds[:, j]
-    wrong = np.abs(outcome.estimates[:, j] - outcome.angles[:, j])
-    away = np.abs(outcome.angles[:, j] - outcome.references[name]) if name in outcome.references else wrong
-    return away, wrong, BAND * outcome.stds[:, j]
+def curves_of(outcome: Outcome, j: int) -> tuple[Floats, Floats, Floats, Floats] | None:
+    """Return time [s], true angle, estimate and half of the band [rad] of a run; None where there are none."""
+    if isinstance(outcome, ClosedLoop):
+        return outcome.time, outcome.angles[:, j], outcome.estimates[:, j], BAND * outcome.stds[:, j]
+    if isinstance(outcome, DistalError) or outcome.truths is None:
+        return None
+    return outcome.time, outcome.truths[:, j], outcome.angles[:, j], BAND * outcome.angle_stds[:, j]
 
 
 def _seeds(plan: Plan, task: Task) -> tuple[int, int, int]:
@@ -124,14 +124,14 @@ def _seeds(plan: Plan, task: Task) -> tuple[int, int, int]:
 
 def run_tasks(
     plan: Plan, tasks: Sequence[Task], space: Space | None = None, homing: float | None = None
-) -> list[Estimate | ClosedLoop | DistalError]:
+) -> list[Outcome]:
     """Return the estimates or closed loops of some runs, or why there is none, in their order.
 
     Args:
         space: all designs, the first of which in each structure has the constants of its filters' kernel; None for any.
         homing: for how long the true angle is used [s], or None.
     """
-    outcomes: dict[int, Estimate | ClosedLoop | DistalError] = {}
+    outcomes: dict[int, Outcome] = {}
     rigs = [plan.rig.with_values({**s.set, **plan.study.set}) if s.set else plan.rig for s in plan.scenarios]
     setups: dict[tuple[int, int], _Setup | DistalError] = {}
     plants = dict[tuple[int, int, str], list[tuple[int, _Setup, Prepared]]]()
@@ -143,17 +143,16 @@ def run_tasks(
         if isinstance(setup, DistalError):
             outcomes[k] = setup
             continue
-        if plan.scenarios[task.scenario].control is not None:
+        if setup.scenario.control is not None:
             outcomes[k] = _closed(plan, setup, task)
             continue
         try:
-            built = setup.built(plan.scenarios[task.scenario], _seeds(plan, task))
+            built = setup.built(_seeds(plan, task))
         except DistalError as problem:
             outcomes[k] = problem
         else:
-            plants.setdefault((id(setup.kernel), len(built.inputs.effort), repr(built.dt)), []).append(
-                (k, setup, built)
-            )
+            structure = id(setup.kernel), len(built.inputs.effort), repr(built.dt)
+            plants.setdefault(structure, []).append((k, setup, built))
     runs, homed = dict[int, list[tuple[int, Run]]](), dict[int, Estimator]()
     for k, setup, log in _logs(plan, tasks, plants.values()):
         try:
@@ -181,7 +180,7 @@ def _closed(plan: Plan, setup: _Setup, task: Task) -> ClosedLoop | DistalError:
     plant = {**setup.drawn(_seeds(plan, task)), **setup.fixed}
     feedback = str(task.design[FEEDBACK]) if FEEDBACK in task.design else None
     try:
-        scenario = plan.scenarios[task.scenario].model_copy(update={"plant": plant})
+        scenario = setup.scenario.model_copy(update={"plant": plant})
         return closed_loop(setup.rig, scenario, _sensor_seed(plan, task), feedback=feedback)
     except DistalError as problem:
         return problem
@@ -207,6 +206,7 @@ class _Setup:
         timing: interval [s] and sub-steps.
     """
 
+    scenario: Scenario
     rig: Rig
     draws: tuple[Draw, ...]
     fixed: dict[str, object]
@@ -222,11 +222,11 @@ class _Setup:
         score = nominal if seed[-1] == NOMINAL else scores(self.draws, seed)
         return built_values(self.rig, self.draws, score)
 
-    def built(self, scenario: Scenario, seed: tuple[int, ...]) -> Prepared:
+    def built(self, seed: tuple[int, ...]) -> Prepared:
         """Return the scenario on one rig as built."""
         plant = Mechanism(self.rig.with_values({**self.drawn(seed), **self.fixed}), remembers=True)
-        start = equilibrium(plant, initial_angles(scenario, plant), self.inputs, resting_force(self.mechanism))
-        return Prepared(self.rig, scenario, plant, self.inputs, start, *self.timing)
+        start = equilibrium(plant, initial_angles(self.scenario, plant), self.inputs, resting_force(self.mechanism))
+        return Prepared(self.rig, self.scenario, plant, self.inputs, start, *self.timing)
 
 
 def _setup_of(plan: Plan, scenario_rig: Rig, task: Task, space: Space | None) -> _Setup | DistalError:
@@ -253,7 +253,7 @@ def _setup_of(plan: Plan, scenario_rig: Rig, task: Task, space: Space | None) ->
             runner = _KERNELS.filter(rig, family, _rigs(scenario_rig, space or ()))
     except DistalError as problem:
         return problem
-    return _Setup(rig, draws, fixed, mechanism, kernel, inputs, (dt, count), runner)
+    return _Setup(scenario, rig, draws, fixed, mechanism, kernel, inputs, (dt, count), runner)
 
 
 def _rigs(rig: Rig, designs: Iterable[Design]) -> Iterator[Rig]:

@@ -106,7 +106,7 @@ def _unit(rig: Rig, path: str) -> str:
     if keys.endswith(".shared.std"):
         number(rig, keys.removesuffix(".shared.std"))
         return ""
-    return number(rig, keys.removesuffix(".std") if keys.endswith(".std") else keys).quantity.si
+    return number(rig, keys.removesuffix(".std")).quantity.si
 
 
 def _check_smooth(rig: Rig, path: str) -> None:

@@ -118,7 +118,7 @@ def open_folder(plan: Plan, path: str | Path) -> Folder:
     except OSError as problem:
         raise OutputError(f"{folder}: cannot be made ({problem.strerror or problem})") from None
     label = folder / LABEL
-    texts = {"scenario", "problem"} | {name for name in plan.study.vary if name in (ESTIMATOR, FEEDBACK)}
+    texts = {"scenario", "problem"} | {ESTIMATOR, FEEDBACK} & plan.study.vary.keys()
     if label.exists():
         _check(label, plan)
     else:

@@ -163,5 +163,5 @@ def _judged(plan: Plan, option: Option) -> Suggestion:
             bands.append(np.mean(BAND * outcome.angle_stds[late, plan.joint]))
         else:
             squares.append(np.mean((outcome.angles - outcome.truths)[late, plan.joint] ** 2))
-    errors = np.array(squares, dtype=np.float64).reshape(len(plan.scenarios), PLANTS)
-    return Suggestion(option.words, float(np.mean(bands)), errors.mean(axis=0))
+    by_scenario = np.array(squares, dtype=np.float64).reshape(len(plan.scenarios), PLANTS)
+    return Suggestion(option.words, float(np.mean(bands)), by_scenario.mean(axis=0))

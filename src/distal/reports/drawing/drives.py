@@ -1,14 +1,15 @@
-"""Drives on paper: a motor with its spool, or a slider on its rail, in a column to the left of the joints."""
+"""Drives on paper: a motor with its spool, or a slider on its rail, in a column to the left of the joints.
+
+`lines` is what is written beside a drive, for its badges.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 from math import pi
 
 from distal.reports.drawing.measurands import sensor_lines
-from distal.reports.drawing.routes import Wheel
 from distal.reports.drawing.sheet import BADGE, Line, Point, Sheet, arc
 from distal.reports.drawing.units import interval, rounded, written
 from distal.results import FAINT, INK, PALE, SOFT, WHITE
@@ -24,14 +25,6 @@ TRAVEL = 0.4
 """A longer way between a slider's stops is drawn shorter [in]."""
 
 
-@dataclass(frozen=True)
-class Lane:
-    """The spool or the end at a carriage where a tendon leaves its drive, and at which height it goes on [in]."""
-
-    start: Wheel
-    height: float
-
-
 def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[Line]:
     """Return what is written beside a drive: name, sizes, sensors."""
     lines, unit = [Line(drive.name, bold=True)], "m"
@@ -45,7 +38,7 @@ def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[Line]:
         lines.append(Line(f"stops {interval(*drive.stops, unit)}"))
     if drive.backlash is not None:
         lines.append(Line(f"backlash {written(drive.backlash.width.value, unit)}"))
-    return [*lines, *sensor_lines(rig, drive.name, ("position", "force"), drive.kind)]
+    return [*lines, *sensor_lines(rig, drive.name, drive.kind)]
 
 
 def draw_capstan(sheet: Sheet, drive: Capstan, lines: Sequence[Line], at: Point, scale: float, way: int) -> None:
@@ -107,7 +100,8 @@ def draw_slider(
     sheet.box((zero - HALF, y - up), (zero + HALF, y + up), PALE, 2.5)
     if drive.stops:
         for edge, side in ((zero - factor * high - HALF, -1), (zero - factor * low + HALF, 1)):
-            sheet.box((min(edge, edge + 0.05 * side), y - 0.1), (max(edge, edge + 0.05 * side), y + 0.1), INK, 2.4)
+            start, end = sorted((edge, edge + 0.05 * side))
+            sheet.box((start, y - 0.1), (end, y + 0.1), INK, 2.4)
     badges = {line.badge for line in lines}
     if "U" in badges:
         sheet.badge((left + 0.2, y), "U")

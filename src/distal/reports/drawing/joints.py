@@ -1,4 +1,7 @@
-"""Joints on paper: pulleys, pins and cams at their radius, link, springs, stops, sensors, and what is written of them."""
+"""Joints on paper: pulleys, pins and cams at their radius, link, springs, stops, sensors, and what is written of them.
+
+Here a joint stands in inches, `scale` is in inches per metre, and `lines` is what is written of a joint, for its badges.
+"""
 
 from __future__ import annotations
 
@@ -50,8 +53,7 @@ def joint_lines(rig: Rig, index: int, turn: int) -> list[Line]:
     body = joint.link or joint.gravity
     if body is not None and not body.mass.absent:
         texts.append(f"link {written(body.mass.value, 'kg')}")
-    sensors = sensor_lines(rig, joint.name, ("angle", "torque"), "joint")
-    return [Line(joint.name, bold=True), *map(Line, texts), *sensors]
+    return [Line(joint.name, bold=True), *map(Line, texts), *sensor_lines(rig, joint.name, "joint")]
 
 
 def _sizes(rig: Rig, joint: Joint) -> list[str]:
@@ -81,24 +83,23 @@ def axis_name(axis: tuple[float, float, float]) -> str:
     return "(" + ", ".join(f"{part:.2g}" for part in axis).replace("-", "−") + ")"
 
 
-def draw_link(sheet: Sheet, stand: Stand, scale: float, ends: Sequence[Point]) -> None:
+def draw_link(sheet: Sheet, stand: Stand, ends: Sequence[Point]) -> None:
     """Draw the link that a joint turns.
 
     Args:
-        ends: the joints on it, or its tip [in]; where one is drawn away from its place, the link is dashed.
+        ends: the joints on it, or its tip [in].
     """
-    centre = scaled(stand.centre, scale)
     for end in ends:
-        sheet.bar([centre, end], PALE if stand.described else WHITE, LINK, SOFT, order=1.0)
+        sheet.bar([stand.centre, end], PALE if stand.described else WHITE, LINK, order=1.0)
     if stand.mass_at is None:
         return
     from matplotlib.patches import Wedge
 
-    at = scaled(stand.mass_at, scale)
-    sheet.disc(at, 0.05, WHITE, order=2.6)
-    sheet.take((at[0] - 0.05, at[1] - 0.05, at[0] + 0.05, at[1] + 0.05))
+    x, y = stand.mass_at
+    sheet.disc((x, y), 0.05, WHITE, order=2.6)
+    sheet.take((x - 0.05, y - 0.05, x + 0.05, y + 0.05))
     for start in (0, 180):
-        sheet.patch(Wedge(at, 0.05, start, start + 90, facecolor=INK, edgecolor="none", zorder=2.7))
+        sheet.patch(Wedge((x, y), 0.05, start, start + 90, facecolor=INK, edgecolor="none", zorder=2.7))
 
 
 def draw_coupling(sheet: Sheet, leader: Point, follower: Point, ratio: float) -> None:
@@ -111,11 +112,6 @@ def draw_coupling(sheet: Sheet, leader: Point, follower: Point, ratio: float) ->
         sheet.line([first.point(along), last.point(along)], INK, 0.9, ls=(0, (6, 2, 1, 2)), zorder=3.1)
 
 
-def scaled(point: Point, scale: float) -> Point:
-    """Return where a point of the rig [m] is on the sheet [in]."""
-    return point[0] * scale, point[1] * scale
-
-
 def draw_joint(
     sheet: Sheet, rig: Rig, index: int, stand: Stand, scale: float, around: float, lines: Sequence[Line]
 ) -> None:
@@ -124,8 +120,8 @@ def draw_joint(
     Args:
         around: radius at which stops and the angle's arrow stand [in].
     """
-    joint, centre = rig.joints[index], scaled(stand.centre, scale)
-    _draw_wheels(sheet, rig, index, stand, scale)
+    joint, centre = rig.joints[index], stand.centre
+    _draw_wheels(sheet, rig, joint, stand, scale)
     axle = scale * joint.friction.radius.value if joint.friction is not None else 0.0
     sheet.disc(centre, max(axle, 0.04), FAINT, SOFT, order=2.8)
     sheet.disc(centre, 0.022, INK, order=2.9)
@@ -146,7 +142,7 @@ def draw_joint(
         sheet.disc(on_link, 0.03, WHITE, order=3.3)
         sheet.disc(on_base, 0.03, INK, order=3.3)
     if joint.stops is not None:
-        _draw_stops(sheet, joint.stops, centre, stand, around)
+        _draw_stops(sheet, joint.stops, stand, around)
     first = stand.towards + stand.turn * 0.30 * min(1.0, 0.3 / around)
     last = stand.towards + stand.turn * max(0.75 * min(1.0, 0.4 / around), 0.5)
     sheet.arrow(arc(centre, around, first, last), INK)
@@ -158,11 +154,11 @@ def draw_joint(
         sheet.badge(on_circle(centre, max(0.5 * around, 2.2 * BADGE), stand.towards), "τ")
 
 
-def _draw_stops(sheet: Sheet, stops: tuple[float, float], centre: Point, stand: Stand, around: float) -> None:
+def _draw_stops(sheet: Sheet, stops: tuple[float, float], stand: Stand, around: float) -> None:
     """Draw the range of a joint as an arc between two blocks, which the middle of its link meets there."""
     from matplotlib.patches import Wedge
 
-    low, high = (stand.towards + stand.turn * angle for angle in stops)
+    centre, (low, high) = stand.centre, (stand.towards + stand.turn * angle for angle in stops)
     sheet.line(arc(centre, around, low, high), SOFT, 0.7, ls=(0, (4, 2)), zorder=2.95)
     for angle, outwards, stop in ((low, -stand.turn, stops[0]), (high, stand.turn, stops[1])):
         sheet.line([centre, on_circle(centre, around, angle)], SOFT, 0.5, ls=(0, (4, 2)), zorder=2.95)
@@ -173,24 +169,23 @@ def _draw_stops(sheet: Sheet, stops: tuple[float, float], centre: Point, stand: 
         sheet.write_near(on_circle(centre, around + 0.13, angle), out, written(stop, "rad"))
 
 
-def _draw_wheels(sheet: Sheet, rig: Rig, index: int, stand: Stand, scale: float) -> None:
+def _draw_wheels(sheet: Sheet, rig: Rig, joint: Joint, stand: Stand, scale: float) -> None:
     """Draw a joint's pulleys, largest first; cams and polynomials with the arm that they have there."""
-    joint, centre = rig.joints[index], scaled(stand.centre, scale)
     meetings = meetings_at(rig, joint)
     wheels = dict.fromkeys((m.shape.kind, round(abs(m.arms({})[joint.name]) * scale, 4)) for m in meetings)
     for kind, size in sorted(wheels, key=lambda wheel: -wheel[1]):
         if kind == "pulley":
-            sheet.disc(centre, size, PALE, SOFT, order=2.0, lw=0.8)
+            sheet.disc(stand.centre, size, PALE, SOFT, order=2.0, lw=0.8)
         elif kind != "linkage":
-            sheet.disc(centre, size, "none", SOFT, order=2.05, ls=(0, (2, 2)))
+            sheet.disc(stand.centre, size, "none", SOFT, order=2.05, ls=(0, (2, 2)))
     cams = [meeting for meeting in meetings if isinstance(meeting.shape, Linkage)]
     if cams:
-        _draw_cam(sheet, joint, cams, centre, stand, scale)
+        _draw_cam(sheet, joint, cams, stand, scale)
     if not meetings:
-        sheet.disc(centre, 0.12, PALE, SOFT)
+        sheet.disc(stand.centre, 0.12, PALE, SOFT)
 
 
-def _draw_cam(sheet: Sheet, joint: Joint, cams: Sequence[Meeting], centre: Point, stand: Stand, scale: float) -> None:
+def _draw_cam(sheet: Sheet, joint: Joint, cams: Sequence[Meeting], stand: Stand, scale: float) -> None:
     """Draw a pulley that is not round: at each place the arm of the angle at which a tendon leaves it there."""
     from matplotlib.patches import Polygon
 
@@ -211,13 +206,13 @@ def _draw_cam(sheet: Sheet, joint: Joint, cams: Sequence[Meeting], centre: Point
     terms, penalty = series(np.array(places)), np.diag([0.0, *np.repeat(0.03 * orders**2, 2)])
     weights = np.linalg.solve(terms.T @ terms + penalty, terms.T @ np.array(arms))
     round_about = np.linspace(0.0, 2 * pi, 181)
-    points = [on_circle(centre, scale * r, a) for a, r in zip(round_about, series(round_about) @ weights)]
+    points = [on_circle(stand.centre, scale * r, a) for a, r in zip(round_about, series(round_about) @ weights)]
     sheet.patch(Polygon(points, facecolor=PALE, edgecolor=SOFT, lw=0.8, zorder=2.0), *points)
 
 
-def draw_pin(sheet: Sheet, stand: Stand, pin: Point, scale: float) -> None:
+def draw_pin(sheet: Sheet, stand: Stand, pin: Point) -> None:
     """Draw the lever to a pin that a tendon ends at [in]."""
-    sheet.bar([scaled(stand.centre, scale), pin], FAINT, 6.0, SOFT, order=2.1)
+    sheet.bar([stand.centre, pin], FAINT, 6.0, order=2.1)
     sheet.disc(pin, 0.035, WHITE, order=4.4)
 
 
@@ -225,12 +220,9 @@ def coil(start: Point, end: Point) -> list[Point]:
     """Return a spring as a zigzag between two points, 0.06 in to each side [in]."""
     length = dist(start, end) or 1.0
     teeth = max(6, 2 * round(length / 0.16))
-    along = ((end[0] - start[0]) / length, (end[1] - start[1]) / length)
+    (x, y), along = start, ((end[0] - start[0]) / length, (end[1] - start[1]) / length)
     middle = [(0.1 + 0.8 * ((k + 0.5) / teeth), (-1) ** k * 0.06) for k in range(teeth)]
     return [
-        (
-            start[0] + share * length * along[0] - aside * along[1],
-            start[1] + share * length * along[1] + aside * along[0],
-        )
+        (x + share * length * along[0] - aside * along[1], y + share * length * along[1] + aside * along[0])
         for share, aside in [(0.0, 0.0), *middle, (1.0, 0.0)]
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
@@ -20,7 +20,7 @@ STUB = 2.6
 
 @dataclass(frozen=True)
 class Stand:
-    """Where a joint stands, in metres on paper; x points to the right, y up.
+    """Where a joint stands on paper, in metres, or in inches once it is scaled; x points to the right, y up.
 
     Args:
         centre: its axis.
@@ -46,6 +46,12 @@ class Stand:
     def tip(self) -> Point:
         """The end of its link."""
         return self.centre[0] + self.reach * cos(self.towards), self.centre[1] + self.reach * sin(self.towards)
+
+    def scaled(self, scale: float) -> Stand:
+        """Return it in other units of length."""
+        centre = scale * self.centre[0], scale * self.centre[1]
+        mass_at = None if self.mass_at is None else (scale * self.mass_at[0], scale * self.mass_at[1])
+        return replace(self, centre=centre, mass_at=mass_at, reach=scale * self.reach)
 
 
 View = tuple[Floats, Floats, int]

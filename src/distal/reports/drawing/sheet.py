@@ -8,7 +8,7 @@ from functools import lru_cache
 from math import cos, hypot, sin
 from typing import TYPE_CHECKING
 
-from distal.results import INK, WHITE, figure, styled
+from distal.results import INK, SOFT, WHITE, figure, styled
 from distal.results.style import plain
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ class Sheet:
         self.write(place, text, ha=ha, clear=True)
 
     def block(self, at: Point, lines: Sequence[Line]) -> None:
-        """Write lines below one another, the first one's middle line from a point to the right."""
+        """Write lines below one another, from the left end of the first one's middle line."""
         for k, line in enumerate(lines):
             x, y = at[0], at[1] - k * PITCH
             if line.badge:
@@ -166,7 +166,7 @@ class Sheet:
         xs, ys = zip(*points)
         self.axes.plot(xs, ys, color=colour, lw=width, **{"solid_joinstyle": "round", "dash_capstyle": "butt", **look})
 
-    def bar(self, points: Sequence[Point], colour: str, width: float, edge: str = INK, order: float = 1.0) -> None:
+    def bar(self, points: Sequence[Point], colour: str, width: float, order: float) -> None:
         """Draw a bar with round ends and a thin edge.
 
         Args:
@@ -174,11 +174,11 @@ class Sheet:
             width: [pt].
             order: what is higher lies in front.
         """
-        self.line(points, edge, width + 1.2, solid_capstyle="round", zorder=order)
+        self.line(points, SOFT, width + 1.2, solid_capstyle="round", zorder=order)
         self.line(points, colour, width, solid_capstyle="round", zorder=order + 0.05)
 
     def patch(self, shape: Patch, *corners: Point) -> None:
-        """Put a shape on the sheet, which its corners stay inside."""
+        """Put a shape on the sheet, and keep its corners inside."""
         self.axes.add_patch(shape)
         if corners:
             self.reserve(*corners)
@@ -186,7 +186,7 @@ class Sheet:
     def disc(
         self, centre: Point, radius: float, colour: str, edge: str = INK, order: float = 2.0, **look: object
     ) -> None:
-        """Draw a circle; of a higher order it lies further in front, and `look` are more properties of a `Circle`."""
+        """Draw a circle; a higher order lies in front, and `look` are more properties of matplotlib's `Circle`."""
         from matplotlib.patches import Circle
 
         x, y = centre
@@ -194,7 +194,7 @@ class Sheet:
         self.patch(shape, (x - radius, y - radius), (x + radius, y + radius))
 
     def box(self, low: Point, high: Point, colour: str, order: float) -> None:
-        """Draw a rectangle between its corner left and below and that right and above."""
+        """Draw a rectangle by its corners left and below, and right and above; a higher order lies in front."""
         from matplotlib.patches import Rectangle
 
         width, height = high[0] - low[0], high[1] - low[1]

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from distal.reports.drawing.drives import Lane
-from distal.reports.drawing.joints import coil, scaled
+from distal.reports.drawing.joints import coil
 from distal.reports.drawing.measurands import sensor_lines
 from distal.reports.drawing.pose import Stand
 from distal.reports.drawing.routes import WRAP, Wheel, route
 from distal.reports.drawing.sheet import PITCH, SIZE, Line, Point, Sheet, width_of
 from distal.reports.drawing.units import rounded, written
-from distal.results import COLOURS, DASHES, SOFT, WHITE
+from distal.results import COLOURS, DASHES, WHITE
 from distal.rig import Linkage, Pinned, Rig, Tendon
 
 BESIDE = 0.026
@@ -23,7 +22,12 @@ SPRING = 0.46
 
 
 def wheels(rig: Rig, stands: Sequence[Stand], scale: float) -> list[list[Wheel]]:
-    """Return the circles and pins that each tendon goes past, from the base outwards [in]."""
+    """Return the circles and pins that each tendon goes past, from the base outwards [in].
+
+    Args:
+        stands: [in].
+        scale: [in/m].
+    """
     names = [joint.name for joint in rig.joints]
     taken: dict[tuple[int, int, int], int] = {}
     past = []
@@ -35,7 +39,7 @@ def wheels(rig: Rig, stands: Sequence[Stand], scale: float) -> list[list[Wheel]]
                 stand = stands[j]
                 # what pulls counter-clockwise goes round clockwise on its way outwards
                 way = -stand.turn if arm >= 0 else stand.turn
-                wheel = Wheel(scaled(stand.centre, scale), abs(arm) * scale, way)
+                wheel = Wheel(stand.centre, abs(arm) * scale, way)
                 if isinstance(meeting.shape, Pinned):
                     wheel = Wheel(wheel.point(0.0 if stand.parent is None else stands[stand.parent].towards))
                 else:
@@ -58,37 +62,38 @@ def tendon_lines(rig: Rig, tendon: Tendon) -> list[Line]:
     if tendon.path is not None:
         kind = "sheath" if tendon.path.nodes else "guides"
         lines.append(Line(f"{kind} {written(tendon.path.wrap.value, 'rad')}, μ {rounded(tendon.path.friction.value)}"))
-    return [*lines, *sensor_lines(rig, tendon.name, ("tension",), "tendon")]
+    return [*lines, *sensor_lines(rig, tendon.name, "tendon")]
 
 
 def draw_tendon(
-    sheet: Sheet, rig: Rig, index: int, lane: Lane, span: tuple[float, float], eye: Point, past: Sequence[Wheel]
+    sheet: Sheet, rig: Rig, index: int, start: Wheel, level: tuple[Point, Point], eye: Point, past: Sequence[Wheel]
 ) -> None:
     """Draw a tendon with its spring, its name above it and its numbers below.
 
     Args:
-        span: left and right end of the part that is level [in].
+        start: the spool that it is wound on, or its end at a carriage.
+        level: left and right end of the part that is level [in].
         eye: where it goes through the base [in].
         past: the circles and pins after that.
     """
     tendon = rig.tendons[index]
     colour, dash = COLOURS[index % len(COLOURS)], DASHES[index % len(DASHES)]
-    (left, right), y = span, lane.height
+    (left, y), (right, _) = level
     lines = tendon_lines(rig, tendon)
     middle = (left + right) / 2
     proximal, distal = (middle - SPRING / 2, y), (middle + SPRING / 2, y)  # ends of the spring
     wrap = 0.35 if isinstance(tendon.meetings[-1].shape, Linkage) else WRAP
-    start = route([lane.start, Wheel((left, y))], 0.0)
-    if lane.start.radius:  # what is wound on the spool
-        start = [*(lane.start.point(-lane.start.way * 0.1 * k) for k in reversed(range(14))), *start]
+    begin = route([start, Wheel((left, y))], 0.0)
+    if start.radius:  # what is wound on the spool
+        begin = [*(start.point(-start.way * 0.1 * k) for k in reversed(range(14))), *begin]
     end = [distal, (right, y), *route([Wheel(eye), *past], wrap)]
-    for way in ([*start, proximal], end):
+    for way in ([*begin, proximal], end):
         # paper on both sides, so that it is seen which of two that cross is in front
         sheet.line(way, WHITE, 2.8, zorder=3.9, solid_capstyle="butt")
         sheet.line(way, colour, 1.5, ls=dash, zorder=4.0)
     sheet.line(coil(proximal, distal), colour, 1.3, zorder=4.0)
     if tendon.path is not None and tendon.path.nodes:
-        sheet.bar([(right - 0.1, y), (right, y), (eye[0] - 0.05, eye[1])], WHITE, 4.5, SOFT, order=3.7)
+        sheet.bar([(right - 0.1, y), (right, y), (eye[0] - 0.05, eye[1])], WHITE, 4.5, order=3.7)
     if past[-1].radius:
         sheet.disc(end[-1], 0.032, colour, colour, order=4.3)
     sheet.disc(eye, 0.028, WHITE, order=4.4)
