@@ -67,11 +67,11 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
         OutputError: the file cannot be written.
     """
     module = lab_module(rig, estimator)
-    data = _data(rig, module, estimator, source)
+    constants = _constants(rig, module, estimator, source)
     parts = [
         f"<style>{_resource('lab.css')}</style>",
-        _body(rig, module, data, estimator),
-        script_with("lab-data", data, chain_script() + _resource("lab.js")),
+        _body(rig, module, constants, estimator),
+        script_with("lab-data", constants, chain_script() + _resource("lab.js")),
     ]
     lead = (
         "The rig moves in your browser, and a filter says where its joints are from what its motors measure. Change what "
@@ -81,7 +81,7 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
     return Path(path)
 
 
-def _data(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str, Any]:
+def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str, Any]:
     """Return what the page's script needs to know of a rig."""
     plant, mechanism = module.plant, module.plant.plant
     n, nj = mechanism.n_bodies, mechanism.n_joints
@@ -178,12 +178,12 @@ def _largest_load(rig: Rig, tensions: Floats) -> float:
     return float(f"{max(0.5 * max(held, default=0.0), 1e-3):.1g}")
 
 
-def _body(rig: Rig, module: LabModule, data: dict[str, Any], estimator: str) -> str:
+def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str) -> str:
     """Return the page's HTML."""
-    most, joints = data["loadMost"], [escape(joint.name) for joint in rig.joints]
+    most, joints = constants["loadMost"], [escape(joint.name) for joint in rig.joints]
     sliders = []
     for name, label in LABELS.items():
-        present = bool(data["factors"][name]) or (name == "pretension" and any(data["effort"]))
+        present = bool(constants["factors"][name]) or (name == "pretension" and any(constants["effort"]))
         reach = 0.3 if name == "arm" else 2.0  # a power of two
         sliders.append(_slider(name, label, (-reach, reach, 0.0), "×", "data-log", not present))
     sliders.append(_slider("load", "torque on the joint in the curves", (-most, most, 0.0), "N m"))
@@ -197,7 +197,7 @@ def _body(rig: Rig, module: LabModule, data: dict[str, Any], estimator: str) -> 
     blanks = {
         "experiments": "".join(
             f"<button type='button' data-set='{escape(json.dumps(settings))}' data-why='{escape(why)}'>{name}</button>"
-            for name, settings, why in _experiments(data)
+            for name, settings, why in _experiments(constants)
         ),
         "scale": tension_scale("<span id='most'></span> N"),
         "rows": "".join(
@@ -211,10 +211,11 @@ def _body(rig: Rig, module: LabModule, data: dict[str, Any], estimator: str) -> 
         "blue": COLOURS[0],
         "estimator": escape(estimator),
         "plain": plain if module.inextensible else "",
-        "torque": torque if data["torques"] else "",
+        "torque": torque if constants["torques"] else "",
         "sliders": "".join(sliders),
         "dead": "".join(
-            f"<label><input type='checkbox' id='dead-{i}'> {escape(data['sensors'][i])}</label>" for i in data["read"]
+            f"<label><input type='checkbox' id='dead-{i}'> {escape(constants['sensors'][i])}</label>"
+            for i in constants["read"]
         ),
         "motion": motion,
     }
@@ -237,7 +238,7 @@ def _slider(
     )
 
 
-def _experiments(data: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
+def _experiments(constants: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
     """Return what can be tried with a rig: a name, the settings, and what to look at."""
     experiments: list[tuple[str, dict[str, Any], str]] = [
         (
@@ -257,7 +258,7 @@ def _experiments(data: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
         ),
         (
             "Hang a load on",
-            {"load": 0.6 * data["loadMost"]},
+            {"load": 0.6 * constants["loadMost"]},
             "A constant torque pulls the joint. If the rig file allows no torque from outside, the filter takes it for "
             "friction or for something else.",
         ),
@@ -269,10 +270,10 @@ def _experiments(data: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
         ),
         (
             "Unplug a sensor",
-            {"dead": data["read"][:1]},
+            {"dead": constants["read"][:1]},
             "The first sensor is dead. After half a second the health says so, and the band grows: what the sensor told is "
             "not known any more.",
         ),
     ]
-    factors = data["factors"]
+    factors = constants["factors"]
     return [experiment for experiment in experiments if all(factors.get(name, [0]) for name in experiment[1])]

@@ -96,14 +96,14 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     if answer.problems:
         rows = [[escape(text), str(count)] for text, count in list(answer.problems.items())[:SHOWN]]
         parts += [heading("Runs that failed"), html_table(["why", "runs"], rows, [1])]
-    data = {
+    charts = {
         "columns": points,
         "cases": [asdict(case) for case in answer.worst],
         "colours": COLOURS,
         "cells": CELLS,
         **_chosen(answer.influences, points),
     }
-    packed = json.dumps(data, separators=(",", ":"), ensure_ascii=False).replace("</", "<\\/")
+    packed = json.dumps(charts, separators=(",", ":"), ensure_ascii=False).replace("</", "<\\/")
     script = resources.files("distal.reports").joinpath("study_page.js").read_text(encoding="utf-8")
     parts.append(f"<script type='application/json' id='study-data'>{packed}</script>\n<script>\n{script}</script>")
     tables = json.dumps(asdict(answer), indent=2, ensure_ascii=False) + "\n"

@@ -62,11 +62,7 @@ def draw_capstan(sheet: Sheet, drive: Capstan, lines: Sequence[Line], at: Point,
         sheet.disc((x + a * (half - 0.055), y + b * (half - 0.055)), 0.018, WHITE, SOFT, order=1.6)
     sheet.disc(at, scale * drive.radius.value, PALE, order=2.0)
     sheet.disc(at, 0.03, INK, order=2.2)
-    badges = {line.badge for line in lines}
-    if "φ" in badges:
-        sheet.badge(at, "φ")
-    if "τ" in badges:
-        sheet.badge((x - half, y - half), "τ")
+    sheet.mark(lines, {"φ": at, "τ": (x - half, y - half)})
     sheet.arrow(arc(at, half + 0.1, pi - 0.5 * way, pi + 0.5 * way), SOFT)
     sheet.write((x - half - 0.17, y), "+φ", colour=SOFT, ha="right")
 
@@ -102,11 +98,7 @@ def draw_slider(
         for edge, side in ((zero - factor * high - HALF, -1), (zero - factor * low + HALF, 1)):
             start, end = sorted((edge, edge + 0.05 * side))
             sheet.box((start, y - 0.1), (end, y + 0.1), INK, 2.4)
-    badges = {line.badge for line in lines}
-    if "U" in badges:
-        sheet.badge((left + 0.2, y), "U")
-    if "x" in badges:
-        sheet.badge((zero, y - up), "x")
+    sheet.mark(lines, {"U": (left + 0.2, y), "x": (zero, y - up)})
     sheet.arrow([(zero + 0.05, y + up + 0.07), (zero - 0.2, y + up + 0.07)], SOFT)
     sheet.write((zero - 0.28, y + up + 0.07), "+x", colour=SOFT, ha="right")
     return zero + HALF

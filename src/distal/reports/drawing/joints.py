@@ -147,11 +147,7 @@ def draw_joint(
     last = stand.towards + stand.turn * max(0.75 * min(1.0, 0.4 / around), 0.5)
     sheet.arrow(arc(centre, around, first, last), INK)
     sheet.write_near(on_circle(centre, around + 0.1, last), (cos(last), sin(last)), "+θ")
-    badges = {line.badge for line in lines}
-    if "θ" in badges:
-        sheet.badge(centre, "θ")
-    if "τ" in badges:
-        sheet.badge(on_circle(centre, max(0.5 * around, 2.2 * BADGE), stand.towards), "τ")
+    sheet.mark(lines, {"θ": centre, "τ": on_circle(centre, max(0.5 * around, 2.2 * BADGE), stand.towards)})
 
 
 def _draw_stops(sheet: Sheet, stops: tuple[float, float], stand: Stand, around: float) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import cos, hypot, sin
@@ -154,6 +154,12 @@ class Sheet:
         """Mark a sensor: a small circle with the letter of what it measures."""
         self.disc(at, BADGE - 0.016, WHITE, order=8.0)
         self.write(at, letter, size=5.5, ha="center")
+
+    def mark(self, lines: Sequence[Line], places: Mapping[str, Point]) -> None:
+        """Repeat the badges of some lines on the part that they are of, each in its place there."""
+        for letter, at in places.items():
+            if any(line.badge == letter for line in lines):
+                self.badge(at, letter)
 
     def line(self, points: Sequence[Point], colour: str = INK, width: float = 0.8, **look: object) -> None:
         """Draw a line through points.

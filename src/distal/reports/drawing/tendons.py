@@ -97,8 +97,7 @@ def draw_tendon(
     if past[-1].radius:
         sheet.disc(end[-1], 0.032, colour, colour, order=4.3)
     sheet.disc(eye, 0.028, WHITE, order=4.4)
-    if any(line.badge for line in lines):
-        sheet.badge(((distal[0] + right) / 2, y), "T")
+    sheet.mark(lines, {"T": ((distal[0] + right) / 2, y)})
     sheet.write((middle, y + 0.135), tendon.name, bold=True, ha="center")
     for k, line in enumerate(lines):
         sheet.block((middle - line.width / 2, y - 0.135 - k * PITCH), [line])
