@@ -24,17 +24,14 @@ class LabModule:
     """A rig's plant and filters as one module.
 
     Args:
-        code: the module.
-        plant: its plant.
-        filter: its filter.
-        told: names of what `lab_step` leaves in the array of the estimates, in order.
+        outputs: names of what `lab_step` leaves in the array of the estimates, in order.
         inextensible: whether the angles of inextensible tendons are among them.
     """
 
     code: bytes
     plant: ExportedPlant
     filter: Exported
-    told: tuple[str, ...]
+    outputs: tuple[str, ...]
     inextensible: bool
 
 
@@ -49,17 +46,14 @@ def check_ziglang() -> None:
 
 
 def lab_module(rig: Rig, estimator: str = "adaptive") -> LabModule:
-    """Return plant, sensors and filters of a rig as a WebAssembly module.
-
-    Args:
-        rig: the description; the plant begins with its values.
+    """Return plant, sensors and filters of a rig as a WebAssembly module; the plant begins with the rig's values.
 
     Raises:
         ExportError: ziglang is not installed or failed, or the plant or the filter has no C.
         EstimationError: the estimator cannot run on this rig.
     """
     check_ziglang()
-    plant, made = c_plant(rig, "plant"), c_filter(rig, estimator, name="filter")
+    plant, filter_ = c_plant(rig, "plant"), c_filter(rig, estimator, name="filter")
     try:
         plain: Exported | None = c_filter(rig, "inextensible", name="plain")
     except EstimationError:
@@ -76,26 +70,29 @@ def lab_module(rig: Rig, estimator: str = "adaptive") -> LabModule:
             "told": "\n".join(f"  told[{i}] = {field};" for i, field in enumerate(fields)),
             "n_told": str(len(names)),
             "health": str(len(fields)),
-            "channels": ", ".join(str(plant.sensors.index(channel)) for channel in made.channels),
+            "channels": _channels(plant, filter_),
             "plain": _plain(rig, plain, plant, len(fields) + 1),
             "include_plain": '#include "plain.h"' if plain is not None else "",
         },
     )
     files = {"lab.c": source}
-    parts: list[Exported | ExportedPlant] = [plant, made, *([plain] if plain is not None else [])]
-    for each in parts:
-        files |= {f"{each.name}.h": each.header, f"{each.name}.c": each.source}
-    return LabModule(_compiled(files), plant, made, tuple(names), plain is not None)
+    exports: list[Exported | ExportedPlant] = [plant, filter_, *([plain] if plain is not None else [])]
+    for export in exports:
+        files |= {f"{export.name}.h": export.header, f"{export.name}.c": export.source}
+    return LabModule(_compiled(files), plant, filter_, tuple(names), plain is not None)
 
 
 def _plain(rig: Rig, plain: Exported | None, plant: ExportedPlant, at: int) -> str:
     """Return the C of the estimate by inextensible tendons, or of nothing."""
     if plain is None:
         return "static void follow(int begins) { (void)begins; }"
-    told = "\n".join(f"  told[{at + i}] = out.{field};" for i, (field, _) in enumerate(angle_fields(rig)))
-    return filled(
-        _PLAIN, {"channels": ", ".join(str(plant.sensors.index(channel)) for channel in plain.channels), "told": told}
-    )
+    outputs = "\n".join(f"  told[{at + i}] = out.{field};" for i, (field, _) in enumerate(angle_fields(rig)))
+    return filled(_PLAIN, {"channels": _channels(plant, plain), "told": outputs})
+
+
+def _channels(plant: ExportedPlant, exported: Exported) -> str:
+    """Return which of the plant's sensors a filter reads, as the values of an array in C."""
+    return ", ".join(str(plant.sensors.index(channel)) for channel in exported.channels)
 
 
 def _compiled(files: dict[str, str]) -> bytes:
@@ -110,8 +107,8 @@ def _compiled(files: dict[str, str]) -> bytes:
         except (OSError, subprocess.SubprocessError) as problem:
             raise ExportError(f"ziglang did not run ({type(problem).__name__})") from None
         if done.returncode != 0:
-            said = done.stderr.strip().splitlines() or ["no message"]
-            raise ExportError(f"ziglang failed: {next((line for line in said if 'error' in line), said[0])}")
+            lines = done.stderr.strip().splitlines() or ["no message"]
+            raise ExportError(f"ziglang failed: {next((line for line in lines if 'error' in line), lines[0])}")
         return Path(folder, "lab.wasm").read_bytes()
 
 

@@ -20,7 +20,7 @@ from distal.export.plant import ExportedPlant, resting_pull
 from distal.lab.module import LabModule, lab_module
 from distal.logs import write_whole
 from distal.reports.moving import chain_script, chain_shape, tension_scale
-from distal.reports.page import page
+from distal.reports.page import page, script_with
 from distal.results import COLOURS
 from distal.rig import Rig, angle_names, log_factor, std_name
 from distal.run.watch import HEALTH
@@ -42,12 +42,7 @@ FACTORS = {
 }
 """The plant's numbers that a slider multiplies."""
 
-LABELS = {
-    "friction": "friction",
-    "stiffness": "tendon stiffness",
-    "pretension": "pre-tension",
-    "arm": "moment arms",
-}
+LABELS = {"friction": "friction", "stiffness": "tendon stiffness", "pretension": "pre-tension", "arm": "moment arms"}
 
 SWING = 0.5
 """A joint without stops swings so far to both sides [rad]."""
@@ -72,13 +67,11 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
         OutputError: the file cannot be written.
     """
     module = lab_module(rig, estimator)
-    data = _data(rig, module, estimator, source)
-    script = chain_script() + _resource("lab.js")
-    packed = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+    constants = _constants(rig, module, estimator, source)
     parts = [
         f"<style>{_resource('lab.css')}</style>",
-        _body(rig, module, data, estimator),
-        f"<script type='application/json' id='lab-data'>{packed}</script>\n<script>{script}</script>",
+        _body(rig, module, constants, estimator),
+        script_with("lab-data", constants, chain_script() + _resource("lab.js")),
     ]
     lead = (
         "The rig moves in your browser, and a filter says where its joints are from what its motors measure. Change what "
@@ -88,16 +81,11 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
     return Path(path)
 
 
-def _data(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str, Any]:
-    """Return what the page's script needs to know of a rig.
-
-    Args:
-        source: how the rig is called on the command line.
-    """
-    plant, made = module.plant, module.plant.plant
-    n, nj = made.n_bodies, made.n_joints
-    tensions = module.plant.first[2 * n : 2 * n + made.n_tendons]
-    most = _largest_load(rig, tensions)
+def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str, Any]:
+    """Return what the page's script needs to know of a rig."""
+    plant, mechanism = module.plant, module.plant.plant
+    n, nj = mechanism.n_bodies, mechanism.n_joints
+    most = _largest_load(rig, plant.first[2 * n : 2 * n + mechanism.n_tendons])
     sensors = [next(s for s in rig.sensors if s.name == name) for name in plant.sensors]
     runner = make_estimator(estimator, rig, compiled=False)
     touched = dict(zip((field for _, field in torque_fields(runner)), external_torques_of(runner)))
@@ -116,20 +104,20 @@ def _data(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str,
         "window": WINDOW,
         "longest": LONGEST,
         "numbers": len(plant.numbers),
-        "told": list(module.told),
+        "told": list(module.outputs),
         "plain": module.inextensible,
         "torques": [[field, std_name(field), joint] for field, joint in touched.items()],
         "health": [[word, meaning] for word, meaning in HEALTH.items()],
         "start": plant.start.tolist(),
-        "effort": resting_pull(made).tolist(),
+        "effort": resting_pull(mechanism).tolist(),
         "motion": _motion(rig),
         "places": _places(rig, plant),
         "servo": _servo(plant),
         "hand": [most / 0.2, 0.02 * most / 0.2],
         "loadMost": most,
         "factors": {
-            name: [i for i, one in enumerate(plant.numbers) if re.search(pattern, one)]
-            for name, pattern in FACTORS.items()
+            factor: [i for i, path in enumerate(plant.numbers) if re.search(pattern, path)]
+            for factor, pattern in FACTORS.items()
         },
         "columns": columns,
         "scales": [*scales, *[1.0] * nj],
@@ -142,7 +130,8 @@ def _motion(rig: Rig) -> list[dict[str, float]]:
     """Return how each joint is led: where it begins, centre, amplitude, and its pace beside the others'."""
     rows = []
     for j, joint in enumerate(rig.joints):
-        centre, amplitude, start = joint.initial.value, SWING, joint.initial.value
+        start = centre = joint.initial.value
+        amplitude = SWING
         if joint.stops is not None:
             low, high = joint.stops
             centre, amplitude = (low + high) / 2, min(0.35 * (high - low), 2 * SWING)
@@ -152,9 +141,9 @@ def _motion(rig: Rig) -> list[dict[str, float]]:
 
 def _places(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
     """Return of each joint how far the drives stand from the start at some of its angles, with nominal pulls."""
-    made, tables = plant.plant, []
-    n, nj = made.n_bodies, made.n_joints
-    held = BodyInputs(resting_pull(made)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+    mechanism, tables = plant.plant, []
+    n, nj = mechanism.n_bodies, mechanism.n_joints
+    held = BodyInputs(resting_pull(mechanism)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
     for j, motion in enumerate(_motion(rig)):
         reach = motion["amplitude"] + abs(motion["centre"] - motion["from"])
         low, high = motion["from"] - reach, motion["from"] + reach
@@ -163,20 +152,21 @@ def _places(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
             angles = plant.start[:nj].copy()
             if rig.joints[j].coupled is None:
                 angles[j] = angle
-            placed = (made.spread.full() @ angles[made.free]) + made.offsets.full().ravel()
-            rows.append((equilibrium(made, placed, held)[nj:] - plant.start[nj:]).tolist())
+            placed = (mechanism.spread.full() @ angles[mechanism.free]) + mechanism.offsets.full().ravel()
+            rows.append((equilibrium(mechanism, placed, held)[nj:] - plant.start[nj:]).tolist())
         tables.append({"from": low, "to": high, "rows": rows})
     return tables
 
 
 def _servo(plant: ExportedPlant) -> list[list[float]]:
     """Return stiffness and damping of each drive's position loop: stiff beside its tendons, well damped."""
-    made = plant.plant
-    q, p, drives = ca.SX.sym("q", made.n_bodies), made.parameters, slice(made.n_joints, made.n_bodies)
-    stiffness = ca.mtimes(made.length_jacobian(q).T, ca.jacobian(made.elastic_forces(q), q))
-    found = ca.Function("servo", [q, p.symbols], [ca.diag(stiffness), made.inertias()])(plant.start, p.values)
-    own, inertias = (np.abs(np.array(each)).ravel()[drives] for each in found)
-    k = STIFF * np.maximum(own, 1e-6)
+    mechanism = plant.plant
+    q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
+    stiffness = ca.mtimes(mechanism.length_jacobian(q).T, ca.jacobian(mechanism.elastic_forces(q), q))
+    function = ca.Function("servo", [q, p.symbols], [ca.diag(stiffness), mechanism.inertias()])
+    diagonals = function(plant.start, p.values)
+    stiffnesses, inertias = (np.abs(np.array(bodies)).ravel()[mechanism.n_joints :] for bodies in diagonals)
+    k = STIFF * np.maximum(stiffnesses, 1e-6)
     return np.column_stack([k, 1.4 * np.sqrt(k * inertias)]).tolist()  # type: ignore[no-any-return]
 
 
@@ -188,51 +178,48 @@ def _largest_load(rig: Rig, tensions: Floats) -> float:
     return float(f"{max(0.5 * max(held, default=0.0), 1e-3):.1g}")
 
 
-def _body(rig: Rig, module: LabModule, data: dict[str, Any], estimator: str) -> str:
+def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str) -> str:
     """Return the page's HTML."""
-    most, joints = data["loadMost"], [escape(joint.name) for joint in rig.joints]
+    most, joints = constants["loadMost"], [escape(joint.name) for joint in rig.joints]
     sliders = []
     for name, label in LABELS.items():
-        there = bool(data["factors"][name]) or (name == "pretension" and any(data["effort"]))
+        present = bool(constants["factors"][name]) or (name == "pretension" and any(constants["effort"]))
         reach = 0.3 if name == "arm" else 2.0  # a power of two
-        sliders.append(_slider(name, label, (-reach, reach, 0.0), "×", "data-log", not there))
+        sliders.append(_slider(name, label, (-reach, reach, 0.0), "×", "data-log", not present))
     sliders.append(_slider("load", "torque on the joint in the curves", (-most, most, 0.0), "N m"))
-    motion = [
-        _slider("range", "range", (0.0, 1.0, 0.7), "", "data-kept"),
-        _slider("speed", "speed", (0.02, 1.0, 0.15), "Hz", "data-kept"),
-    ]
-    last = len(joints) - 1
+    motion = _slider("range", "range", (0.0, 1.0, 0.7), "", "data-kept")
+    motion += _slider("speed", "speed", (0.02, 1.0, 0.15), "Hz", "data-kept")
     torque = (
         "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true and estimated'></canvas>"
         "<figcaption>Torque on the joint from outside: true and estimated.</figcaption></figure>"
     )
-    experiments = [
-        f"<button type='button' data-set='{escape(json.dumps(values))}' data-why='{escape(why)}'>{name}</button>"
-        for name, values, why in _experiments(data)
-    ]
-    values = {
-        "experiments": "".join(experiments),
+    plain = f"<span style='color:{COLOURS[1]}'>Dashed: tendons taken as inextensible.</span>"
+    blanks = {
+        "experiments": "".join(
+            f"<button type='button' data-set='{escape(json.dumps(settings))}' data-why='{escape(why)}'>{name}</button>"
+            for name, settings, why in _experiments(constants)
+        ),
         "scale": tension_scale("<span id='most'></span> N"),
         "rows": "".join(
             f"<tr><td>{name}</td><td class='n' id='now-{j}'></td><td class='n' id='true-{j}'></td></tr>"
             for j, name in enumerate(joints)
         ),
         "choices": "".join(
-            f"<option value='{j}'{' selected' * (j == last)}>{name}</option>" for j, name in enumerate(joints)
+            f"<option value='{j}'{' selected' * (j == len(joints) - 1)}>{name}</option>"
+            for j, name in enumerate(joints)
         ),
         "blue": COLOURS[0],
         "estimator": escape(estimator),
-        "plain": f"<span style='color:{COLOURS[1]}'>Dashed: tendons taken as inextensible.</span>"
-        if module.inextensible
-        else "",
-        "torque": torque if data["torques"] else "",
+        "plain": plain if module.inextensible else "",
+        "torque": torque if constants["torques"] else "",
         "sliders": "".join(sliders),
         "dead": "".join(
-            f"<label><input type='checkbox' id='dead-{i}'> {escape(data['sensors'][i])}</label>" for i in data["read"]
+            f"<label><input type='checkbox' id='dead-{i}'> {escape(constants['sensors'][i])}</label>"
+            for i in constants["read"]
         ),
-        "motion": "".join(motion),
+        "motion": motion,
     }
-    return filled(_resource("lab.html"), values)
+    return filled(_resource("lab.html"), blanks)
 
 
 def _resource(name: str) -> str:
@@ -243,17 +230,17 @@ def _slider(
     name: str, label: str, ends: tuple[float, float, float], unit: str, mark: str = "", hidden: bool = False
 ) -> str:
     """Return a slider with its label; ends are the lowest, the highest and the first value."""
-    low, high, value = ends
-    numbers = f"min='{low:g}' max='{high:g}' step='{(high - low) / 200:.6g}' value='{value:g}' data-unit='{unit}'"
+    low, high, first = ends
+    numbers = f"min='{low:g}' max='{high:g}' step='{(high - low) / 200:.6g}' value='{first:g}' data-unit='{unit}'"
     return (
         f"<label for='set-{name}'{' hidden' * hidden}>{label} <output id='{name}-said'></output>"
         f"<input type='range' id='set-{name}' name='{name}' {numbers} {mark}></label>"
     )
 
 
-def _experiments(data: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
+def _experiments(constants: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
     """Return what can be tried with a rig: a name, the settings, and what to look at."""
-    every: list[tuple[str, dict[str, Any], str]] = [
+    experiments: list[tuple[str, dict[str, Any], str]] = [
         (
             "As described",
             {},
@@ -271,7 +258,7 @@ def _experiments(data: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
         ),
         (
             "Hang a load on",
-            {"load": 0.6 * data["loadMost"]},
+            {"load": 0.6 * constants["loadMost"]},
             "A constant torque pulls the joint. If the rig file allows no torque from outside, the filter takes it for "
             "friction or for something else.",
         ),
@@ -283,10 +270,10 @@ def _experiments(data: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
         ),
         (
             "Unplug a sensor",
-            {"dead": data["read"][:1]},
+            {"dead": constants["read"][:1]},
             "The first sensor is dead. After half a second the health says so, and the band grows: what the sensor told is "
             "not known any more.",
         ),
     ]
-    factors = data["factors"]
-    return [one for one in every if all(factors.get(name, [0]) for name in one[1])]
+    factors = constants["factors"]
+    return [experiment for experiment in experiments if all(factors.get(name, [0]) for name in experiment[1])]

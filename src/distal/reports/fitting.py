@@ -27,16 +27,10 @@ FIT_PAGES = ("index.html",)
 """Files that `fit_report` writes."""
 
 
-def fit_report(
-    fit: Fit,
-    logs: Sequence[Log],
-    out: str | Path,
-    advance: Callable[[], None] = lambda: None,
-) -> Path:
+def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path, advance: Callable[[], None] = lambda: None) -> Path:
     """Write one self-contained page on a fit, ``index.html``, and return where it is.
 
     Args:
-        logs: that it was fitted to.
         out: folder, made if need be.
         advance: called after each of 2 len(logs) + 2 steps.
 
@@ -57,14 +51,14 @@ def fit_report(
         *_left_out(fit),
         *_parameters(fit),
         *_errors(logs, before, after),
+        heading("Along the logs"),
     ]
-    parts += [heading("Along the logs")]
-    for log, one, other in list(zip(logs, before, after))[:MOST_TRACES]:
-        caption = (
-            "Estimate with the fitted rig and with the rig as it came, their 95 % bands shaded; their errors; innovations "
-            "of the fitted one, of which 95 % should be within ±2; what was measured; a stream's word on its health."
-        )
-        parts.append(picture(svg_of(draw_traces(log, one, other, fit.rig)), caption))
+    caption = (
+        "Estimate with the fitted rig and with the rig as it came, their 95 % bands shaded; their errors; innovations "
+        "of the fitted one, of which 95 % should be within ±2; what was measured; a stream's word on its health."
+    )
+    for log, nominal, fitted in list(zip(logs, before, after))[:MOST_TRACES]:
+        parts.append(picture(svg_of(draw_traces(log, nominal, fitted, fit.rig)), caption))
     parts += [
         heading("What is left, against angle, speed and load"),
         paragraph("Median and the middle 80 % of the errors. A curve that is not flat is physics that the rig lacks."),
@@ -98,13 +92,13 @@ def _parameters(fit: Fit) -> list[str]:
     parts = [heading("What was found"), html_table(columns, rows, numbers=(2, 3))]
     if fit.combinations:
         parts.append(paragraph("These logs tell " + "; ".join(fit.combinations) + "."))
-    own = [
-        (escape(part.name), escape(Path(name).name), f"{value:.5g}", escape(part.si))
+    per_log = [
+        (escape(part.name), escape(Path(log).name), f"{number:.5g}", escape(part.si))
         for part in fit.fitted
-        for name, value in part.per_log.items()
+        for log, number in part.per_log.items()
     ]
-    if own:
-        parts.append(html_table(("number", "log", "value", "unit"), own, numbers=(2,)))
+    if per_log:
+        parts.append(html_table(("number", "log", "value", "unit"), per_log, numbers=(2,)))
     strong = [
         f"{fit.correlated[i]} and {fit.correlated[j]}: {fit.correlations[i, j]:+.2f}"
         for i in range(len(fit.correlations))
@@ -118,42 +112,35 @@ def _parameters(fit: Fit) -> list[str]:
         for name, before, after in zip(fit.channels, fit.nis_before, fit.nis_after)
         if np.isfinite(after)
     ]
-    parts += [
-        paragraph(
-            "Normalised innovations, mean of ν²/S; 1 is expected, more means that the filter is too sure of itself."
-        ),
-        html_table(("sensor", "before", "after"), ratios, numbers=(1, 2)),
-    ]
+    nis = "Normalised innovations, mean of ν²/S; 1 is expected, more means that the filter is too sure of itself."
     ended = "was interrupted" if fit.interrupted else "converged" if fit.converged else "stopped before it converged"
-    parts.append(
-        paragraph(
-            f"−ln p from {fit.cost_before:.1f} to {fit.cost_after:.1f} in {fit.iterations} iterations; the search {ended}."
-        )
-    )
-    return parts
+    costs = f"−ln p from {fit.cost_before:.1f} to {fit.cost_after:.1f} in {fit.iterations} iterations"
+    table = html_table(("sensor", "before", "after"), ratios, numbers=(1, 2))
+    return [*parts, paragraph(nis), table, paragraph(f"{costs}; the search {ended}.")]
 
 
-def _ratio(value: float) -> str:
-    return f"{value:.2f}" if value < 100 else f"{value:.0f}"
+def _ratio(nis: float) -> str:
+    return f"{nis:.2f}" if nis < 100 else f"{nis:.0f}"
 
 
 def _errors(logs: Sequence[Log], before: Sequence[Estimate], after: Sequence[Estimate]) -> list[str]:
     rows = [
-        (escape(shown(Path(log.source).name)), *_error(one), *_error(other))
-        for log, one, other in zip(logs, before, after)
-        if other.truths is not None
+        (
+            escape(shown(Path(log.source).name)),
+            *_error(nominal.rms_error(), nominal.inside_band()),
+            *_error(fitted.rms_error(), fitted.inside_band()),
+        )
+        for log, nominal, fitted in zip(logs, before, after)
+        if fitted.truths is not None
     ]
     if not rows:
         return []
     columns = ("log", "RMS before [°]", "in the band", "RMS after [°]", "in the band")
-    return [
-        heading("Errors on the logs that were fitted"),
-        html_table(columns, rows, numbers=(1, 2, 3, 4)),
-    ]
+    return [heading("Errors on the logs that were fitted"), html_table(columns, rows, numbers=(1, 2, 3, 4))]
 
 
-def _error(result: Estimate) -> tuple[str, str]:
-    return f"{np.rad2deg(result.rms_error()):.3f}", f"{100 * result.inside_band():.0f} %"
+def _error(rms: float, inside: float) -> tuple[str, str]:
+    return f"{np.rad2deg(rms):.3f}", f"{100 * inside:.0f} %"
 
 
 def _doubts(fit: Fit) -> list[str]:
@@ -168,26 +155,17 @@ def _left_out(fit: Fit) -> list[str]:
         return []
 
     def cells(score: Score | None) -> tuple[str, str]:
-        return ("–", "–") if score is None else (f"{np.rad2deg(score.rms):.3f}", f"{100 * score.inside:.0f} %")
+        return ("–", "–") if score is None else _error(score.rms, score.inside)
 
     rows = [
-        (escape(Path(one.log).name), *cells(one.fitted), *cells(one.before), *cells(one.affine)) for one in fit.compared
+        (escape(Path(fold.log).name), *cells(fold.fitted), *cells(fold.before), *cells(fold.affine))
+        for fold in fit.compared
     ]
-    columns = (
-        "log left out",
-        "adaptive [°]",
-        "in the band",
-        "rig as it came [°]",
-        "in the band",
-        "affine [°]",
-        "in the band",
-    )
+    band = "in the band"
+    columns = ("log left out", "adaptive [°]", band, "rig as it came [°]", band, "affine [°]", band)
     text = "Each log was estimated by what the others teach alone: all of the fit was done without it."
-    return [
-        heading("On logs that were not fitted"),
-        paragraph(text),
-        html_table(columns, rows, numbers=(1, 2, 3, 4, 5, 6)),
-    ]
+    table = html_table(columns, rows, numbers=range(1, 7))
+    return [heading("On logs that were not fitted"), paragraph(text), table]
 
 
 def _seen(log: Log, seen: Observability) -> list[str]:
@@ -195,21 +173,20 @@ def _seen(log: Log, seen: Observability) -> list[str]:
         (
             f"{low:.1f} to {high:.1f}",
             f"{np.rad2deg(std):.3f}",
-            f"{np.rad2deg(found):.3f}",
+            f"{np.rad2deg(recovered):.3f}",
             f"<span class='{'yes' if word == 'seen' else 'no'}'>{word}</span>",
         )
-        for low, high, std, found, word in seen.table()
+        for low, high, std, recovered, word in seen.table()
     ]
     text = (
         f"Along {shown(Path(log.source).name)}: how sure the angle is; and how sure it is again after {seen.window:g} s "
         "if it was lost by 10°. Where it is not found, friction, slack or a stop hides the joint, and only memory holds "
         "the angle."
     )
+    caption = "Estimate with its band; below, its standard deviation, and where it is found again."
     return [
         heading("Where the joint is seen"),
         paragraph(text),
-        picture(
-            svg_of(seen.plot()), "Estimate with its band; below, its standard deviation, and where it is found again."
-        ),
+        picture(svg_of(seen.plot()), caption),
         html_table(("time [s]", "std [°]", "found again to [°]", ""), rows, numbers=(1, 2)),
     ]

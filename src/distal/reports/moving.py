@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from html import escape
 from importlib import resources
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.logs import Log
+from distal.reports.page import script_with
 from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, FAINT, INK, SOFT, WHITE, Estimate, from_start
 from distal.rig import Rig, Tendon
 
@@ -29,20 +29,20 @@ OBLIQUE = ((0.83, 0.56, 0.0), (-0.19, 0.28, 0.94))
 def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
     """Return the HTML of a picture of the chain that is played and scrubbed, and what moves it, for behind the curves."""
     step = max(1, -(-len(log) // MOST_FRAMES))
-    some, time = slice(None, None, step), from_start(estimate.time)
-    tensions = [None if values is None else _numbers(values[some], 2) for values in _tensions(rig, log)]
-    told = [value for values in tensions for value in values or () if value is not None]
-    most = max(told, default=0.0)
-    data = chain_shape(rig, most) | {
-        "tensions": tensions,
-        "time": _numbers(time[some] - time[0], 4),
+    rows, time = slice(None, None, step), from_start(estimate.time)
+    columns = [None if column is None else _numbers(column[rows], 2) for column in _tensions(rig, log)]
+    tensions = [tension for column in columns for tension in column or () if tension is not None]
+    most = max(tensions, default=0.0)
+    frames = chain_shape(rig, most) | {
+        "tensions": columns,
+        "time": _numbers(time[rows] - time[0], 4),
         "from": float(time[0]),
-        "angles": [_numbers(each, 4) for each in estimate.angles[some].T],
-        "halves": [_numbers(BAND * each, 4) for each in estimate.angle_stds[some].T],
-        "truths": None if estimate.truths is None else [_numbers(each, 4) for each in estimate.truths[some].T],
+        "angles": [_numbers(column, 4) for column in estimate.angles[rows].T],
+        "halves": [_numbers(BAND * column, 4) for column in estimate.angle_stds[rows].T],
+        "truths": None if estimate.truths is None else [_numbers(column, 4) for column in estimate.truths[rows].T],
     }
-    scale = tension_scale(f"{most:.3g} N") if told else ""
-    rows = "".join(f"<tr><td>{escape(joint.name)}</td><td class='n'></td></tr>" for joint in rig.joints)
+    scale = tension_scale(f"{most:.3g} N") if tensions else ""
+    cells = "".join(f"<tr><td>{escape(joint.name)}</td><td class='n'></td></tr>" for joint in rig.joints)
     dashed = ", dashed is the truth" if estimate.truths is not None else ""
     script = chain_script() + resources.files("distal.reports").joinpath("moving.js").read_text(encoding="utf-8")
     speeds = "".join(f"<option value='{x}'{' selected' if x == 1 else ''}>{x}×</option>" for x in (0.1, 0.25, 1, 2, 5))
@@ -51,12 +51,11 @@ def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
         "stand; its angles are in the table'></canvas><p class='controls'><button type='button'>Play</button> "
         f"<label>speed <select>{speeds}</select></label> <output></output> {scale}"
         f"<input type='range' min='0' max='{time[-1] - time[0]:.4f}' step='any' value='0' aria-label='time'></p></div>"
-        f"<table><tbody>{rows}</tbody></table>"
+        f"<table><tbody>{cells}</tbody></table>"
         f"<figcaption>The joints as they are estimated{dashed}; fans are 95 % bands. Grey tendons have no sensor of their "
         "own. Drag to turn the view, click a curve to go to its time.</figcaption></figure>"
     )
-    packed = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
-    return picture, f"<script type='application/json' id='moving-data'>{packed}</script>\n<script>{script}</script>"
+    return picture, script_with("moving-data", frames, script)
 
 
 def chain_script() -> str:
@@ -70,11 +69,11 @@ def chain_shape(rig: Rig, most: float) -> dict[str, object]:
     Args:
         most: tension at the end of the scale of colours [N].
     """
-    links = _links(rig)
+    parents = [-1 if (parent := rig.parent_of(j)) is None else parent for j in range(len(rig.joints))]
     return {
         "joints": [
-            {"parent": _parent(rig, j), "offset": joint.offset, "axis": joint.axis, "link": list(links[j])}
-            for j, joint in enumerate(rig.joints)
+            {"parent": parent, "offset": joint.offset, "axis": joint.axis, "link": list(link)}
+            for parent, joint, link in zip(parents, rig.joints, _links(rig))
         ],
         "tendons": [{"name": tendon.name, "crossings": _crossings(rig, tendon)} for tendon in rig.tendons],
         "most": most,
@@ -110,30 +109,25 @@ _STYLE = f"""
 """
 
 
-def _parent(rig: Rig, joint: int) -> int:
-    parent = rig.parent_of(joint)
-    return -1 if parent is None else parent
-
-
 def _links(rig: Rig) -> Floats:
     """Return where each link ends in its joint's frame [m]: at the joint that it carries, or twice as far as its mass."""
     arms = [abs(arm) for tendon in rig.tendons for arm in tendon.arms().values()]
-    own = LENGTHS * max(arms, default=0.01)
-    found = np.tile([own, 0.0, 0.0], (len(rig.joints), 1))
+    length = LENGTHS * max(arms, default=0.01)
+    ends = np.tile([length, 0.0, 0.0], (len(rig.joints), 1))
     for j, joint in enumerate(rig.joints):
-        carried = [np.array(rig.joints[i].offset) for i in range(len(rig.joints)) if _parent(rig, i) == j]
+        carried = [np.array(rig.joints[i].offset) for i in range(len(rig.joints)) if rig.parent_of(i) == j]
         far = max(carried, key=lambda offset: float(np.linalg.norm(offset)), default=np.zeros(3))
         centre = np.zeros(3) if joint.link is None else 2 * np.array(joint.link.centre)
-        across = np.array(joint.axis)
-        for way in (far, centre):
+        axis = np.array(joint.axis)
+        for end in (far, centre):
             # what lies along the axis does not show how the joint turns
-            if np.linalg.norm(way - (way @ across) * across) > 0.1 * own:
-                found[j] = way
+            if np.linalg.norm(_across(end, axis)) > 0.1 * length:
+                ends[j] = end
                 break
         else:
-            start = np.eye(3)[int(np.argmin(np.abs(across)))] if abs(across[0]) > 0.9 else np.array([1.0, 0.0, 0.0])
-            found[j] = own * _unit(start - (start @ across) * across)
-    return found
+            start = np.eye(3)[int(np.argmin(np.abs(axis))) if abs(axis[0]) > 0.9 else 0]
+            ends[j] = length * _unit(_across(start, axis))
+    return ends
 
 
 def _view(rig: Rig) -> tuple[tuple[float, ...], ...]:
@@ -141,8 +135,9 @@ def _view(rig: Rig) -> tuple[tuple[float, ...], ...]:
     first = np.array(rig.joints[0].axis)
     if any(abs(float(first @ np.array(joint.axis))) < 0.99 for joint in rig.joints):
         return OBLIQUE
-    right = _unit(np.array([1.0, 0.0, 0.0]) - first[0] * first) if abs(first[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    up = np.array([0.0, 0.0, 1.0]) if abs(first[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    x, y, z = np.eye(3)
+    right = _unit(x - first[0] * first) if abs(first[0]) < 0.9 else y
+    up = z if abs(first[2]) < 0.9 else y
     up = _unit(up - (up @ first) * first - (up @ right) * right)
     return tuple(map(float, right)), tuple(map(float, up))
 
@@ -155,26 +150,32 @@ def _crossings(rig: Rig, tendon: Tendon) -> list[tuple[int, float]]:
 
 def _tensions(rig: Rig, log: Log) -> list[Floats | None]:
     """Return the measured tension of each tendon [N], None where there is none."""
-    found: list[Floats | None] = []
     drives = {drive.name: drive for drive in rig.drives}
+    sensors = [sensor for sensor in rig.sensors if sensor.name in log.channels]
+    columns: list[Floats | None] = []
     for tendon in rig.tendons:
-        drive, values = drives[tendon.drive], None
-        for sensor in rig.sensors:
-            alone = sum(one.drive == drive.name for one in rig.tendons) == 1
-            if sensor.name in log.channels and sensor.measures == "tension" and sensor.of == tendon.name:
-                values = np.asarray(log.channels[sensor.name])
-            elif sensor.name in log.channels and sensor.measures == "force" and sensor.of == drive.name and alone:
-                values = np.asarray(log.channels[sensor.name]) / (
-                    drive.radius.value if drive.kind == "capstan" else 1.0
-                )
-        found.append(values)
-    return found
+        drive, column = drives[tendon.drive], None
+        alone = sum(neighbour.drive == drive.name for neighbour in rig.tendons) == 1
+        for sensor in sensors:
+            if sensor.measures == "tension" and sensor.of == tendon.name:
+                column = np.asarray(log.channels[sensor.name])
+            elif sensor.measures == "force" and sensor.of == drive.name and alone:
+                arm = drive.radius.value if drive.kind == "capstan" else 1.0
+                column = np.asarray(log.channels[sensor.name]) / arm
+        columns.append(column)
+    return columns
 
 
 def _unit(vector: Floats) -> Floats:
-    made: Floats = vector / np.linalg.norm(vector)
-    return made
+    unit: Floats = vector / np.linalg.norm(vector)
+    return unit
 
 
-def _numbers(values: Floats, digits: int) -> list[float | None]:
-    return [round(value, digits) if np.isfinite(value) else None for value in values.tolist()]
+def _across(vector: Floats, axis: Floats) -> Floats:
+    """Return the part of a vector that is perpendicular to an axis."""
+    across: Floats = vector - (vector @ axis) * axis
+    return across
+
+
+def _numbers(column: Floats, digits: int) -> list[float | None]:
+    return [round(number, digits) if np.isfinite(number) else None for number in column.tolist()]

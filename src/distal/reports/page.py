@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,11 +45,7 @@ td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space:
 
 
 def page(title: str, lead: str, parts: Sequence[str]) -> str:
-    """Return a whole page.
-
-    Args:
-        lead: one paragraph of plain text below it.
-    """
+    """Return a whole page: its title, a paragraph of plain text below it, and its parts as HTML."""
     return (
         "<!doctype html>\n<html lang='en'>\n<head>\n<meta charset='utf-8'>\n"
         "<meta name='viewport' content='width=device-width, initial-scale=1'>\n"
@@ -58,11 +55,7 @@ def page(title: str, lead: str, parts: Sequence[str]) -> str:
 
 
 def heading(text: str, level: int = 2) -> str:
-    """Return a section's heading.
-
-    Args:
-        level: 2 for a section, 3 for a part of one.
-    """
+    """Return a heading: of level 2 for a section, 3 for a part of one."""
     return f"<h{level}>{escape(text)}</h{level}>"
 
 
@@ -71,35 +64,26 @@ def paragraph(text: str) -> str:
     return f"<p>{escape(text)}</p>"
 
 
-def svg_of(made: Figure, said: str = "") -> str:
+def svg_of(figure: Figure, description: str = "") -> str:
     """Return a figure as an SVG element.
 
     Args:
-        said: what it shows, for those who cannot see it.
+        description: what it shows, for those who cannot see it.
     """
     buffer = io.StringIO()
-    made.savefig(buffer, format="svg", metadata={"Date": None})
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
-    label = f"role='img' aria-label='{escape(said)}' " if said else ""
+    label = f"role='img' aria-label='{escape(description)}' " if description else ""
     return text[text.index("<svg") :].replace("<svg ", f"<svg {label}", 1)
 
 
 def picture(svg: str, caption: str) -> str:
-    """Return a figure with its caption.
-
-    Args:
-        svg: an SVG file's text, or its element.
-    """
-    drawing = svg[svg.index("<svg") :]
-    return f"<figure>{drawing}<figcaption>{escape(caption)}</figcaption></figure>"
+    """Return an SVG element, or the one in an SVG file's text, as a figure with its caption."""
+    return f"<figure>{svg[svg.index('<svg') :]}<figcaption>{escape(caption)}</figcaption></figure>"
 
 
 def html_table(columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
-    """Return a table; cells are HTML.
-
-    Args:
-        numbers: indices of the columns that hold numbers.
-    """
+    """Return a table; cells are HTML, and `numbers` are the indices of the columns that hold numbers."""
     mark = [" class='n'" if i in numbers else "" for i in range(len(columns))]
     head = "".join(f"<th{mark[i]}>{escape(name)}</th>" for i, name in enumerate(columns))
     # on a narrow screen each row is a block of lines, and each cell tells its column
@@ -109,6 +93,12 @@ def html_table(columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: S
         for row in rows
     )
     return f"<div class='scroll'><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>"
+
+
+def script_with(name: str, table: Mapping[str, object], script: str) -> str:
+    """Return a script with the numbers that it reads, as JSON in an element of some name."""
+    packed = json.dumps(table, separators=(",", ":")).replace("<", "\\u003c")
+    return f"<script type='application/json' id='{name}'>{packed}</script>\n<script>{script}</script>"
 
 
 def make_folder(path: str | Path) -> Path:

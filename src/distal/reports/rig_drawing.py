@@ -4,23 +4,15 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from math import hypot, log10
+from math import dist, log10
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from distal.arrays import Floats
 from distal.reports.drawing.arms import changing_arms, draw_curves, draw_table, table_width
-from distal.reports.drawing.drives import (
-    Lane,
-    block_height,
-    draw_capstan,
-    draw_slider,
-    drive_lines,
-    glyph_width,
-    motor_half,
-)
-from distal.reports.drawing.joints import draw_coupling, draw_joint, draw_link, draw_pin, joint_lines, scaled
+from distal.reports.drawing.drives import draw_capstan, draw_slider, drive_lines, glyph_width, motor_half
+from distal.reports.drawing.joints import draw_coupling, draw_joint, draw_link, draw_pin, joint_lines
 from distal.reports.drawing.pose import Stand, gravity_on_paper, stands
 from distal.reports.drawing.routes import Wheel
 from distal.reports.drawing.sheet import PITCH, SIZE, Line, Point, Sheet, width_of
@@ -37,7 +29,6 @@ if TYPE_CHECKING:
 FAN = 0.6
 """From where tendons are level to the base, in which they go to their height there [in]."""
 
-
 PANEL = (2.6, 1.2)
 """Width and height of the axes for moment arms that change [in]."""
 
@@ -52,26 +43,26 @@ def draw_rig(rig: Rig) -> Figure:
     largest = float(np.abs(arms).max()) or max(tendon.total_arm for tendon in rig.tendons) or 1e-2
     placed = stands(rig, largest)
     scale = _scale(rig, placed, largest)
+    placed = [stand.scaled(scale) for stand in placed]
     past = wheels(rig, placed, scale)
-    around = [_around(past, placed[j], scale) for j in range(len(placed))]
+    around = [_around(past, stand) for stand in placed]
     base = -around[0] - 0.3
     lines = [joint_lines(rig, j, stand.turn) for j, stand in enumerate(placed)]
-    _draw_base(sheet, placed, past, scale, base)
+    _draw_base(sheet, placed, past, base)
     for j, stand in enumerate(placed):
-        ends = [scaled(other.centre, scale) for other in placed if other.parent == j]
-        draw_link(sheet, stand, scale, ends or [scaled(stand.tip, scale)])
+        draw_link(sheet, stand, [child.centre for child in placed if child.parent == j] or [stand.tip])
     names = [joint.name for joint in rig.joints]
     for j, (joint, stand) in enumerate(zip(rig.joints, placed)):
         if joint.coupled is not None:
-            ends = [scaled(placed[k].centre, scale) for k in (names.index(joint.coupled.joint), j)]
-            draw_coupling(sheet, ends[0], ends[1], joint.coupled.ratio)
+            leader = placed[names.index(joint.coupled.joint)]
+            draw_coupling(sheet, leader.centre, stand.centre, joint.coupled.ratio)
         draw_joint(sheet, rig, j, stand, scale, around[j], lines[j])
     for i, tendon in enumerate(rig.tendons):
         if isinstance(tendon.meetings[-1].shape, Pinned):
-            joint_of = names.index(tendon.meetings[-1].joints[0])
-            draw_pin(sheet, placed[joint_of], past[i][-1].centre, scale)
+            stand = placed[names.index(tendon.meetings[-1].joints[0])]
+            draw_pin(sheet, stand, past[i][-1].centre)
     _draw_proximal(sheet, rig, placed, past, scale, base)
-    _write_joints(sheet, placed, lines, around, scale, base + 0.1)
+    _write_joints(sheet, placed, lines, around, base + 0.1)
     _finish(sheet, rig, arms, placed, scale)
     return sheet.figure
 
@@ -80,8 +71,8 @@ def rig_svg(rig: Rig) -> str:
     """Return the drawing of a rig as an SVG element for a page, with a text that says what it shows."""
     joints, tendons = (", ".join(part.name for part in parts) for parts in (rig.joints, rig.tendons))
     drives = ", ".join(f"{drive.name} ({drive.kind})" for drive in rig.drives)
-    said = f"Drawing of the rig {rig.name}: joints {joints}; drives {drives}; tendons {tendons}"
-    return svg_of(draw_rig(rig), said)
+    description = f"Drawing of the rig {rig.name}: joints {joints}; drives {drives}; tendons {tendons}"
+    return svg_of(draw_rig(rig), description)
 
 
 def _scale(rig: Rig, placed: Sequence[Stand], largest: float) -> float:
@@ -95,26 +86,25 @@ def _scale(rig: Rig, placed: Sequence[Stand], largest: float) -> float:
     return min(limits)
 
 
-def _around(past: Sequence[Sequence[Wheel]], stand: Stand, scale: float) -> float:
+def _around(past: Sequence[Sequence[Wheel]], stand: Stand) -> float:
     """Return the radius outside all pulleys of a joint, where its stops stand [in]."""
-    centre = scaled(stand.centre, scale)
-    own = [wheel.radius for each in past for wheel in each if wheel.centre == centre]
-    pins = [hypot(w.centre[0] - centre[0], w.centre[1] - centre[1]) for each in past for w in each if not w.radius]
-    return max([*own, *(pin for pin in pins if pin < 0.63), 0.12]) + 0.13
+    circles = [wheel for tendon in past for wheel in tendon]
+    radii = [wheel.radius for wheel in circles if wheel.centre == stand.centre]
+    pins = [dist(wheel.centre, stand.centre) for wheel in circles if not wheel.radius]
+    return max([*radii, *(pin for pin in pins if pin < 0.63), 0.12]) + 0.13
 
 
-def _draw_base(sheet: Sheet, placed: Sequence[Stand], past: Sequence[Sequence[Wheel]], scale: float, x: float) -> None:
+def _draw_base(sheet: Sheet, placed: Sequence[Stand], past: Sequence[Sequence[Wheel]], x: float) -> None:
     """Draw the wall that the first joints are held by, and the bars to them."""
     from matplotlib.patches import Rectangle
 
-    roots = [scaled(stand.centre, scale) for stand in placed if stand.parent is None]
-    heights = [own[0].point(0.0)[1] for own in past] + [root[1] for root in roots]
+    roots = [stand.centre for stand in placed if stand.parent is None]
+    heights = [tendon[0].point(0.0)[1] for tendon in past] + [root[1] for root in roots]
     low, high = min(heights) - 0.16, max(heights) + 0.16
     for root in roots:
-        sheet.bar([(x, root[1]), root], FAINT, 8.0, SOFT, order=0.8)
-    wall = Rectangle(
-        (x - 0.09, low), 0.09, high - low, facecolor=PALE, edgecolor=SOFT, hatch="//////", lw=0.0, zorder=1.2
-    )
+        sheet.bar([(x, root[1]), root], FAINT, 8.0, order=0.8)
+    look = {"facecolor": PALE, "edgecolor": SOFT, "hatch": "//////", "lw": 0.0, "zorder": 1.2}
+    wall = Rectangle((x - 0.09, low), 0.09, high - low, **look)
     sheet.patch(wall, (x - 0.09, low), (x, high))
     sheet.line([(x, low), (x, high)], INK, 1.2, zorder=1.3)
 
@@ -123,80 +113,72 @@ def _draw_proximal(
     sheet: Sheet, rig: Rig, placed: Sequence[Stand], past: Sequence[Sequence[Wheel]], scale: float, base: float
 ) -> None:
     """Draw the drives below one another, in the order in which their tendons reach the base, and all tendons."""
-    heights = [own[0].point(0.0)[1] for own in past]
+    heights = [tendon[0].point(0.0)[1] for tendon in past]
     wide, pitch = lane_room(rig)
     right = base - FAN
     left = right - wide - 0.1
     names = [joint.name for joint in rig.joints]
     texts = {drive.name: drive_lines(rig, drive) for drive in rig.drives}
     glyphs = left - glyph_width(rig, scale)
-    margin = glyphs - 0.14 - max(line.width for own in texts.values() for line in own)
+    margin = glyphs - 0.14 - max(line.width for lines in texts.values() for line in lines)
     rows = []
     for drive in rig.drives:
-        own = sorted((i for i, t in enumerate(rig.tendons) if t.drive == drive.name), key=lambda i: -heights[i])
+        tendons = sorted((i for i, t in enumerate(rig.tendons) if t.drive == drive.name), key=lambda i: -heights[i])
         if isinstance(drive, Capstan):
-            first = rig.tendons[own[0]]
+            first = rig.tendons[tendons[0]]
             joint = names.index(first.joints[0])
             way = placed[joint].turn * (1 if next(iter(first.arms().values())) * first.winding >= 0 else -1)
             # wound by a positive angle: from below where that turns clockwise
-            above = [i for i in own if rig.tendons[i].winding * way > 0]
-            below = [i for i in own if i not in above]
+            above = [i for i in tendons if rig.tendons[i].winding * way > 0]
+            below = [i for i in tendons if i not in above]
             reach = max(scale * drive.radius.value, pitch / 2)
             lanes = {i: reach + pitch * (len(above) - 1 - k) for k, i in enumerate(above)}
             lanes |= {i: -reach - pitch * k for k, i in enumerate(below)}
             half = motor_half(drive, scale)
         else:
-            lanes = {i: pitch * ((len(own) - 1) / 2 - k) for k, i in enumerate(own)}
+            lanes = {i: pitch * ((len(tendons) - 1) / 2 - k) for k, i in enumerate(tendons)}
             way, half = 0, 0.28
-        up = max(half, *(h + 0.2 for h in lanes.values()), block_height(texts[drive.name]) / 2)
-        down = max(half, *(pitch - 0.2 - h for h in lanes.values()), block_height(texts[drive.name]) / 2)
-        rows.append((float(np.mean([heights[i] for i in own])), drive, lanes, way, up, down))
+        half = max(half, len(texts[drive.name]) * PITCH / 2)
+        up = max(half, *(h + 0.2 for h in lanes.values()))
+        down = max(half, *(pitch - 0.2 - h for h in lanes.values()))
+        rows.append((float(np.mean([heights[i] for i in tendons])), drive, lanes, way, up, down))
     rows.sort(key=lambda row: -row[0])
     total = sum(up + down + 0.12 for *_, up, down in rows) - 0.12
     y = total / 2
     for _, drive, lanes, way, up, down in rows:
         centre = y - up
         y = centre - down - 0.12
-        own_lines = texts[drive.name]
-        sheet.block((margin, centre + (len(own_lines) - 1) * PITCH / 2), own_lines)
+        lines = texts[drive.name]
+        sheet.block((margin, centre + (len(lines) - 1) * PITCH / 2), lines)
         levels = {i: centre + h for i, h in lanes.items()}
         if isinstance(drive, Capstan):
             at = (left - motor_half(drive, scale), centre)
-            draw_capstan(sheet, drive, own_lines, at, scale, way)
+            draw_capstan(sheet, drive, lines, at, scale, way)
             starts = {i: Wheel(at, scale * drive.radius.value, -1 if lanes[i] > 0 else 1) for i in lanes}
         else:
-            begin = draw_slider(sheet, drive, own_lines, (left, centre), list(levels.values()), scale)
+            begin = draw_slider(sheet, drive, lines, (left, centre), list(levels.values()), scale)
             starts = {i: Wheel((begin, level)) for i, level in levels.items()}
         for i, level in levels.items():
-            eye = (base - 0.045, heights[i])
-            draw_tendon(sheet, rig, i, Lane(starts[i], level), (left + 0.1, right), eye, past[i])
+            ends, eye = ((left + 0.1, level), (right, level)), (base - 0.045, heights[i])
+            draw_tendon(sheet, rig, i, starts[i], ends, eye, past[i])
 
 
 def _write_joints(
-    sheet: Sheet,
-    placed: Sequence[Stand],
-    lines: Sequence[Sequence[Line]],
-    around: Sequence[float],
-    scale: float,
-    left: float,
+    sheet: Sheet, placed: Sequence[Stand], lines: Sequence[Sequence[Line]], around: Sequence[float], left: float
 ) -> None:
     """Write of each joint above all of them, side by side, with a thin line down to it."""
-    centres = [scaled(stand.centre, scale) for stand in placed]
+    centres = [stand.centre for stand in placed]
     foot = max(centre[1] + a for centre, a in zip(centres, around)) + 0.36
-    order = sorted(range(len(placed)), key=lambda j: centres[j])
-    widths = {j: max(line.width for line in lines[j]) for j in order}
     places: dict[int, float] = {}
     free = left
-    for j in order:
+    for j in sorted(range(len(placed)), key=lambda j: centres[j]):
         places[j] = max(centres[j][0] - 0.1, free)
-        free = places[j] + widths[j] + 0.16
-    shift = float(np.mean([places[j] - (centres[j][0] - 0.1) for j in order]))
+        free = places[j] + max(line.width for line in lines[j]) + 0.16
+    shift = float(np.mean([place - (centres[j][0] - 0.1) for j, place in places.items()]))
     shift = min(shift, min(places.values()) - left)
-    for j in order:
-        x, (cx, cy) = places[j] - shift, centres[j]
-        sheet.line(
-            [(x - 0.05, foot + (len(lines[j]) - 0.5) * PITCH), (x - 0.05, foot - 0.1), (cx, cy)], SOFT, 0.5, zorder=0.5
-        )
+    for j, place in places.items():
+        x, top = place - shift, foot + (len(lines[j]) - 0.5) * PITCH
+        sheet.line([(x - 0.05, top), (x - 0.05, foot - 0.1), centres[j]], SOFT, 0.5, zorder=0.5)
         sheet.block((x, foot + (len(lines[j]) - 1) * PITCH), lines[j])
 
 
@@ -248,10 +230,10 @@ def _draw_scale(sheet: Sheet, at: Point, scale: float) -> None:
 
 def _draw_gravity(sheet: Sheet, rig: Rig, at: Point) -> None:
     """Draw which way things fall, where anything has weight."""
-    found = gravity_on_paper(rig)
-    if found is None:
+    gravity = gravity_on_paper(rig)
+    if gravity is None:
         return
-    (right, up, near), size = found
+    (right, up, near), size = gravity
     x, y = at
     text = f"g {written(size, 'm/s²')}"
     if abs(near) > 0.7:

@@ -67,7 +67,7 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     """Write the answer of a study as ``index.html`` and ``answer.json``, and return where the page is.
 
     Args:
-        folder: where; it must exist.
+        folder: it must exist.
 
     Raises:
         OutputError: a file cannot be written.
@@ -78,7 +78,7 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         f"Asked: joint {asked.joint} within ±{degrees(asked.within):.3g}° for {100 * asked.time:.3g} % of the time. "
         "Every rig as built is drawn from the standard deviations of the rig file; the estimator knows the rig file only."
     )
-    parts = [_STYLE, f"<p class='answer'>{escape(answer.sentence)}</p>", *_scenarios(plan, answer)]
+    parts = [_STYLE, f"<p class='answer'>{escape(answer.sentence)}</p>", *_scenarios(answer)]
     if answer.regions:
         parts += [heading("Where it is met"), _regions(answer)]
     if answer.influences:
@@ -96,111 +96,102 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     if answer.problems:
         rows = [[escape(text), str(count)] for text, count in list(answer.problems.items())[:SHOWN]]
         parts += [heading("Runs that failed"), html_table(["why", "runs"], rows, [1])]
-    data = {
+    charts = {
         "columns": points,
         "cases": [asdict(case) for case in answer.worst],
         "colours": COLOURS,
         "cells": CELLS,
-        **_chosen(space.axes, answer.influences, points),
+        **_chosen(answer.influences, points),
     }
-    packed = json.dumps(data, separators=(",", ":"), ensure_ascii=False).replace("</", "<\\/")
+    packed = json.dumps(charts, separators=(",", ":"), ensure_ascii=False).replace("</", "<\\/")
     script = resources.files("distal.reports").joinpath("study_page.js").read_text(encoding="utf-8")
     parts.append(f"<script type='application/json' id='study-data'>{packed}</script>\n<script>\n{script}</script>")
-    said = json.dumps(answer.as_json(), indent=2, ensure_ascii=False) + "\n"
-    write_together({folder / "index.html": page(title, lead, parts), folder / "answer.json": said})
+    tables = json.dumps(asdict(answer), indent=2, ensure_ascii=False) + "\n"
+    write_together({folder / "index.html": page(title, lead, parts), folder / "answer.json": tables})
     return folder / "index.html"
 
 
-def _scenarios(plan: Plan, answer: Answer) -> list[str]:
-    rows = [[escape(name), f"{one.met:,} of {one.rigs:,}", str(one)] for name, one in answer.scenarios.items()]
+def _scenarios(answer: Answer) -> list[str]:
+    rows = [[escape(name), f"{part.met:,} of {part.rigs:,}", str(part)] for name, part in answer.scenarios.items()]
     measured = [[escape(WORDS[name]), f"{answer.measures[name]:.3g}"] for name in MEASURES]
-    return [
-        html_table(["scenario", "rigs that meet it", "share"], rows),
-        html_table(["mean over all runs", ""], measured, [1]),
-    ]
+    table = html_table(["scenario", "rigs that meet it", "share"], rows)
+    return [table, html_table(["mean over all runs", ""], measured, [1])]
 
 
 def _regions(answer: Answer) -> str:
-    shown = answer.regions if len(answer.regions) <= SHOWN else answer.regions[:SHOWN]
-    rows = [[escape(one.where), str(one.proportion), f"{one.proportion.rigs:,}"] for one in shown]
+    rows = [
+        [escape(region.where), str(region.proportion), f"{region.proportion.rigs:,}"]
+        for region in answer.regions[:SHOWN]
+    ]
     return html_table(["designs", "rigs that meet it", "rigs"], rows, [2])
 
 
 def _influences(influences: Sequence[Influence]) -> list[str]:
     rows = [
         [
-            escape(one.words),
-            f"<span class='bar' style='width:{100 * one.index:.1f}%'></span>",
-            f"{100 * one.index:.0f} ± {100 * one.half:.0f} %",
+            escape(influence.words),
+            f"<span class='bar' style='width:{100 * influence.index:.1f}%'></span>",
+            f"{100 * influence.index:.0f} ± {100 * influence.half:.0f} %",
         ]
-        for one in influences[:SHOWN]
+        for influence in influences[:SHOWN]
     ]
     table = html_table(["number", "", "share of the variance of the RMS error"], rows, [2])
-    said = (
+    explanation = (
         "First-order Sobol indices by RBD-FAST with their 95 % intervals: what would be gone of the variance if the number "
         "were known and held. As built: what one rig differs by from its description."
     )
-    return [table.replace("<table>", "<table class='bars'>"), paragraph(said)]
+    return [table.replace("<table>", "<table class='bars'>"), paragraph(explanation)]
 
 
 def _chart(name: str, axes: Sequence[str], directed: bool = False) -> list[str]:
-    labels = {"x": "across", "y": "up", "z": "shown"}
-    controls = []
+    labels, controls = {"x": "across", "y": "up", "z": "shown"}, ""
+    options = "<option value='less'>less is better</option><option value='more'>more is better</option>"
     for axis in axes:
-        better = (
-            f"<select id='{name}-d{axis}' aria-label='better'><option value='less'>less is better</option>"
-            "<option value='more'>more is better</option></select>"
-            if directed
-            else ""
-        )
-        controls.append(f"<label>{labels[axis]} <select id='{name}-{axis}'></select>{better}</label>")
+        better = f"<select id='{name}-d{axis}' aria-label='better'>{options}</select>" if directed else ""
+        controls += f"<label>{labels[axis]} <select id='{name}-{axis}'></select>{better}</label>"
     return [
-        f"<div class='controls'>{''.join(controls)}</div>",
+        f"<div class='controls'>{controls}</div>",
         f"<figure><svg class='chart' id='{name}' role='img'></svg><figcaption id='{name}-said'></figcaption></figure>",
     ]
 
 
 def _points(plan: Plan, space: Space, columns: Columns) -> dict[str, dict[str, object]]:
     """Return the columns of the charts: a number for each design, or for each rig where there is one design only."""
-    each = len(plan.scenarios) * (plan.study.seeds if space.axes else 1)
-    count = len(columns["met"]) // each
-    some = np.sort(np.random.default_rng(0).permutation(count)[:MOST_DOTS])
-    found: dict[str, dict[str, object]] = {}
-    for axis in space.axes:
-        found[axis.path] = _given(plan, axis, columns[axis.path][::each][some])
+    n_scenarios = len(plan.scenarios)
+    runs_per_dot = n_scenarios * (plan.study.seeds if space.axes else 1)
+    count = len(columns["met"]) // runs_per_dot
+    dots = np.sort(np.random.default_rng(0).permutation(count)[:MOST_DOTS])
+    points = {axis.path: _along(plan, axis, columns[axis.path][::runs_per_dot][dots]) for axis in space.axes}
     if not space.axes:
         for name in (name for name in columns if name.startswith(BUILT)):
-            drawn = columns[name][::each][some]
-            found[name] = {"words": f"{words_of(plan, name)} [σ]", "values": _numbers(drawn)}
-    runs = len(plan.scenarios)
-    good = np.repeat(np.all(columns["met"].reshape(-1, runs) != 0, axis=1), runs).astype(np.float64)
+            drawn = columns[name][::runs_per_dot][dots]
+            points[name] = {"words": f"{words_of(plan, name)} [σ]", "values": _numbers(drawn)}
+    good = np.repeat(np.all(columns["met"].reshape(-1, n_scenarios) != 0, axis=1), n_scenarios)
     for name, words in WORDS.items():
-        values: Floats = (good if name == "met" else columns[name].astype(np.float64)).reshape(count, each)[some]
-        merged = {"worst_deg": values.max, "within": values.min}.get(name, values.mean)(axis=1)
-        found[name] = {"words": words, "values": _numbers(merged), "more": name in MORE}
-    return found
+        column = good if name == "met" else columns[name]
+        runs: Floats = column.astype(np.float64).reshape(count, runs_per_dot)[dots]
+        merged = {"worst_deg": runs.max, "within": runs.min}.get(name, runs.mean)(axis=1)
+        points[name] = {"words": words, "values": _numbers(merged), "more": name in MORE}
+    return points
 
 
-def _given(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> dict[str, object]:
+def _along(plan: Plan, axis: Axis, settings: NDArray[np.generic]) -> dict[str, object]:
     words = words_of(plan, axis.path)
     if axis.choices and not isinstance(axis.choices[0], float):
-        said = {True: "with", False: "without"}
         order = list(dict.fromkeys(axis.choices))
-        labels = [said[one] if isinstance(one, bool) else str(one) for one in order]
-        return {"words": words, "labels": labels, "values": [order.index(value) for value in values.tolist()]}
-    numbers = _numbers(values.astype(np.float64))
+        labels = [("with" if choice else "without") if isinstance(choice, bool) else str(choice) for choice in order]
+        return {"words": words, "labels": labels, "values": [order.index(choice) for choice in settings.tolist()]}
+    numbers = _numbers(settings)
     return {"words": f"{words} [{axis.unit}]" if axis.unit else words, "values": numbers, "log": axis.scale == "log"}
 
 
 def _numbers(values: NDArray[np.generic]) -> list[float | None]:
-    return [float(f"{value:.4g}") if np.isfinite(value) else None for value in values.astype(np.float64)]
+    return [float(f"{number:.4g}") if np.isfinite(number) else None for number in values.astype(np.float64)]
 
 
-def _chosen(
-    axes: Sequence[Axis], influences: Sequence[Influence], points: dict[str, dict[str, object]]
-) -> dict[str, list[str]]:
+def _chosen(influences: Sequence[Influence], points: dict[str, dict[str, object]]) -> dict[str, list[str]]:
     """Return which columns the charts show at first: those that matter most."""
-    ranked = [one.name for one in influences if one.name in points]
+    ranked = [influence.name for influence in influences if influence.name in points]
     order = [*ranked, *(name for name in points if name not in ranked and name not in WORDS), "within", "worst_deg"]
     numeric = [name for name in order if "labels" not in points.get(name, {"labels": 1})]
     return {"pareto": [numeric[0], "rms_deg"], "map": [order[0], order[1], "rms_deg"]}

@@ -41,11 +41,11 @@ PAGE = {"scrollZoom": True, "displaylogo": False, "responsive": True}
 """How a page behaves: the wheel zooms."""
 
 
-def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, said: Sequence[str] = ()) -> Path:
+def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, sentences: Sequence[str] = ()) -> Path:
     """Write one self-contained HTML file on an estimate, and return where it is; nothing is fetched when it is opened.
 
     Args:
-        said: lines of text above the curves, such as those of `distal.diagnose`.
+        sentences: lines of text above the curves, such as those of `distal.diagnose`.
 
     Raises:
         OutputError: plotly is not installed, or the file cannot be written.
@@ -54,30 +54,30 @@ def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, said: Se
     from plotly.subplots import make_subplots
 
     step = max(1, -(-len(log) // MOST_POINTS))
-    some, joints = slice(None, None, step), len(estimate.joint_names)
-    words = log_health(log, rig)[some]
+    rows, joints = slice(None, None, step), len(estimate.joint_names)
+    words = log_health(log, rig)[rows]
     below = "error [°]" if estimate.truths is not None else "95 % band ± [°]"
     angles = ["joint angle [°]"] if joints == 1 else [f"{_text(name)} [°]" for name in estimate.joint_names]
     names = [*(name for angle in angles for name in (angle, below)), "innovation [σ]", "measured", "health"]
     heights = [*(HEIGHTS[:2] * joints), *HEIGHTS[2:]]
     total = sum(heights) + GAP * (len(heights) - 1)
-    made = make_subplots(rows=len(names), shared_xaxes="all", vertical_spacing=GAP / total, row_heights=heights)
-    time = from_start(estimate.time)[some]
+    figure = make_subplots(rows=len(names), shared_xaxes="all", vertical_spacing=GAP / total, row_heights=heights)
+    time = from_start(estimate.time)[rows]
     for joint in range(joints):
-        for row, trace in _angle(estimate, joint, time, some):
-            made.add_trace(trace, row=2 * joint + row, col=1)
+        for row, trace in _angle(estimate, joint, time, rows):
+            figure.add_trace(trace, row=2 * joint + row, col=1)
     last = len(names)
-    for row, trace in [*_compared(estimate, time, some), *_measured(log, rig, time, some), *_health(time, words)]:
-        made.add_trace(trace, row=last + row, col=1)
+    for row, trace in [*_compared(estimate, time, rows), *_measured(log, rig, time, rows), *_health(time, words)]:
+        figure.add_trace(trace, row=last + row, col=1)
     for edge in (-2.0, 2.0):
-        made.add_hline(y=edge, row=last - 2, col=1, line={"color": SOFT, "width": 1, "dash": "dash"})
+        figure.add_hline(y=edge, row=last - 2, col=1, line={"color": SOFT, "width": 1, "dash": "dash"})
     for row, name in enumerate(names, 1):
-        made.update_yaxes(title_text=name, row=row, col=1)
+        figure.update_yaxes(title_text=name, row=row, col=1)
     for row in (*range(2, 2 * joints + 1, 2), last):
-        made.update_xaxes(showticklabels=True, row=row, col=1)
-    made.update_xaxes(title_text=time_label(estimate.time), row=last)
-    made.update_xaxes(showspikes=True, spikemode="across", spikethickness=1, spikecolor=SOFT, spikedash="dot")
-    made.update_layout(
+        figure.update_xaxes(showticklabels=True, row=row, col=1)
+    figure.update_xaxes(title_text=time_label(estimate.time), row=last)
+    figure.update_xaxes(showspikes=True, spikemode="across", spikethickness=1, spikecolor=SOFT, spikedash="dot")
+    figure.update_layout(
         template="plotly_white",
         hovermode="x unified",
         height=total + 180,
@@ -85,21 +85,19 @@ def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, said: Se
         margin={"l": 70, "r": 30, "t": 50, "b": 50},
         legend={"orientation": "h", "yanchor": "top", "y": -60 / total, "x": 0.0, "traceorder": "normal"},
     )
-    kinds = len(set(words))
-    made.update_yaxes(type="category", range=[-0.7, kinds - 0.3], row=last, col=1)
-    curves = made.to_html(include_plotlyjs=True, full_html=False, config=PAGE)
-    lines = [*said, *([f"Drawn is one sample of {step}."] if step > 1 else [])]
-    words_of = estimate.in_words() if joints == 1 else f"{estimate.estimator}: {joints} joints"
-    drawing = picture(rig_svg(rig), "The rig to scale; circles are its sensors.")
+    figure.update_yaxes(type="category", range=[-0.7, len(set(words)) - 0.3], row=last, col=1)
+    curves = figure.to_html(include_plotlyjs=True, full_html=False, config=PAGE)
     moving, script = moving_chain(estimate, log, rig)
     parts = [
-        *map(paragraph, lines),
+        *map(paragraph, sentences),
+        *([paragraph(f"Drawn is one sample of {step}.")] if step > 1 else []),
         *([_summary(estimate)] if joints > 1 else []),
         f"<div class='beside'>{moving}<div>{curves}</div></div>",
         script,
-        drawing,
+        picture(rig_svg(rig), "The rig to scale; circles are its sensors."),
     ]
-    write_whole(path, page(shown(Path(log.source).name), words_of, parts))
+    lead = estimate.in_words() if joints == 1 else f"{estimate.estimator}: {joints} joints"
+    write_whole(path, page(shown(Path(log.source).name), lead, parts))
     return Path(path)
 
 
@@ -137,43 +135,41 @@ def _text(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;")
 
 
-def _angle(estimate: Estimate, joint: int, time: Floats, some: slice) -> Iterator[tuple[int, Scatter]]:
+def _angle(estimate: Estimate, joint: int, time: Floats, rows: slice) -> Iterator[tuple[int, Scatter]]:
     """Return the traces of a joint's angle (row 1) and of its error, or of its band where the truth is not known."""
     first = joint == 0
-    angle, half = np.rad2deg(estimate.angles[some, joint]), np.rad2deg(BAND * estimate.angle_stds[some, joint])
+    angle, half = np.rad2deg(estimate.angles[rows, joint]), np.rad2deg(BAND * estimate.angle_stds[rows, joint])
     yield from ((1, trace) for trace in _band(time, angle - half, angle + half, first))
-    truth = None if estimate.truths is None else np.rad2deg(estimate.truths[some, joint])
-    if truth is not None:
-        yield 1, _line(time, truth, "truth", BLACK, first, width=2.5)
-    yield 1, _line(time, angle, estimate.estimator, COLOURS[0], first)
-    if truth is None:
+    line = _line(time, angle, estimate.estimator, COLOURS[0], first)
+    if estimate.truths is None:
+        yield 1, line
         yield 2, _line(time, half, "band ±", COLOURS[0], False)
         return
+    truth = np.rad2deg(estimate.truths[rows, joint])
+    yield 1, _line(time, truth, "truth", BLACK, first, width=2.5)
+    yield 1, line
     yield from ((2, trace) for trace in _band(time, -half, half, False))
     yield 2, _line(time, angle - truth, "error", COLOURS[0], False)
 
 
-def _compared(estimate: Estimate, time: Floats, some: slice) -> Iterator[tuple[int, Scatter]]:
-    ratios = (estimate.innovations / np.sqrt(estimate.innovation_variances))[some]
+def _compared(estimate: Estimate, time: Floats, rows: slice) -> Iterator[tuple[int, Scatter]]:
+    ratios = (estimate.innovations / np.sqrt(estimate.innovation_variances))[rows]
     for i, name in enumerate(estimate.measured):
         yield -2, _line(time, ratios[:, i], f"innovation {name}", COLOURS[(i + 1) % len(COLOURS)], True, width=1.0)
 
 
-def _measured(log: Log, rig: Rig, time: Floats, some: slice) -> Iterator[tuple[int, Scatter]]:
+def _measured(log: Log, rig: Rig, time: Floats, rows: slice) -> Iterator[tuple[int, Scatter]]:
     sensors = [s for s in rig.sensors if s.measures in ("force", "tension") and s.name in log.channels]
     for i, sensor in enumerate(sensors):
         name = f"{sensor.name} [{sensor.si}]"
-        yield -1, _line(time, log.channels[sensor.name][some], name, COLOURS[(i + 1) % len(COLOURS)], True, width=1.0)
+        yield -1, _line(time, log.channels[sensor.name][rows], name, COLOURS[(i + 1) % len(COLOURS)], True, width=1.0)
 
 
 def _health(time: Floats, words: Sequence[str]) -> Iterator[tuple[int, Scatter]]:
     """Return a trace for each word that occurs: a thick line where it holds."""
-    given = np.array(words)
-    for word in ("ok", *sorted(set(words) - {"ok"})):
-        if word not in words:
-            continue
-        values = [word if own else None for own in given == word]
-        trace = _line(time, values, word, HEALTH_COLOURS.get(word, COLOURS[1]), False, width=9)
+    for word in sorted(set(words), key=lambda word: (word != "ok", word)):
+        heights = [word if current == word else None for current in words]
+        trace = _line(time, heights, word, HEALTH_COLOURS.get(word, COLOURS[1]), False, width=9)
         trace.update(hovertemplate=f"{word}<extra></extra>")
         yield 0, trace
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from math import degrees, prod
 
@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
-from distal.control import ClosedLoop
-from distal.errors import DistalError, StudyError
-from distal.results import BAND, Estimate
+from distal.errors import StudyError
 from distal.rig import in_words
 from distal.study.description import Plan
-from distal.study.runs import BUILT, MEASURES, Task, run_tasks
+from distal.study.runs import BUILT, MEASURES, Task, curves_of, run_tasks
 from distal.study.space import ESTIMATOR, FEEDBACK, Axis, Space, Value
 from distal.study.storage import Columns
 
@@ -45,15 +43,7 @@ POINTS = 500
 
 @dataclass(frozen=True)
 class Proportion:
-    """A share of rigs, with the 95 % interval of Wilson (1927).
-
-    Args:
-        rigs: how many there are.
-        met: how many meet the requirement.
-        share: of them.
-        low: of the interval.
-        high: of the interval.
-    """
+    """How many rigs meet the requirement, and their share with its 95 % interval of Wilson (1927)."""
 
     rigs: int
     met: int
@@ -71,9 +61,7 @@ class Influence:
 
     Args:
         name: of the column.
-        words: what it is.
-        index: the share, of 1.
-        half: half-width of its 95 % interval.
+        half: half-width of the 95 % interval of the index.
     """
 
     name: str
@@ -84,12 +72,7 @@ class Influence:
 
 @dataclass(frozen=True)
 class Region:
-    """A part of the space of designs, and the share of rigs there.
-
-    Args:
-        where: in words.
-        proportion: of the rigs.
-    """
+    """A part of the space of designs, in words, and the share of rigs there."""
 
     where: str
     proportion: Proportion
@@ -97,15 +80,7 @@ class Region:
 
 @dataclass(frozen=True)
 class Case:
-    """A run that is among the worst.
-
-    Args:
-        words: what it is.
-        time: stamps [s], (k,).
-        truth: the joint's angle [°], (k,).
-        estimate: of it [°], (k,).
-        half: half-width of the 95 % band [°], (k,).
-    """
+    """A run that is among the worst: time [s], the joint's true angle, its estimate and half of the 95 % band [°], (k,)."""
 
     words: str
     time: list[float]
@@ -119,12 +94,9 @@ class Answer:
     """What a study says.
 
     Args:
-        sentence: the answer in words.
-        overall: of all rigs.
-        scenarios: name → share of the rigs that meet the requirement in it, of those that are asked.
+        scenarios: name → share of the rigs that meet the requirement in it, of the scenarios that are asked.
         influences: which numbers matter, most first; empty where SALib is not installed or nothing varies.
         regions: parts of the space, best first.
-        worst: cases.
         problems: errors of runs → how many had them.
         measures: name → mean over all runs.
     """
@@ -138,17 +110,9 @@ class Answer:
     problems: dict[str, int]
     measures: dict[str, float]
 
-    def as_json(self) -> dict[str, object]:
-        """Return it as tables and lists."""
-        return asdict(self)
-
 
 def proportion(met: Bools) -> Proportion:
-    """Return the share of rigs that meet the requirement.
-
-    Args:
-        met: whether each does, (n,).
-    """
+    """Return the share of rigs that meet the requirement, (n,)."""
     from scipy.stats import binomtest
 
     interval = binomtest(int(met.sum()), len(met)).proportion_ci(method="wilson")
@@ -156,33 +120,27 @@ def proportion(met: Bools) -> Proportion:
 
 
 def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
-    """Return what the rows of a finished study say.
-
-    Args:
-        columns: its rows, by design, seed and scenario.
+    """Return what the rows of a finished study say, which are sorted by design, seed and scenario.
 
     Raises:
         StudyError: rows are missing, or every run failed.
     """
-    study, each = plan.study, len(plan.scenarios)
-    if len(columns["met"]) != len(space) * study.seeds * each:
-        raise StudyError(
-            f"{len(columns['met'])} rows came of {len(space) * study.seeds * each}; run the study to its end"
-        )
+    study, n_scenarios = plan.study, len(plan.scenarios)
+    rows, runs = len(columns["met"]), len(space) * study.seeds * n_scenarios
+    if rows != runs:
+        raise StudyError(f"{rows} rows came of {runs}; run the study to its end")
     names = sorted(study.scenarios)
-    met = columns["met"].reshape(-1, each)
-    asked = [
-        k for k, name in enumerate(names) if not study.requirement.scenarios or name in study.requirement.scenarios
-    ]
+    met = columns["met"].reshape(-1, n_scenarios)
+    asked = [k for k, name in enumerate(names) if name in (study.requirement.scenarios or names)]
     good = np.all(met[:, asked] == 1, axis=1)
-    rms = np.sqrt(np.mean(columns["rms_deg"].reshape(-1, each)[:, asked].astype(np.float64) ** 2, axis=1))
+    rms = np.sqrt(np.mean(columns["rms_deg"].reshape(-1, n_scenarios)[:, asked].astype(np.float64) ** 2, axis=1))
     overall = proportion(good)
     of_scenario = {names[k]: proportion(met[:, k] == 1) for k in asked}
     influences = influences_of(plan, space, columns, rms)
     regions = _regions(plan, space, columns, good, influences)
     texts, counts = np.unique(columns["problem"].astype(str), return_counts=True)
     problems = {str(text): int(count) for text, count in zip(texts, counts) if text}
-    if sum(problems.values()) == len(columns["problem"]):
+    if sum(problems.values()) == rows:
         raise StudyError(f"every run failed, so there is no answer: {max(problems, key=lambda text: problems[text])}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # nothing but problems has no mean
@@ -194,29 +152,23 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
 
 def words_of(plan: Plan, name: str) -> str:
     """Return what a column is, in words."""
-    own = name.removeprefix(BUILT)
-    if own in (ESTIMATOR, FEEDBACK):
-        return own
-    shared = own in plan.rig.sharing()
-    what = f"common error of {own}" if shared else in_words(plan.rig, own)
-    if own.startswith("sensors.") and own.count(".") == 1:
-        what = f"sensor {own.partition('.')[2]}"
-    return f"{what}, as built" if name.startswith(BUILT) else what
+    path = name.removeprefix(BUILT)
+    if path in (ESTIMATOR, FEEDBACK):
+        return path
+    if path.startswith("sensors.") and path.count(".") == 1:
+        words = f"sensor {path.partition('.')[2]}"
+    else:
+        words = f"common error of {path}" if path in plan.rig.sharing() else in_words(plan.rig, path)
+    return f"{words}, as built" if name.startswith(BUILT) else words
 
 
 def quantity(value: float, unit: str) -> str:
-    """Return a number with its unit as people write it.
-
-    Args:
-        value: SI.
-        unit: SI.
-    """
+    """Return a number in its SI unit as people write it."""
     if unit == "rad":
         return f"{degrees(value):.3g}°"
-    if not unit or value == 0.0:
+    if value == 0.0 or not unit.startswith(tuple("mNsHV")):  # kg has its prefix already
         return f"{value:.3g} {unit}".strip()
-    scaled = unit[0] in "mNsHV"  # kg has its prefix already
-    _, size, prefix = next(one for one in PREFIXES if abs(value) >= one[0]) if scaled else (0.0, 1.0, "")
+    size, prefix = next((size, prefix) for least, size, prefix in PREFIXES if abs(value) >= least)
     return f"{value / size:.3g} {prefix}{unit}"
 
 
@@ -232,105 +184,91 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
             from SALib.analyze import rbd_fast
     except ImportError:
         return ()
-    each, known = len(plan.scenarios), np.isfinite(rms)
+    is_finite = np.isfinite(rms)
     inputs = {}
     for name in [*(axis.path for axis in space.axes), *(key for key in columns if key.startswith(BUILT))]:
-        values = columns[name][::each][known]
-        numbers = (
-            values.astype(np.float64) if values.dtype.kind in "fiub" else np.unique(values, return_inverse=True)[1]
-        )
+        column = columns[name][:: len(plan.scenarios)][is_finite]
+        if column.dtype.kind not in "fiub":
+            column = np.unique(column, return_inverse=True)[1]
+        numbers = column.astype(np.float64)
         if len(numbers) and np.ptp(numbers) > 0.0:
-            inputs[name] = numbers.astype(np.float64)
-    some = np.random.default_rng(0).permutation(int(known.sum()))[:MOST_SAMPLES]
-    if not inputs or len(some) < 100 or np.ptp(rms[known]) == 0.0:
+            inputs[name] = numbers
+    samples = np.random.default_rng(0).permutation(int(is_finite.sum()))[:MOST_SAMPLES]
+    if not inputs or len(samples) < 100 or np.ptp(rms[is_finite]) == 0.0:
         return ()
     problem = {"num_vars": len(inputs), "names": list(inputs), "bounds": [[0.0, 1.0]] * len(inputs)}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = rbd_fast.analyze(problem, np.column_stack(list(inputs.values()))[some], rms[known][some], seed=1)
-    every = [
+        table = np.column_stack(list(inputs.values()))
+        indices = rbd_fast.analyze(problem, table[samples], rms[is_finite][samples], seed=1)
+    influences = [
         Influence(name, words_of(plan, name), float(np.clip(index, 0.0, 1.0)), float(half))
-        for name, index, half in zip(inputs, found["S1"], found["S1_conf"])
+        for name, index, half in zip(inputs, indices["S1"], indices["S1_conf"])
     ]
-    return tuple(sorted(every, key=lambda one: -one.index))
+    return tuple(sorted(influences, key=lambda influence: -influence.index))
 
 
-def _parts(plan: Plan, axis: Axis, values: NDArray[np.generic], bins: int) -> list[tuple[str, Bools]]:
+def _parts(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[str, Bools]]:
     """Return parts of an axis, each in words with the rigs that are in it."""
     name = words_of(plan, axis.path)
     if axis.choices:
-        return [(said_of(name, one, axis.unit), values == one) for one in axis.choices]
-    edges = [float(axis.at(k / bins)) for k in range(bins + 1)]
-    numbers = values.astype(np.float64)
-    parts = []
-    for k, (low, high) in enumerate(pairwise(edges)):
-        inside = (numbers >= low) & ((numbers < high) | (k == bins - 1))
-        parts.append((f"{name} {quantity(low, axis.unit)} to {quantity(high, axis.unit)}", inside))
-    return parts
+        return [(setting_in_words(name, choice, axis.unit), values == choice) for choice in axis.choices]
+    edges, numbers = [float(axis.at(k / BINS)) for k in range(BINS + 1)], values.astype(np.float64)
+    return [
+        (
+            f"{name} {quantity(low, axis.unit)} to {quantity(high, axis.unit)}",
+            (numbers >= low) & ((numbers < high) | (k == BINS)),
+        )
+        for k, (low, high) in enumerate(pairwise(edges), 1)
+    ]
 
 
-def said_of(name: str, value: Value, unit: str) -> str:
-    """Return in words what something that varies is.
-
-    Args:
-        value: SI.
-        unit: SI.
-    """
-    if isinstance(value, bool):
-        return f"{'with' if value else 'without'} {name}"
-    return f"{name} {value}" if isinstance(value, str) else f"{name} {quantity(value, unit)}"
+def setting_in_words(name: str, setting: Value, unit: str) -> str:
+    """Return in words what something that varies is in a design."""
+    if isinstance(setting, bool):
+        return f"{'with' if setting else 'without'} {name}"
+    return f"{name} {setting}" if isinstance(setting, str) else f"{name} {quantity(setting, unit)}"
 
 
 def _regions(
     plan: Plan, space: Space, columns: Columns, good: Bools, influences: Sequence[Influence]
 ) -> tuple[Region, ...]:
     """Return the shares in parts of the space along its choices and the numbers of it that matter, best first."""
-    order = [one.name for one in influences]
-    told = {one.name for one in influences if one.index > one.half}
-    every = sorted(space.axes, key=lambda axis: order.index(axis.path) if axis.path in order else len(order))
-    known = [axis for axis in every if axis.choices or axis.path in told]
-    axes = (known or list(space.axes))[:MOST_AXES]
+    order = [influence.name for influence in influences]
+    significant = {influence.name for influence in influences if influence.index > influence.half}
+    ranked = sorted(space.axes, key=lambda axis: order.index(axis.path) if axis.path in order else len(order))
+    axes = [axis for axis in ranked if axis.choices or axis.path in significant] or list(space.axes)
+    axes = axes[:MOST_AXES]
     while len(axes) > 1 and FEWEST * prod(len(axis.choices) or BINS for axis in axes) > len(good):
         axes.pop()
-    found, each = [], len(plan.scenarios)
     cells: list[tuple[str, Bools]] = [("", np.ones(len(good), dtype=np.bool_))] if axes else []
     for axis in axes:
-        parts = _parts(plan, axis, columns[axis.path][::each], BINS)
+        parts = _parts(plan, axis, columns[axis.path][:: len(plan.scenarios)])
         cells = [(f"{a}, {b}" if a else b, x & y) for a, x in cells for b, y in parts]
-    for where, inside in cells:
-        if inside.sum() >= FEWEST:
-            found.append(Region(where, proportion(good[inside])))
-    return tuple(sorted(found, key=lambda one: -one.proportion.low))
+    regions = [Region(where, proportion(good[inside])) for where, inside in cells if inside.sum() >= FEWEST]
+    return tuple(sorted(regions, key=lambda region: -region.proportion.low))
 
 
 def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
     """Return the cases with the largest RMS errors, run again for their traces."""
     rms = np.nan_to_num(columns["rms_deg"].astype(np.float64), nan=-1.0)
-    order = [int(k) for k in np.argsort(-rms, kind="stable")[:CASES] if rms[k] >= 0.0]
-    tasks = []
+    order = [k for k in np.argsort(-rms, kind="stable")[:CASES] if rms[k] >= 0.0]
+    cases, tasks = [], []
     for k in order:
         index, scenario = int(columns["design"][k]), plan.study.scenarios.index(str(columns["scenario"][k]))
         tasks.append(Task(index, space.design(index), int(columns["seed"][k]), scenario))
-    cases = []
-    for k, task, found in zip(order, tasks, run_tasks(plan, tasks, space)):
-        curves = _curves(found, plan.joint)
+    for k, task, outcome in zip(order, tasks, run_tasks(plan, tasks, space)):
+        curves = curves_of(outcome, plan.joint)
         if curves is None:
             continue
-        time, *traces = (each[:: max(1, len(curves[0]) // POINTS)] for each in curves)
-        said = (said_of(words_of(plan, axis.path), task.design[axis.path], axis.unit) for axis in space.axes)
-        words = "; ".join([f"{plan.study.scenarios[task.scenario]}: RMS {rms[k]:.2g}°", *said])
-        stamps = [round(float(t), 3) for t in time - time[0]]
-        cases.append(Case(words, stamps, *([round(float(v), 3) for v in np.rad2deg(one)] for one in traces)))
+        time, *angles = (curve[:: max(1, len(curves[0]) // POINTS)] for curve in curves)
+        settings = (
+            setting_in_words(words_of(plan, axis.path), task.design[axis.path], axis.unit) for axis in space.axes
+        )
+        words = "; ".join([f"{plan.study.scenarios[task.scenario]}: RMS {rms[k]:.2g}°", *settings])
+        traces = [time - time[0], *map(np.rad2deg, angles)]
+        cases.append(Case(words, *([round(float(number), 3) for number in trace] for trace in traces)))
     return tuple(cases)
-
-
-def _curves(found: Estimate | ClosedLoop | DistalError, j: int) -> tuple[Floats, Floats, Floats, Floats] | None:
-    """Return time [s], true angle, estimate and half of the band [rad] of a run; None where there are none."""
-    if isinstance(found, ClosedLoop):
-        return found.time, found.angles[:, j], found.estimates[:, j], BAND * found.stds[:, j]
-    if isinstance(found, DistalError) or found.truths is None:
-        return None
-    return found.time, found.truths[:, j], found.angles[:, j], BAND * found.angle_stds[:, j]
 
 
 def _sentence(

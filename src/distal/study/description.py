@@ -82,9 +82,7 @@ class Plan:
     """A study with all that it names, so that it can be sent to other computers.
 
     Args:
-        study: the description.
-        rig: as the study says, with its ``set``.
-        scenarios: in the study's order.
+        rig: with the values of the study's ``set``.
     """
 
     study: Study
@@ -94,7 +92,7 @@ class Plan:
     @property
     def digest(self) -> str:
         """What tells this study from any other, as hexadecimal digits."""
-        parts = [self.study.model_dump(), self.rig.model_dump(), [repr(one) for one in self.scenarios]]
+        parts = [self.study.model_dump(), self.rig.model_dump(), [repr(scenario) for scenario in self.scenarios]]
         return hashlib.sha256(json.dumps(parts, sort_keys=True, default=repr).encode()).hexdigest()[:32]
 
     @property
@@ -149,9 +147,9 @@ def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | Non
     rig = rig.with_values(study.set) if study.set else rig
     joints = [joint.name for joint in rig.joints]
     if study.requirement.joint not in joints:
-        asked = study.requirement.joint
-        raise StudyError(f"{source}: requirement.joint: the rig has no joint '{asked}'{did_you_mean(asked, joints)}")
-    scenarios = [load_scenario(place(one)) for one in study.scenarios]
+        name = study.requirement.joint
+        raise StudyError(f"{source}: requirement.joint: the rig has no joint '{name}'{did_you_mean(name, joints)}")
+    scenarios = [load_scenario(place(name)) for name in study.scenarios]
     if study.duration is not None:
-        scenarios = [one.model_copy(update={"duration": study.duration}) for one in scenarios]
+        scenarios = [scenario.model_copy(update={"duration": study.duration}) for scenario in scenarios]
     return Plan(study, rig, tuple(scenarios))

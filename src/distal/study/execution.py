@@ -48,23 +48,23 @@ def run_study(
         StudyError: a worker ended, or the scheduler is not there or has another version.
         OutputError: rows cannot be written.
     """
-    each = plan.study.seeds * len(plan.scenarios)
-    there, parts = folder.done(), space.chunks(each)
-    done, total = sum(len(parts[k]) for k in there if k < len(parts)) * each, len(space) * each
-    left: list[Chunk] = [(k, part) for k, part in enumerate(parts) if k not in there]
+    runs_per_design = plan.study.seeds * len(plan.scenarios)
+    finished, total = folder.done(), len(space) * runs_per_design
+    chunks = [(k, designs) for k, designs in enumerate(space.chunks(runs_per_design)) if k not in finished]
+    done = total - sum(len(designs) for _, designs in chunks) * runs_per_design
     if progress is not None:
         progress(done, total)
-    if not left:
+    if not chunks:
         return
     count = (os.cpu_count() or 1) if workers is None else workers
-    for number, rows in _by_dask(plan, left, scheduler) if scheduler else _here(plan, left, count):
+    for number, rows in _by_dask(plan, chunks, scheduler) if scheduler else _by_processes(plan, chunks, count):
         folder.write(number, rows)
         done += len(rows["design"])
         if progress is not None:
             progress(done, total)
 
 
-def _here(plan: Plan, chunks: Sequence[Chunk], workers: int) -> Iterator[tuple[int, Rows]]:
+def _by_processes(plan: Plan, chunks: Sequence[Chunk], workers: int) -> Iterator[tuple[int, Rows]]:
     if workers == 1:
         yield from ((number, run_chunk(plan, designs)) for number, designs in chunks)
         return
@@ -126,13 +126,13 @@ def _by_dask(plan: Plan, chunks: Sequence[Chunk], address: str) -> Iterator[tupl
         raise StudyError("--scheduler needs Dask; pip install '.[dask]'") from None
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
-        there = client.get_versions()
+        versions = client.get_versions()
     except (OSError, ValueError, ImportError, TypeError) as problem:
         raise StudyError(
             f"no scheduler answers at {address} ({str(problem)[:80]}); start one: dask scheduler"
         ) from None
     with client:
-        _check_versions(there)
+        _check_versions(versions)
         numbers = {
             client.submit(_far, plan, designs, __version__, pure=False, retries=RETRIES): number
             for number, designs in chunks
@@ -155,14 +155,14 @@ def _by_dask(plan: Plan, chunks: Sequence[Chunk], address: str) -> Iterator[tupl
             client.cancel(list(numbers), force=True)
 
 
-def _check_versions(there: Mapping[str, Mapping[str, Mapping[str, str]]]) -> None:
+def _check_versions(versions: Mapping[str, Mapping[str, Mapping[str, str]]]) -> None:
     """Refuse a scheduler with another version of Dask or Python than is here."""
-    own, other = (there[who] for who in ("client", "scheduler"))
-    here = ".".join(map(str, sys.version_info[:2]))
-    far = ".".join(str(other["host"]["python"]).split(".")[:2])
-    if far != here:
-        raise StudyError(f"the scheduler runs Python {far}, this is {here}; install the same on all")
+    client, scheduler = versions["client"], versions["scheduler"]
+    local = ".".join(map(str, sys.version_info[:2]))
+    remote = ".".join(str(scheduler["host"]["python"]).split(".")[:2])
+    if remote != local:
+        raise StudyError(f"the scheduler runs Python {remote}, this is {local}; install the same on all")
     for package in ("distributed", "dask"):
-        mine, theirs = own["packages"][package], other["packages"][package]
-        if mine != theirs:
-            raise StudyError(f"the scheduler has {package} {theirs}, this is {mine}; install the same on all")
+        local, remote = client["packages"][package], scheduler["packages"][package]
+        if local != remote:
+            raise StudyError(f"the scheduler has {package} {remote}, this is {local}; install the same on all")

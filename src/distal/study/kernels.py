@@ -15,49 +15,41 @@ PARTS = ("joints", "drives", "tendons")
 
 
 @dataclass
-class _Filters:
-    """The filters of one shape of rig, and the rigs of the study that have not been looked at for more."""
-
-    kept: list[AdaptiveFilter]
-    others: Iterator[Rig]
-
-
-@dataclass
 class Kernels:
-    """A plant's kernel, and a filter, for each structure of rig."""
+    """A plant's kernel, and filters, for each structure of rig; with the filters the rigs not yet looked at for more."""
 
     plants: dict[str, tuple[Mechanism, Kernel]] = field(default_factory=dict)
-    filters: dict[tuple[str, str], _Filters] = field(default_factory=dict)
+    filters: dict[tuple[str, str], tuple[list[AdaptiveFilter], Iterator[Rig]]] = field(default_factory=dict)
 
     def plant(self, mechanism: Mechanism, count: int) -> tuple[Mechanism, Kernel]:
         """Return a mechanism of the same structure and its kernel."""
         parts = [_masked(getattr(mechanism.rig, kind).model_dump()) for kind in ("base", "stepping")]
-        parts += [_masked(_open(one.model_dump())) for kind in PARTS for one in getattr(mechanism.rig, kind)]
+        parts += [_masked(_open(part.model_dump())) for kind in PARTS for part in getattr(mechanism.rig, kind)]
         key = repr((parts, mechanism.parameters.names, count))
         if key not in self.plants:
             self.plants[key] = mechanism, Kernel(plant_function(mechanism, count))
         return self.plants[key]
 
-    def filter(self, rig: Rig, family: str, others: Iterator[Rig]) -> AdaptiveFilter:
+    def filter(self, rig: Rig, family: str, rigs: Iterator[Rig]) -> AdaptiveFilter:
         """Return the adaptive filter of a rig, with the kernel of the first rig of a study that has its structure.
 
         What a kernel has as constants is that of the rig that it was made of: which one must not depend on what a
         process has done before.
 
         Args:
-            others: the rigs of the study in their order.
+            rigs: those of the study in their order.
         """
         shape = _shape(rig)
-        known = self.filters.setdefault((family, shape), _Filters([], others))
+        filters, untried = self.filters.setdefault((family, shape), ([], rigs))
         while True:
-            for one in known.kept:
-                ready = one.of_rig(rig)
+            for adaptive in filters:
+                ready = adaptive.of_rig(rig)
                 if ready is not None:
                     return ready
-            alike = (other for other in known.others if _shape(other) == shape)
-            first = next((other for other in alike if all(one.of_rig(other) is None for one in known.kept)), rig)
-            noises = tuple(f"sensors.{i}.noise" for i, each in enumerate(first.sensors) if each.measures != "angle")
-            known.kept.append(AdaptiveFilter(first, inputs=noises))
+            alike = (design for design in untried if _shape(design) == shape)
+            first = next((design for design in alike if all(f.of_rig(design) is None for f in filters)), rig)
+            noises = tuple(f"sensors.{i}.noise" for i, sensor in enumerate(first.sensors) if sensor.measures != "angle")
+            filters.append(AdaptiveFilter(first, inputs=noises))
 
 
 def _shape(rig: Rig) -> str:
@@ -84,4 +76,4 @@ def _masked(part: object) -> object:
             flags = value == 0.0, std > 0.0, value == 1.0, std > 0.5 * abs(value), std > 0.2 * abs(value)
             return flags, part.get("hold"), part.get("drift"), shared and shared["name"]
         return {key: _masked(value) for key, value in part.items()}
-    return [_masked(one) for one in part] if isinstance(part, (list, tuple)) else part
+    return [_masked(member) for member in part] if isinstance(part, (list, tuple)) else part

@@ -19,8 +19,7 @@ class Draw:
 
     Args:
         name: of the number, by names of parts, or of what several have in common.
-        std: what is not known: of a number in SI, of what is common as a share.
-        paths: of the numbers that it changes.
+        std: of a number in SI, of what is common as a share.
         common: whether it is what several err by together.
     """
 
@@ -32,17 +31,17 @@ class Draw:
 
 def draws_of(rig: Rig) -> tuple[Draw, ...]:
     """Return what is drawn of a rig: every number with a std, and what several err by together."""
-    found, common = list[Draw](), dict[str, tuple[float, list[str]]]()
+    draws, common = list[Draw](), dict[str, tuple[float, list[str]]]()
     for kind in KINDS:
         for i, part in enumerate(getattr(rig, kind)):
             for path, parameter in parameters_below(part, f"{kind}.{i}"):
                 if path.endswith(".nominal_force"):  # what filters take where they measure none
                     continue
                 if parameter.std > 0.0:
-                    found.append(Draw(named(rig, path), parameter.std, (path,)))
+                    draws.append(Draw(named(rig, path), parameter.std, (path,)))
                 if parameter.shared is not None and parameter.shared.std > 0.0:
                     common.setdefault(parameter.shared.name, (parameter.shared.std, []))[1].append(path)
-    return (*found, *(Draw(name, std, tuple(paths), True) for name, (std, paths) in common.items()))
+    return (*draws, *(Draw(name, std, tuple(paths), True) for name, (std, paths) in common.items()))
 
 
 def scores(draws: Sequence[Draw], seed: Sequence[int]) -> dict[str, float]:
@@ -65,25 +64,24 @@ def built_values(rig: Rig, draws: Sequence[Draw], score: Mapping[str, float]) ->
         score: how many standard deviations each is off.
     """
     values: dict[str, float] = {}
-    for draw in sorted(draws, key=lambda one: not one.common):
+    for draw in sorted(draws, key=lambda draw: not draw.common):
         for path in draw.paths:
-            known = number(rig, path)
+            nominal, bound = number(rig, path).value, number(rig, path).quantity.bound
+            rough = bound == "positive" and known_to_a_factor(path, 1.0 if draw.common else nominal, draw.std)
             if draw.common:
-                rough = known_to_a_factor(path, 1.0, draw.std) and known.quantity.bound == "positive"
-                values[path] = known.value * _drawn(1.0, draw.std, score[draw.name], True, rough)
+                values[path] = nominal * _drawn(1.0, draw.std, score[draw.name], True, rough)
             else:
-                bounded = known.quantity.bound != "any"
-                rough = known.quantity.bound == "positive" and known_to_a_factor(path, known.value, draw.std)
-                values[path] = _drawn(values.get(path, known.value), draw.std, score[draw.name], bounded, rough)
+                mean = values.get(path, nominal)
+                values[path] = _drawn(mean, draw.std, score[draw.name], bound != "any", rough)
     return values
 
 
-def _drawn(value: float, std: float, score: float, bounded: bool, rough: bool) -> float:
+def _drawn(mean: float, std: float, score: float, bounded: bool, rough: bool) -> float:
     from scipy.special import ndtr, ndtri
 
     if rough:
-        return float(value * np.exp(np.log1p(std / value) * score))
-    if bounded and value < 8.0 * std:
-        below = ndtr(-value / std)
+        return float(mean * np.exp(np.log1p(std / mean) * score))
+    if bounded and mean < 8.0 * std:
+        below = ndtr(-mean / std)
         score = float(ndtri(below + (1.0 - below) * ndtr(score)))
-    return value + std * score
+    return mean + std * score

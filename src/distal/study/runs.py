@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatch
@@ -33,9 +33,10 @@ from distal.study.plants import Draw, built_values, draws_of, scores
 from distal.study.space import ESTIMATOR, FEEDBACK, Design, Space, rig_of, space_of
 from distal.threads import one_blas_thread
 
-Item = TypeVar("Item")
+Lane = TypeVar("Lane")
 Cell = float | str | bool | None
 Rows = dict[str, list[Cell]]
+Outcome = Estimate | ClosedLoop | DistalError
 
 MEASURES = ("rms_deg", "worst_deg", "within", "inside", "half_band_deg")
 """What is measured of a run: RMS and largest error [°], shares of the time within the limit and inside the 95 % band, and
@@ -53,13 +54,10 @@ BUILT = "built: "
 
 @dataclass(frozen=True)
 class Task:
-    """One run of a study.
+    """One run of a study: a design and its index, and the index of a scenario.
 
     Args:
-        index: of the design.
-        design: what varies in it.
         seed: which rig as built; `NOMINAL` for the rig as described.
-        scenario: its index.
     """
 
     index: int
@@ -76,57 +74,48 @@ _TURNS = Lock()  # threads of a process take turns: they share the kernels
 def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
     """Return the rows of some designs: one for each design, rig as built and scenario; an error of a run is a row."""
     with _TURNS, one_blas_thread():
-        return _rows(plan, designs)
+        begun, digest = time.perf_counter(), plan.digest
+        space = _SPACES[digest] = _SPACES.get(digest) or space_of(plan)
+        seeds, scenarios = range(plan.study.seeds), range(len(plan.scenarios))
+        tasks = [Task(i, space.design(i), seed, s) for i in designs for seed in seeds for s in scenarios]
+        rows: Rows = {}
+        for task, outcome in zip(tasks, run_tasks(plan, tasks, space)):
+            for column, cell in _row(plan, task, outcome).items():
+                rows.setdefault(column, []).append(cell)
+        rows["seconds"] = [(time.perf_counter() - begun) / len(tasks)] * len(tasks)
+        return rows
 
 
-def _rows(plan: Plan, designs: Sequence[int]) -> Rows:
-    begun, study, digest = time.perf_counter(), plan.study, plan.digest
-    space = _SPACES[digest] = _SPACES.get(digest) or space_of(plan)
-    every = range(len(plan.scenarios))
-    tasks = [Task(i, space.design(i), seed, s) for i in designs for seed in range(study.seeds) for s in every]
-    rows: Rows = {}
-    for task, outcome in zip(tasks, run_tasks(plan, tasks, space)):
-        for name, value in _row(plan, task, outcome).items():
-            rows.setdefault(name, []).append(value)
-    rows["seconds"] = [(time.perf_counter() - begun) / len(tasks)] * len(tasks)
-    return rows
-
-
-def _row(plan: Plan, task: Task, outcome: Estimate | ClosedLoop | DistalError) -> dict[str, Cell]:
+def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
     asked, name = plan.study.requirement, plan.study.scenarios[task.scenario]
-    measured: dict[str, Cell] = dict.fromkeys(MEASURES, float("nan"))
-    problem, met = "", False
-    if isinstance(outcome, DistalError) or (isinstance(outcome, Estimate) and outcome.truths is None):
+    row: dict[str, Cell] = {"design": task.index, "seed": task.seed, "scenario": name}
+    row |= {path: setting if isinstance(setting, str) else float(setting) for path, setting in task.design.items()}
+    row |= {f"{BUILT}{draw}": score for draw, score in scores(draws_of(plan.rig), _seeds(plan, task)).items()}
+    curves, problem, met = curves_of(outcome, plan.joint), "", False
+    if curves is None:
         problem = str(outcome)
+        row |= dict.fromkeys(MEASURES, float("nan"))
     else:
-        errors, wrong, half = _errors(outcome, plan.joint, asked.joint)
+        _, truth, estimate, half = curves
+        errors = wrong = np.abs(estimate - truth)
+        if isinstance(outcome, ClosedLoop) and asked.joint in outcome.references:
+            # in a closed loop it is the true angle that is asked for something, the reference
+            errors = np.abs(truth - outcome.references[asked.joint])
         within = float(np.mean(errors <= asked.within))
-        rms, worst, width = (float(np.rad2deg(one)) for one in (np.sqrt(np.mean(errors**2)), errors.max(), half.mean()))
-        measured = dict(zip(MEASURES, (rms, worst, within, float(np.mean(wrong <= half)), width)))
+        rms, worst, width = np.rad2deg([np.sqrt(np.mean(errors**2)), errors.max(), half.mean()]).tolist()
+        row |= dict(zip(MEASURES, (rms, worst, within, float(np.mean(wrong <= half)), width)))
         met = within >= asked.time
-    built: dict[str, Cell] = {
-        f"{BUILT}{name}": score for name, score in scores(draws_of(plan.rig), _seeds(plan, task)).items()
-    }
-    keys: dict[str, Cell] = {"design": float(task.index), "seed": float(task.seed), "scenario": name}
-    values: dict[str, Cell] = {
-        path: value if isinstance(value, str) else float(value) for path, value in task.design.items()
-    }
     is_asked = not asked.scenarios or name in asked.scenarios
-    return {**keys, **values, **built, **measured, "met": met if is_asked else None, "problem": problem}
+    return row | {"met": met if is_asked else None, "problem": problem}
 
 
-def _errors(outcome: Estimate | ClosedLoop, j: int, name: str) -> tuple[Floats, Floats, Floats]:
-    """Return how far a joint is from what is asked of it, how wrong its estimate is, and half of its band [rad].
-
-    An estimate is asked for the true angle; in a closed loop the true angle is asked for the reference.
-    """
-    if isinstance(outcome, Estimate):
-        assert outcome.truths is not None
-        wrong = np.abs(outcome.angles[:, j] - outcome.truths[:, j])
-        return wrong, wrong, BAND * outcome.angle_stds[:, j]
-    wrong = np.abs(outcome.estimates[:, j] - outcome.angles[:, j])
-    away = np.abs(outcome.angles[:, j] - outcome.references[name]) if name in outcome.references else wrong
-    return away, wrong, BAND * outcome.stds[:, j]
+def curves_of(outcome: Outcome, j: int) -> tuple[Floats, Floats, Floats, Floats] | None:
+    """Return time [s], true angle, estimate and half of the band [rad] of a run; None where there are none."""
+    if isinstance(outcome, ClosedLoop):
+        return outcome.time, outcome.angles[:, j], outcome.estimates[:, j], BAND * outcome.stds[:, j]
+    if isinstance(outcome, DistalError) or outcome.truths is None:
+        return None
+    return outcome.time, outcome.truths[:, j], outcome.angles[:, j], BAND * outcome.angle_stds[:, j]
 
 
 def _seeds(plan: Plan, task: Task) -> tuple[int, int, int]:
@@ -135,44 +124,44 @@ def _seeds(plan: Plan, task: Task) -> tuple[int, int, int]:
 
 def run_tasks(
     plan: Plan, tasks: Sequence[Task], space: Space | None = None, homing: float | None = None
-) -> list[Estimate | ClosedLoop | DistalError]:
+) -> list[Outcome]:
     """Return the estimates or closed loops of some runs, or why there is none, in their order.
 
     Args:
         space: all designs, the first of which in each structure has the constants of its filters' kernel; None for any.
         homing: for how long the true angle is used [s], or None.
     """
-    outcomes: dict[int, Estimate | ClosedLoop | DistalError] = {}
-    rigs = [plan.rig.with_values({**one.set, **plan.study.set}) if one.set else plan.rig for one in plan.scenarios]
-    ready: dict[tuple[int, int], _Ready | DistalError] = {}
-    plants = dict[tuple[int, int, str], list[tuple[int, Prepared]]]()
+    outcomes: dict[int, Outcome] = {}
+    rigs = [plan.rig.with_values({**s.set, **plan.study.set}) if s.set else plan.rig for s in plan.scenarios]
+    setups: dict[tuple[int, int], _Setup | DistalError] = {}
+    plants = dict[tuple[int, int, str], list[tuple[int, _Setup, Prepared]]]()
     for k, task in enumerate(tasks):
         key = task.index, task.scenario
-        if key not in ready:
-            ready[key] = _ready(plan, rigs[task.scenario], task, space)
-        own = ready[key]
-        if isinstance(own, DistalError):
-            outcomes[k] = own
+        if key not in setups:
+            setups[key] = _setup_of(plan, rigs[task.scenario], task, space)
+        setup = setups[key]
+        if isinstance(setup, DistalError):
+            outcomes[k] = setup
             continue
-        if plan.scenarios[task.scenario].control is not None:
-            outcomes[k] = _closed(plan, own, task)
+        if setup.scenario.control is not None:
+            outcomes[k] = _closed(plan, setup, task)
             continue
         try:
-            built = own.built(plan.scenarios[task.scenario], _seeds(plan, task))
+            built = setup.built(_seeds(plan, task))
         except DistalError as problem:
             outcomes[k] = problem
         else:
-            plants.setdefault((id(own.kernel), len(built.inputs.effort), repr(built.dt)), []).append((k, built))
+            structure = id(setup.kernel), len(built.inputs.effort), repr(built.dt)
+            plants.setdefault(structure, []).append((k, setup, built))
     runs, homed = dict[int, list[tuple[int, Run]]](), dict[int, Estimator]()
-    for k, log in _logs(plan, tasks, ready, plants):
-        own = ready[tasks[k].index, tasks[k].scenario]
-        assert isinstance(own, _Ready)
+    for k, setup, log in _logs(plan, tasks, plants.values()):
         try:
             if isinstance(log, DistalError):
                 raise log
-            runner = own.runner
+            runner = setup.runner
             if homing is not None:
-                runner = homed[id(own)] = homed.get(id(own)) or runner_for(log, own.rig, runner.name, True, homing)
+                runner = homed.get(id(setup)) or runner_for(log, setup.rig, runner.name, True, homing)
+                homed[id(setup)] = runner
             run = prepared(log, runner, homing)
         except DistalError as problem:
             outcomes[k] = problem
@@ -186,15 +175,13 @@ def run_tasks(
     return [outcomes[k] for k in range(len(tasks))]
 
 
-def _closed(plan: Plan, own: _Ready, task: Task) -> ClosedLoop | DistalError:
+def _closed(plan: Plan, setup: _Setup, task: Task) -> ClosedLoop | DistalError:
     """Return the closed loop of a rig as built, or why there is none."""
-    scenario, seed = plan.scenarios[task.scenario], _seeds(plan, task)
-    plant, feedback = {**own.drawn(seed), **own.fixed}, task.design.get(FEEDBACK)
+    plant = {**setup.drawn(_seeds(plan, task)), **setup.fixed}
+    feedback = str(task.design[FEEDBACK]) if FEEDBACK in task.design else None
     try:
-        built = scenario.model_copy(update={"plant": plant})
-        return closed_loop(
-            own.rig, built, _sensor_seed(plan, task), feedback=None if feedback is None else str(feedback)
-        )
+        scenario = setup.scenario.model_copy(update={"plant": plant})
+        return closed_loop(setup.rig, scenario, _sensor_seed(plan, task), feedback=feedback)
     except DistalError as problem:
         return problem
 
@@ -204,25 +191,22 @@ def _sensor_seed(plan: Plan, task: Task) -> int:
     return int(words[0])
 
 
-def _groups(items: Sequence[Item]) -> Iterator[Sequence[Item]]:
-    return (items[at : at + lanes_here()] for at in range(0, len(items), lanes_here()))
+def _groups(alike: Sequence[Lane]) -> Iterator[Sequence[Lane]]:
+    return (alike[at : at + lanes_here()] for at in range(0, len(alike), lanes_here()))
 
 
 @dataclass(frozen=True)
-class _Ready:
+class _Setup:
     """A design in a scenario, ready for the rigs as built of it.
 
     Args:
         rig: as filters know it.
-        draws: what is drawn of it.
         fixed: what the scenario says of the plant, where nothing is drawn.
-        mechanism: of the same structure.
-        kernel: of the plant.
-        inputs: what acts.
+        mechanism: of a rig of the same structure, for which the kernel was made.
         timing: interval [s] and sub-steps.
-        runner: the estimator.
     """
 
+    scenario: Scenario
     rig: Rig
     draws: tuple[Draw, ...]
     fixed: dict[str, object]
@@ -234,39 +218,42 @@ class _Ready:
 
     def drawn(self, seed: tuple[int, ...]) -> dict[str, float]:
         """Return path → value of one rig as built."""
-        nominal = seed[-1] == NOMINAL
-        score = dict.fromkeys((one.name for one in self.draws), 0.0) if nominal else scores(self.draws, seed)
+        nominal = dict.fromkeys((draw.name for draw in self.draws), 0.0)
+        score = nominal if seed[-1] == NOMINAL else scores(self.draws, seed)
         return built_values(self.rig, self.draws, score)
 
-    def built(self, scenario: Scenario, seed: tuple[int, ...]) -> Prepared:
+    def built(self, seed: tuple[int, ...]) -> Prepared:
         """Return the scenario on one rig as built."""
         plant = Mechanism(self.rig.with_values({**self.drawn(seed), **self.fixed}), remembers=True)
-        start = equilibrium(plant, initial_angles(scenario, plant), self.inputs, resting_force(self.mechanism))
-        return Prepared(self.rig, scenario, plant, self.inputs, start, *self.timing)
+        start = equilibrium(plant, initial_angles(self.scenario, plant), self.inputs, resting_force(self.mechanism))
+        return Prepared(self.rig, self.scenario, plant, self.inputs, start, *self.timing)
 
 
-def _ready(plan: Plan, rig: Rig, task: Task, space: Space | None) -> _Ready | DistalError:
+def _setup_of(plan: Plan, scenario_rig: Rig, task: Task, space: Space | None) -> _Setup | DistalError:
     scenario = plan.scenarios[task.scenario]
     try:
-        own = rig_of(rig, task.design)
-        draws = draws_of(own)
-        drawn = {named(own, path) for draw in draws for path in draw.paths}
-        given = scenario.plant.items()
-        fixed = {path: value for path, value in given if not any(fnmatch(one, named(own, path)) for one in drawn)}
-        plant = Mechanism(own.with_values(fixed) if fixed else own, remembers=True)
+        rig = rig_of(scenario_rig, task.design)
+        draws = draws_of(rig)
+        drawn = {named(rig, path) for draw in draws for path in draw.paths}
+        fixed = {
+            path: setting
+            for path, setting in scenario.plant.items()
+            if not any(fnmatch(name, named(rig, path)) for name in drawn)
+        }
+        plant = Mechanism(rig.with_values(fixed) if fixed else rig, remembers=True)
         dt, steps, needed = timing(plant, scenario)
         count = -(-needed // STEPS) * STEPS
         mechanism, kernel = _KERNELS.plant(plant, count)
         inputs = body_inputs(scenario, mechanism, dt * np.arange(steps, dtype=np.float64))
         name = str(task.design.get(ESTIMATOR, plan.study.estimator))
         if name != DEFAULT:
-            runner: Estimator = make_estimator(name, own, compiled=False)
+            runner: Estimator = make_estimator(name, rig, compiled=False)
         else:
             family = f"{plan.digest} {task.scenario}" if space is not None else ""
-            runner = _KERNELS.filter(own, family, _rigs(rig, space or ()))
+            runner = _KERNELS.filter(rig, family, _rigs(scenario_rig, space or ()))
     except DistalError as problem:
         return problem
-    return _Ready(own, draws, fixed, mechanism, kernel, inputs, (dt, count), runner)
+    return _Setup(scenario, rig, draws, fixed, mechanism, kernel, inputs, (dt, count), runner)
 
 
 def _rigs(rig: Rig, designs: Iterable[Design]) -> Iterator[Rig]:
@@ -277,29 +264,25 @@ def _rigs(rig: Rig, designs: Iterable[Design]) -> Iterator[Rig]:
 
 
 def _logs(
-    plan: Plan,
-    tasks: Sequence[Task],
-    ready: Mapping[tuple[int, int], _Ready | DistalError],
-    plants: Mapping[tuple[int, int, str], list[tuple[int, Prepared]]],
-) -> Iterator[tuple[int, Log | DistalError]]:
-    """Yield the index of each run with its log; plants of one structure move side by side."""
-    for alike in plants.values():
+    plan: Plan, tasks: Sequence[Task], plants: Iterable[Sequence[tuple[int, _Setup, Prepared]]]
+) -> Iterator[tuple[int, _Setup, Log | DistalError]]:
+    """Yield the index of each run with its setup and its log; plants of one structure move side by side."""
+    for alike in plants:
         for group in _groups(alike):
-            own = ready[tasks[group[0][0]].index, tasks[group[0][0]].scenario]
-            assert isinstance(own, _Ready)
-            for (k, built), motion in zip(group, _motions(own, [built for _, built in group])):
-                if isinstance(motion, DistalError):
-                    yield k, motion
-                    continue
-                yield k, sampled(built, motion, _sensor_seed(plan, tasks[k]))
+            motions = _motions(group[0][1], [built for _, _, built in group])
+            for (k, setup, built), motion in zip(group, motions):
+                if isinstance(motion, Motion):
+                    yield k, setup, sampled(built, motion, _sensor_seed(plan, tasks[k]))
+                else:
+                    yield k, setup, motion
 
 
-def _motions(own: _Ready, built: Sequence[Prepared]) -> Iterable[Motion | DistalError]:
-    runs = [(one.inputs, one.start) for one in built]
-    numbers = [one.plant.parameters.values for one in built]
+def _motions(setup: _Setup, group: Sequence[Prepared]) -> Iterable[Motion | DistalError]:
+    runs = [(built.inputs, built.start) for built in group]
+    numbers = [built.plant.parameters.values for built in group]
     try:
-        return run_plants(own.mechanism, runs, own.timing[0], own.kernel, numbers)
+        return run_plants(setup.mechanism, runs, setup.timing[0], setup.kernel, numbers)
     except DistalError as problem:
-        if len(built) == 1:
+        if len(group) == 1:
             return [problem]
-        return [motion for one in built for motion in _motions(own, [one])]
+        return [motion for built in group for motion in _motions(setup, [built])]

@@ -39,11 +39,8 @@ class Axis:
 
     Args:
         path: of a number of the rig, of a sensor (``sensors.u1``), or ``estimator``.
-        unit: SI, of numbers.
+        unit: SI, of numbers; so are low and high.
         choices: what it may be; empty for a range.
-        low: of a range, SI.
-        high: of a range, SI.
-        scale: of a range.
         points: of a range, in a grid.
     """
 
@@ -56,11 +53,7 @@ class Axis:
     points: int = POINTS
 
     def at(self, share: float) -> Value:
-        """Return the value at a share of the way.
-
-        Args:
-            share: from 0 to 1.
-        """
+        """Return the value at a share of the way, from 0 to 1."""
         if self.choices:
             return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
         if self.scale == "log":
@@ -80,25 +73,26 @@ def axes_of(plan: Plan) -> tuple[Axis, ...]:
 def _axis(rig: Rig, path: str, raw: object) -> Axis:
     sensors = [sensor.name for sensor in rig.sensors]
     if path in (ESTIMATOR, FEEDBACK):
-        allowed = [*ESTIMATORS, *((ENCODER, RATIO) if path == FEEDBACK else ())]
-        for one in _list(path, raw):
-            if one not in allowed:
-                raise StudyError(f"vary.{path}: unknown '{one}'{did_you_mean(str(one), allowed)}")
-        return Axis(path, choices=tuple(str(one) for one in _list(path, raw)))
+        allowed, names = [*ESTIMATORS, *((ENCODER, RATIO) if path == FEEDBACK else ())], _list(path, raw)
+        for name in names:
+            if name not in allowed:
+                raise StudyError(f"vary.{path}: unknown '{name}'{did_you_mean(str(name), allowed)}")
+        return Axis(path, choices=tuple(map(str, names)))
     if path.startswith("sensors.") and path.count(".") == 1:
         if path.partition(".")[2] not in sensors:
             raise StudyError(f"vary.{path}: the rig has no such sensor{did_you_mean(path[8:], sensors)}")
-        if not all(isinstance(one, bool) for one in _list(path, raw)):
+        flags = _list(path, raw)
+        if not all(isinstance(flag, bool) for flag in flags):
             raise StudyError(f"vary.{path}: a sensor is there or not, [true, false]; {raw!r:.60} came")
-        return Axis(path, choices=tuple(bool(one) for one in _list(path, raw)))
+        return Axis(path, choices=tuple(map(bool, flags)))
     try:
         unit = _unit(rig, path)
         if isinstance(raw, Mapping):
             _check_smooth(rig, path)
             return _range(path, raw, unit)
-        axis = Axis(path, unit, tuple(to_si(one, unit) for one in _list(path, raw)))
-        for end in axis.choices:
-            rig.with_values({path: end})
+        axis = Axis(path, unit, tuple(to_si(choice, unit) for choice in _list(path, raw)))
+        for choice in axis.choices:
+            rig.with_values({path: choice})
     except StudyError:
         raise
     except DistalError as problem:
@@ -112,7 +106,7 @@ def _unit(rig: Rig, path: str) -> str:
     if keys.endswith(".shared.std"):
         number(rig, keys.removesuffix(".shared.std"))
         return ""
-    return number(rig, keys.removesuffix(".std") if keys.endswith(".std") else keys).quantity.si
+    return number(rig, keys.removesuffix(".std")).quantity.si
 
 
 def _check_smooth(rig: Rig, path: str) -> None:
@@ -153,7 +147,6 @@ class Space:
     """All designs of a study.
 
     Args:
-        axes: what varies.
         shares: of each design, how far along each axis it is, (n, n_axes).
     """
 
@@ -172,14 +165,14 @@ class Space:
 
     def chunks(self, runs_per_design: int, size: int = 48) -> list[tuple[int, ...]]:
         """Return the designs in parts of about `size` runs, those with the same choices beside each other."""
-        chosen = [i for i, axis in enumerate(self.axes) if axis.choices]
-        counts = np.array([len(self.axes[i].choices) for i in chosen])
-        which = np.minimum(self.shares[:, chosen] * counts, counts - 1).astype(int)
-        order = np.lexsort(which.T[::-1]) if chosen else np.arange(len(self))
-        each = max(1, size // runs_per_design)
-        if len(self) > each * MOST_CHUNKS:
-            raise StudyError(f"{len(self):,} designs came; at most {each * MOST_CHUNKS:,} are possible here")
-        return [tuple(int(i) for i in order[at : at + each]) for at in range(0, len(self), each)]
+        columns = [i for i, axis in enumerate(self.axes) if axis.choices]
+        counts = np.array([len(self.axes[i].choices) for i in columns])
+        choices = np.minimum(self.shares[:, columns] * counts, counts - 1).astype(int)
+        order = np.lexsort(choices.T[::-1]) if columns else np.arange(len(self))
+        length = max(1, size // runs_per_design)
+        if len(self) > length * MOST_CHUNKS:
+            raise StudyError(f"{len(self):,} designs came; at most {length * MOST_CHUNKS:,} are possible here")
+        return [tuple(order[start : start + length].tolist()) for start in range(0, len(self), length)]
 
 
 def space_of(plan: Plan) -> Space:
@@ -191,7 +184,7 @@ def space_of(plan: Plan) -> Space:
     from scipy.stats import qmc
 
     study, axes = plan.study, axes_of(plan)
-    if FEEDBACK in study.vary and all(one.control is None for one in plan.scenarios):
+    if FEEDBACK in study.vary and all(scenario.control is None for scenario in plan.scenarios):
         raise StudyError(f"vary.{FEEDBACK}: no scenario of the study has a [control] table; estimator is what may vary")
     for axis in axes:
         for share in (0.0, 1.0):
@@ -201,32 +194,28 @@ def space_of(plan: Plan) -> Space:
                 raise StudyError(f"vary.{axis.path}: {problem}") from None
     if study.fill == "grid":
         counts = [len(axis.choices) or axis.points for axis in axes]
-        if np.prod(counts, dtype=float) > 1e6:
-            raise StudyError(
-                f"the grid has {np.prod(counts, dtype=float):.3g} designs, at most 1e6; use fill = 'latin'"
-            )
-        each = [[(k + 0.5) / n if axis.choices else k / (n - 1) for k in range(n)] for axis, n in zip(axes, counts)]
-        return Space(axes, np.array(list(product(*each)), dtype=np.float64).reshape(-1, len(axes)))
+        size = np.prod(counts, dtype=float)
+        if size > 1e6:
+            raise StudyError(f"the grid has {size:.3g} designs, at most 1e6; use fill = 'latin'")
+        levels = [[(k + 0.5) / n if axis.choices else k / (n - 1) for k in range(n)] for axis, n in zip(axes, counts)]
+        return Space(axes, np.array(list(product(*levels)), dtype=np.float64).reshape(-1, len(axes)))
     if not axes:
         return Space(axes, np.zeros((study.designs, 0)))
     rng = np.random.default_rng([study.draw, 0])
     if study.fill == "latin":
         return Space(axes, qmc.LatinHypercube(len(axes), rng=rng).random(study.designs))
-    many = qmc.Sobol(len(axes), rng=rng).random_base2(ceil(log2(max(study.designs, 2))))
-    return Space(axes, many[: study.designs])
+    shares = qmc.Sobol(len(axes), rng=rng).random_base2(ceil(log2(max(study.designs, 2))))
+    return Space(axes, shares[: study.designs])
 
 
 def rig_of(rig: Rig, design: Design) -> Rig:
     """Return the rig of a design, without the sensors that it leaves out.
 
-    Args:
-        design: what varies: path → value, SI.
-
     Raises:
         RigError: the values are wrong.
     """
-    off = {path.partition(".")[2] for path, value in design.items() if value is False}
-    numbers = {path: value for path, value in design.items() if not isinstance(value, (bool, str))}
+    off = {path.partition(".")[2] for path, setting in design.items() if setting is False}
+    numbers = {path: setting for path, setting in design.items() if not isinstance(setting, (bool, str))}
     changed = rig.with_values(numbers) if numbers else rig
     if not off:
         return changed

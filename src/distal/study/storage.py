@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from distal.errors import OutputError, StudyError
 from distal.logs import write_whole
 from distal.study.description import Plan
-from distal.study.runs import BUILT, MEASURES, Rows
+from distal.study.runs import BUILT, Rows
 from distal.study.space import ESTIMATOR, FEEDBACK
 from distal.version import __version__
 
@@ -36,7 +35,6 @@ class Folder:
     """Where a study's rows and its answer are.
 
     Args:
-        path: of the folder.
         texts: columns that hold text.
     """
 
@@ -45,8 +43,8 @@ class Folder:
 
     def done(self) -> set[int]:
         """Return the numbers of the chunks whose rows are there."""
-        found = (re.fullmatch(r"(\d+)\.parquet", file.name) for file in (self.path / "rows").iterdir())
-        return {int(match[1]) for match in found if match}
+        matches = (re.fullmatch(r"(\d+)\.parquet", file.name) for file in (self.path / "rows").iterdir())
+        return {int(match[1]) for match in matches if match}
 
     def write(self, chunk: int, rows: Rows) -> None:
         """Write the rows of a chunk.
@@ -59,18 +57,9 @@ class Folder:
     def _table(self, rows: Rows) -> pyarrow.Table:
         import pyarrow as pa
 
-        def kind(name: str) -> pa.DataType:
-            if name in ("design", "seed"):
-                return pa.int32()
-            if name == "met":
-                return pa.bool_()
-            return pa.string() if name in self.texts else pa.float32() if name.startswith(BUILT) else pa.float64()
-
-        columns = {
-            name: pa.array([int(v or 0) for v in values] if name in ("design", "seed") else values, kind(name))
-            for name, values in rows.items()
-        }
-        return pa.table(columns)
+        kinds = {"design": pa.int32(), "seed": pa.int32(), "met": pa.bool_(), **dict.fromkeys(self.texts, pa.string())}
+        kinds |= {name: pa.float32() for name in rows if name.startswith(BUILT)}
+        return pa.table({name: pa.array(cells, kinds.get(name, pa.float64())) for name, cells in rows.items()})
 
     def gather(self) -> Path:
         """Write all rows into one file, ``rows.parquet``, by design, seed and scenario, and return where it is.
@@ -82,15 +71,12 @@ class Folder:
         import pyarrow.parquet as pq
 
         parts = [pq.read_table(self.path / "rows" / f"{chunk:06d}.parquet") for chunk in sorted(self.done())]
-        whole = pa.concat_tables(parts).sort_by([(name, "ascending") for name in ("design", "seed", "scenario")])
-        write_whole(self.path / "rows.parquet", _bytes(whole))
+        table = pa.concat_tables(parts).sort_by([(name, "ascending") for name in ("design", "seed", "scenario")])
+        write_whole(self.path / "rows.parquet", _bytes(table))
         return self.path / "rows.parquet"
 
-    def read(self, columns: Sequence[str] | None = None) -> Columns:
+    def read(self) -> Columns:
         """Return the gathered rows: column → values; what was not asked is -1 in ``met``, 1 for yes, 0 for no.
-
-        Args:
-            columns: names; default all.
 
         Raises:
             StudyError: there are no rows.
@@ -98,16 +84,13 @@ class Folder:
         import pyarrow.parquet as pq
 
         try:
-            table = pq.read_table(self.path / "rows.parquet", columns=None if columns is None else list(columns))
+            table = pq.read_table(self.path / "rows.parquet")
         except OSError as problem:
             raise StudyError(f"{self.path}: has no rows that can be read ({problem})") from None
-        found: Columns = {}
-        for name in table.column_names:
-            if name == "met":
-                found[name] = table[name].cast("int8").fill_null(-1).to_numpy()
-            else:
-                found[name] = np.asarray(table[name].to_numpy())
-        return found
+        return {
+            name: (table[name].cast("int8").fill_null(-1) if name == "met" else table[name]).to_numpy()
+            for name in table.column_names
+        }
 
 
 def _bytes(table: pyarrow.Table) -> bytes:
@@ -135,34 +118,24 @@ def open_folder(plan: Plan, path: str | Path) -> Folder:
     except OSError as problem:
         raise OutputError(f"{folder}: cannot be made ({problem.strerror or problem})") from None
     label = folder / LABEL
-    texts = {"scenario", "problem"} | {name for name in plan.study.vary if name in (ESTIMATOR, FEEDBACK)}
+    texts = {"scenario", "problem"} | {ESTIMATOR, FEEDBACK} & plan.study.vary.keys()
     if label.exists():
         _check(label, plan)
     else:
-        said = {"digest": plan.digest, "version": __version__, "name": plan.study.name, "rig": plan.rig.name}
-        write_whole(label, json.dumps(said, indent=2, ensure_ascii=False) + "\n")
+        names = {"digest": plan.digest, "version": __version__, "name": plan.study.name, "rig": plan.rig.name}
+        write_whole(label, json.dumps(names, indent=2, ensure_ascii=False) + "\n")
     return Folder(folder, frozenset(texts))
 
 
 def _check(label: Path, plan: Plan) -> None:
     try:
-        known = json.loads(label.read_text(encoding="utf-8"))
-        before, version = known["digest"], known["version"]
+        names = json.loads(label.read_text(encoding="utf-8"))
+        digest, version = names["digest"], names["version"]
     except (OSError, ValueError, KeyError, TypeError):
         raise StudyError(f"{label}: cannot be read; give another folder with --out, or remove this one") from None
-    if before != plan.digest:
+    if digest != plan.digest:
         raise StudyError(f"{label.parent}: holds another study's rows; give another folder with --out, or remove it")
     if version != __version__:
         raise StudyError(
             f"{label.parent}: was begun with distal {version}, this is {__version__}; give another folder with --out"
         )
-
-
-def design_columns(columns: Mapping[str, NDArray[np.generic]]) -> list[str]:
-    """Return the names of the columns that hold what varies.
-
-    Args:
-        columns: of the rows.
-    """
-    others = {"design", "seed", "scenario", "met", "problem", "seconds", *MEASURES}
-    return [name for name in columns if name not in others and not name.startswith(BUILT)]

@@ -34,11 +34,9 @@ NOISE = 0.1
 
 @dataclass(frozen=True)
 class Option:
-    """Something that could be done.
+    """Something that could be done, and the rig with it.
 
     Args:
-        words: what.
-        rig: with it.
         homing: for how long the angle is known at the start [s], or None.
     """
 
@@ -52,7 +50,6 @@ class Suggestion:
     """What an option brings.
 
     Args:
-        words: what it is.
         band: mean half-width of the 95 % band by the filter's covariance, on one nominal log of each scenario [rad].
         squares: mean square error of each plant that is drawn, NaN where it failed, (n,) [rad²].
     """
@@ -68,7 +65,7 @@ class Suggestion:
 
 
 def suggestions(
-    plan: Plan, done: Callable[[int, int], None] | None = None
+    plan: Plan, progress: Callable[[int, int], None] | None = None
 ) -> tuple[Suggestion, list[Suggestion], float]:
     """Return the rig as it is, each option, best by the band first, and Kendall's τ of the ranks by band and by error.
 
@@ -76,7 +73,7 @@ def suggestions(
     the standard error of the difference between the same plants with and without the option.
 
     Args:
-        done: called with how many options are done, and of how many.
+        progress: called with how many options are done, and of how many.
 
     Raises:
         StudyError: the estimator of the study has no covariance to go by, or the rig cannot be estimated.
@@ -85,29 +82,29 @@ def suggestions(
 
     if plan.study.estimator != DEFAULT:
         raise StudyError(f"suggestions go by the covariance of '{DEFAULT}'; '{plan.study.estimator}' came as estimator")
-    every, found = options_of(plan.rig), list[Suggestion]()
-    for k, option in enumerate(every):
-        found.append(_judged(plan, option))
-        if done is not None:
-            done(k + 1, len(every))
-    base, *others = found
-    bands = [base.band if abs(one.band - base.band) < SAME * base.band else one.band for one in others]
-    tau = kendalltau(bands, [_told(base, one) for one in others]).statistic
-    return base, sorted(others, key=lambda one: one.band), float(tau)
+    options, judged = options_of(plan.rig), list[Suggestion]()
+    for k, option in enumerate(options, 1):
+        judged.append(_judged(plan, option))
+        if progress is not None:
+            progress(k, len(options))
+    base, *changes = judged
+    bands = [base.band if abs(change.band - base.band) < SAME * base.band else change.band for change in changes]
+    tau = kendalltau(bands, [_told(base, change) for change in changes]).statistic
+    return base, sorted(changes, key=lambda change: change.band), float(tau)
 
 
-def _told(base: Suggestion, one: Suggestion) -> float:
+def _told(base: Suggestion, change: Suggestion) -> float:
     """Return the error of an option as far as its plants tell it from the rig as it is."""
-    change = one.squares - base.squares
-    change = change[np.isfinite(change)]
-    unsure = 2.0 * np.std(change) / np.sqrt(max(len(change), 1))
-    unknown = len(change) < 2 or abs(np.mean(change)) < unsure
-    return base.error if unknown or abs(one.error - base.error) < SAME * base.error else one.error
+    differences = change.squares - base.squares
+    differences = differences[np.isfinite(differences)]
+    unsure = 2.0 * np.std(differences) / np.sqrt(max(len(differences), 1))
+    unknown = len(differences) < 2 or abs(np.mean(differences)) < unsure
+    return base.error if unknown or abs(change.error - base.error) < SAME * base.error else change.error
 
 
 def options_of(rig: Rig) -> list[Option]:
     """Return what could be done; the first is to leave the rig as it is."""
-    found, groups = [Option("as it is", rig)], dict[str, dict[str, object]]()
+    options, groups = [Option("as it is", rig)], dict[str, dict[str, object]]()
     for draw in draws_of(rig):
         if draw.paths[0].startswith("sensors."):
             continue
@@ -116,47 +113,43 @@ def options_of(rig: Rig) -> list[Option]:
         for path in draw.paths:
             std = draw.std if draw.common else number(rig, path).independent_std
             groups.setdefault(words, {})[f"{path}.{'shared.std' if draw.common else 'std'}"] = BETTER * std
-    found += [Option(f"{words} known twice as well", rig.with_values(values)) for words, values in groups.items()]
+    options += [Option(f"{words} known twice as well", rig.with_values(values)) for words, values in groups.items()]
     for kind in ("position", "force", "tension"):
         errors: dict[str, object] = {}
         for i, sensor in enumerate(rig.sensors):
             if sensor.measures == kind:
-                parts = {"noise": sensor.noise, "linearity": sensor.linearity, "resolution": sensor.resolution}
-                errors |= {f"sensors.{i}.{name}": BETTER * value for name, value in parts.items() if value > 0.0}
+                sizes = {name: getattr(sensor, name) for name in ("noise", "linearity", "resolution")}
+                errors |= {f"sensors.{i}.{name}": BETTER * size for name, size in sizes.items() if size > 0.0}
         if errors:
-            found.append(Option(f"{kind} sensors twice as good", rig.with_values(errors)))
-    found += _with_sensors(rig)
-    return [*found, Option(f"the angle known for the first {KNOWN:g} s", rig, KNOWN)]
+            options.append(Option(f"{kind} sensors twice as good", rig.with_values(errors)))
+    options += _with_sensors(rig)
+    return [*options, Option(f"the angle known for the first {KNOWN:g} s", rig, KNOWN)]
 
 
 def _with_sensors(rig: Rig) -> list[Option]:
     """Return the rig with sensors that it has not."""
-    forces = [sensor for sensor in rig.sensors if sensor.measures == "force" and sensor.si == "N"]
-    noise = min((sensor.noise for sensor in forces), default=NOISE) or NOISE
+    noise = min((sensor.noise for sensor in rig.sensors_of("force") if sensor.si == "N"), default=NOISE) or NOISE
     rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
-    old, found = rig.model_dump()["sensors"], []
-    cells = {sensor.of for sensor in rig.sensors if sensor.measures == "tension"}
-    new = [
-        {"name": f"tension_{one.name}", "measures": "tension", "of": one.name, "noise": noise, "rate": rate}
-        for one in rig.tendons
-        if one.name not in cells
-    ]
-    if new:
-        said = f"a tension sensor of {noise:g} N on each tendon"
-        found.append(Option(said, rig.with_values({"sensors": [*old, *new]})))
-    pulled = {sensor.of for sensor in rig.sensors if sensor.measures == "force"}
-    bare = [drive for drive in rig.drives if drive.name not in pulled and drive.kind == "slider"]
-    more = [
-        {"name": f"force_{one.name}", "measures": "force", "of": one.name, "noise": noise, "rate": rate} for one in bare
-    ]
-    if more:
-        found.append(Option(f"a load cell of {noise:g} N at each drive", rig.with_values({"sensors": [*old, *more]})))
-    return found
+    options = []
+    for measures, parts, words in (
+        ("tension", [tendon.name for tendon in rig.tendons], f"a tension sensor of {noise:g} N on each tendon"),
+        ("force", [d.name for d in rig.drives if d.kind == "slider"], f"a load cell of {noise:g} N at each drive"),
+    ):
+        measured = {sensor.of for sensor in rig.sensors_of(measures)}
+        added = [
+            {"name": f"{measures}_{part}", "measures": measures, "of": part, "noise": noise, "rate": rate}
+            for part in parts
+            if part not in measured
+        ]
+        if added:
+            sensors = [*rig.model_dump()["sensors"], *added]
+            options.append(Option(words, rig.with_values({"sensors": sensors})))
+    return options
 
 
 def _judged(plan: Plan, option: Option) -> Suggestion:
-    changed, every = replace(plan, rig=option.rig), range(len(plan.scenarios))
-    tasks = [Task(0, {}, seed, s) for s in every for seed in (NOMINAL, *range(PLANTS))]
+    changed, scenarios = replace(plan, rig=option.rig), range(len(plan.scenarios))
+    tasks = [Task(0, {}, seed, s) for s in scenarios for seed in (NOMINAL, *range(PLANTS))]
     bands, squares = [], []
     for task, outcome in zip(tasks, run_tasks(changed, tasks, homing=option.homing)):
         if not isinstance(outcome, Estimate) or outcome.truths is None:
@@ -164,12 +157,11 @@ def _judged(plan: Plan, option: Option) -> Suggestion:
                 raise StudyError(f"{option.words}: {outcome}")
             squares.append(np.nan)
             continue
-        late = (
-            outcome.time - outcome.time[0] >= KNOWN
-        )  # a calibration is judged by what comes after it, like all others
+        # a calibration is judged by what comes after it, and so are all other options
+        late = outcome.time - outcome.time[0] >= KNOWN
         if task.seed == NOMINAL:
             bands.append(np.mean(BAND * outcome.angle_stds[late, plan.joint]))
         else:
             squares.append(np.mean((outcome.angles - outcome.truths)[late, plan.joint] ** 2))
-    each = np.array(squares, dtype=np.float64).reshape(len(plan.scenarios), PLANTS)
-    return Suggestion(option.words, float(np.mean(bands)), each.mean(axis=0))
+    by_scenario = np.array(squares, dtype=np.float64).reshape(len(plan.scenarios), PLANTS)
+    return Suggestion(option.words, float(np.mean(bands)), by_scenario.mean(axis=0))

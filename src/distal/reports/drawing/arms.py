@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -27,31 +26,20 @@ MOST_CURVES = 12
 """More curves than this in one picture cannot be told apart."""
 
 
-def _arms_of(rig: Rig) -> Callable[[Floats], Floats]:
-    """Return the function angles [rad] → moment arms."""
-    mechanism = Mechanism(rig)
-    q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
-    jacobian = ca.Function("arms", [q, p.symbols], [mechanism.length_jacobian(q)])
-
-    def arms(angles: Floats) -> Floats:
-        at = np.concatenate([angles, np.zeros(mechanism.n_drives)])
-        return -np.array(jacobian(at, p.values))[:, : mechanism.n_joints]
-
-    return arms
-
-
 def changing_arms(rig: Rig) -> Changing:
     """Return (tendon, joint) → angles [rad] and arms [m], of those that change with the joint's own angle."""
-    look, found = _arms_of(rig), Changing()
+    mechanism, changing = Mechanism(rig), Changing()
+    q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
+    jacobian = ca.Function("arms", [q, p.symbols], [mechanism.length_jacobian(q)])
+    start = np.array([*(joint.initial.value for joint in rig.joints), *np.zeros(mechanism.n_drives)])
     for j, joint in enumerate(rig.joints):
-        low, high = joint.stops or (-np.pi / 3, np.pi / 3)
-        angles = np.linspace(low, high, POINTS)
-        at = np.array([each.initial.value for each in rig.joints])
-        arms = np.array([look(np.where(np.arange(len(at)) == j, angle, at))[:, j] for angle in angles])
+        angles = np.linspace(*(joint.stops or (-np.pi / 3, np.pi / 3)), POINTS)
+        postures = (np.where(np.arange(len(start)) == j, angle, start) for angle in angles)
+        arms = -np.array([np.array(jacobian(posture, p.values))[:, j] for posture in postures])
         for i in range(len(rig.tendons)):
             if np.ptp(arms[:, i]) > 1e-3 * np.abs(arms).max(initial=1e-12):
-                found[i, j] = (angles, arms[:, i])
-    return found
+                changing[i, j] = (angles, arms[:, i])
+    return changing
 
 
 def table_width(rig: Rig) -> float:
@@ -84,21 +72,17 @@ def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
         y, colour = top - 1.4 * (i + 1) * PITCH, COLOURS[i % len(COLOURS)]
         sheet.line([(at[0], y), (at[0] + 0.28, y)], colour, 1.4, ls=DASHES[i % len(DASHES)])
         sheet.write((at[0] + 0.36, y), rig.tendons[i].name, bold=True)
-        for joint, end, value in zip(rig.joints, ends, row):
+        for joint, end, arm in zip(rig.joints, ends, row):
             crossed = joint.name in rig.tendons[i].joints
-            text = rounded(1e3 * value) if crossed else "–"
-            sheet.write((end - 0.06, y), f"+{text}" if crossed and value > 0 else text, ha="right")
+            text = rounded(1e3 * arm) if crossed else "–"
+            sheet.write((end - 0.06, y), f"+{text}" if crossed and arm > 0 else text, ha="right")
     y -= 0.8 * PITCH
     sheet.line([(at[0], y), (right, y)], SOFT, 0.5)
     return right, y
 
 
 def draw_curves(axes: Axes, rig: Rig, changing: Changing) -> None:
-    """Draw the arms that change over the joint's own angle.
-
-    Args:
-        changing: of `changing_arms`.
-    """
+    """Draw the arms of `changing_arms` over the joint's own angle."""
     for (i, j), (angles, arms) in list(changing.items())[:MOST_CURVES]:
         label = rig.tendons[i].name if len(rig.joints) == 1 else f"{rig.tendons[i].name} at {rig.joints[j].name}"
         style = {"color": COLOURS[i % len(COLOURS)], "ls": DASHES[(i + j) % len(DASHES)]}

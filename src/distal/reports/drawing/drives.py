@@ -1,14 +1,16 @@
-"""Drives on paper: a motor with its spool, or a slider on its rail, in a column to the left of the joints."""
+"""Drives on paper: a motor with its spool, or a slider on its rail, in a column to the left of the joints.
+
+`lines` is what is written beside a drive, for its badges.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from itertools import product
 from math import pi
 
-from distal.reports.drawing.routes import Wheel
 from distal.reports.drawing.sensors import sensor_lines, sensors_of_part
-from distal.reports.drawing.sheet import BADGE, PITCH, Line, Point, Sheet, arc
+from distal.reports.drawing.sheet import BADGE, Line, Point, Sheet, arc
 from distal.reports.drawing.units import interval, rounded, written
 from distal.results import FAINT, INK, PALE, SOFT, WHITE
 from distal.rig import Capstan, Rig, Slider
@@ -23,47 +25,31 @@ TRAVEL = 0.4
 """A longer way between a slider's stops is drawn shorter [in]."""
 
 
-@dataclass(frozen=True)
-class Lane:
-    """Where a tendon leaves its drive.
-
-    Args:
-        start: the spool that it is wound on, or its end at a carriage.
-        height: at which it goes on to the right [in].
-    """
-
-    start: Wheel
-    height: float
-
-
 def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[Line]:
     """Return what is written beside a drive: name, sizes, sensors."""
-    found = [Line(drive.name, bold=True)]
+    lines, unit = [Line(drive.name, bold=True)], "m"
     if isinstance(drive, Capstan):
-        found.append(Line(f"spool r {written(drive.radius.value, 'm')}"))
-        own = sensors_of_part(rig, drive)
-        gears = {gear for sensor in own if (gear := getattr(sensor, "gear", 1.0)) != 1.0}
-        found += [Line(f"gear {rounded(gear)} : 1") for gear in sorted(gears)]
+        unit = "rad"
+        lines.append(Line(f"spool r {written(drive.radius.value, 'm')}"))
+        gears = {getattr(sensor, "gear", 1.0) for sensor in sensors_of_part(rig, drive)} - {1.0}
+        lines += [Line(f"gear {rounded(gear)} : 1") for gear in sorted(gears)]
     if drive.stops is not None:
-        found.append(Line(f"stops {interval(*drive.stops, 'rad' if isinstance(drive, Capstan) else 'm')}"))
+        lines.append(Line(f"stops {interval(*drive.stops, unit)}"))
     if drive.backlash is not None:
-        unit = "rad" if isinstance(drive, Capstan) else "m"
-        found.append(Line(f"backlash {written(drive.backlash.width.value, unit)}"))
-    return [*found, *sensor_lines(rig, drive)]
+        lines.append(Line(f"backlash {written(drive.backlash.width.value, unit)}"))
+    return [*lines, *sensor_lines(rig, drive)]
 
 
 def draw_capstan(sheet: Sheet, drive: Capstan, lines: Sequence[Line], at: Point, scale: float, way: int) -> None:
     """Draw a motor seen along its shaft, with its spool in front.
 
     Args:
-        lines: what is written beside it, for its badges.
         at: centre [in].
         scale: [in/m].
         way: +1 where a positive angle turns counter-clockwise on paper.
     """
     from matplotlib.patches import FancyBboxPatch
 
-    radius = scale * drive.radius.value
     half = motor_half(drive, scale)
     x, y = at
     body = FancyBboxPatch(
@@ -71,27 +57,17 @@ def draw_capstan(sheet: Sheet, drive: Capstan, lines: Sequence[Line], at: Point,
         facecolor=FAINT, edgecolor=INK, lw=0.9, zorder=1.5,
     )  # fmt: skip
     sheet.patch(body, (x - half, y - half), (x + half, y + half))
-    for a in (-1, 1):
-        for b in (-1, 1):
-            sheet.disc((x + a * (half - 0.055), y + b * (half - 0.055)), 0.018, WHITE, SOFT, order=1.6)
-    sheet.disc(at, radius, PALE, order=2.0)
+    for a, b in product((-1, 1), repeat=2):
+        sheet.disc((x + a * (half - 0.055), y + b * (half - 0.055)), 0.018, WHITE, SOFT, order=1.6)
+    sheet.disc(at, scale * drive.radius.value, PALE, order=2.0)
     sheet.disc(at, 0.03, INK, order=2.2)
-    badges = {line.badge for line in lines}
-    if "φ" in badges:
-        sheet.badge(at, "φ")
-    if "τ" in badges:
-        sheet.badge((x - half, y - half), "τ")
-    begin, end = pi - 0.5 * way, pi + 0.5 * way
-    sheet.arrow(arc(at, half + 0.1, begin, end), SOFT)
+    sheet.mark(lines, {"φ": at, "τ": (x - half, y - half)})
+    sheet.arrow(arc(at, half + 0.1, pi - 0.5 * way, pi + 0.5 * way), SOFT)
     sheet.write((x - half - 0.17, y), "+φ", colour=SOFT, ha="right")
 
 
 def motor_half(drive: Capstan, scale: float) -> float:
-    """Return half the side of a motor's flange [in].
-
-    Args:
-        scale: [in/m].
-    """
+    """Return half the side of a motor's flange [in]."""
     return max(1.15 * scale * drive.radius.value, 0.2)
 
 
@@ -101,7 +77,6 @@ def draw_slider(
     """Draw a carriage on its rail, pulled from the left, and return where its tendons begin [in].
 
     Args:
-        lines: what is written beside it, for its badges.
         right: right end of the rail [in].
         lanes: heights of its tendons [in].
         scale: [in/m].
@@ -120,27 +95,14 @@ def draw_slider(
     sheet.box((zero - HALF, y - up), (zero + HALF, y + up), PALE, 2.5)
     if drive.stops:
         for edge, side in ((zero - factor * high - HALF, -1), (zero - factor * low + HALF, 1)):
-            sheet.box((min(edge, edge + 0.05 * side), y - 0.1), (max(edge, edge + 0.05 * side), y + 0.1), INK, 2.4)
-    badges = {line.badge for line in lines}
-    if "U" in badges:
-        sheet.badge((left + 0.2, y), "U")
-    if "x" in badges:
-        sheet.badge((zero, y - up), "x")
+            start, end = sorted((edge, edge + 0.05 * side))
+            sheet.box((start, y - 0.1), (end, y + 0.1), INK, 2.4)
+    sheet.mark(lines, {"U": (left + 0.2, y), "x": (zero, y - up)})
     sheet.arrow([(zero + 0.05, y + up + 0.07), (zero - 0.2, y + up + 0.07)], SOFT)
     sheet.write((zero - 0.28, y + up + 0.07), "+x", colour=SOFT, ha="right")
     return zero + HALF
 
 
 def glyph_width(rig: Rig, scale: float) -> float:
-    """Return the width of the column of drives, without what is written beside them [in].
-
-    Args:
-        scale: [in/m].
-    """
-    widths = [2 * motor_half(d, scale) + 0.45 if isinstance(d, Capstan) else RAIL + BADGE for d in rig.drives]
-    return max(widths)
-
-
-def block_height(lines: Sequence[Line]) -> float:
-    """Return the height of lines of text [in]."""
-    return len(lines) * PITCH
+    """Return the width of the column of drives, without what is written beside them [in]."""
+    return max(2 * motor_half(d, scale) + 0.45 if isinstance(d, Capstan) else RAIL + BADGE for d in rig.drives)

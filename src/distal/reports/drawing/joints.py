@@ -1,9 +1,12 @@
-"""Joints on paper: pulleys, pins and cams at their radius, link, springs, stops, sensors, and what is written of them."""
+"""Joints on paper: pulleys, pins and cams at their radius, link, springs, stops, sensors, and what is written of them.
+
+Here a joint stands in inches, `scale` is in inches per metre, and `lines` is what is written of a joint, for its badges.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, hypot, pi, sin
+from math import cos, dist, pi, sin
 
 import numpy as np
 
@@ -23,45 +26,40 @@ LINK = 10.0
 """Width of a link [pt]."""
 
 
-def meetings_at(rig: Rig, joint: Joint) -> list[tuple[int, Meeting]]:
-    """Return how tendons meet a joint, each with the tendon's index."""
-    return [(i, m) for i, tendon in enumerate(rig.tendons) for m in tendon.meetings if joint.name in m.joints]
+def meetings_at(rig: Rig, joint: Joint) -> list[Meeting]:
+    """Return how tendons meet a joint."""
+    return [meeting for tendon in rig.tendons for meeting in tendon.meetings if joint.name in meeting.joints]
 
 
 def joint_lines(rig: Rig, index: int, turn: int) -> list[Line]:
-    """Return what is written of a joint.
-
-    Args:
-        turn: +1 where a positive angle turns counter-clockwise on paper.
-    """
-    joint = rig.joints[index]
-    found = [Line(joint.name, bold=True)]
+    """Return what is written of a joint; `turn` is +1 where a positive angle turns counter-clockwise on paper."""
+    joint, texts = rig.joints[index], list[str]()
     if rig.is_chain or joint.gravity is not None:
-        found.append(Line(f"axis {axis_name(joint.axis)} {'⊙' if turn > 0 else '⊗'}"))
+        texts.append(f"axis {axis_name(joint.axis)} {'⊙' if turn > 0 else '⊗'}")
     if joint.coupled is not None:
         shift = f" + {written(joint.coupled.offset, 'rad')}" if joint.coupled.offset else ""
-        found.append(Line(f"θ = {rounded(joint.coupled.ratio)} θ of {joint.coupled.joint}{shift}"))
-    found += [Line(text) for text in _sizes(rig, joint)]
+        texts.append(f"θ = {rounded(joint.coupled.ratio)} θ of {joint.coupled.joint}{shift}")
+    texts += _sizes(rig, joint)
     if joint.spring is not None:
-        found.append(Line(f"spring {written(joint.spring.stiffness.value, 'N m/rad')}"))
-        found.append(Line(f"relaxed at {written(joint.spring.rest_angle.value, 'rad')}"))
+        texts.append(f"spring {written(joint.spring.stiffness.value, 'N m/rad')}")
+        texts.append(f"relaxed at {written(joint.spring.rest_angle.value, 'rad')}")
     if joint.extension_spring is not None:
-        found.append(Line(f"spring {written(joint.extension_spring.stiffness.value, 'N/m')}"))
+        texts.append(f"spring {written(joint.extension_spring.stiffness.value, 'N/m')}")
     if joint.friction is not None:
         size, mu = written(joint.friction.radius.value, "m"), rounded(joint.friction.coefficient.value)
-        found.append(Line(f"axle r {size}, μ {mu}"))
+        texts.append(f"axle r {size}, μ {mu}")
     if joint.backlash is not None:
-        found.append(Line(f"backlash {written(joint.backlash.width.value, 'rad')}"))
+        texts.append(f"backlash {written(joint.backlash.width.value, 'rad')}")
     body = joint.link or joint.gravity
     if body is not None and not body.mass.absent:
-        found.append(Line(f"link {written(body.mass.value, 'kg')}"))
-    return [*found, *sensor_lines(rig, joint)]
+        texts.append(f"link {written(body.mass.value, 'kg')}")
+    return [Line(joint.name, bold=True), *map(Line, texts), *sensor_lines(rig, joint)]
 
 
 def _sizes(rig: Rig, joint: Joint) -> list[str]:
     """Return the sizes of what tendons meet at a joint, each kind once."""
     kinds: dict[tuple[str, str], list[float]] = {}
-    for _, meeting in meetings_at(rig, joint):
+    for meeting in meetings_at(rig, joint):
         shape = meeting.shape
         if isinstance(shape, Polynomial):
             kinds.setdefault(("arms by polynomial", ""), [])
@@ -70,70 +68,48 @@ def _sizes(rig: Rig, joint: Joint) -> list[str]:
         shifted = isinstance(shape, Linkage) and shape.centre.value != 0.0
         behind = f" at {written(shape.centre.value, 'rad')}" if shifted else ""  # type: ignore[union-attr]
         kinds.setdefault((name, behind), []).append(shape.radius.value)
-    found = []
-    for (name, behind), values in kinds.items():
-        sizes = list(dict.fromkeys(rounded(1e3 * value) for value in sorted(values, reverse=True)))
-        found.append(f"{name} {', '.join(sizes)} mm{behind}" if sizes else name)
-    return found
+    texts = []
+    for (name, behind), radii in kinds.items():
+        sizes = dict.fromkeys(rounded(1e3 * radius) for radius in sorted(radii, reverse=True))
+        texts.append(f"{name} {', '.join(sizes)} mm{behind}" if sizes else name)
+    return texts
 
 
 def axis_name(axis: tuple[float, float, float]) -> str:
-    """Return the name of a joint's axis.
-
-    Args:
-        axis: a unit vector.
-    """
+    """Return the name of a joint's axis, a unit vector."""
     for k, name in enumerate("xyz"):
         if abs(abs(axis[k]) - 1.0) < 1e-9:
             return f"{'−' if axis[k] < 0 else ''}{name}"
     return "(" + ", ".join(f"{part:.2g}" for part in axis).replace("-", "−") + ")"
 
 
-def draw_link(sheet: Sheet, stand: Stand, scale: float, ends: Sequence[Point]) -> None:
+def draw_link(sheet: Sheet, stand: Stand, ends: Sequence[Point]) -> None:
     """Draw the link that a joint turns.
 
     Args:
-        scale: [in/m].
-        ends: the joints on it, or its tip [in]; where one is drawn away from its place, the link is dashed.
+        ends: the joints on it, or its tip [in].
     """
-    centre = scaled(stand.centre, scale)
     for end in ends:
-        sheet.bar([centre, end], PALE if stand.known else WHITE, LINK, SOFT, order=1.0)
+        sheet.bar([stand.centre, end], PALE if stand.described else WHITE, LINK, order=1.0)
     if stand.mass_at is None:
         return
     from matplotlib.patches import Wedge
 
-    at = scaled(stand.mass_at, scale)
-    sheet.disc(at, 0.05, WHITE, order=2.6)
-    sheet.take((at[0] - 0.05, at[1] - 0.05, at[0] + 0.05, at[1] + 0.05))
+    x, y = stand.mass_at
+    sheet.disc((x, y), 0.05, WHITE, order=2.6)
+    sheet.take((x - 0.05, y - 0.05, x + 0.05, y + 0.05))
     for start in (0, 180):
-        sheet.patch(Wedge(at, 0.05, start, start + 90, facecolor=INK, edgecolor="none", zorder=2.7))
+        sheet.patch(Wedge((x, y), 0.05, start, start + 90, facecolor=INK, edgecolor="none", zorder=2.7))
 
 
-def draw_coupling(sheet: Sheet, one: Point, other: Point, ratio: float) -> None:
-    """Draw a rigid coupling as a belt between two joints.
-
-    Args:
-        one: the joint that leads [in].
-        other: the joint that follows [in].
-        ratio: radians of it per radian of the other; a belt for a negative one is crossed.
-    """
+def draw_coupling(sheet: Sheet, leader: Point, follower: Point, ratio: float) -> None:
+    """Draw a rigid coupling of two joints as a belt; it is crossed where their ratio is negative."""
     for way in (1, -1):
-        first = Wheel(one, min(max(0.12 * abs(ratio), 0.06), 0.24), way)
-        last = Wheel(other, 0.12, way if ratio > 0 else -way)
+        first = Wheel(leader, min(max(0.12 * abs(ratio), 0.06), 0.24), way)
+        last = Wheel(follower, 0.12, way if ratio > 0 else -way)
         along = heading(first, last)
-        sheet.disc(one, first.radius, "none", INK, order=3.1, ls=(0, (6, 2, 1, 2)))
+        sheet.disc(leader, first.radius, "none", INK, order=3.1, ls=(0, (6, 2, 1, 2)))
         sheet.line([first.point(along), last.point(along)], INK, 0.9, ls=(0, (6, 2, 1, 2)), zorder=3.1)
-
-
-def scaled(point: Point, scale: float) -> Point:
-    """Return a point of the rig on the sheet [in].
-
-    Args:
-        point: [m].
-        scale: [in/m].
-    """
-    return point[0] * scale, point[1] * scale
 
 
 def draw_joint(
@@ -142,12 +118,10 @@ def draw_joint(
     """Draw what turns about a joint's axis, its springs, its stops and its sensors.
 
     Args:
-        scale: [in/m].
         around: radius at which stops and the angle's arrow stand [in].
-        lines: what is written of it, for its badges.
     """
-    joint, centre = rig.joints[index], scaled(stand.centre, scale)
-    _draw_wheels(sheet, rig, index, stand, scale)
+    joint, centre = rig.joints[index], stand.centre
+    _draw_wheels(sheet, rig, joint, stand, scale)
     axle = scale * joint.friction.radius.value if joint.friction is not None else 0.0
     sheet.disc(centre, max(axle, 0.04), FAINT, SOFT, order=2.8)
     sheet.disc(centre, 0.022, INK, order=2.9)
@@ -168,57 +142,46 @@ def draw_joint(
         sheet.disc(on_link, 0.03, WHITE, order=3.3)
         sheet.disc(on_base, 0.03, INK, order=3.3)
     if joint.stops is not None:
-        _draw_stops(sheet, joint.stops, centre, stand, around)
+        _draw_stops(sheet, joint.stops, stand, around)
     first = stand.towards + stand.turn * 0.30 * min(1.0, 0.3 / around)
     last = stand.towards + stand.turn * max(0.75 * min(1.0, 0.4 / around), 0.5)
     sheet.arrow(arc(centre, around, first, last), INK)
     sheet.write_near(on_circle(centre, around + 0.1, last), (cos(last), sin(last)), "+θ")
-    badges = {line.badge for line in lines}
-    if "θ" in badges:
-        sheet.badge(centre, "θ")
-    if "τ" in badges:
-        sheet.badge(on_circle(centre, max(0.5 * around, 2.2 * BADGE), stand.towards), "τ")
+    sheet.mark(lines, {"θ": centre, "τ": on_circle(centre, max(0.5 * around, 2.2 * BADGE), stand.towards)})
 
 
-def _draw_stops(sheet: Sheet, stops: tuple[float, float], centre: Point, stand: Stand, around: float) -> None:
+def _draw_stops(sheet: Sheet, stops: tuple[float, float], stand: Stand, around: float) -> None:
     """Draw the range of a joint as an arc between two blocks, which the middle of its link meets there."""
     from matplotlib.patches import Wedge
 
-    low, high = (stand.towards + stand.turn * angle for angle in stops)
+    centre, (low, high) = stand.centre, (stand.towards + stand.turn * angle for angle in stops)
     sheet.line(arc(centre, around, low, high), SOFT, 0.7, ls=(0, (4, 2)), zorder=2.95)
-    for angle, outwards, value in ((low, -stand.turn, stops[0]), (high, stand.turn, stops[1])):
-        sheet.line(
-            [on_circle(centre, 0.0, 0.0), on_circle(centre, around, angle)], SOFT, 0.5, ls=(0, (4, 2)), zorder=2.95
-        )
-        thick = 0.06 / around
-        one, other = sorted((angle, angle + outwards * thick))
-        degrees = 180 / pi
-        block = Wedge(centre, around + 0.06, one * degrees, other * degrees, width=0.12, facecolor=INK, zorder=4.5)
+    for angle, outwards, stop in ((low, -stand.turn, stops[0]), (high, stand.turn, stops[1])):
+        sheet.line([centre, on_circle(centre, around, angle)], SOFT, 0.5, ls=(0, (4, 2)), zorder=2.95)
+        edges = (edge * (180 / pi) for edge in sorted((angle, angle + outwards * (0.06 / around))))
+        block = Wedge(centre, around + 0.06, *edges, width=0.12, facecolor=INK, zorder=4.5)
         sheet.patch(block, on_circle(centre, around + 0.06, angle))
         out = (cos(angle), sin(angle))
-        sheet.write_near(on_circle(centre, around + 0.13, angle), out, written(value, "rad"))
+        sheet.write_near(on_circle(centre, around + 0.13, angle), out, written(stop, "rad"))
 
 
-def _draw_wheels(sheet: Sheet, rig: Rig, index: int, stand: Stand, scale: float) -> None:
+def _draw_wheels(sheet: Sheet, rig: Rig, joint: Joint, stand: Stand, scale: float) -> None:
     """Draw a joint's pulleys, largest first; cams and polynomials with the arm that they have there."""
-    joint, centre = rig.joints[index], scaled(stand.centre, scale)
-    seen: dict[tuple[str, float], tuple[int, Meeting]] = {}
-    for i, meeting in meetings_at(rig, joint):
-        size = abs(meeting.arms({})[joint.name]) * scale
-        seen.setdefault((meeting.shape.kind, round(size, 4)), (i, meeting))
-    for (kind, size), _ in sorted(seen.items(), key=lambda item: -item[0][1]):
+    meetings = meetings_at(rig, joint)
+    wheels = dict.fromkeys((m.shape.kind, round(abs(m.arms({})[joint.name]) * scale, 4)) for m in meetings)
+    for kind, size in sorted(wheels, key=lambda wheel: -wheel[1]):
         if kind == "pulley":
-            sheet.disc(centre, size, PALE, SOFT, order=2.0, lw=0.8)
+            sheet.disc(stand.centre, size, PALE, SOFT, order=2.0, lw=0.8)
         elif kind != "linkage":
-            sheet.disc(centre, size, "none", SOFT, order=2.05, ls=(0, (2, 2)))
-    cams = [m for _, m in meetings_at(rig, joint) if isinstance(m.shape, Linkage)]
+            sheet.disc(stand.centre, size, "none", SOFT, order=2.05, ls=(0, (2, 2)))
+    cams = [meeting for meeting in meetings if isinstance(meeting.shape, Linkage)]
     if cams:
-        _draw_cam(sheet, joint, cams, centre, stand, scale)
-    if not seen:
-        sheet.disc(centre, 0.12, PALE, SOFT)
+        _draw_cam(sheet, joint, cams, stand, scale)
+    if not meetings:
+        sheet.disc(stand.centre, 0.12, PALE, SOFT)
 
 
-def _draw_cam(sheet: Sheet, joint: Joint, cams: Sequence[Meeting], centre: Point, stand: Stand, scale: float) -> None:
+def _draw_cam(sheet: Sheet, joint: Joint, cams: Sequence[Meeting], stand: Stand, scale: float) -> None:
     """Draw a pulley that is not round: at each place the arm of the angle at which a tendon leaves it there."""
     from matplotlib.patches import Polygon
 
@@ -236,37 +199,26 @@ def _draw_cam(sheet: Sheet, joint: Joint, cams: Sequence[Meeting], centre: Point
     def series(at: Floats) -> Floats:
         return np.column_stack([np.ones_like(at), *(f(k * at) for k in orders for f in (np.cos, np.sin))])
 
-    known, kept = series(np.array(places)), np.diag([0.0, *np.repeat(0.03 * orders**2, 2)])
-    weights = np.linalg.solve(known.T @ known + kept, known.T @ np.array(arms))
+    terms, penalty = series(np.array(places)), np.diag([0.0, *np.repeat(0.03 * orders**2, 2)])
+    weights = np.linalg.solve(terms.T @ terms + penalty, terms.T @ np.array(arms))
     round_about = np.linspace(0.0, 2 * pi, 181)
-    points = [on_circle(centre, scale * r, a) for a, r in zip(round_about, series(round_about) @ weights)]
+    points = [on_circle(stand.centre, scale * r, a) for a, r in zip(round_about, series(round_about) @ weights)]
     sheet.patch(Polygon(points, facecolor=PALE, edgecolor=SOFT, lw=0.8, zorder=2.0), *points)
 
 
-def draw_pin(sheet: Sheet, stand: Stand, pin: Point, scale: float) -> None:
-    """Draw the lever to a pin that a tendon ends at.
-
-    Args:
-        pin: [in].
-        scale: [in/m].
-    """
-    sheet.bar([scaled(stand.centre, scale), pin], FAINT, 6.0, SOFT, order=2.1)
+def draw_pin(sheet: Sheet, stand: Stand, pin: Point) -> None:
+    """Draw the lever to a pin that a tendon ends at [in]."""
+    sheet.bar([stand.centre, pin], FAINT, 6.0, order=2.1)
     sheet.disc(pin, 0.035, WHITE, order=4.4)
 
 
-def coil(one: Point, other: Point, half: float = 0.06) -> list[Point]:
-    """Return a spring as a zigzag between two points.
-
-    Args:
-        one: its first end [in].
-        other: its last one [in].
-        half: how far it goes to each side [in].
-    """
-    length = hypot(other[0] - one[0], other[1] - one[1]) or 1.0
+def coil(start: Point, end: Point) -> list[Point]:
+    """Return a spring as a zigzag between two points, 0.06 in to each side [in]."""
+    length = dist(start, end) or 1.0
     teeth = max(6, 2 * round(length / 0.16))
-    along = ((other[0] - one[0]) / length, (other[1] - one[1]) / length)
-    middle = [((k + 0.5) / teeth, (-1) ** k * half) for k in range(teeth)]
+    (x, y), along = start, ((end[0] - start[0]) / length, (end[1] - start[1]) / length)
+    middle = [(0.1 + 0.8 * ((k + 0.5) / teeth), (-1) ** k * 0.06) for k in range(teeth)]
     return [
-        (one[0] + share * length * along[0] - aside * along[1], one[1] + share * length * along[1] + aside * along[0])
-        for share, aside in [(0.0, 0.0), *[(0.1 + 0.8 * s, a) for s, a in middle], (1.0, 0.0)]
+        (x + share * length * along[0] - aside * along[1], y + share * length * along[1] + aside * along[0])
+        for share, aside in [(0.0, 0.0), *middle, (1.0, 0.0)]
     ]

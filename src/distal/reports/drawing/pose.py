@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
@@ -20,7 +20,7 @@ STUB = 2.6
 
 @dataclass(frozen=True)
 class Stand:
-    """Where a joint stands, in metres on paper; x points to the right, y up.
+    """Where a joint stands on paper, in metres, or in inches once it is scaled; x points to the right, y up.
 
     Args:
         centre: its axis.
@@ -30,7 +30,7 @@ class Stand:
         towards: direction of its link at zero [rad].
         reach: length of its link.
         mass_at: where the centre of mass is, None where nothing is said of it.
-        known: whether the rig describes the link.
+        described: whether the rig describes the link.
     """
 
     centre: Point
@@ -40,12 +40,18 @@ class Stand:
     towards: float
     reach: float
     mass_at: Point | None
-    known: bool
+    described: bool
 
     @property
     def tip(self) -> Point:
         """The end of its link."""
         return self.centre[0] + self.reach * cos(self.towards), self.centre[1] + self.reach * sin(self.towards)
+
+    def scaled(self, scale: float) -> Stand:
+        """Return it in other units of length."""
+        centre = scale * self.centre[0], scale * self.centre[1]
+        mass_at = None if self.mass_at is None else (scale * self.mass_at[0], scale * self.mass_at[1])
+        return replace(self, centre=centre, mass_at=mass_at, reach=scale * self.reach)
 
 
 View = tuple[Floats, Floats, int]
@@ -58,26 +64,21 @@ def views_of(rig: Rig) -> list[View]:
     Joints with parallel axes are seen from one side. The others are seen so that +θ turns as at the first joint: a tendon
     that stays on one side of all joints does so on paper.
     """
-    found: list[View] = []
-    for i, joint in enumerate(rig.joints):
+    views: list[View] = []
+    for joint in rig.joints:
         right, up, turn = view_along(joint.axis)
-        for axis, view in zip([np.asarray(each.axis) for each in rig.joints[:i]], found):
-            along = float(axis @ np.asarray(joint.axis))
+        wanted = views[0][2] if views else turn
+        for parallel, view in zip(rig.joints, views):
+            along = float(np.asarray(parallel.axis) @ np.asarray(joint.axis))
             if abs(along) > 0.99:
                 wanted = view[2] * (1 if along > 0 else -1)
                 break
-        else:
-            wanted = found[0][2] if found else turn
-        found.append((right, up * wanted * turn, wanted))
-    return found
+        views.append((right, up * wanted * turn, wanted))
+    return views
 
 
 def view_along(axis: tuple[float, float, float]) -> View:
-    """Return how an axis is seen: about y, x points right and z up, and a positive angle turns clockwise.
-
-    Args:
-        axis: a unit vector.
-    """
+    """Return how an axis, a unit vector, is seen: about y, x points right and z up, and +θ turns clockwise."""
     a = np.asarray(axis)
     right = np.array([1.0, 0.0, 0.0]) - a[0] * a
     if float(np.linalg.norm(right)) < 0.3:
@@ -90,26 +91,18 @@ def view_along(axis: tuple[float, float, float]) -> View:
 
 
 def stands(rig: Rig, arm: float) -> list[Stand]:
-    """Return where the joints stand.
-
-    Args:
-        arm: the largest moment arm [m].
-    """
+    """Return where the joints stand, with the largest moment arm [m]."""
     views = views_of(rig)
     centres: list[Point] = []
     apart: list[bool] = []
     for i, joint in enumerate(rig.joints):
         parent = rig.parent_of(i)
-        offset, start = np.asarray(joint.offset), (0.0, 0.0)
-        if parent is not None:
-            start = centres[parent]
-        elif i > 0:
-            offset = offset - np.asarray(rig.joints[0].offset)
-        view = views[0 if parent is None else parent]
-        across, up = (
-            _on_paper(offset, view) if parent is not None else (float(offset @ view[0]), float(offset @ view[1]))
-        )
-        place = (start[0] + across, start[1] + up) if i else start
+        if parent is None:
+            offset = np.asarray(joint.offset) - np.asarray(rig.joints[0].offset)
+            place = float(offset @ views[0][0]), float(offset @ views[0][1])
+        else:
+            across, up = _on_paper(np.asarray(joint.offset), views[parent])
+            place = centres[parent][0] + across, centres[parent][1] + up
         moved, near = False, 0.3 if parent is not None else 2.0
         while any(hypot(place[0] - x, place[1] - y) < near * arm for x, y in centres):
             # on the base below the others, on a link further out
@@ -117,15 +110,15 @@ def stands(rig: Rig, arm: float) -> list[Stand]:
             moved = True
         centres.append(place)
         apart.append(moved)
-    found = []
+    placed = []
     for i, joint in enumerate(rig.joints):
-        towards, reach, mass_at, known = _link(joint, centres[i], views[i], arm)
+        towards, reach, mass_at, described = _link(joint, centres[i], views[i], arm)
         child = next((k for k in range(len(rig.joints)) if rig.parent_of(k) == i), None)
         if child is not None:
             across, up = centres[child][0] - centres[i][0], centres[child][1] - centres[i][1]
             towards, reach = atan2(up, across), hypot(across, up)
-        found.append(Stand(centres[i], views[i][2], rig.parent_of(i), apart[i], towards, reach, mass_at, known))
-    return found
+        placed.append(Stand(centres[i], views[i][2], rig.parent_of(i), apart[i], towards, reach, mass_at, described))
+    return placed
 
 
 def _on_paper(vector: Floats, view: View) -> Point:

@@ -18,8 +18,7 @@ class Wheel:
     """A circle that a tendon goes round, from the drive outwards.
 
     Args:
-        centre: of it.
-        radius: of it; zero for a point.
+        radius: zero for a point.
         way: +1 counter-clockwise, −1 clockwise, the way outwards; the tendon pulls it the other way round.
     """
 
@@ -28,37 +27,27 @@ class Wheel:
     way: int = 1
 
     def point(self, heading: float) -> Point:
-        """Return where a tendon of some direction touches it.
-
-        Args:
-            heading: direction outwards [rad].
-        """
+        """Return where a tendon that heads in some direction [rad] touches it."""
         arm = self.way * self.radius
         return self.centre[0] + arm * sin(heading), self.centre[1] - arm * cos(heading)
 
 
-def heading(one: Wheel, other: Wheel) -> float:
+def heading(first: Wheel, last: Wheel) -> float:
     """Return the direction of the straight line that leaves one circle and meets the next one [rad]."""
-    across, up = other.centre[0] - one.centre[0], other.centre[1] - one.centre[1]
+    across, up = last.centre[0] - first.centre[0], last.centre[1] - first.centre[1]
     apart = hypot(across, up)
     if apart == 0.0:
         return 0.0
     # circles that lie in one another have no such line: then the nearest to it
-    ratio = (one.way * one.radius - other.way * other.radius) / apart
+    ratio = (first.way * first.radius - last.way * last.radius) / apart
     return atan2(up, across) + asin(min(max(ratio, -1.0), 1.0))
 
 
 def route(wheels: Sequence[Wheel], wrap: float) -> list[Point]:
-    """Return the points of a tendon's way; on the last circle it ends after some wrap.
-
-    Args:
-        wheels: from the drive outwards, at least two.
-        wrap: on the last circle [rad].
-    """
-    headings = [heading(one, other) for one, other in pairwise(wheels)]
+    """Return the points of a tendon's way past at least two circles; on the last one it ends after some wrap [rad]."""
+    headings = [heading(first, last) for first, last in pairwise(wheels)]
     points = [wheels[0].point(headings[0])]
-    for k, wheel in enumerate(wheels[1:]):
-        arrives = headings[k]
+    for k, (wheel, arrives) in enumerate(zip(wheels[1:], headings)):
         last = k == len(headings) - 1
         turned = wheel.way * wrap * (wheel.radius > 0.0) if last else _turn(headings[k + 1] - arrives)
         count = 1 + int(abs(turned) / 0.08)

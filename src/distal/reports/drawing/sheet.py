@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import cos, hypot, sin
 from typing import TYPE_CHECKING
 
-from distal.results import INK, WHITE, figure, styled
+from distal.results import INK, SOFT, WHITE, figure, styled
 from distal.results.style import plain
 
 if TYPE_CHECKING:
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.patches import Patch
 
 Point = tuple[float, float]
+Box = tuple[float, float, float, float]
+"""Left, bottom, right, top [in]."""
 
 SIZE = 7.0
 """Of text [pt]."""
@@ -33,18 +35,10 @@ MARGIN = 0.14
 
 @dataclass(frozen=True)
 class Line:
-    """A line of text beside a part.
-
-    Args:
-        text: of it.
-        bold: for names of parts.
-        colour: of the text.
-        badge: letter of a sensor's badge in front of it.
-    """
+    """A line of text beside a part: bold for its name, with a sensor's badge of one letter in front of it."""
 
     text: str
     bold: bool = False
-    colour: str = INK
     badge: str = ""
 
     @property
@@ -55,12 +49,7 @@ class Line:
 
 @lru_cache(maxsize=4096)
 def width_of(text: str, size: float, bold: bool = False) -> float:
-    """Return the width of a line of text [in].
-
-    Args:
-        size: of the font [pt].
-        bold: whether it is.
-    """
+    """Return the width of a line of text [in] in a size [pt]."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
@@ -72,23 +61,12 @@ def width_of(text: str, size: float, bold: bool = False) -> float:
 
 
 def on_circle(centre: Point, radius: float, angle: float) -> Point:
-    """Return a point of a circle.
-
-    Args:
-        radius: of it.
-        angle: counter-clockwise from the right [rad].
-    """
+    """Return the point of a circle at an angle, counter-clockwise from the right [rad]."""
     return centre[0] + radius * cos(angle), centre[1] + radius * sin(angle)
 
 
 def arc(centre: Point, radius: float, start: float, end: float) -> list[Point]:
-    """Return points along an arc.
-
-    Args:
-        radius: of it.
-        start: angle of its first point [rad].
-        end: of its last one [rad].
-    """
+    """Return points along an arc from one angle to another [rad]."""
     count = 2 + int(abs(end - start) / 0.06)
     return [on_circle(centre, radius, start + (end - start) * k / count) for k in range(count + 1)]
 
@@ -97,39 +75,27 @@ class Sheet:
     """A figure to draw on in inches, without an edge until `cut`; y points up."""
 
     def __init__(self) -> None:
-        with figure() as (made, (axes,)):
-            made.set_layout_engine("none")
-            axes.set_axis_off()
-            axes.grid(False)
-        self.figure: Figure = made
-        self.axes: Axes = axes
+        self.figure: Figure
+        self.axes: Axes
+        with figure() as (self.figure, (self.axes,)):
+            self.figure.set_layout_engine("none")
+            self.axes.set_axis_off()
+            self.axes.grid(False)
         self.low, self.high = [0.0, 0.0], [0.0, 0.0]
-        self._taken: list[tuple[float, float, float, float]] = []
+        self._taken: list[Box] = []
 
     def reserve(self, *points: Point) -> None:
-        """Keep points inside the sheet.
-
-        Args:
-            points: [in].
-        """
+        """Keep points inside the sheet."""
         for k in (0, 1):
             self.low[k] = min(self.low[k], *(point[k] for point in points))
             self.high[k] = max(self.high[k], *(point[k] for point in points))
 
-    def take(self, box: tuple[float, float, float, float]) -> None:
-        """Keep labels out of a box.
-
-        Args:
-            box: left, bottom, right, top [in].
-        """
+    def take(self, box: Box) -> None:
+        """Keep labels out of a box."""
         self._taken.append(box)
 
-    def is_free(self, box: tuple[float, float, float, float]) -> bool:
-        """Return whether nothing is written in a box.
-
-        Args:
-            box: left, bottom, right, top [in].
-        """
+    def is_free(self, box: Box) -> bool:
+        """Return whether nothing is written in a box."""
         return not any(box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in self._taken)
 
     def write(
@@ -148,7 +114,6 @@ class Sheet:
         Args:
             at: its left end, middle or right end, on its middle line [in].
             size: of the font [pt].
-            bold: whether it is.
             ha: "left", "center" or "right".
             clear: whether paper is left free around its letters, where lines pass behind.
         """
@@ -162,74 +127,64 @@ class Sheet:
         effects = [withStroke(linewidth=2.0, foreground=WHITE)] if clear else []
         self.axes.text(*at, plain(text), **look, path_effects=effects)
 
-    def write_near(self, at: Point, away: Point, text: str, *, colour: str = INK, bold: bool = False) -> None:
+    def write_near(self, at: Point, away: Point, text: str) -> None:
         """Write a label beside a point, further away from it where other text stands already.
 
         Args:
-            at: the point [in].
             away: direction from the part that is labelled, a unit vector.
-            bold: whether it is.
         """
         ha = "left" if away[0] > 0.35 else "right" if away[0] < -0.35 else "center"
         place = at
         for step in range(40):
             place = (at[0] + 0.05 * step * away[0], at[1] + 0.05 * step * away[1])
-            if self.is_free(_box(place, text, SIZE, bold, ha)):
+            if self.is_free(_box(place, text, SIZE, False, ha)):
                 break
-        self.write(place, text, colour=colour, bold=bold, ha=ha, clear=True)
+        self.write(place, text, ha=ha, clear=True)
 
     def block(self, at: Point, lines: Sequence[Line]) -> None:
-        """Write lines below one another.
-
-        Args:
-            at: left end of the first one's middle line [in].
-        """
+        """Write lines below one another, from the left end of the first one's middle line."""
         for k, line in enumerate(lines):
             x, y = at[0], at[1] - k * PITCH
             if line.badge:
                 self.badge((x + BADGE, y), line.badge)
                 x += 3.0 * BADGE
-            self.write((x, y), line.text, bold=line.bold, colour=line.colour)
+            self.write((x, y), line.text, bold=line.bold)
 
     def badge(self, at: Point, letter: str) -> None:
-        """Mark a sensor: a small circle with the letter of what it measures.
-
-        Args:
-            at: its centre [in].
-            letter: x, U, φ, τ, T or θ.
-        """
+        """Mark a sensor: a small circle with the letter of what it measures."""
         self.disc(at, BADGE - 0.016, WHITE, order=8.0)
         self.write(at, letter, size=5.5, ha="center")
+
+    def mark(self, lines: Sequence[Line], places: Mapping[str, Point]) -> None:
+        """Repeat the badges of some lines on the part that they are of, each in its place there."""
+        for letter, at in places.items():
+            if any(line.badge == letter for line in lines):
+                self.badge(at, letter)
 
     def line(self, points: Sequence[Point], colour: str = INK, width: float = 0.8, **look: object) -> None:
         """Draw a line through points.
 
         Args:
-            points: [in].
-            width: of it [pt].
-            look: other properties of matplotlib's `Line2D`.
+            width: [pt].
+            look: more properties of matplotlib's `Line2D`.
         """
         self.reserve(*points)
         xs, ys = zip(*points)
         self.axes.plot(xs, ys, color=colour, lw=width, **{"solid_joinstyle": "round", "dash_capstyle": "butt", **look})
 
-    def bar(self, points: Sequence[Point], colour: str, width: float, edge: str = INK, order: float = 1.0) -> None:
+    def bar(self, points: Sequence[Point], colour: str, width: float, order: float) -> None:
         """Draw a bar with round ends and a thin edge.
 
         Args:
-            points: through which its middle goes [in].
-            width: of it [pt].
+            points: through which its middle goes.
+            width: [pt].
             order: what is higher lies in front.
         """
-        self.line(points, edge, width + 1.2, solid_capstyle="round", zorder=order)
+        self.line(points, SOFT, width + 1.2, solid_capstyle="round", zorder=order)
         self.line(points, colour, width, solid_capstyle="round", zorder=order + 0.05)
 
     def patch(self, shape: Patch, *corners: Point) -> None:
-        """Put a shape on the sheet.
-
-        Args:
-            corners: points of it that stay inside the sheet [in].
-        """
+        """Put a shape on the sheet, and keep its corners inside."""
         self.axes.add_patch(shape)
         if corners:
             self.reserve(*corners)
@@ -237,51 +192,31 @@ class Sheet:
     def disc(
         self, centre: Point, radius: float, colour: str, edge: str = INK, order: float = 2.0, **look: object
     ) -> None:
-        """Draw a circle.
-
-        Args:
-            centre: of it [in].
-            radius: of it [in].
-            order: what is higher lies in front.
-            look: other properties of matplotlib's `Circle`.
-        """
+        """Draw a circle; a higher order lies in front, and `look` are more properties of matplotlib's `Circle`."""
         from matplotlib.patches import Circle
 
         x, y = centre
         shape = Circle(centre, radius, **{"facecolor": colour, "edgecolor": edge, "lw": 0.7, "zorder": order, **look})
         self.patch(shape, (x - radius, y - radius), (x + radius, y + radius))
 
-    def box(self, low: Point, high: Point, colour: str, order: float = 2.0, **look: object) -> None:
-        """Draw a rectangle.
-
-        Args:
-            low: its corner left and below [in].
-            high: its corner right and above [in].
-            order: what is higher lies in front.
-            look: other properties of matplotlib's `Rectangle`.
-        """
+    def box(self, low: Point, high: Point, colour: str, order: float) -> None:
+        """Draw a rectangle by its corners left and below, and right and above; a higher order lies in front."""
         from matplotlib.patches import Rectangle
 
-        look = {"facecolor": colour, "edgecolor": INK, "lw": 0.8, "zorder": order, **look}
-        self.patch(Rectangle(low, high[0] - low[0], high[1] - low[1], **look), low, high)
+        width, height = high[0] - low[0], high[1] - low[1]
+        self.patch(Rectangle(low, width, height, facecolor=colour, edgecolor=INK, lw=0.8, zorder=order), low, high)
 
-    def arrow(self, points: Sequence[Point], colour: str = INK, width: float = 0.9, order: float = 5.0) -> None:
-        """Draw a line with a head at its last point.
-
-        Args:
-            points: through which it goes [in].
-            width: of it [pt].
-            order: what is higher lies in front.
-        """
+    def arrow(self, points: Sequence[Point], colour: str = INK, width: float = 0.9) -> None:
+        """Draw a line of some width [pt] with a head at its last point."""
         from matplotlib.patches import Polygon
 
-        self.line(points, colour, width, zorder=order)
+        self.line(points, colour, width, zorder=5.0)
         (x0, y0), (x, y) = points[-2:]
         long = hypot(x - x0, y - y0)
         along = ((x - x0) / long, (y - y0) / long)
         ends = [(x + 0.085 * a * along[0] + 0.03 * b * along[1], y + 0.085 * a * along[1] - 0.03 * b * along[0])
                 for a, b in ((0.35, 0.0), (-0.65, 1.0), (-0.65, -1.0))]  # fmt: skip
-        self.patch(Polygon(ends, facecolor=colour, edgecolor="none", zorder=order), *ends)
+        self.patch(Polygon(ends, facecolor=colour, edgecolor="none", zorder=5.0), *ends)
 
     def cut(self) -> None:
         """Give the figure the size of what stands on it."""
@@ -292,20 +227,14 @@ class Sheet:
         self.axes.set_ylim(low[1], high[1])
 
     def panel(self, corner: Point, width: float, height: float) -> Axes:
-        """Return axes of their own on the sheet; called after `cut`.
-
-        Args:
-            corner: of the axes, left and below [in].
-            width: of the axes [in].
-            height: of the axes [in].
-        """
+        """Return new axes on the sheet by their corner left and below, width and height; called after `cut`."""
         (x0, x1), (y0, y1) = self.axes.get_xlim(), self.axes.get_ylim()
         w, h = x1 - x0, y1 - y0
         with styled():
             return self.figure.add_axes(((corner[0] - x0) / w, (corner[1] - y0) / h, width / w, height / h))
 
 
-def _box(at: Point, text: str, size: float, bold: bool, ha: str) -> tuple[float, float, float, float]:
+def _box(at: Point, text: str, size: float, bold: bool, ha: str) -> Box:
     width = width_of(text, size, bold)
     left = at[0] - {"left": 0.0, "center": 0.5, "right": 1.0}[ha] * width
     half = 0.62 * size / 72.0

@@ -17,11 +17,7 @@ SMALL = {
 
 
 def written(value: float, si: str) -> str:
-    """Return a number with its unit, to three digits, such as "23 N/mm", "8 mm" or "−20°".
-
-    Args:
-        value: SI.
-    """
+    """Return a number in its SI unit to three digits, such as "23 N/mm", "8 mm" or "−20°"."""
     if si == "rad":
         return f"{rounded(math.degrees(value))}°"
     if si in LARGE and abs(value) >= LARGE[si][0]:
@@ -34,11 +30,7 @@ def written(value: float, si: str) -> str:
 
 
 def rounded(value: float) -> str:
-    """Return a number to three digits, with a true minus.
-
-    Args:
-        value: the number.
-    """
+    """Return a number to three digits, with a true minus."""
     digits = max(0, 2 - math.floor(math.log10(abs(value)))) if value and abs(value) < 1e3 else 0
     if abs(value) >= 1e5 or digits > 7:
         text = f"{value:.2e}"
@@ -49,10 +41,5 @@ def rounded(value: float) -> str:
 
 
 def interval(low: float, high: float, si: str) -> str:
-    """Return the ends of a range, such as "−20° … 90°".
-
-    Args:
-        low: SI.
-        high: SI.
-    """
+    """Return the ends of a range in their SI unit, such as "−20° … 90°"."""
     return f"{written(low, si)} … {written(high, si)}"
