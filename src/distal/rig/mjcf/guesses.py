@@ -8,12 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Guess:
-    """A value that the model does not give.
-
-    Args:
-        value: what is written, with a wide std.
-        of: what it is.
-    """
+    """A value that the model does not give, written with a wide std, and what it is a value `of`."""
 
     value: object
     of: str
@@ -45,8 +40,8 @@ def written(raw: dict[str, object]) -> str:
     for key, value in raw.items():
         if isinstance(value, list) and value and isinstance(value[0], dict):
             tables = tomlkit.aot()
-            for one in value:
-                tables.append(_table(one))
+            for part in value:
+                tables.append(_table(part))
             document.add(key, tables)
         else:
             document.add(key, _table(value) if isinstance(value, dict) else tomlkit.item(plain(value)))
