@@ -169,17 +169,16 @@ def chain_kick(
     alone = solver(matrix, slip.moving)(load - slip.friction(up, down))
     contacts = Contacts(*(ca.SX(len(free), 1) for _ in range(3)))
     at, kicked = q[free], alone
-    stopped = [k for k, j in enumerate(free) if mechanism.bodies[j].has_stops]
+    stopped = any(mechanism.bodies[j].has_stops for j in free)
     if stopped:
         contacts = _contacts(mechanism, at, alone, inertias, length, drift, last=last)
-        pressed, pressing, after, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
         if last:
             # a stop only pushes: one that would pull lets go
+            *_, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
             inside = at - contacts.place
             pushes = (contacts.stiffness * inside + contacts.damping * kicked) * inside > 0
             contacts = Contacts(contacts.stiffness * pushes, contacts.damping * pushes, contacts.place)
-            pressed, pressing, after, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
-        slip, matrix, load = after, pressed, pressing
+        matrix, load, slip, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
     moved = at + drift * kicked
     if stopped and rebounds and not last:
         motion, system = (at, v[free], alone, kicked), (matrix, load, slip, up, down)

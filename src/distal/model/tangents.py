@@ -72,14 +72,14 @@ def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> c
     length, drift = ca.MX.sym("length"), ca.MX.sym("drift")
     p = ca.MX.sym("p", kick.size1_in(6))
     by_q, by_v, by_effort, v_next, *moved = kick(q, v, effort, response, length, drift, p)
-    following = _chained(mechanism, (by_q, by_v, by_effort), s_q, s_v)
+    following = _chained((by_q, by_v, by_effort), s_q, s_v)
     outputs = [*moved, v_next, s_q + drift * following, following] if drifts else [v_next, following]
     return ca.Function(name, [q, v, s_q, s_v, effort, response, length, drift, p], outputs)
 
 
-def _chained(mechanism: Mechanism, slopes: tuple[MatrixNode, ...], s_q: MatrixNode, s_v: MatrixNode) -> MatrixNode:
+def _chained(slopes: tuple[MatrixNode, ...], s_q: MatrixNode, s_v: MatrixNode) -> MatrixNode:
     """Return the transposed S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort."""
-    n, columns = mechanism.n_bodies, 2 * mechanism.n_bodies + mechanism.n_drives
+    columns, n = s_q.shape
     by_q, by_v, by_effort = slopes
     following = ca.mac(s_v, by_v, ca.mac(s_q, by_q, ca.MX.zeros(columns, n)))
     rows, bodies = by_effort.sparsity().get_triplet()
