@@ -125,19 +125,19 @@ def _walk(rig: Rig) -> Iterator[tuple[str, Parameter]]:
 def _walk_part(part: BaseModel, path: str) -> Iterator[tuple[str, Parameter]]:
     stops = getattr(part, "stops", None)
     for name in type(part).model_fields:
-        value = getattr(part, name)
+        field = getattr(part, name)
         if name in _NOT_DYNAMIC or (name.startswith("stop_") and stops is None):
             continue
         if name == "stops" and stops is not None:
             # tiny offsets keep a stop at exactly zero from being read as an absent parameter
             yield f"{path}.stops.low", Parameter(value=stops[0] or -1e-300)
             yield f"{path}.stops.high", Parameter(value=stops[1] or 1e-300)
-        elif isinstance(value, Parameter):
-            yield f"{path}.{name}", value
-        elif isinstance(value, BaseModel):
-            yield from _walk_part(value, f"{path}.{name}")
-        elif isinstance(value, tuple) and name not in _STRUCTURE:
-            for i, inner in enumerate(value):
+        elif isinstance(field, Parameter):
+            yield f"{path}.{name}", field
+        elif isinstance(field, BaseModel):
+            yield from _walk_part(field, f"{path}.{name}")
+        elif isinstance(field, tuple) and name not in _STRUCTURE:
+            for i, inner in enumerate(field):
                 if isinstance(inner, BaseModel):
                     yield from _walk_part(inner, f"{path}.{name}.{i}")
                 elif isinstance(inner, float):

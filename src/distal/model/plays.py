@@ -130,12 +130,10 @@ class Sheath:
 
     def settled(self, points: list[Scalar], drive: Scalar, joint: Scalar) -> list[Scalar]:
         """Return where the points come to rest between the ends `drive` and `joint`, by sweeps to and fro."""
-        settled = list(points)
+        line = [drive, *points, joint]
         for point in self.order():
-            before = drive if point == 0 else settled[point - 1]
-            after = joint if point == self.count - 1 else settled[point + 1]
-            settled[point] = self.bounds(point, before, after).hold(settled[point])
-        return settled
+            line[point + 1] = self.bounds(point, line[point], line[point + 2]).hold(line[point + 1])
+        return line[1:-1]
 
     def order(self) -> list[int]:
         """Return the points in the order in which they are settled, from the drive to the joint and back, N times."""

@@ -129,8 +129,7 @@ class Tendons:
         tied, far_sides = self._tied(q, remembered, points, settled)
         elongated, inside = self.elongations(tied), list[Scalar]()
         for i in range(self.n_tendons):
-            sheath = self.sheath(i, q)
-            if sheath is None:
+            if (sheath := self.sheath(i, q)) is None:
                 continue
             ends = self._ends(i, tied, elongated)
             if points is None:
@@ -174,9 +173,8 @@ class Tendons:
         assert sheath is not None
         drive, joint = self._ends(index, place.q, self.elongations(place.q))
         first = which - point
-        before = drive if point == 0 else place.inside[first + point - 1]
-        after = joint if point == sheath.count - 1 else place.inside[first + point + 1]
-        return sheath.bounds(point, before, after)
+        line = [drive, *place.inside[first : first + sheath.count], joint]
+        return sheath.bounds(point, line[point], line[point + 2])
 
     def _far_side(
         self, drive: int, q: Vector, before: Scalar | None, points: Sequence[Scalar] | None, settled: bool

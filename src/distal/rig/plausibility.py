@@ -29,11 +29,11 @@ LARGEST_OFFSET = 2.0
 def doubts(rig: Rig) -> list[str]:
     """Return what is allowed in a rig but is probably a mistake, one sentence each."""
     sentences = []
-    for path, name, value in _numbers(rig):
+    for path, name, size in _numbers(rig):
         low, high, unit = USUAL[name]
-        if not low <= value <= high:
+        if not low <= size <= high:
             sentences.append(
-                f"{in_words(rig, path)} is {value:g} {unit}; between {low:g} and {high:g} is usual: is its unit there?"
+                f"{in_words(rig, path)} is {size:g} {unit}; between {low:g} and {high:g} is usual: is its unit there?"
             )
     parts = [(kind, part) for kind in ("joints", "drives", "tendons", "sensors") for part in getattr(rig, kind)]
     for path, parameter in chain(*(parameters_below(part, f"{kind}.{part.name}") for kind, part in parts)):

@@ -71,7 +71,7 @@ def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
             zero = min(roots, key=lambda root: abs(root - middle))
             second, third = fitted.deriv(2)(zero) / 2, fitted.deriv(3)(zero) / 6 if degree > 2 else 0.0
             spring = {"stiffness": -slope(zero), "rest_angle": zero, "quadratic": -second, "cubic": -third}
-            return {name: float(f"{value:.6g}") for name, value in spring.items() if value or name == "stiffness"}
+            return {name: float(f"{size:.6g}") for name, size in spring.items() if size or name == "stiffness"}
     # pulled the same all over the range: a weak spring far away
     mean, span = float(np.mean(torque)), float(angles[-1] - angles[0])
     weak = abs(mean) / (100.0 * span)
