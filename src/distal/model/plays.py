@@ -71,11 +71,13 @@ class Sheath:
     With N points the stretches at the ends are 1/(2N) of the cable and those between 1/N, so that all together have its
     stiffness; at each point the tensions of its sides are within e^{±μβ/N} of each other (the capstan equation).
 
+    The points, (N,), and the ends, `drive` and `joint`, are given by their displacements [m].
+
     Args:
         stiffness: of the whole cable, k [N/m].
         drawn: e^{μβ/N} as it is drawn in.
         let_out: the same as it is let out.
-        count: number of points, N. Displacements of points, (N,), and of the ends, at drive and joint, are in m.
+        count: number of points, N.
         stiffening: a [1/m] of the whole cable, None for a linear spring; see `stretched`.
         pretension: tension about which it stiffens [N].
     """
