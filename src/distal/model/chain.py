@@ -20,12 +20,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 class Chain:
-    """The links of a rig as a tree of rigid bodies.
-
-    Args:
-        rig: the description.
-        parameters: its numbers, symbolic.
-    """
+    """The links of a rig as a tree of rigid bodies. Joint angles q [rad] and their speeds v [rad/s] are (n_joints,)."""
 
     def __init__(self, rig: Rig, parameters: Parameters) -> None:
         self._rig, self._p, self._frames = rig, parameters, Frames(rig, parameters)
@@ -42,9 +37,6 @@ class Chain:
 
         A composite body is its mass m, first moment h = m c and inertia J about its joint's frame; unit acceleration about
         a joint's axis a takes the force a × h and the moment J a, which go down to the base.
-
-        Args:
-            q: joint angles, (n_joints,) [rad].
         """
         n, turned = len(self._rig.joints), self._frames.rotations(q)
         bodies = list[tuple[Scalar, Vector, Matrix]]()
@@ -53,9 +45,9 @@ class Chain:
             if link is None:
                 bodies.append((ca.SX(0), zero, ca.SX(3, 3)))
             else:
-                mass, centre, inertia = link
-                own = ca.diag(inertia) + _shifted(mass, mass * centre, centre)
-                bodies.append((mass, mass * centre, own))
+                mass, centre, moments = link
+                inertia = ca.diag(moments) + _shifted(mass, mass * centre, centre)
+                bodies.append((mass, mass * centre, inertia))
         matrix = ca.SX(n, n)
         for i in reversed(range(n)):
             mass, moment, inertia = bodies[i]
@@ -71,17 +63,15 @@ class Chain:
             if above is not None:
                 offset, r = self._frames.vector(f"joints.{i}.offset"), turned[i]
                 moment = ca.mtimes(r, moment)
-                whole = ca.mtimes([r, inertia, r.T]) + _shifted(mass, 2 * moment + mass * offset, offset)
+                inertia = ca.mtimes([r, inertia, r.T]) + _shifted(mass, 2 * moment + mass * offset, offset)
                 before = bodies[above]
-                bodies[above] = (before[0] + mass, before[1] + moment + mass * offset, before[2] + whole)
+                bodies[above] = (before[0] + mass, before[1] + moment + mass * offset, before[2] + inertia)
         return matrix
 
     def torques(self, q: Vector, v: Vector, acceleration: Vector) -> Vector:
-        """Return M(q) q̈ + c(q, q̇) + g(q) of the links, (n_joints,) [N m], by recursive Newton–Euler.
+        """Return M(q) q̈ + c(q, v) + g(q) of the links, (n_joints,) [N m], by recursive Newton–Euler.
 
         Args:
-            q: joint angles, (n_joints,) [rad].
-            v: their speeds, (n_joints,) [rad/s].
             acceleration: q̈, (n_joints,) [rad/s²].
         """
         n, turned = len(self._rig.joints), self._frames.rotations(q)

@@ -44,13 +44,7 @@ class Loads:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Which free joints press against a stop: impulse −κ (q − place) − δ v⁺, (n_free,) each.
-
-    Args:
-        stiffness: κ, 0 without contact.
-        damping: δ.
-        place: of the stop.
-    """
+    """Which free joints press against a stop: impulse −κ (q − place) − δ v⁺, (n_free,) each; κ = δ = 0 without contact."""
 
     stiffness: Vector
     damping: Vector
@@ -62,10 +56,8 @@ class Kicked:
     """A chain after a kick and the drift that follows.
 
     Args:
-        q: angles, (n_joints,) [rad].
-        v: speeds, (n_joints,) [rad/s].
-        slip: of the free joints.
-        contacts: of the free joints.
+        q: angles of all joints, (n_joints,) [rad]; v are their speeds [rad/s].
+        slip: of the free joints, as `contacts`.
         matrix: A with the stops in it, (n_free, n_free).
         load: r with the stops in it, (n_free,).
         up: friction impulses against + motion, (n_free,).
@@ -93,9 +85,8 @@ def _growth(damping: Scalar, inertia: Scalar, length: Scalar) -> Scalar:
 
 def _implicit_inertias(mechanism: Mechanism, inertias: Vector, length: Scalar) -> Vector:
     """Return M_jj (φ − 1), (n_joints,)."""
-    dampings = mechanism.dampings()
-    nj = mechanism.n_joints
-    return ca.vertcat(*(inertias[j] * (_growth(dampings[j], inertias[j], length) - 1) for j in range(nj)))
+    pairs = zip(ca.vertsplit(mechanism.dampings()[: mechanism.n_joints]), ca.vertsplit(inertias))
+    return ca.vertcat(*(inertia * (_growth(damping, inertia, length) - 1) for damping, inertia in pairs))
 
 
 def residual(
@@ -112,24 +103,23 @@ def residual(
     """Return A v⁺ + h f − r of the free joints, (n_free,): zero where they slip; its slopes are those of the kick.
 
     Args:
-        q: angles before, (n_joints,).
-        v: speeds before, (n_joints,).
+        q: angles before, (n_joints,); v are the speeds.
         after: speeds of the free joints after the kick, (n_free,).
         h: length of the kick [s].
     """
     nj, spread = mechanism.n_joints, mechanism.spread
-    whole = ca.mtimes(spread, after)
-    change = whole - v
+    speeds = ca.mtimes(spread, after)
+    change = speeds - v
     # where no time passes inertia alone is left
     passed = ca.fmax(h, SHORTEST)
-    matrix, own = mechanism.mass_matrix(q), mechanism.inertias()[:nj]
-    needed = own * change
+    matrix = mechanism.mass_matrix(q)
+    needed = mechanism.inertias()[:nj] * change
     if mechanism.chain is not None:
         needed = passed * mechanism.chain.torques(q, v, change / passed) + needed
     needed += _implicit_inertias(mechanism, ca.diag(matrix), h) * change + h * mechanism.dampings()[:nj] * v
-    needed += h * (loads.implicit * whole - loads.force)
+    needed += h * (loads.implicit * speeds - loads.force)
     if loads.stiffness is not None:
-        needed += h * h * ca.mtimes(loads.stiffness, whole)
+        needed += h * h * ca.mtimes(loads.stiffness, speeds)
     share, free = ca.fabs(spread).T, mechanism.free
     needed = ca.mtimes(spread.T, needed)
     needed += h * slip.friction(ca.mtimes(share, loads.up), ca.mtimes(share, loads.down))
@@ -150,8 +140,7 @@ def chain_kick(
     """Return the joints after a kick and the drift that follows.
 
     Args:
-        q: angles before, (n_joints,).
-        v: speeds before, (n_joints,).
+        q: angles before, (n_joints,); v are the speeds.
         length: of the kick [s].
         drift: length of the drift that follows; in the last kick the one that went before [s].
         last: whether no drift follows: a joint presses against a stop if it is in it.
@@ -180,43 +169,28 @@ def chain_kick(
     alone = solver(matrix, slip.moving)(load - slip.friction(up, down))
     contacts = Contacts(*(ca.SX(len(free), 1) for _ in range(3)))
     at, kicked = q[free], alone
-    stopped = [k for k, j in enumerate(free) if mechanism.bodies[j].has_stops]
+    stopped = any(mechanism.bodies[j].has_stops for j in free)
     if stopped:
         contacts = _contacts(mechanism, at, alone, inertias, length, drift, last=last)
-        pressed, pressing, after, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
         if last:
             # a stop only pushes: one that would pull lets go
+            *_, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
             inside = at - contacts.place
             pushes = (contacts.stiffness * inside + contacts.damping * kicked) * inside > 0
             contacts = Contacts(contacts.stiffness * pushes, contacts.damping * pushes, contacts.place)
-            pressed, pressing, after, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
-        slip, matrix, load = after, pressed, pressing
+        matrix, load, slip, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
     moved = at + drift * kicked
     if stopped and rebounds and not last:
-        kicked, moved = _bounced(
-            mechanism,
-            (at, v[free], alone, kicked),
-            (matrix, load, slip, up, down),
-            contacts,
-            inertias=inertias,
-            length=length,
-            drift=drift,
-        )
-    whole = ca.mtimes(spread, moved) + mechanism.offsets
-    return Kicked(whole, ca.mtimes(spread, kicked), slip, contacts, matrix, load, up, down)
+        motion, system = (at, v[free], alone, kicked), (matrix, load, slip, up, down)
+        kicked, moved = _bounced(mechanism, motion, system, contacts, inertias=inertias, length=length, drift=drift)
+    angles = ca.mtimes(spread, moved) + mechanism.offsets
+    return Kicked(angles, ca.mtimes(spread, kicked), slip, contacts, matrix, load, up, down)
 
 
 def _middle(matrix: Matrix, load: Vector, v: Vector, up: Vector, down: Vector) -> Vector:
     """Return the speeds in the middle of a kick, (n_free,): with Coriolis torques taken there its order is two.
 
-    Joints that move go on in their direction; those that stand still stay.
-
-    Args:
-        matrix: A, (n_free, n_free).
-        load: r with these torques at the start, (n_free,).
-        v: speeds before, (n_free,).
-        up: friction impulses against + motion, (n_free,).
-        down: against − motion, (n_free,).
+    Joints that move go on in their direction; those that stand still stay. `load` is r with these torques at the start.
     """
     ahead = Slip(v > 0, v < 0)
     after = solver(matrix, ahead.moving)(load - ahead.friction(up, down))
@@ -227,10 +201,10 @@ def _contacts(
     mechanism: Mechanism, q: Vector, v: Vector, inertias: Vector, length: Scalar, drift: Scalar, *, last: bool
 ) -> Contacts:
     """Return which free joints press against a stop, by the velocities without it; see `kick_at_stops`."""
-    stiffnesses, dampings, places = list[Scalar](), list[Scalar](), list[Scalar]()
+    rows = list[tuple[Scalar, Scalar, Scalar]]()
     for k, j in enumerate(mechanism.free):
         if not mechanism.bodies[j].has_stops:
-            stiffnesses, dampings, places = [*stiffnesses, 0], [*dampings, 0], [*places, 0]
+            rows.append((0, 0, 0))
             continue
         stiffness, damping, low, high = mechanism.stop(j)
         end = q[k] if last else q[k] + drift * v[k]
@@ -240,10 +214,9 @@ def _contacts(
             at_low = ca.logic_and(at_low, stiffness * (end - low) + damping * v[k] < 0)
         touching = ca.logic_or(at_high, at_low)
         share = ca.if_else(stiffness * drift * drift / inertias[k] <= 1, 0.5, 1)
-        stiffnesses.append(touching * length * stiffness)
-        dampings.append(touching * length * (share * stiffness * drift + damping))
-        places.append(ca.if_else(at_high, high, low))
-    return Contacts(ca.vertcat(*stiffnesses), ca.vertcat(*dampings), ca.vertcat(*places))
+        implicit = touching * length * (share * stiffness * drift + damping)
+        rows.append((touching * length * stiffness, implicit, ca.if_else(at_high, high, low)))
+    return Contacts(*(ca.vertcat(*column) for column in zip(*rows)))
 
 
 def _pressed(
@@ -268,10 +241,10 @@ def _bounced(
     """Return speeds and angles with the joints that bounce off their stops; the others answer to that blow."""
     at, before, alone, kicked = motion
     matrix, load, slip, up, down = system
-    bounces, speeds, places = list[Scalar](), list[Scalar](), list[Scalar]()
+    rows = list[tuple[Scalar, Scalar, Scalar]]()
     for k, j in enumerate(mechanism.free):
         if not mechanism.bodies[j].has_stops:
-            bounces, speeds, places = [*bounces, ca.SX(0)], [*speeds, ca.SX(0)], [*places, ca.SX(0)]
+            rows.append((ca.SX(0), ca.SX(0), ca.SX(0)))
             continue
         stiffness, damping, _, high = mechanism.stop(j)
         unresolved = stiffness * drift * drift / inertias[k] > 1
@@ -279,14 +252,13 @@ def _bounced(
         touching, at_high = contacts.damping[k] > 0, contacts.place[k] == high
         flight = Flight(alone[k], at[k], before[k], length, drift)
         flies, after, place = bounce(rebound, at_high, contacts.place[k], flight)
-        bounces.append(ca.logic_and(touching, flies))
-        speeds.append(after)
-        places.append(place)
-    bouncing, after = ca.vertcat(*bounces), ca.vertcat(*speeds)
-    given = bouncing * after
-    others = slip.moving * (1 - bouncing)
-    rest = load - slip.friction(up, down) - ca.mtimes(matrix, given)
-    answered = given + solver(matrix, others)(rest)
+        rows.append((ca.logic_and(touching, flies), after, place))
+    bounces, speeds, places = zip(*rows)
+    bouncing = ca.vertcat(*bounces)
+    imposed = bouncing * ca.vertcat(*speeds)
+    moving = slip.moving * (1 - bouncing)
+    impulse = load - slip.friction(up, down) - ca.mtimes(matrix, imposed)
+    answered = imposed + solver(matrix, moving)(impulse)
     velocities = [ca.if_else(ca.sum1(bouncing) > 0, answered[k], kicked[k]) for k in range(len(bounces))]
     angles = [ca.if_else(bounces[k], places[k], at[k] + drift * velocities[k]) for k in range(len(bounces))]
     return ca.vertcat(*velocities), ca.vertcat(*angles)

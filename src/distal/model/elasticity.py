@@ -16,11 +16,8 @@ def stretched(elongation: Scalar, stiffening: Scalar) -> Scalar:
     """Return (e^{a δ} − 1)/a, the stretch of a linear tendon with the same tension: T = T_pre + k (e^{aδ} − 1)/a.
 
     Stiffness then grows in a straight line with tension, dT/dδ = k + a (T − T_pre): Fung's law of soft tissue (Am. J.
-    Physiol. 213, 1967), which fibre ropes and wire ropes that bed in follow as well. a → 0 is Hooke's law.
-
-    Args:
-        elongation: beyond the pre-tensioned length, δ [m].
-        stiffening: a [1/m] ≥ 0.
+    Physiol. 213, 1967), which fibre ropes and wire ropes that bed in follow as well. a → 0 is Hooke's law. The elongation
+    δ [m] is counted from the pre-tensioned length, the stiffening a ≥ 0 is in 1/m.
     """
     x = stiffening * elongation
     small = ca.fabs(x) < 1e-5
@@ -30,23 +27,14 @@ def stretched(elongation: Scalar, stiffening: Scalar) -> Scalar:
 
 
 def stretched_slope(elongation: Scalar, stiffening: Scalar) -> Scalar:
-    """Return the slope of `stretched`, e^{a δ}, at most e² of the first one.
-
-    Args:
-        elongation: δ [m].
-        stiffening: a [1/m] ≥ 0.
-    """
+    """Return the slope of `stretched` by its elongation, e^{a δ} for a stiffening a, at most e² of the first one."""
     return ca.exp(ca.fmin(stiffening * elongation, STEEPEST))
 
 
 def polynomial_torque(away: Scalar, stiffness: Scalar, quadratic: Scalar, cubic: Scalar) -> Scalar:
-    """Return −(k x + k₂ x² + k₃ x³), the torque of a spring about its rest angle [N m].
+    """Return −(k x + k₂ x² + k₃ x³), the torque of a spring that is x = θ − rest angle [rad] `away` [N m].
 
-    Args:
-        away: x = θ − rest angle [rad].
-        stiffness: k [N m/rad].
-        quadratic: k₂ [N m/rad²].
-        cubic: k₃ [N m/rad³].
+    Its `stiffness` k, `quadratic` k₂ and `cubic` k₃ are in N m/rad, N m/rad² and N m/rad³.
     """
     return -away * (stiffness + away * (quadratic + away * cubic))
 

@@ -14,10 +14,6 @@ class Limit:
     """What friction can take up: against motion to + and against motion to −, both ≥ 0.
 
     They differ where a tendon rubs along its path: drawing it in takes more than letting it out gives back.
-
-    Args:
-        up: largest friction against positive velocity.
-        down: against negative velocity.
     """
 
     up: Scalar
@@ -52,13 +48,7 @@ def soft(z: Scalar, limit: Limit | Scalar) -> Scalar:
 
 
 def slip(z: Scalar, limit: Limit | Scalar, factor: Scalar = 1) -> tuple[Scalar, Scalar]:
-    """Return (f, b): 1 in slip to + or to −, else 0, as factors of what `soft` leaves; see `slipped`.
-
-    Args:
-        z: velocity without friction.
-        limit: friction limit as a velocity; a `Limit` where it depends on the direction.
-        factor: both are multiplied by this.
-    """
+    """Return (f, b): `factor` in slip to + or to −, else 0, of a velocity z and a limit as in `soft`; see `slipped`."""
     up, down = (limit.up, limit.down) if isinstance(limit, Limit) else (limit, limit)
     # without friction, or where no time passes, z = 0 = l is slip: what does not hold does not stop either
     return (z >= up) * factor, (z < -down) * factor
@@ -67,11 +57,7 @@ def slip(z: Scalar, limit: Limit | Scalar, factor: Scalar = 1) -> tuple[Scalar, 
 def slipped(forward: Scalar, back: Scalar, z: Scalar, limit: Limit | Scalar) -> Scalar:
     """Return (f + b) z − f l₊ + b l₋: `soft` as products, whose derivatives need no choice and no division.
 
-    Args:
-        forward: f, see `slip`.
-        back: b.
-        z: velocity without friction.
-        limit: friction limit as a velocity; a `Limit` where it depends on the direction.
+    `forward` f and `back` b are those of `slip`; z and the limit are those of `soft`.
     """
     up, down = (limit.up, limit.down) if isinstance(limit, Limit) else (limit, limit)
     if ca.is_equal(ca.SX(up), ca.SX(down), 3):
@@ -95,25 +81,16 @@ def capstan_limit(tension: Scalar, wrapped: Scalar, let_out: Scalar = 1) -> Limi
 def stribeck(speed: Scalar, excess: Scalar, characteristic: Scalar) -> Scalar:
     """Return the factor 1 + e · exp(−(v/v_s)²) of Coulomb friction: stiction that fades as a body begins to move.
 
-    Stribeck's curve in the form of Armstrong-Hélouvry, Dupont and Canudas de Wit (Automatica 30, 1994).
-
-    Args:
-        speed: v.
-        excess: stiction beyond Coulomb friction, as a share of it, e ≥ 0.
-        characteristic: speed at which it has faded to 1/e of itself, v_s > 0.
+    Stribeck's curve in the form of Armstrong-Hélouvry, Dupont and Canudas de Wit (Automatica 30, 1994). The excess e ≥ 0 is
+    stiction beyond Coulomb friction, as a share of it; at the `characteristic` speed v_s > 0 it has faded to 1/e of itself.
     """
     return 1 + excess * ca.exp(-((speed / characteristic) ** 2))
 
 
 def free_response(damping: Scalar, inertia: Scalar, step: Scalar) -> tuple[Scalar, Scalar]:
-    """Return (a, b) of v⁺ = a v + b F, the exact response over `step` to a constant force F with viscous damping c.
+    """Return (a, b) of v⁺ = a v + b F, the exact response over a step h [s] to a constant force F with viscous damping c.
 
-    a = exp(−c h/m), b = (1 − a)/c, and b = h/m as c → 0.
-
-    Args:
-        damping: viscous coefficient c.
-        inertia: mass or moment of inertia m.
-        step: h [s].
+    a = exp(−c h/m), b = (1 − a)/c, and b = h/m as c → 0; the inertia m is a mass or a moment of inertia.
     """
     if isinstance(damping, ca.SX) and damping.is_zero():
         return ca.SX(1), step / inertia
@@ -160,34 +137,31 @@ class SoftMoments:
     back: Scalar
 
 
+def _below(x: Scalar) -> Scalar:
+    """Return Φ(x), the chance that a standard normal variable is below x."""
+    return (1 + ca.erf(x / ca.sqrt(2))) / 2
+
+
+def _density(x: Scalar) -> Scalar:
+    """Return φ(x), the density of a standard normal variable."""
+    return ca.exp(-x * x / 2) / ca.sqrt(2 * ca.pi)
+
+
 def clip_moments(low: Scalar, high: Scalar, mean: Scalar, std: Scalar) -> ClipMoments:
-    """Return mean, slopes and remaining variance of clip(z, a, b) for z normal with standard deviation s.
+    """Return mean, slopes and remaining variance of clip(z, low, high), a = low ≤ b = high, for a normal z.
 
-    With α = (a − m)/s, β = (b − m)/s: E = aΦ(α) + b(1 − Φ(β)) + m(Φ(β) − Φ(α)) + s(φ(α) − φ(β)); its slopes with respect
-    to a, m and b are Φ(α), Φ(β) − Φ(α) and 1 − Φ(β).
-
-    Args:
-        low: a.
-        high: b ≥ a.
-        mean: m.
-        std: s > 0.
+    With its mean m and std s > 0, α = (a − m)/s, β = (b − m)/s: E = aΦ(α) + b(1 − Φ(β)) + m(Φ(β) − Φ(α)) + s(φ(α) − φ(β));
+    its slopes with respect to a, m and b are Φ(α), Φ(β) − Φ(α) and 1 − Φ(β).
     """
-
-    def below(x: Scalar) -> Scalar:
-        return (1 + ca.erf(x / ca.sqrt(2))) / 2
-
-    def density(x: Scalar) -> Scalar:
-        return ca.exp(-x * x / 2) / ca.sqrt(2 * ca.pi)
-
     alpha, beta = (low - mean) / std, (high - mean) / std
-    under, over = below(alpha), 1 - below(beta)
+    under, over = _below(alpha), 1 - _below(beta)
     inside = 1 - under - over
     # about the mean, so that nothing large is subtracted
     a, b = low - mean, high - mean
-    shift = a * under + b * over + std * (density(alpha) - density(beta))
-    square = a * a * under + b * b * over + std * std * inside + std * (a * density(alpha) - b * density(beta))
-    rest = ca.fmax(square - shift * shift - (inside * std) ** 2, 0)
-    return ClipMoments(mean + shift, under, inside, over, rest)
+    shift = a * under + b * over + std * (_density(alpha) - _density(beta))
+    square = a * a * under + b * b * over + std * std * inside + std * (a * _density(alpha) - b * _density(beta))
+    variance = ca.fmax(square - shift * shift - (inside * std) ** 2, 0)
+    return ClipMoments(mean + shift, under, inside, over, variance)
 
 
 @dataclass(frozen=True)
@@ -210,30 +184,18 @@ class ClipMoments:
 
 
 def soft_moments(z: Scalar, limit: Limit | Scalar, std: Scalar) -> SoftMoments:
-    """Return mean, slope and remaining variance of soft(z, l) for z normal with standard deviation s.
+    """Return mean, slope and remaining variance of soft(z, l) for z normal with std s > 0; `z` is its mean.
 
     With u = (z − l₊)/s, w = (z + l₋)/s: E = (z − l₊)Φ(u) + sφ(u) + (z + l₋)Φ(−w) − sφ(w), slope Φ(u) + Φ(−w). A stuck body
     whose force is uncertain may slip: its linearisation alone says that it cannot. For filters only; simulation never
-    smooths.
-
-    Args:
-        z: mean of the velocity without friction.
-        limit: friction limit as a velocity; a `Limit` where it depends on the direction.
-        std: s > 0.
+    smooths. The limit is that of `soft`.
     """
-
-    def below(x: Scalar) -> Scalar:
-        return (1 + ca.erf(x / ca.sqrt(2))) / 2
-
-    def density(x: Scalar) -> Scalar:
-        return ca.exp(-x * x / 2) / ca.sqrt(2 * ca.pi)
-
-    both = limit if isinstance(limit, Limit) else Limit(limit, limit)
-    up, down = z - both.up, z + both.down
+    limits = limit if isinstance(limit, Limit) else Limit(limit, limit)
+    up, down = z - limits.up, z + limits.down
     u, w = up / std, down / std
-    mean = up * below(u) + std * density(u) + down * below(-w) - std * density(w)
-    square = (up * up + std * std) * below(u) + up * std * density(u)
-    square += (down * down + std * std) * below(-w) - down * std * density(w)
-    slope = below(u) + below(-w)
-    rest = ca.fmax(square - mean * mean - (slope * std) ** 2, 0)
-    return SoftMoments(mean, slope, rest, below(u), below(-w))
+    mean = up * _below(u) + std * _density(u) + down * _below(-w) - std * _density(w)
+    square = (up * up + std * std) * _below(u) + up * std * _density(u)
+    square += (down * down + std * std) * _below(-w) - down * std * _density(w)
+    slope = _below(u) + _below(-w)
+    variance = ca.fmax(square - mean * mean - (slope * std) ** 2, 0)
+    return SoftMoments(mean, slope, variance, _below(u), _below(-w))

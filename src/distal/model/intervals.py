@@ -8,12 +8,7 @@ from distal.model.mechanism import Mechanism
 from distal.model.stepping import Kick, kick_and_drift, last_kick, responses
 
 
-def interval_step(
-    mechanism: Mechanism,
-    count: int,
-    rebounds: bool = True,
-    with_servo: bool = False,
-) -> ca.Function:
+def interval_step(mechanism: Mechanism, count: int, rebounds: bool = True, with_servo: bool = False) -> ca.Function:
     """Return the function (q, v, effort, added_inertia, servo, dt, p) → (q⁺, v⁺) over one interval.
 
     Kick–drift–kick leapfrog: half kick, drift, then (full kick, drift) `count` − 1 times, half kick.

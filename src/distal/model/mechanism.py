@@ -33,11 +33,7 @@ class Mechanism(Tendons):
     On the paper's rig the virtual work −(∂ℓ/∂q)ᵀT gives its equations (2), (3), (10) and (11), with the mend that
     (11) has "+": cos θ cos φ2 + sin θ sin φ2. Mend: tension has a max(·, 0) (8, 9); a thread cannot push.
 
-    Args:
-        rig: the description.
-        inputs: numbers of the description that stay inputs whatever their values; see `Parameters`.
-        remembers: whether what moves inside the rig (backlash, points in a sheath, creep) stays where it was, as numbers
-            `inside` among the parameters; else it is taken to be in the middle of where it can be.
+    For the arguments, and the shapes of q, v and tensions, see `Tendons`.
     """
 
     def __init__(self, rig: Rig, inputs: Sequence[str] = (), remembers: bool = False) -> None:
@@ -51,17 +47,13 @@ class Mechanism(Tendons):
             if joint.coupled is None:
                 self.spread[i, self.free.index(i)] = 1.0
             else:
-                self.spread[i, self.free.index(self._joint(joint.coupled.joint))] = joint.coupled.ratio
+                self.spread[i, self.free.index(self._joint[joint.coupled.joint])] = joint.coupled.ratio
                 self.offsets[i] = joint.coupled.offset
 
     def mass_matrix(self, q: Vector) -> Matrix:
-        """Return the inertia matrix of the joints, (n_joints, n_joints) [kg m²].
-
-        Args:
-            q: coordinates, (n_bodies,), of which the joints' are used.
-        """
-        own = ca.diag(self.inertias()[: self.n_joints])
-        return own if self.chain is None else own + self.chain.mass_matrix(q)
+        """Return the inertia matrix of the joints, (n_joints, n_joints) [kg m²], at the joints' coordinates in q."""
+        diagonal = ca.diag(self.inertias()[: self.n_joints])
+        return diagonal if self.chain is None else diagonal + self.chain.mass_matrix(q)
 
     def passive_forces(self, q: Vector) -> Vector:
         """Return what springs and gravity add at the joints, and cogging at the drives, (n_bodies,) [N m]."""
@@ -76,17 +68,13 @@ class Mechanism(Tendons):
         return p[f"{path}.cosine"] * ca.cos(phase) + p[f"{path}.sine"] * ca.sin(phase)
 
     def passive_springs(self, q: Vector) -> Matrix:
-        """Return the torque of each joint's return spring and its stiffness there, (n_joints, 2) [N m, N m/rad].
-
-        Args:
-            q: coordinates, (n_bodies,) [rad, m].
-        """
+        """Return the torque of each joint's return spring and its stiffness there, (n_joints, 2) [N m, N m/rad]."""
         at, rows = ca.SX.sym("q", self.n_bodies), []
         for i, joint in enumerate(self.rig.joints):
             torque = self._spring_torque(i, joint, at)
             rows.append(ca.horzcat(torque, -ca.jacobian(torque, at[i])))
-        found = ca.Function("springs", [at, self.parameters.symbols], [ca.vertcat(*rows)])
-        return found(q, self.parameters.symbols)
+        springs = ca.Function("springs", [at, self.parameters.symbols], [ca.vertcat(*rows)])
+        return springs(q, self.parameters.symbols)
 
     def _spring_torque(self, index: int, joint: Joint, q: Vector) -> Scalar:
         p, path, torque = self.parameters, f"joints.{index}", ca.SX(0)
@@ -113,54 +101,40 @@ class Mechanism(Tendons):
         """Return the Coulomb limits of all bodies: equations (12) and (13), reconstructed, in their general form.
 
         At the joint μ r_a (T0 + Σ T); at a drive constant + load · R Σ T, and the friction along its tendons' paths
-        (`capstan_limit`); each times Stribeck's factor where it is given.
-
-        Args:
-            q: coordinates, (n_bodies,) [rad, m].
-            v: velocities, (n_bodies,).
-            tensions: of all tendons, (n_tendons,) [N].
-            at_drives: those at the drives, where they differ.
+        (`capstan_limit`), whose bends may change with q; each times Stribeck's factor at the velocities v, if it has one.
+        `tensions` are those at the joints, `at_drives` those at the drives, where they differ.
         """
-        limits = []
+        limits, p = [], self.parameters
         for i, body in enumerate(self.bodies):
             if body.is_joint:
                 limit = self._joint_friction(i, tensions)
             else:
                 limit = self._drive_friction(i, q, tensions if at_drives is None else at_drives)
             name = f"{body.path}.friction.stribeck"
-            if f"{name}.excess" in self.parameters:
-                p = self.parameters
+            if f"{name}.excess" in p:
                 limit = limit.times(stribeck(v[i], p[f"{name}.excess"], p[f"{name}.speed"]))
             limits.append(limit)
         return limits
 
     def _joint_friction(self, body: int, tensions: Vector) -> Limit:
-        p, path = self.parameters, self.bodies[body].path
-        if f"{path}.friction.coefficient" not in p:
+        p, path = self.parameters, f"{self.bodies[body].path}.friction"
+        if f"{path}.coefficient" not in p:
             return Limit(ca.SX(0), ca.SX(0))
         tension = sum((tensions[i] for i in range(self.n_tendons) if body in self.joints_of[i]), ca.SX(0))
-        limit = load_dependent_limit(
-            p[f"{path}.friction.coefficient"],
-            p[f"{path}.friction.radius"],
-            p[f"{path}.friction.preload"] + tension,
-            p[f"{path}.friction.reference"],
-            p[f"{path}.friction.exponent"],
-        )
+        names = ("coefficient", "radius", "preload", "reference", "exponent")
+        coefficient, radius, preload, reference, exponent = (p[f"{path}.{name}"] for name in names)
+        limit = load_dependent_limit(coefficient, radius, preload + tension, reference, exponent)
         return Limit(limit, limit)
 
     def _drive_friction(self, body: int, q: Vector, tensions: Vector) -> Limit:
         """Return friction of the drive itself and along the paths of its tendons, drawn in or let out."""
-        p, path = self.parameters, self.bodies[body].path
-        own = [i for i in range(self.n_tendons) if self.drive_of[i] == body]
-        lever = self._drive_radius(body)
-        tension = sum((tensions[i] for i in own), ca.SX(0))
-        limit = p[f"{path}.friction.constant"] + p[f"{path}.friction.load"] * lever * tension
+        limit, lever = self._dry_friction(body, "friction", tensions), self._drive_radius(body)
         up, down = limit, limit
-        for i in own:
+        for i in self._pulled_by(body):
             part, wrapped = self.rig.tendons[i].path, self.wrapped(i, q)
             if ca.SX(wrapped).is_zero() or (part is not None and part.nodes > 0):
                 continue
-            out = 1 if part is None else p[f"tendons.{i}.path.let_out"]
+            out = 1 if part is None else self.parameters[f"tendons.{i}.path.let_out"]
             path_friction = capstan_limit(tensions[i], wrapped, out).times(lever)
             # a capstan's positive angle lets out the tendons of side −1
             drawn = self.rig.tendons[i].winding if self.rig.drives[body - self.n_joints].kind == "capstan" else 1
@@ -168,35 +142,34 @@ class Mechanism(Tendons):
             up, down = (up + drawn_in, down + let_out) if drawn > 0 else (up + let_out, down + drawn_in)
         return Limit(up, down)
 
+    def _pulled_by(self, body: int) -> list[int]:
+        return [i for i in range(self.n_tendons) if self.drive_of[i] == body]
+
+    def _dry_friction(self, body: int, kind: str, tensions: Vector) -> Scalar:
+        """Return constant + load · R Σ T of a drive's friction or hysteresis."""
+        p, path = self.parameters, f"{self.bodies[body].path}.{kind}"
+        tension = sum((tensions[i] for i in self._pulled_by(body)), ca.SX(0))
+        return p[f"{path}.constant"] + p[f"{path}.load"] * self._drive_radius(body) * tension
+
     def stretch(self, drive: int, q: Vector) -> Scalar:
-        """Return the stretch of a drive's tendons in the drive's own coordinate, Σ h_i ℓ_i/Σ h_i², h_i = ∂ℓ_i/∂s.
+        """Return the stretch of a drive's tendons at q in the drive's own coordinate, Σ h_i ℓ_i/Σ h_i², h_i = ∂ℓ_i/∂s.
 
-        For a capstan with two pulleys it is φ − r θ/R, for a slider with one tendon ℓ.
-
-        Args:
-            drive: its index among the drives.
-            q: coordinates, (n_bodies,) [rad, m].
+        For a capstan with two pulleys it is φ − r θ/R, for a slider with one tendon ℓ. `drive` counts the drives alone.
         """
         body, elongations = self.n_joints + drive, self.elongations(q)
-        levers = self.length_jacobian(q)[:, body]
-        own = [i for i in range(self.n_tendons) if self.drive_of[i] == body]
-        total = sum((levers[i] * elongations[i] for i in own), ca.SX(0))
-        return total / sum((levers[i] ** 2 for i in own), ca.SX(0))
+        levers, tendons = self.length_jacobian(q)[:, body], self._pulled_by(body)
+        total = sum((levers[i] * elongations[i] for i in tendons), ca.SX(0))
+        return total / sum((levers[i] ** 2 for i in tendons), ca.SX(0))
 
     def hysteresis_limit(self, drive: int, q: Vector, tensions: Vector) -> Scalar:
-        """Return the limit h = (constant + load · R Σ T)(1 + slope · θ) of the play in a drive's transmission, ≥ 0.
+        """Return the limit h = (constant + load · R Σ T)(1 + slope · θ) of the play in a drive's transmission at q, ≥ 0.
 
-        Args:
-            drive: its index among the drives.
-            q: coordinates, (n_bodies,) [rad, m].
-            tensions: of all tendons, (n_tendons,) [N].
+        `drive` counts the drives alone; T are the `tensions`.
         """
-        p, body = self.parameters, self.n_joints + drive
-        path = f"{self.bodies[body].path}.hysteresis"
-        own = [i for i in range(self.n_tendons) if self.drive_of[i] == body]
-        tension = sum((tensions[i] for i in own), ca.SX(0))
-        limit = p[f"{path}.constant"] + p[f"{path}.load"] * self._drive_radius(body) * tension
-        return ca.fmax(limit * (1 + p[f"{path}.slope"] * q[self.joints_of[own[0]][0]]), 0)
+        body = self.n_joints + drive
+        limit = self._dry_friction(body, "hysteresis", tensions)
+        slope = self.parameters[f"{self.bodies[body].path}.hysteresis.slope"]
+        return ca.fmax(limit * (1 + slope * q[self.joints_of[self._pulled_by(body)[0]][0]]), 0)
 
     def _drive_radius(self, body: int) -> Scalar:
         """Return the capstan's radius, or 1 for a slider."""
@@ -205,13 +178,11 @@ class Mechanism(Tendons):
 
     def inertias(self) -> Vector:
         """Return mass or moment of inertia of all bodies, (n_bodies,); links that a chain carries are not among them."""
-        own = [
-            self.parameters[f"{b.path}.mass" if f"{b.path}.mass" in self.parameters else f"{b.path}.inertia"]
-            for b in self.bodies
-        ]
+        p = self.parameters
+        inertias = [p[f"{b.path}.mass" if f"{b.path}.mass" in p else f"{b.path}.inertia"] for b in self.bodies]
         if self._lone is not None:
-            own[0] += self._lone.mass_matrix(ca.SX.zeros(1))[0, 0]
-        return ca.vertcat(*own)
+            inertias[0] += self._lone.mass_matrix(ca.SX.zeros(1))[0, 0]
+        return ca.vertcat(*inertias)
 
     def stop(self, body: int) -> tuple[Scalar, Scalar, Scalar, Scalar]:
         """Return stiffness, damping, low and high end of a body's stops."""

@@ -33,7 +33,6 @@ class Parameters:
     what a rig does not have costs nothing.
 
     Args:
-        rig: the description.
         inputs: paths that stay symbols whatever their values, because they will be changed: parameters, and other numbers
             of the description (a sensor's noise), which are put behind the parameters. They have std 0.
         inside: names of what moves inside the rig, which come last; see `Mechanism`.
@@ -45,42 +44,29 @@ class Parameters:
     def __init__(self, rig: Rig, inputs: Sequence[str] = (), inside: Sequence[str] = ()) -> None:
         self.inputs, self.inside = tuple(inputs), tuple(inside)
         self._constants: dict[str, float] = {}
-        names: list[str] = []
-        values: list[float] = []
-        stds: list[float] = []
-        drifts: list[float] = []
-        own: dict[int, float] = {}
+        rows: dict[str, tuple[float, float, float]] = {}
+        independent: dict[int, float] = {}
         self.shared: dict[str, tuple[float, list[int]]] = {}
         for name, parameter in _walk(rig):
             if name in self.inputs:
-                names.append(name)
-                values.append(parameter.value)
-                stds.append(0.0)
-                drifts.append(np.nan)
+                rows[name] = (parameter.value, 0.0, np.nan)
             elif parameter.absent or (name.endswith(NEUTRAL) and (parameter.value, parameter.filter_std) == (1.0, 0.0)):
                 self._constants[name] = parameter.value
             else:
-                names.append(name)
-                values.append(parameter.value)
                 if parameter.shared is not None and parameter.shared.std > 0.0 and not parameter.hold:
-                    own[len(names) - 1] = parameter.std
-                    self.shared.setdefault(parameter.shared.name, (parameter.shared.std, []))[1].append(len(names) - 1)
-                stds.append(parameter.filter_std)
-                drifts.append(np.nan if parameter.drift is None else parameter.drift)
-        more = {name: number_at(rig, name) for name in self.inputs if name not in names} | dict.fromkeys(inside, 0.0)
-        for name, value in more.items():
-            names.append(name)
-            values.append(value)
-            stds.append(0.0)
-            drifts.append(np.nan)
-        self.names = tuple(names)
+                    independent[len(rows)] = parameter.std
+                    self.shared.setdefault(parameter.shared.name, (parameter.shared.std, []))[1].append(len(rows))
+                drift = np.nan if parameter.drift is None else parameter.drift
+                rows[name] = (parameter.value, parameter.filter_std, drift)
+        rows |= {name: (number_at(rig, name), 0.0, np.nan) for name in self.inputs if name not in rows}
+        rows |= dict.fromkeys(inside, (0.0, 0.0, np.nan))
+        self.names = tuple(rows)
         self.all_names = tuple(name for name, _ in _walk(rig))
-        self.values: Floats = np.array(values)
-        self.stds: Floats = np.array(stds)
-        self.independent_stds: Floats = np.array([own.get(i, std) for i, std in enumerate(stds)])
-        self.drifts: Floats = np.array(drifts)
-        self.symbols: Vector = ca.SX.sym("p", len(names))
-        self._index = {name: i for i, name in enumerate(names)}
+        columns: list[Floats] = [np.array(column) for column in zip(*rows.values())]
+        self.values, self.stds, self.drifts = columns
+        self.independent_stds: Floats = np.array([independent.get(i, std) for i, std in enumerate(self.stds)])
+        self.symbols: Vector = ca.SX.sym("p", len(rows))
+        self._index = {name: i for i, name in enumerate(rows)}
 
     def __len__(self) -> int:
         return len(self.names)
@@ -104,10 +90,7 @@ class Parameters:
 
 
 def number_at(rig: Rig, path: str) -> float:
-    """Return the number (a parameter's value) at a path of the description.
-
-    Args:
-        path: keys and indices joined by dots, as in ``--set``.
+    """Return the number (a parameter's value) at a path of the description: keys and indices joined by dots.
 
     Raises:
         RigError: there is none.
@@ -115,9 +98,8 @@ def number_at(rig: Rig, path: str) -> float:
     part: object = rig
     for key in path.split("."):
         if isinstance(part, tuple):
-            part = (
-                part[int(key)] if key.isascii() and key.isdigit() and len(key) < 10 and int(key) < len(part) else None
-            )
+            is_index = key.isascii() and key.isdigit() and len(key) < 10 and int(key) < len(part)
+            part = part[int(key)] if is_index else None
         else:
             part = getattr(part, key, None)
     if isinstance(part, Parameter):
@@ -143,20 +125,20 @@ def _walk(rig: Rig) -> Iterator[tuple[str, Parameter]]:
 def _walk_part(part: BaseModel, path: str) -> Iterator[tuple[str, Parameter]]:
     stops = getattr(part, "stops", None)
     for name in type(part).model_fields:
-        value = getattr(part, name)
+        field = getattr(part, name)
         if name in _NOT_DYNAMIC or (name.startswith("stop_") and stops is None):
             continue
         if name == "stops" and stops is not None:
             # tiny offsets keep a stop at exactly zero from being read as an absent parameter
             yield f"{path}.stops.low", Parameter(value=stops[0] or -1e-300)
             yield f"{path}.stops.high", Parameter(value=stops[1] or 1e-300)
-        elif isinstance(value, Parameter):
-            yield f"{path}.{name}", value
-        elif isinstance(value, BaseModel):
-            yield from _walk_part(value, f"{path}.{name}")
-        elif isinstance(value, tuple) and name not in _STRUCTURE:
-            for i, item in enumerate(value):
-                if isinstance(item, BaseModel):
-                    yield from _walk_part(item, f"{path}.{name}.{i}")
-                elif isinstance(item, float):
-                    yield f"{path}.{name}.{i}", Parameter(value=item)
+        elif isinstance(field, Parameter):
+            yield f"{path}.{name}", field
+        elif isinstance(field, BaseModel):
+            yield from _walk_part(field, f"{path}.{name}")
+        elif isinstance(field, tuple) and name not in _STRUCTURE:
+            for i, inner in enumerate(field):
+                if isinstance(inner, BaseModel):
+                    yield from _walk_part(inner, f"{path}.{name}.{i}")
+                elif isinstance(inner, float):
+                    yield f"{path}.{name}.{i}", Parameter(value=inner)

@@ -22,6 +22,8 @@ NEWTON_STEPS = 3
 SOFTEST = 1e-9
 """Stiffness that slack tendons are taken to have, so that nothing is divided by zero [N/m, N m/rad]."""
 
+CREEPS = ("creep", "slow_creep")
+"""Keys of a tendon's slow stretches."""
 
 Pull: TypeAlias = Callable[[Scalar], tuple[Scalar, Scalar]]
 """Place → what tendons pull back with there, and its slope."""
@@ -29,12 +31,7 @@ Pull: TypeAlias = Callable[[Scalar], tuple[Scalar, Scalar]]
 
 @dataclass(frozen=True)
 class Bounds:
-    """Between which places something inside stays as it is.
-
-    Args:
-        low: it is pushed up to this.
-        high: it is pushed down to this.
-    """
+    """Between which places something inside stays as it is: it is pushed up to `low`, and down to `high`."""
 
     low: Scalar
     high: Scalar
@@ -45,40 +42,26 @@ class Bounds:
         return (self.low + self.high) / 2
 
     def hold(self, place: Scalar) -> Scalar:
-        """Return clip(p, a, b).
-
-        Args:
-            place: p before.
-        """
+        """Return clip(p, a, b) of the place p before."""
         return ca.fmin(ca.fmax(place, self.low), self.high)
 
 
 def gap(place: Scalar, width: Scalar) -> Bounds:
-    """Return the bounds of a backlash: half its width to both sides of what drives it.
-
-    Args:
-        place: of the near side [m, rad].
-        width: from one end of the gap to the other.
-    """
+    """Return the bounds of a backlash: half its width to both sides of the place of the near side [m, rad]."""
     return Bounds(place - width / 2, place + width / 2)
 
 
 def balanced(place: Scalar, bounds: Bounds, pull: Pull, friction: Scalar = 0) -> Scalar:
     """Return where the far side of a backlash comes to rest: where its tendons pull no more than friction holds.
 
-    Newton's steps p ← clip(p − soft(g(p), F)/g'(p)) of a pull g that grows with p.
-
-    Args:
-        place: before.
-        pull: place → (g, g'): what the tendons pull it back with, and its slope.
-        friction: F that holds it.
+    Newton's steps p ← clip(p − soft(g(p), F)/g'(p)) from its `place` before, for a pull g that grows with p and friction F.
     """
-    now = bounds.hold(place)
+    place = bounds.hold(place)
     for _ in range(NEWTON_STEPS):
-        force, slope = pull(now)
+        force, slope = pull(place)
         left = ca.fmax(force - friction, 0) + ca.fmin(force + friction, 0)
-        now = bounds.hold(now - left / (slope + SOFTEST))
-    return now
+        place = bounds.hold(place - left / (slope + SOFTEST))
+    return place
 
 
 @dataclass(frozen=True)
@@ -88,11 +71,13 @@ class Sheath:
     With N points the stretches at the ends are 1/(2N) of the cable and those between 1/N, so that all together have its
     stiffness; at each point the tensions of its sides are within e^{±μβ/N} of each other (the capstan equation).
 
+    The points, (N,), and the ends, `drive` and `joint`, are given by their displacements [m].
+
     Args:
         stiffness: of the whole cable, k [N/m].
         drawn: e^{μβ/N} as it is drawn in.
         let_out: the same as it is let out.
-        count: points, N.
+        count: number of points, N.
         stiffening: a [1/m] of the whole cable, None for a linear spring; see `stretched`.
         pretension: tension about which it stiffens [N].
     """
@@ -112,26 +97,20 @@ class Sheath:
     def tension(self, stretch: int, extension: Scalar) -> tuple[Scalar, Scalar]:
         """Return the tension of a stretch of the cable [N], negative where slack, and its slope [N/m].
 
-        Args:
-            stretch: its index, from the drive.
-            extension: beyond its length without tension [m].
+        Its `extension` [m] is counted from its length without tension; stretches are counted from the drive.
         """
-        whole, slope = extension / self.shares[stretch], self.stiffness / self.shares[stretch]
+        elongation, slope = extension / self.shares[stretch], self.stiffness / self.shares[stretch]
         if self.stiffening is None:
-            return self.stiffness * whole, slope
-        beyond = whole - self.pretension / self.stiffness
+            return self.stiffness * elongation, slope
+        beyond = elongation - self.pretension / self.stiffness
         tension = self.pretension + self.stiffness * stretched(beyond, self.stiffening)
         return tension, slope * stretched_slope(beyond, self.stiffening)
 
     def bounds(self, point: int, before: Scalar, after: Scalar) -> Bounds:
         """Return the bounds of a point m between its neighbours.
 
-        It is drawn in where T₁(l − m) > e T₂(m − r), and let out where T₂(m − r) > e T₁(l − m).
-
-        Args:
-            point: its index, from the drive.
-            before: displacement of the neighbour towards the drive, l [m].
-            after: of the one towards the joint, r [m].
+        It is drawn in where T₁(l − m) > e T₂(m − r), and let out where T₂(m − r) > e T₁(l − m). The neighbour `before` it,
+        towards the drive, is displaced by l [m], that `after` it, towards the joint, by r [m].
         """
         drawn = self._held_at(point, before, after, 1, self.drawn)
         let_out = self._held_at(point, before, after, self.let_out, 1)
@@ -152,45 +131,24 @@ class Sheath:
         return place
 
     def settled(self, points: list[Scalar], drive: Scalar, joint: Scalar) -> list[Scalar]:
-        """Return where the points come to rest, by sweeps from end to end and back.
-
-        Args:
-            points: their displacements before, (N,) [m].
-            drive: displacement of the drive's end [m].
-            joint: of the joint's end [m].
-        """
-        now = list(points)
+        """Return where the points come to rest between the ends `drive` and `joint`, by sweeps to and fro."""
+        line = [drive, *points, joint]
         for point in self.order():
-            before = drive if point == 0 else now[point - 1]
-            after = joint if point == self.count - 1 else now[point + 1]
-            now[point] = self.bounds(point, before, after).hold(now[point])
-        return now
+            line[point + 1] = self.bounds(point, line[point], line[point + 2]).hold(line[point + 1])
+        return line[1:-1]
 
     def order(self) -> list[int]:
         """Return the points in the order in which they are settled, from the drive to the joint and back, N times."""
-        there = list(range(self.count))
-        sweeps = there + there[-2::-1]
-        for _ in range(self.count - 1):
-            sweeps += there[1:] + there[-2::-1]
-        return sweeps
+        forth = list(range(self.count))
+        back = forth[-2::-1]
+        return forth + back + (forth[1:] + back) * (self.count - 1)
 
     def middle(self, drive: Scalar, joint: Scalar) -> list[Scalar]:
-        """Return displacements of the points at which the tension is the same all along, (N,) [m].
-
-        Args:
-            drive: displacement of the drive's end [m].
-            joint: of the joint's end [m].
-        """
+        """Return displacements of the points between `drive` and `joint` with equal tension all along, (N,) [m]."""
         return [drive + (joint - drive) * (2 * i + 1) / (2 * self.count) for i in range(self.count)]
 
     def tensions(self, points: list[Scalar], drive: Scalar, joint: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the tensions at the drive and at the joint [N].
-
-        Args:
-            points: displacements, (N,) [m].
-            drive: displacement of the drive's end [m].
-            joint: of the joint's end [m].
-        """
+        """Return the tensions at the ends `drive` and `joint` of a cable with its points at `points` [N]."""
         near, far = self.tension(0, drive - points[0])[0], self.tension(self.count, points[-1] - joint)[0]
         return ca.fmax(near, 0), ca.fmax(far, 0)
 
@@ -204,10 +162,5 @@ def plays_of(rig: Rig) -> tuple[str, ...]:
 
 def strains_of(rig: Rig) -> tuple[str, ...]:
     """Return the names of the slow stretches of a rig's tendons."""
-    kinds = ("creep", "slow_creep")
-    return tuple(
-        f"tendons.{i}.{kind}.strain"
-        for i, t in enumerate(rig.tendons)
-        for kind in kinds
-        if getattr(t, kind) is not None
-    )
+    creeps = [(f"tendons.{i}.{kind}", getattr(t, kind)) for i, t in enumerate(rig.tendons) for kind in CREEPS]
+    return tuple(f"{path}.strain" for path, creep in creeps if creep is not None)

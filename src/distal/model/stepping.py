@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil
 
 import casadi as ca
@@ -29,8 +29,7 @@ def responses(
     """Return what depends on the step only, (n_bodies, 4): a, b (see `free_response`), rebound, implicitness.
 
     Args:
-        length: of the kick [s].
-        drift: length of the drift that follows [s].
+        length: of the kick [s]; `drift` is that of the drift that follows.
         added_inertia: what rides on the bodies beside their own inertia (hung weights), (n_bodies,), or none.
         rebounds: whether bodies bounce off stops; else the third column is zero.
     """
@@ -72,68 +71,62 @@ class Kick:
     implicit: Matrix | None = None
 
 
-def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Vector, list[Limit], Vector]:
-    """Return (z, friction impulse, implicit damping) of all bodies: z = a v + b F, before friction and stops.
+def _forces(mechanism: Mechanism, kick: Kick) -> tuple[Vector, Vector, list[Limit]]:
+    """Return force, implicit damping and friction limits of all bodies.
 
     A body's own share of tendon damping is linearly implicit, so that stiff damping needs no small step.
     """
     pulls = mechanism.pulls(kick.q, kick.v)
-    own = mechanism.tendon_damping(kick.q, pulls.joint)
-    force = pulls.forces + mechanism.passive_forces(kick.q) + kick.effort + own * kick.v
-    damping = own
+    damping = mechanism.tendon_damping(kick.q, pulls.joint)
+    force = pulls.forces + mechanism.passive_forces(kick.q) + kick.effort + damping * kick.v
     if kick.implicit is not None:
         force, damping = force + kick.implicit[:, 0], damping + kick.implicit[:, 1]
+    return force, damping, mechanism.friction_limits(kick.q, kick.v, pulls.joint, pulls.drive)
+
+
+def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Vector, list[Limit], Vector]:
+    """Return (z, friction impulse, implicit damping) of all bodies: z = a v + b F, before friction and stops."""
+    force, damping, limits = _forces(mechanism, kick)
     a, b = kick.response[:, 0], kick.response[:, 1]
-    limits = mechanism.friction_limits(kick.q, kick.v, pulls.joint, pulls.drive)
     return a * kick.v + b * force, [limit.times(b[i]) for i, limit in enumerate(limits)], damping
 
 
 def loads_of(mechanism: Mechanism, kick: Kick, settles: bool = False) -> Loads:
     """Return what acts on the joints of a chain in a kick.
 
-    Args:
-        settles: whether the joints come to rest within the kick: then the drives are taken where they end, and stiffness
-            is implicit.
+    Where it `settles`, the joints come to rest within the kick: the drives are taken where they end, stiffness is implicit.
     """
     nj = mechanism.n_joints
     if settles:
-        at = ca.vertcat(kick.q[:nj], kick.q[nj:] + kick.drift * kick.v[nj:])
-        return _settling(mechanism, replace(kick, q=at))
-    pulls = mechanism.pulls(kick.q, kick.v)
-    own = mechanism.tendon_damping(kick.q, pulls.joint)[:nj]
-    force = pulls.forces[:nj] + mechanism.passive_forces(kick.q)[:nj] + kick.effort[:nj] + own * kick.v[:nj]
-    if kick.implicit is not None:
-        force, own = force + kick.implicit[:nj, 0], own + kick.implicit[:nj, 1]
-    limits = mechanism.friction_limits(kick.q, kick.v, pulls.joint, pulls.drive)[:nj]
-    return Loads(force, own, ca.vertcat(*(one.up for one in limits)), ca.vertcat(*(one.down for one in limits)))
+        return _settling(mechanism, ca.vertcat(kick.q[:nj], kick.q[nj:] + kick.drift * kick.v[nj:]), kick.effort[:nj])
+    force, damping, limits = _forces(mechanism, kick)
+    return Loads(force[:nj], damping[:nj], *_sides(limits[:nj]))
 
 
-def _settling(mechanism: Mechanism, kick: Kick) -> Loads:
+def _sides(limits: Sequence[Limit]) -> tuple[Vector, Vector]:
+    """Return friction limits against + and against − motion, (n_joints,) each."""
+    return ca.vertcat(*(limit.up for limit in limits)), ca.vertcat(*(limit.down for limit in limits))
+
+
+def _settling(mechanism: Mechanism, q: Vector, effort: Vector) -> Loads:
     """Return what acts on joints that come to rest within a kick: forces and stiffness without any damping of tendons."""
-    nj, at = mechanism.n_joints, ca.SX.sym("q", mechanism.n_bodies)
-    pulls = mechanism.pulls(at, ca.SX.zeros(mechanism.n_bodies))
+    nj, at, still = mechanism.n_joints, ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
+    pulls = mechanism.pulls(at, still)
     pulled, passive = pulls.forces[:nj], mechanism.passive_forces(at)[:nj]
     stiffness = -ca.jacobian(pulled, at)[:, :nj]
     # a weight above its axle would turn over; only what holds is taken implicitly
     stiffness += ca.diag(ca.fmax(-ca.diag(ca.jacobian(passive, at)[:, :nj]), 0))
-    limits = mechanism.friction_limits(at, ca.SX.zeros(mechanism.n_bodies), pulls.joint, pulls.drive)[:nj]
-    up, down = ca.vertcat(*(one.up for one in limits)), ca.vertcat(*(one.down for one in limits))
+    up, down = _sides(mechanism.friction_limits(at, still, pulls.joint, pulls.drive)[:nj])
     p = mechanism.parameters.symbols
     acting = ca.Function("settling", [at, p], [pulled + passive, up, down, ca.densify(stiffness)])
-    force, up, down, stiffness = acting(kick.q, p)
-    return Loads(force + kick.effort[:nj], ca.SX(nj, 1), up, down, stiffness)
+    force, up, down, stiffness = acting(q, p)
+    return Loads(force + effort, ca.SX(nj, 1), up, down, stiffness)
 
 
 def kicked_chain(
     mechanism: Mechanism, kick: Kick, rebounds: bool = True, last: bool = False, settles: bool = False
 ) -> Kicked:
-    """Return the joints of a chain after a kick and the drift that follows; see `chain_kick`.
-
-    Args:
-        rebounds: as in `kick_and_drift`.
-        last: whether no drift follows.
-        settles: see `loads_of`.
-    """
+    """Return the joints of a chain after a kick and the drift that follows; see `chain_kick` and `loads_of`."""
     nj = mechanism.n_joints
     loads = loads_of(mechanism, kick, settles)
     before = ca.SX.zeros(nj) if settles else kick.v[:nj]  # what rests has no momentum
@@ -162,13 +155,12 @@ def kick_and_drift(
         chain = kicked_chain(mechanism, kick, rebounds)
         q, v = ca.vertsplit(chain.q), ca.vertsplit(chain.v)
     for i in range(len(q), mechanism.n_bodies):
-        velocity, position = kick.v[i], kick.q[i] + kick.drift * kick.v[i]
         push = Push(z[i], limits[i], kick.response[i, 1], damping[i])
         if i in free and mechanism.bodies[i].has_stops:
             stop = _stop(mechanism, i, kick.response, rebounds)
             velocity, position = kick_at_stops(stop, push, kick.q[i], kick.v[i], kick.length, kick.drift)
-        elif i in free:
-            velocity = push.free
+        else:
+            velocity = push.free if i in free else kick.v[i]
             position = kick.q[i] + kick.drift * velocity
         q.append(position)
         v.append(velocity)
@@ -215,8 +207,8 @@ def _frequency(mechanism: Mechanism, at: Floats, bodies: range) -> float:
         if joint.spring is not None:
             spring[i, i] += p[f"joints.{i}.spring.stiffness"]
         if joint.extension_spring is not None:
-            own = f"joints.{i}.extension_spring"
-            spring[i, i] += p[f"{own}.stiffness"] * p[f"{own}.radius"] ** 2  # it lengthens by r per radian at most
+            path = f"joints.{i}.extension_spring"
+            spring[i, i] += p[f"{path}.stiffness"] * p[f"{path}.radius"] ** 2  # it lengthens by r per radian at most
     inertia = ca.diag(mechanism.inertias())
     inertia[:nj, :nj] = mechanism.mass_matrix(q)
     system = ca.Function("system", [q, p.symbols], [spring, inertia])
@@ -236,10 +228,8 @@ def _postures(mechanism: Mechanism) -> list[Floats]:
     """Return coordinates at which frequencies are looked at: zero; of a chain also where it starts, and its stops."""
     at = [np.zeros(mechanism.n_bodies)]
     if mechanism.chain is not None:
-        joints = mechanism.rig.joints
-        for which in range(3):
-            ends = [(j.initial.value, *(j.stops or (-1.0, 1.0)))[which] for j in joints]
-            at.append(np.concatenate([ends, np.zeros(mechanism.n_drives)]))
+        angles = [(joint.initial.value, *(joint.stops or (-1.0, 1.0))) for joint in mechanism.rig.joints]
+        at += [np.concatenate([posture, np.zeros(mechanism.n_drives)]) for posture in zip(*angles)]
     return at
 
 
@@ -247,20 +237,15 @@ def joint_frequency(mechanism: Mechanism) -> float:
     """Return the largest natural frequency [rad/s] of the joints on their taut tendons, the drives held."""
     if mechanism.n_joints > 1:
         return max(_frequency(mechanism, q, range(mechanism.n_joints)) for q in _postures(mechanism))
-    p, joints = mechanism.parameters, range(mechanism.n_joints)
-    q = ca.SX.sym("q", mechanism.n_bodies)
+    p, q = mechanism.parameters, ca.SX.sym("q", mechanism.n_bodies)
     stiffness = ca.vertcat(*(mechanism.stiffest(i) for i in range(mechanism.n_tendons)))
-    levers, inertias = mechanism.length_jacobian(q), mechanism.inertias()
-    squares = ca.vertcat(*(ca.dot(levers[:, j] ** 2, stiffness) / inertias[j] for j in joints))
-    values = ca.Function("squares", [q, p.symbols], [squares])(np.zeros(mechanism.n_bodies), p.values)
-    return float(np.sqrt(max(np.array(values).max(), 0.0)))
+    square = ca.dot(mechanism.length_jacobian(q)[:, 0] ** 2, stiffness) / mechanism.inertias()[0]
+    at_zero = ca.Function("square", [q, p.symbols], [square])(np.zeros(mechanism.n_bodies), p.values)
+    return float(np.sqrt(max(float(at_zero), 0.0)))
 
 
 def substeps(mechanism: Mechanism, interval: float) -> int:
     """Return how many sub-steps an interval [s] needs: the rig's `largest_step`, or RESOLUTION/ω of its stiffest mode.
-
-    Args:
-        interval: time between samples [s].
 
     Raises:
         RigError: more than `MOST_SUBSTEPS` would be needed.

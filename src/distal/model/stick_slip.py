@@ -28,12 +28,7 @@ EVENTS = 2
 
 @dataclass(frozen=True)
 class Slip:
-    """Which joints slip, and which way, (n,) each.
-
-    Args:
-        forward: 1 where a joint slips to +.
-        back: 1 where it slips to −.
-    """
+    """Which joints slip, and which way, (n,) each: `forward` is 1 where a joint slips to +, `back` where it slips to −."""
 
     forward: Vector
     back: Vector
@@ -44,23 +39,15 @@ class Slip:
         return self.forward + self.back
 
     def friction(self, up: Vector, down: Vector) -> Vector:
-        """Return the friction of the joints that slip, 0 for the others, (n,).
-
-        Args:
-            up: limits against + motion, (n,).
-            down: limits against − motion, (n,).
-        """
+        """Return the friction of the joints that slip, 0 for the others, (n,), by its limits `up` and `down`, (n,)."""
         return self.forward * up - self.back * down
 
 
 def solver(matrix: Matrix, weight: Vector) -> Callable[[Vector], Vector]:
     """Return b → x with A_SS x_S = b_S for the joints S whose weight is 1, x = 0 for those whose weight is 0, by L D Lᵀ.
 
-    A weight w between 0 and 1 stands between both: x = w (w A w with the diagonal of A)⁻¹ w b.
-
-    Args:
-        matrix: A, symmetric positive definite, (n, n).
-        weight: w of each joint, (n,).
+    A weight w between 0 and 1 stands between both: x = w (w A w with the diagonal of A)⁻¹ w b. The `matrix` A, (n, n), is
+    symmetric positive definite.
     """
     n = matrix.size1()
     pivots, scaled = list[list[Scalar]](), list[list[Scalar]]()  # columns of L D, and of L
@@ -106,17 +93,17 @@ def slipping(
     v = _swept(matrix, load, up, down) if start is None else start
     # direction of each joint that slips, 0 for one that sticks
     signs: Sequence[Scalar] = [(v[j] > 0) - (v[j] < 0) for j in range(n)]
-    rest, held = load - ca.mtimes(matrix, v), list[Scalar]()
+    residual, held = load - ca.mtimes(matrix, v), list[Scalar]()
     for j in range(n):
         high = ca.if_else(v[j] < 0, -down[j], up[j])
         low = ca.if_else(v[j] > 0, up[j], -down[j])
-        held.append(ca.fmin(ca.fmax(rest[j], low), high))
+        held.append(ca.fmin(ca.fmax(residual[j], low), high))
     g, left = ca.vertcat(*held), ca.SX(1)
-    change = rest - g
-    now, follow = (ca.vertcat(*signs), v, g, left), _event(n)
+    change = residual - g
+    state, follow = (ca.vertcat(*signs), v, g, left), _event(n)
     for _ in range(EVENTS * n if events is None else events):
-        now = follow(matrix, change, up, down, *now)
-    return Slip(now[0] > 0, now[0] < 0)
+        state = follow(matrix, change, up, down, *state)
+    return Slip(state[0] > 0, state[0] < 0)
 
 
 def _swept(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
@@ -137,9 +124,6 @@ def _event(n: int) -> ca.Function:
     too: a joint stops where its velocity comes to zero, and breaks loose where its friction comes to a limit.
 
     It stays a function of its own in C: a chain follows many events, and their code is there once.
-
-    Args:
-        n: number of joints.
     """
     matrix = ca.SX.sym("A", n, n)
     change, up, down, signs, v, g = symbols = [ca.SX.sym(name, n) for name in ("change", "u", "d", "signs", "v", "g")]
@@ -156,26 +140,19 @@ def _event(n: int) -> ca.Function:
         time = ca.fmax(distance / (rate + (rate == 0)), 0)
         times.append(NEVER + happens * (time - NEVER))
         soonest = ca.fmin(soonest, times[-1])
-    after, found = list[Scalar](), ca.SX(soonest >= left)
+    after, assigned = list[Scalar](), ca.SX(soonest >= left)
     for j in range(n):
-        mine = ca.logic_and(times[j] <= soonest, 1 - found)
-        found = found + mine
+        mine = ca.logic_and(times[j] <= soonest, 1 - assigned)
+        assigned = assigned + mine
         after.append(signs[j] + mine * (ca.sign(dg[j]) - signs[j]))
     # one that has stopped stands still
     stands = ca.vertcat(*(sign * sign for sign in after))
-    results = [ca.vertcat(*after), stands * (v + soonest * dv), g + soonest * dg, left - soonest]
+    state = [ca.vertcat(*after), stands * (v + soonest * dv), g + soonest * dg, left - soonest]
     inputs = [matrix, *symbols, left]
-    return ca.Function("event", inputs, [ca.densify(each) for each in results], {"cse": True, "never_inline": True})
+    return ca.Function("event", inputs, [ca.densify(part) for part in state], {"cse": True, "never_inline": True})
 
 
 def velocities(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
-    """Return v⁺, (n,), of joints under a load; see the head of this module.
-
-    Args:
-        matrix: A, symmetric positive definite, (n, n).
-        load: r, (n,).
-        up: friction limits against + motion, (n,).
-        down: against − motion, (n,).
-    """
+    """Return v⁺, (n,), of joints with the inertia `matrix` A under a `load` r and friction limits `up` and `down`."""
     slip = slipping(matrix, load, up, down)
     return solver(matrix, slip.moving)(load - slip.friction(up, down))

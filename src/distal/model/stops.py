@@ -18,12 +18,8 @@ def restitution(stiffness: Scalar, damping: Scalar, inertia: Scalar) -> Scalar:
     """Return the coefficient of restitution of a body that hits a stop which only pushes.
 
     e = exp(−(β/ω)(π − arctan(2βω/(ω² − β²)))) with β = b_s/2m, ω² = k_s/m − β²; contact ends where the force, not
-    the penetration, is zero (Schwager & Pöschel, Granular Matter 9, 2007). Zero where the contact is overdamped.
-
-    Args:
-        stiffness: k_s.
-        damping: b_s.
-        inertia: m.
+    the penetration, is zero (Schwager & Pöschel, Granular Matter 9, 2007). Zero where the contact is overdamped. The stop
+    has stiffness k_s and damping b_s, the body inertia m.
     """
     beta = damping / (2 * inertia)
     square = stiffness / inertia - beta * beta
@@ -60,11 +56,9 @@ class Flight:
     """A kick and the drift that follows, as they are without stops.
 
     Args:
-        free: velocity after the kick.
+        free: velocity after the kick; `before` is that before it.
         position: at the start of the drift.
-        before: velocity before the kick.
-        length: of the kick [s].
-        drift: length of the drift h [s].
+        length: of the kick [s]; `drift` is that of the drift, h.
     """
 
     free: Scalar
@@ -106,10 +100,8 @@ class Stop:
         `slipped` less c (x − x_stop), and what is chosen are the factors, so that derivatives need no choice of their own.
 
         Args:
-            push: what the kick does to the body.
-            position: at the start of the drift.
+            position: x at the start of the drift, of length h = `drift` [s].
             place: the stop that is pressed, x_L or x_H.
-            drift: length of the drift h [s].
             contact: whether it is pressed.
         """
         z, limit, b, implicit = push.z, push.limit, push.b, push.implicit
@@ -127,17 +119,11 @@ class Stop:
 def kick_at_stops(
     stop: Stop, push: Push, position: Scalar, before: Scalar, length: Scalar, drift: Scalar
 ) -> tuple[Scalar, Scalar]:
-    """Return (v⁺, x⁺) of a body with stops after a kick of length `length` and a drift h.
+    """Return (v⁺, x⁺) of a body with stops after a kick and a drift; the arguments are those of `Flight`.
 
     Without contact v⁺ = soft(z, l)/(1 + b D), x⁺ = x + h v⁺. If that drifts into a stop, the body is pressed against it
-    (`Stop.pressed`), or, where it flies in and the rebound leads it away again, it bounces (`bounce`).
-
-    Args:
-        push: what the kick does to the body.
-        position: at the start of the drift.
-        before: velocity before the kick.
-        length: of the kick [s].
-        drift: length of the drift h [s].
+    (`Stop.pressed`), or, where it flies in and the rebound leads it away again, it bounces (`bounce`). Its `position` x is
+    that at the start of the drift of length h = `drift`, `before` its velocity before the kick of a `length` [s].
     """
     free = push.free
     end = position + drift * free
@@ -157,14 +143,8 @@ def kick_at_stops(
 def bounce(rebound: Scalar, at_high: Scalar, place: Scalar, flight: Flight) -> tuple[Scalar, Scalar, Scalar]:
     """Return whether a body that meets a stop flies off again, and its velocity and place then.
 
-    It meets the stop at the time at which its parabola reaches it, leaves with −e times its speed there, and flies on for
-    the rest of the drift.
-
-    Args:
-        rebound: coefficient of restitution e, 0 for none.
-        at_high: whether it is the upper stop.
-        place: of the stop.
-        flight: kick and drift without the stop.
+    It meets the stop (the upper one where `at_high`) at the time at which its parabola reaches the stop's place, leaves
+    with −e times its speed there, and flies on for the rest of the drift; without a rebound e is 0.
     """
     free, length, drift = flight.free, flight.length, flight.drift
     # motion towards the stop, s > 0: gap = u τ + ½ A τ², u the speed at the start of the drift
@@ -184,12 +164,9 @@ def bounce(rebound: Scalar, at_high: Scalar, place: Scalar, flight: Flight) -> t
 
 
 def velocity_in_stops(stop: Stop, push: Push, position: Scalar, drift: Scalar) -> Scalar:
-    """Return v⁺ of a kick that no drift follows: the last half kick of an interval.
+    """Return v⁺ of a kick at a `position` that no drift follows: the last half kick of an interval.
 
-    Args:
-        push: what the kick does to the body.
-        position: where the body is.
-        drift: step that the stop's spring is taken over, h [s].
+    The stop's spring is taken over the `drift` h [s] that went before.
     """
     free = push.free
     inside = ca.if_else(position > stop.high, stop.high, stop.low)

@@ -16,10 +16,7 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     tendons with every sample. Its column of S is for a shift of both ends.
 
     S, (2 n_bodies, 2 n_bodies + n_drives), is carried through the sub-steps: S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort
-    and S_q⁺ = S_q + h S_v⁺. The derivative of friction is 0 in stick and 1 in slip; stops do not rebound here.
-
-    Args:
-        count: number of sub-steps.
+    and S_q⁺ = S_q + h S_v⁺, `count` of them. The derivative of friction is 0 in stick and 1 in slip; stops do not rebound.
     """
     n, columns, p = mechanism.n_bodies, 2 * mechanism.n_bodies + mechanism.n_drives, mechanism.parameters.symbols
     q, v, effort = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("effort", n)
@@ -43,9 +40,9 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     s_q, s_v = ca.MX(ca.densify(identity[:, :n])), ca.MX(ca.densify(identity[:, n : 2 * n]))
     q_next, v_next = q, v
     for i in range(count):
-        now = effort + (i / count) * (effort_end - effort)
+        pull = effort + (i / count) * (effort_end - effort)
         step = (half, h / 2) if i == 0 else (full, h)
-        q_next, v_next, s_q, s_v = moving(q_next, v_next, s_q, s_v, now, *step, h, p)
+        q_next, v_next, s_q, s_v = moving(q_next, v_next, s_q, s_v, pull, *step, h, p)
     v_last, s_v = closing(q_next, v_next, s_q, s_v, effort_end, half, h / 2, h, p)
     return ca.Function(
         "tangent_interval",
@@ -60,8 +57,8 @@ def _linearised(name: str, mechanism: Mechanism, symbols: list[Matrix], velocity
     """Return a kick: the velocity and its transposed slopes with respect to q, v and the drives' pulls, sparse."""
     q, v, effort = symbols[:3]
     slopes = [ca.jacobian(velocity, by) for by in (q, v)] + [ca.jacobian(velocity, effort)[:, mechanism.n_joints :]]
-    dense = [ca.densify(each) for each in (velocity, *more)]
-    return ca.Function(name, symbols, ca.cse([*(ca.sparsify(each).T for each in slopes), *dense]))
+    dense = [ca.densify(vector) for vector in (velocity, *more)]
+    return ca.Function(name, symbols, ca.cse([*(ca.sparsify(slope).T for slope in slopes), *dense]))
 
 
 def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> ca.Function:
@@ -75,14 +72,14 @@ def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> c
     length, drift = ca.MX.sym("length"), ca.MX.sym("drift")
     p = ca.MX.sym("p", kick.size1_in(6))
     by_q, by_v, by_effort, v_next, *moved = kick(q, v, effort, response, length, drift, p)
-    following = _chained(mechanism, (by_q, by_v, by_effort), s_q, s_v)
+    following = _chained((by_q, by_v, by_effort), s_q, s_v)
     outputs = [*moved, v_next, s_q + drift * following, following] if drifts else [v_next, following]
     return ca.Function(name, [q, v, s_q, s_v, effort, response, length, drift, p], outputs)
 
 
-def _chained(mechanism: Mechanism, slopes: tuple[MatrixNode, ...], s_q: MatrixNode, s_v: MatrixNode) -> MatrixNode:
+def _chained(slopes: tuple[MatrixNode, ...], s_q: MatrixNode, s_v: MatrixNode) -> MatrixNode:
     """Return the transposed S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort."""
-    n, columns = mechanism.n_bodies, 2 * mechanism.n_bodies + mechanism.n_drives
+    columns, n = s_q.shape
     by_q, by_v, by_effort = slopes
     following = ca.mac(s_v, by_v, ca.mac(s_q, by_q, ca.MX.zeros(columns, n)))
     rows, bodies = by_effort.sparsity().get_triplet()

@@ -10,7 +10,7 @@ import casadi as ca
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model.elasticity import stretched
 from distal.model.parameters import Parameters
-from distal.model.plays import Bounds, Pull, Sheath, balanced, gap, plays_of, strains_of
+from distal.model.plays import CREEPS, Bounds, Pull, Sheath, balanced, gap, plays_of, strains_of
 from distal.rig import Meeting, Polynomial, Rig, Size
 
 
@@ -55,10 +55,10 @@ class Pulls:
 class Tendons:
     """What the tendons of a rig do: their lengths, what moves inside on their way, their tensions and forces.
 
-    See `Mechanism`, which adds the rest.
+    Coordinates q, (n_bodies,) [rad, m], are those of the joints, then of the drives; v, (n_bodies,), are their velocities.
+    Tensions [N] and elongations ℓ − l [m] are (n_tendons,). `Mechanism` adds the other forces.
 
     Args:
-        rig: the description.
         inputs: numbers of the description that stay inputs whatever their values; see `Parameters`.
         remembers: whether what moves inside the rig (backlash, points in a sheath, creep) stays where it was, as numbers
             `inside` among the parameters; else it is taken to be in the middle of where it can be.
@@ -67,6 +67,7 @@ class Tendons:
     def __init__(self, rig: Rig, inputs: Sequence[str] = (), remembers: bool = False) -> None:
         self.rig, self.remembers = rig, remembers
         self.plays, self.strains = plays_of(rig), strains_of(rig)
+        self._first_point = sum(drive.backlash is not None for drive in rig.drives)  # points in sheaths come last
         self.parameters = Parameters(rig, inputs, (*self.plays, *self.strains) if remembers else ())
         self.bodies = tuple(
             Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
@@ -75,17 +76,13 @@ class Tendons:
         )
         self.n_joints, self.n_drives, self.n_tendons = len(rig.joints), len(rig.drives), len(rig.tendons)
         self.n_bodies = len(self.bodies)
-        joints = {joint.name: i for i, joint in enumerate(rig.joints)}
+        self._joint = {joint.name: i for i, joint in enumerate(rig.joints)}
         drives = {drive.name: self.n_joints + i for i, drive in enumerate(rig.drives)}
-        self.joints_of = tuple(tuple(joints[name] for name in tendon.joints) for tendon in rig.tendons)
+        self.joints_of = tuple(tuple(self._joint[name] for name in tendon.joints) for tendon in rig.tendons)
         self.drive_of = tuple(drives[tendon.drive] for tendon in rig.tendons)
 
     def displacement(self, tendon: int, q: Vector) -> Scalar:
-        """Return the displacement [m] of a tendon's proximal end: the slider's, or side · R φ of a capstan.
-
-        Args:
-            q: coordinates, (n_bodies,) [rad, m].
-        """
+        """Return the displacement [m] of a tendon's proximal end at q: the slider's, or side · R φ of a capstan."""
         drive = self.drive_of[tendon]
         radius = f"{self.bodies[drive].path}.radius"
         if radius in self.parameters:
@@ -97,23 +94,15 @@ class Tendons:
         return ca.vertcat(*(self._elongation(i, q) for i in range(self.n_tendons)))
 
     def _elongation(self, tendon: int, q: Vector) -> Scalar:
-        """Return ℓ − l of a tendon: each joint on its way changes what the one before it left of the displacement."""
+        """Return ℓ − l of a tendon: each joint on its way changes what is left of the displacement by the one before it."""
         left = self.displacement(tendon, q)
         for meeting in self.rig.tendons[tendon].meetings:
-            angles = [q[self._joint(name)] for name in meeting.joints]
+            angles = [q[self._joint[name]] for name in meeting.joints]
             left = meeting.shape.elongation(self._size(tendon, meeting), meeting.side, angles, left)
         return left
 
-    def _joint(self, name: str) -> int:
-        return next(i for i, joint in enumerate(self.rig.joints) if joint.name == name)
-
     def angle_at(self, tendon: int, elongated: Scalar, q: Vector) -> Scalar:
-        """Return the joint angle [rad] at which a tendon of one joint has ℓ − l = `elongated`, at the drives' place in q.
-
-        Args:
-            elongated: ℓ − l [m].
-            q: coordinates, (n_bodies,); the joint's own is not used.
-        """
+        """Return the angle [rad] at which a tendon of one joint has ℓ − l = `elongated` [m], at the drives' place in q."""
         (meeting,) = self.rig.tendons[tendon].meetings
         shape, size = meeting.shape, self._size(tendon, meeting)
         assert not isinstance(shape, Polynomial)  # it has several joints
@@ -133,24 +122,21 @@ class Tendons:
         """Return where what moves inside comes to rest as the bodies have come to q.
 
         Args:
-            q: coordinates, (n_bodies,) [rad, m].
             settled: it has come to rest already: what is remembered is where it is.
         """
-        first = sum(part.backlash is not None for part in self.rig.drives)
         remembered = [self.parameters[name] for name in self.plays] if self.remembers else None
-        points = None if remembered is None else remembered[first:]
+        points = None if remembered is None else remembered[self._first_point :]
         tied, far_sides = self._tied(q, remembered, points, settled)
         elongated, inside = self.elongations(tied), list[Scalar]()
         for i in range(self.n_tendons):
-            sheath = self.sheath(i, q)
-            if sheath is None:
+            if (sheath := self.sheath(i, q)) is None:
                 continue
             ends = self._ends(i, tied, elongated)
             if points is None:
                 inside += sheath.middle(*ends)
             else:
-                own = points[len(inside) : len(inside) + sheath.count]
-                inside += own if settled else sheath.settled(own, *ends)
+                along = points[len(inside) : len(inside) + sheath.count]
+                inside += along if settled else sheath.settled(along, *ends)
         if points and not settled:  # what the points have let go, the far sides of backlashes take up
             tied, far_sides = self._tied(q, far_sides, inside, settled)
         return Place(tied, (*far_sides, *inside))
@@ -167,30 +153,28 @@ class Tendons:
                 tied[self.n_joints + i] = far_sides[-1]
         for j, joint in enumerate(self.rig.joints):
             if joint.backlash is not None:
-                tied[j] = self._pulley(j, ca.vertcat(*tied), points)
+                # the tendons turn the pulley until it meets the link
+                near, at = gap(q[j], self.parameters[f"joints.{j}.backlash.width"]), ca.vertcat(*tied)
+                tied[j] = balanced(at[j], near, self._pull_along(j, at, points))
         return ca.vertcat(*tied), far_sides
 
     def bounds(self, which: int, q: Vector) -> Bounds:
-        """Return between which places one of `plays` stays, the others being where they are remembered to be.
-
-        Args:
-            q: coordinates, (n_bodies,) [rad, m].
-        """
-        kind, index, *rest = self.plays[which].split(".")
-        if kind == "drives":
-            near = gap(q[self.n_joints + int(index)], self.parameters[f"drives.{index}.backlash.width"])
-            if self.rig.drives[int(index)].backlash.held:  # type: ignore[union-attr]
+        """Return between which places one of `plays` stays at q, the others being where they are remembered to be."""
+        keys = self.plays[which].split(".")
+        index = int(keys[1])
+        if keys[0] == "drives":
+            near = gap(q[self.n_joints + index], self.parameters[f"drives.{index}.backlash.width"])
+            if self.rig.drives[index].backlash.held:  # type: ignore[union-attr]
                 return near
             points = [self.parameters[name] for name in self.plays if name.startswith("tendons.")]
-            rests = self._far_side(int(index), q, self.parameters[self.plays[which]], points, False)
+            rests = self._far_side(index, q, self.parameters[self.plays[which]], points, False)
             return Bounds(rests, rests)
-        place, sheath, point = self.place(q, settled=True), self.sheath(int(index), q), int(rest[-1])
+        place, sheath, point = self.place(q, settled=True), self.sheath(index, q), int(keys[-1])
         assert sheath is not None
-        drive, joint = self._ends(int(index), place.q, self.elongations(place.q))
+        drive, joint = self._ends(index, place.q, self.elongations(place.q))
         first = which - point
-        before = drive if point == 0 else place.inside[first + point - 1]
-        after = joint if point == sheath.count - 1 else place.inside[first + point + 1]
-        return sheath.bounds(point, before, after)
+        line = [drive, *place.inside[first : first + sheath.count], joint]
+        return sheath.bounds(point, line[point], line[point + 2])
 
     def _far_side(
         self, drive: int, q: Vector, before: Scalar | None, points: Sequence[Scalar] | None, settled: bool
@@ -207,11 +191,6 @@ class Tendons:
             return near.hold(start)
         return balanced(start, near, self._pull_along(body, q, points), p[f"{path}.friction"])
 
-    def _pulley(self, joint: int, q: Vector, points: Sequence[Scalar] | None) -> Scalar:
-        """Return where the pulley of a joint with backlash is: the tendons turn it until it meets the link."""
-        near = gap(q[joint], self.parameters[f"joints.{joint}.backlash.width"])
-        return balanced(q[joint], near, self._pull_along(joint, q, points))
-
     def _pull_along(self, body: int, q: Vector, points: Sequence[Scalar] | None) -> Pull:
         """Return place → (Σ T ∂ℓ/∂q, its slope) of the tendons along one coordinate, the others being at q.
 
@@ -227,18 +206,14 @@ class Tendons:
         function = ca.Function("pull", symbols, [pull, ca.jacobian(pull, at)[body]])
 
         def along(place: Scalar) -> tuple[Scalar, Scalar]:
-            entries = [place if i == body else q[i] for i in range(self.n_bodies)]
-            force, slope = function(ca.vertcat(*entries), self.parameters.symbols, ca.vertcat(*(points or ())))
+            moved = [place if i == body else q[i] for i in range(self.n_bodies)]
+            force, slope = function(ca.vertcat(*moved), self.parameters.symbols, ca.vertcat(*(points or ())))
             return force, slope
 
         return along
 
     def sheath(self, tendon: int, q: Vector) -> Sheath | None:
-        """Return the cable of a tendon as springs and points of friction, None where all friction is at its drive.
-
-        Args:
-            q: coordinates, (n_bodies,) [rad, m]: its bends may change with the joint.
-        """
+        """Return the cable of a tendon at q as springs and points of friction, None where all friction is at its drive."""
         path = self.rig.tendons[tendon].path
         if path is None or path.nodes == 0:
             return None
@@ -255,14 +230,10 @@ class Tendons:
         return k if path is None or path.nodes == 0 else 2 * path.nodes * k
 
     def wrapped(self, tendon: int, q: Vector) -> Scalar:
-        """Return Σ μ β of a tendon: its path's and that of its guides at the joints it crosses; β changes with the angle.
-
-        Args:
-            q: coordinates, (n_bodies,) [rad, m].
-        """
+        """Return Σ μ β of a tendon at q: its path's and its guides' at the joints it crosses; β changes with the angle."""
         p, part, total = self.parameters, self.rig.tendons[tendon], ca.SX(0)
         places = [] if part.path is None else [("path", self.joints_of[tendon][-1])]
-        places += [(f"{m.path}.guide", self._joint(m.joints[0])) for m in part.meetings if m.guide is not None]
+        places += [(f"{m.path}.guide", self._joint[m.joints[0]]) for m in part.meetings if m.guide is not None]
         for place, joint in places:
             name = f"tendons.{tendon}.{place}"
             total += p[f"{name}.friction"] * ca.fmax(p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[joint], 0)
@@ -278,19 +249,14 @@ class Tendons:
     def pulls(self, q: Vector, v: Vector, settled: bool = False) -> Pulls:
         """Return tensions at both ends, T_i = max(k δ + T_pre + c δ̇, 0), zero where slack, and what they do to the bodies.
 
-        Equations (8) and (9) with the mend max(·, 0), in the general form with damping and pre-tension.
-
-        Args:
-            q: coordinates, (n_bodies,) [rad, m].
-            v: velocities, (n_bodies,).
-            settled: see `place`.
+        Equations (8) and (9) at q and v with the mend max(·, 0), in the general form with damping and pre-tension. For
+        `settled` see `place`.
         """
         p, place, nj = self.parameters, self.place(q, settled), self.n_joints
         jacobian = self.length_jacobian(place.q)
         rates = ca.mtimes(jacobian, v)
-        first = sum(part.backlash is not None for part in self.rig.drives)
         taut: list[list[Scalar]] = []
-        for elastic in self._end_forces(place.q, place.inside[first:]):
+        for elastic in self._end_forces(place.q, place.inside[self._first_point :]):
             taut.append([self._taut(force) for force in elastic])
             for i in range(self.n_tendons):
                 if p.has(f"tendons.{i}.damping"):
@@ -314,12 +280,7 @@ class Tendons:
         return joint, drive
 
     def tensions(self, q: Vector, v: Vector) -> Vector:
-        """Return the tensions of all tendons at their drives, (n_tendons,) [N]; see `pulls`.
-
-        Args:
-            q: coordinates, (n_bodies,) [rad, m].
-            v: velocities, (n_bodies,).
-        """
+        """Return the tensions of all tendons at their drives at q and v, (n_tendons,) [N]; see `pulls`."""
         return self.pulls(q, v).drive
 
     @staticmethod
@@ -327,11 +288,7 @@ class Tendons:
         return ca.if_else(elastic > 0, elastic, 0)
 
     def elastic_forces(self, q: Vector) -> Vector:
-        """Return T_pre + k δ of all tendons, (n_tendons,) [N], negative where slack; with stiffening, see `stretched`.
-
-        Args:
-            q: coordinates, (n_bodies,) [rad, m].
-        """
+        """Return T_pre + k δ of all tendons, (n_tendons,) [N], negative where slack; with stiffening, see `stretched`."""
         p, elongated, forces = self.parameters, self.elongations(q), []
         for i in range(self.n_tendons):
             path, stretch = f"tendons.{i}", self._beyond(i, elongated[i])
@@ -357,16 +314,12 @@ class Tendons:
     def creeps(self, tendon: int) -> list[str]:
         """Return the paths of a tendon's creeps."""
         part = self.rig.tendons[tendon]
-        return [f"tendons.{tendon}.{name}" for name in ("creep", "slow_creep") if getattr(part, name) is not None]
+        return [f"tendons.{tendon}.{name}" for name in CREEPS if getattr(part, name) is not None]
 
     def crept(self, q: Vector, dt: Scalar) -> list[Scalar]:
         """Return all `strains` after an interval at q, [m]: c⁺ = λ c + (1 − λ) γ/(1 + γ) (T/k + c), λ = e^{−(1 + γ) dt/τ}.
 
-        That is the exact response of τ ċ = γ T/k − c where the tendon's whole stretch, T/k + c, stays: stable for any dt.
-
-        Args:
-            q: coordinates, (n_bodies,) [rad, m].
-            dt: length of the interval [s].
+        That is the exact response of τ ċ = γ T/k − c over dt [s] where the tendon's whole stretch, T/k + c, stays: stable.
         """
         p, pulls = self.parameters, self.pulls(q, ca.SX.zeros(self.n_bodies), settled=True)
         after = []
@@ -379,12 +332,7 @@ class Tendons:
         return after
 
     def tendon_damping(self, q: Vector, tensions: Vector) -> Vector:
-        """Return Σ c (∂ℓ/∂q_j)² over the taut tendons, (n_bodies,): each body's own part of the tendons' damping.
-
-        Args:
-            q: coordinates, (n_bodies,) [rad, m].
-            tensions: of all tendons [N], (n_tendons,).
-        """
+        """Return Σ c (∂ℓ/∂q_j)² at q over tendons with tensions > 0, (n_bodies,): each body's own part of their damping."""
         jacobian = self.length_jacobian(self.place(q).q)
         total = ca.SX(self.n_bodies, 1)
         for i in range(self.n_tendons):

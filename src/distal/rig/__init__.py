@@ -1,18 +1,7 @@
 """The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
 
-from distal.rig.chain import BASE, Base, Coupling, Link
 from distal.rig.columns import angle_names, speed_names, std_name, tendon_angle_name, torque_names
-from distal.rig.drives import (
-    Capstan,
-    CapstanFriction,
-    Hysteresis,
-    Slider,
-    SliderFriction,
-    SliderHysteresis,
-    SliderStribeck,
-    effort_unit,
-    position_unit,
-)
+from distal.rig.drives import Capstan, Hysteresis, Slider, SliderHysteresis, effort_unit, position_unit
 from distal.rig.files import (
     build_rig,
     edited_text,
@@ -23,33 +12,22 @@ from distal.rig.files import (
     shipped_rigs,
     template_text,
 )
-from distal.rig.insertions import (
-    CrossedLinkage,
-    CrossedPinned,
-    CrossedPulley,
-    Guide,
-    Linkage,
-    Pinned,
-    Polynomial,
-    Pulley,
-    Size,
-)
-from distal.rig.joints import ExternalTorque, Gravity, Joint, JointFriction, Spring, Stribeck
+from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
+from distal.rig.joints import Joint
 from distal.rig.learned_map import CONSTANT, Affine, Contact, Discrepancy, JointMap, LearnedMap, factors
 from distal.rig.mjcf import Imported, compare_lengths, from_mujoco
 from distal.rig.naming import in_words, named, part_at
-from distal.rig.numbers import Number, is_arm, known_to_a_factor, number
+from distal.rig.numbers import Number, known_to_a_factor, number
 from distal.rig.overrides import ALL, parse_assignment, set_value
 from distal.rig.parts import Part, independent_parts
 from distal.rig.plausibility import doubts
 from distal.rig.quantities import Description, In, Parameter
-from distal.rig.rig import LogFormat, Rig, Stepping, parameters_below
+from distal.rig.rig import Rig, parameters_below
 from distal.rig.sensors import (
     COUNTS,
     REFERENCES,
     Role,
     Sensor,
-    SensorBase,
     drive_travel,
     gain_of,
     log_factor,
@@ -59,60 +37,40 @@ from distal.rig.sensors import (
     step_of,
     travel_of,
 )
-from distal.rig.tendons import Creep, Meeting, Path, Tendon
+from distal.rig.tendons import Creep, Meeting, Tendon
 from distal.rig.validation import validated
 
 __all__ = [
     "ALL",
-    "BASE",
     "CONSTANT",
     "COUNTS",
     "REFERENCES",
     "Affine",
-    "Base",
     "Capstan",
-    "CapstanFriction",
     "Contact",
-    "Coupling",
     "Creep",
-    "CrossedLinkage",
-    "CrossedPinned",
-    "CrossedPulley",
     "Description",
     "Discrepancy",
-    "ExternalTorque",
-    "Gravity",
-    "Guide",
     "Hysteresis",
     "Imported",
     "In",
     "Joint",
-    "JointFriction",
     "JointMap",
     "LearnedMap",
-    "Link",
     "Linkage",
-    "LogFormat",
     "Meeting",
     "Number",
     "Parameter",
     "Part",
-    "Path",
     "Pinned",
     "Polynomial",
     "Pulley",
     "Rig",
     "Role",
     "Sensor",
-    "SensorBase",
     "Size",
     "Slider",
-    "SliderFriction",
     "SliderHysteresis",
-    "SliderStribeck",
-    "Spring",
-    "Stepping",
-    "Stribeck",
     "Tendon",
     "angle_names",
     "build_rig",
@@ -126,7 +84,6 @@ __all__ = [
     "gain_of",
     "in_words",
     "independent_parts",
-    "is_arm",
     "known_to_a_factor",
     "load_rig",
     "log_factor",

@@ -20,10 +20,7 @@ Vector = tuple[float, float, float]
 
 
 def unit_vector(raw: object) -> object:
-    """Return an axis as a unit vector.
-
-    Args:
-        raw: "x", "y" or "z", "-x" and so on, or three numbers.
+    """Return an axis, given as "x", "y" or "z", "-x" and so on, or as three numbers, as a unit vector.
 
     Raises:
         UnitError: it is neither.

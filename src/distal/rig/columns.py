@@ -9,28 +9,17 @@ def angle_names(joints: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the joints' angles: ``theta`` for one joint, else ``theta_JOINT``.
 
     A standard deviation has ``_std`` behind it (`std_name`), a speed ``_dot`` (`speed_names`).
-
-    Args:
-        joints: names of the joints, in their order.
     """
     return ("theta",) if len(joints) == 1 else tuple(f"theta_{joint}" for joint in joints)
 
 
 def speed_names(joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the joints' speeds: ``theta_dot``, or ``theta_JOINT_dot``.
-
-    Args:
-        joints: names of the joints, in their order.
-    """
+    """Return the names of the joints' speeds: ``theta_dot``, or ``theta_JOINT_dot``."""
     return tuple(f"{name}_dot" for name in angle_names(joints))
 
 
 def torque_names(joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the torques on the joints from outside: ``external_torque``, or ``external_torque_JOINT``.
-
-    Args:
-        joints: names of the joints, in their order.
-    """
+    """Return the names of the torques on the joints from outside: ``external_torque``, or ``external_torque_JOINT``."""
     return ("external_torque",) if len(joints) == 1 else tuple(f"external_torque_{joint}" for joint in joints)
 
 

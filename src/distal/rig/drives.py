@@ -7,57 +7,31 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from distal.rig.joints import Stribeck
-from distal.rig.quantities import Description, In, Name, Parameter
+from distal.rig.quantities import ZERO, Description, In, Name, Parameter
 
 
-class SliderStribeck(Description):
+class SliderStribeck(Stribeck):
     """Stiction that fades with speed: Coulomb friction times 1 + excess · exp(−(v/speed)²)."""
 
-    excess: Annotated[Parameter, In("", "nonnegative")] = Field(description="stiction beyond Coulomb friction, a share")
     speed: Annotated[Parameter, In("m/s", "positive")] = Field(description="speed at which it fades")
 
 
 class SliderFriction(Description):
     """Coulomb friction of a slider, limit = constant + load · Σ T (equation 13, reconstructed)."""
 
-    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(
-        Parameter(value=0.0), description="part that is always there"
-    )
-    load: Annotated[Parameter, In("", "nonnegative")] = Field(
-        Parameter(value=0.0), description="part per newton of tension, μ_x"
-    )
+    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(ZERO, description="part that is always there")
+    load: Annotated[Parameter, In("", "nonnegative")] = Field(ZERO, description="part per newton of tension, μ_x")
     stribeck: SliderStribeck | None = Field(None, description="stiction that fades with speed")
 
 
 class CapstanFriction(Description):
     """Coulomb friction of a motor and its capstan, limit = constant + load · radius · Σ T."""
 
-    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(
-        Parameter(value=0.0), description="part that is always there"
-    )
+    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(ZERO, description="part that is always there")
     load: Annotated[Parameter, In("", "nonnegative")] = Field(
-        Parameter(value=0.0), description="part per newton of tension at the capstan's radius"
+        ZERO, description="part per newton of tension at the capstan's radius"
     )
     stribeck: Stribeck | None = Field(None, description="stiction that fades with speed")
-
-
-class SliderHysteresis(Description):
-    """Dry friction inside the transmission, limit = (constant + load · Σ T)(1 + slope · θ); see `Hysteresis`."""
-
-    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(
-        Parameter(value=0.0), description="part that is always there"
-    )
-    load: Annotated[Parameter, In("", "nonnegative")] = Field(
-        Parameter(value=0.0), description="part per newton of tension"
-    )
-    slope: Annotated[Parameter, In("1/rad")] = Field(
-        Parameter(value=0.0), description="its growth with the joint's angle, as a share per radian"
-    )
-    error: Annotated[float, In("N", "nonnegative")] = Field(
-        0.0,
-        description="what this play leaves out, its standard deviation; estimators consider it, they do not estimate it",
-    )
-    error_time: Annotated[float, In("s", "positive")] = Field(1.0, description="for how long that lasts")
 
 
 class Hysteresis(Description):
@@ -68,14 +42,12 @@ class Hysteresis(Description):
     sheath. It is moved by the effort, not by the drive's motion: a stroke may pass before it has turned over.
     """
 
-    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(
-        Parameter(value=0.0), description="part that is always there"
-    )
+    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(ZERO, description="part that is always there")
     load: Annotated[Parameter, In("", "nonnegative")] = Field(
-        Parameter(value=0.0), description="part per newton of tension at the capstan's radius"
+        ZERO, description="part per newton of tension at the capstan's radius"
     )
     slope: Annotated[Parameter, In("1/rad")] = Field(
-        Parameter(value=0.0), description="its growth with the joint's angle, as a share per radian"
+        ZERO, description="its growth with the joint's angle, as a share per radian"
     )
     error: Annotated[float, In("N m", "nonnegative")] = Field(
         0.0,
@@ -84,13 +56,14 @@ class Hysteresis(Description):
     error_time: Annotated[float, In("s", "positive")] = Field(1.0, description="for how long that lasts")
 
 
-class SliderBacklash(Description):
-    """Free play between a slider's sensor and what pulls its tendons; see `Backlash`."""
+class SliderHysteresis(Hysteresis):
+    """Dry friction inside the transmission, limit = (constant + load · Σ T)(1 + slope · θ); see `Hysteresis`."""
 
-    width: Annotated[Parameter, In("m", "nonnegative")] = Field(description="from one side to the other")
-    held: bool = Field(True, description="whether nothing but the near side moves the far one within the gap")
-    friction: Annotated[Parameter, In("N", "nonnegative")] = Field(
-        Parameter(value=0.0), description="friction that holds the far side against its tendons, where `held` is false"
+    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(ZERO, description="part that is always there")
+    load: Annotated[Parameter, In("", "nonnegative")] = Field(ZERO, description="part per newton of tension")
+    error: Annotated[float, In("N", "nonnegative")] = Field(
+        0.0,
+        description="what this play leaves out, its standard deviation; estimators consider it, they do not estimate it",
     )
 
 
@@ -104,7 +77,16 @@ class Backlash(Description):
     width: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="from one side to the other")
     held: bool = Field(True, description="whether nothing but the near side moves the far one within the gap")
     friction: Annotated[Parameter, In("N m", "nonnegative")] = Field(
-        Parameter(value=0.0), description="friction that holds the far side against its tendons, where `held` is false"
+        ZERO, description="friction that holds the far side against its tendons, where `held` is false"
+    )
+
+
+class SliderBacklash(Backlash):
+    """Free play between a slider's sensor and what pulls its tendons; see `Backlash`."""
+
+    width: Annotated[Parameter, In("m", "nonnegative")] = Field(description="from one side to the other")
+    friction: Annotated[Parameter, In("N", "nonnegative")] = Field(
+        ZERO, description="friction that holds the far side against its tendons, where `held` is false"
     )
 
 
@@ -112,8 +94,8 @@ class Cogging(Description):
     """Torque of a motor that repeats as it turns: cosine · cos(N φ) + sine · sin(N φ), it adds to the motor's own."""
 
     periods: Annotated[float, In("", "positive")] = Field(description="periods in one turn of the capstan, N")
-    cosine: Annotated[Parameter, In("N m")] = Field(Parameter(value=0.0), description="part that is largest at φ = 0")
-    sine: Annotated[Parameter, In("N m")] = Field(Parameter(value=0.0), description="part that is zero there")
+    cosine: Annotated[Parameter, In("N m")] = Field(ZERO, description="part that is largest at φ = 0")
+    sine: Annotated[Parameter, In("N m")] = Field(ZERO, description="part that is zero there")
 
 
 class Slider(Description):
@@ -122,9 +104,7 @@ class Slider(Description):
     kind: Literal["slider"]
     name: Name
     mass: Annotated[Parameter, In("kg", "positive")] = Field(description="moving mass of the slider")
-    damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(
-        Parameter(value=0.0), description="viscous damping b_x"
-    )
+    damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(ZERO, description="viscous damping b_x")
     friction: SliderFriction = Field(SliderFriction(), description="Coulomb friction")
     hysteresis: SliderHysteresis | None = Field(None, description="dry friction inside the transmission")
     backlash: SliderBacklash | None = Field(None, description="free play between its sensor and its tendons")
@@ -136,7 +116,7 @@ class Slider(Description):
         Parameter(value=3.0), description="viscous damping in the stops b_s"
     )
     nominal_force: Annotated[Parameter, In("N", drifts=False)] = Field(
-        Parameter(value=0.0), description="the usual pull, taken where no force is measured"
+        ZERO, description="the usual pull, taken where no force is measured"
     )
     limit: Annotated[float, In("N", "positive")] | None = Field(
         None, description="largest force that a controller gets from it; it cannot push its tendons"
@@ -158,9 +138,7 @@ class Capstan(Description):
         description="moment of inertia of rotor and capstan, seen at the capstan"
     )
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the capstan R")
-    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
-        Parameter(value=0.0), description="viscous damping"
-    )
+    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(ZERO, description="viscous damping")
     friction: CapstanFriction = Field(CapstanFriction(), description="Coulomb friction")
     hysteresis: Hysteresis | None = Field(None, description="dry friction inside the transmission")
     backlash: Backlash | None = Field(None, description="free play between its encoder and its capstan")
@@ -173,7 +151,7 @@ class Capstan(Description):
         Parameter(value=0.1), description="viscous damping in the stops"
     )
     nominal_force: Annotated[Parameter, In("N m", drifts=False)] = Field(
-        Parameter(value=0.0), description="the usual torque, taken where no torque is measured"
+        ZERO, description="the usual torque, taken where no torque is measured"
     )
     limit: Annotated[float, In("N m", "positive")] | None = Field(
         None, description="largest torque that a controller gets from it, either way"

@@ -21,10 +21,7 @@ def shipped_rigs() -> tuple[str, ...]:
 
 
 def rig_text(name: str | Path) -> tuple[str, str]:
-    """Return the text of a rig file and what to call it in messages.
-
-    Args:
-        name: a shipped rig's name, or a path.
+    """Return the text of a shipped rig or of the file at a path, and what to call it in messages.
 
     Raises:
         RigError: neither a shipped rig nor a readable file.
@@ -40,11 +37,7 @@ def rig_text(name: str | Path) -> tuple[str, str]:
 
 
 def read_text(path: Path, error: type[DistalError]) -> str:
-    """Return the text of a file (UTF-8), or raise `error` with the reason in plain words.
-
-    Args:
-        error: the kind of error to raise.
-    """
+    """Return the text of a file (UTF-8), or raise `error` with the reason in plain words."""
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
@@ -62,10 +55,9 @@ def parse_toml(text: str, source: str, error: type[DistalError]) -> dict[str, ob
 
 
 def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
-    """Load a rig by name or from a TOML file.
+    """Load a rig by name (see `shipped_rigs`) or from a TOML file.
 
     Args:
-        name: a shipped rig's name (see `shipped_rigs`) or a path.
         assignments: ``path=value`` each, as ``--set`` on the command line; the value is TOML.
 
     Raises:
@@ -89,11 +81,7 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
 
 
 def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
-    """Return the text of a rig file with some values replaced; its comments stay.
-
-    Args:
-        name: a shipped rig's name or a path.
-        assignments: ``path=value`` each.
+    """Return the text of a rig file with some values replaced, as by `load_rig`; its comments stay.
 
     Raises:
         RigError: as `load_rig`.
@@ -109,8 +97,7 @@ def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
 
     document = tomlkit.parse(text)
     for assignment in assignments:
-        path, value = parse_assignment(assignment, RigError)
-        set_value(document, path, value, RigError)
+        set_value(document, *parse_assignment(assignment, RigError), RigError)
     return tomlkit.dumps(document)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from distal.rig.chain import AXES, Axis, Coupling, Link, Vector
-from distal.rig.quantities import Description, In, Name, Parameter
+from distal.rig.quantities import ZERO, Description, In, Name, Parameter
 
 REACH = 1.2
 """A joint without stops is taken to turn by this either way [rad]."""
@@ -30,7 +30,7 @@ class JointFriction(Description):
     coefficient: Annotated[Parameter, In("", "nonnegative")] = Field(description="friction coefficient μ")
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the axle r_a")
     preload: Annotated[Parameter, In("N", "nonnegative")] = Field(
-        Parameter(value=0.0), description="load on the axle before any tension, T0"
+        ZERO, description="load on the axle before any tension, T0"
     )
     exponent: Annotated[Parameter, In("", "positive")] = Field(
         Parameter(value=1.0), description="growth of friction with load, e (1 = proportional)"
@@ -54,14 +54,10 @@ class Spring(Description):
     """Return spring at the joint: torque = −(stiffness x + quadratic x² + cubic x³), x = θ − rest_angle."""
 
     stiffness: Annotated[Parameter, In("N m/rad", "nonnegative")] = Field(description="torsional stiffness")
-    rest_angle: Annotated[Parameter, In("rad")] = Field(
-        Parameter(value=0.0), description="angle at which the spring is relaxed"
-    )
-    quadratic: Annotated[Parameter, In("N m/rad^2")] = Field(
-        Parameter(value=0.0), description="growth of stiffness to one side"
-    )
+    rest_angle: Annotated[Parameter, In("rad")] = Field(ZERO, description="angle at which the spring is relaxed")
+    quadratic: Annotated[Parameter, In("N m/rad^2")] = Field(ZERO, description="growth of stiffness to one side")
     cubic: Annotated[Parameter, In("N m/rad^3")] = Field(
-        Parameter(value=0.0), description="growth of stiffness to both sides; negative where it gets softer"
+        ZERO, description="growth of stiffness to both sides; negative where it gets softer"
     )
 
 
@@ -76,11 +72,9 @@ class ExtensionSpring(Description):
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="from the axis to the point of the link, r")
     distance: Annotated[Parameter, In("m", "positive")] = Field(description="from the axis to the point of the base, R")
     line_angle: Annotated[Parameter, In("rad")] = Field(
-        Parameter(value=0.0), description="joint angle at which both points are in line with the axis, on the same side"
+        ZERO, description="joint angle at which both points are in line with the axis, on the same side"
     )
-    preload: Annotated[Parameter, In("N", "nonnegative")] = Field(
-        Parameter(value=0.0), description="force at which its coils open"
-    )
+    preload: Annotated[Parameter, In("N", "nonnegative")] = Field(ZERO, description="force at which its coils open")
 
 
 class JointBacklash(Description):
@@ -97,7 +91,7 @@ class Gravity(Description):
         description="distance of the centre of mass from the axis"
     )
     hanging_angle: Annotated[Parameter, In("rad")] = Field(
-        Parameter(value=0.0), description="joint angle at which the centre of mass hangs straight below the axis"
+        ZERO, description="joint angle at which the centre of mass hangs straight below the axis"
     )
 
 
@@ -124,12 +118,8 @@ class Joint(Description):
     inertia: Annotated[Parameter, In("kg m^2", "positive")] = Field(
         description="moment of inertia J about its axis; with a `link` what comes on top of it, such as an armature"
     )
-    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
-        Parameter(value=0.0), description="viscous damping b_θ"
-    )
-    initial: Annotated[Parameter, In("rad", drifts=False)] = Field(
-        Parameter(value=0.0), description="angle at the log's first sample"
-    )
+    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(ZERO, description="viscous damping b_θ")
+    initial: Annotated[Parameter, In("rad", drifts=False)] = Field(ZERO, description="angle at the log's first sample")
     friction: JointFriction | None = Field(None, description="Coulomb friction at the axle")
     spring: Spring | None = Field(None, description="return spring")
     extension_spring: ExtensionSpring | None = Field(None, description="return spring between two points")

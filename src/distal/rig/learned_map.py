@@ -15,13 +15,12 @@ Row = tuple[float, ...]
 CONSTANT = "1"
 """The term that is the same everywhere."""
 
+FORMS = ("{}", "abs({})", "play({})", "slip({})")
+"""How a sensor's reading stands in a term."""
+
 
 def factors(term: str) -> tuple[str, ...]:
-    """Return the variables whose product a term is; none for the constant.
-
-    Args:
-        term: variables with ``*`` between them.
-    """
+    """Return the variables whose product a term is, with ``*`` between them; none for the constant."""
     return () if term == CONSTANT else tuple(factor.strip() for factor in term.split("*"))
 
 
@@ -90,8 +89,7 @@ class LearnedMap(Description):
         (), description="what the angle errs by for each radian beyond what a homing move covered, of each joint [1]"
     )
     homed: tuple[tuple[float, float], ...] = Field(
-        (),
-        description="lowest and highest angle that this run's homing move covered, of each joint [rad]",
+        (), description="lowest and highest angle that this run's homing move covered, of each joint [rad]"
     )
     logs: int = Field(ge=0, description="number of logs; 0: from a homing move alone")
     dropped: tuple[str, ...] = Field((), description="sensors that told nothing of their own: constant, or collinear")
@@ -103,21 +101,21 @@ class LearnedMap(Description):
         """Read what a fit wrote before all maps had one form: widths by another name, no terms, no band."""
         if not isinstance(raw, Mapping) or "width" in raw or "channels" not in raw or "joints" not in raw:
             return raw
-        made, m, joints = dict(raw), len(raw["channels"]), len(raw["joints"])
-        if "dead_band" in made:  # [affine]: a straight line and directions of motion
-            bands = made.pop("dead_band")
+        fields, m, joints = dict(raw), len(raw["channels"]), len(raw["joints"])
+        if "dead_band" in fields:  # [affine]: a straight line and directions of motion
+            bands = fields.pop("dead_band")
             turns = [f"slip({name})" for name in raw["channels"][: len(bands)]]
-            made["terms"] = [CONSTANT, *raw["channels"], *turns]
-            made["width"] = [bands[i] / raw["scale"][i] if i < len(bands) else 1.0 for i in range(m)]
+            fields["terms"] = [CONSTANT, *raw["channels"], *turns]
+            fields["width"] = [bands[i] / raw["scale"][i] if i < len(bands) else 1.0 for i in range(m)]
         else:
-            made["width"] = [made.pop("play", made.pop("slip", 1.0))] * m
-        made.setdefault("rate", [0.0] * len(raw["centre"]))
-        made.setdefault("distance", [[0.0] * m] * m)
-        made.setdefault("reach", 1.0)
-        made.setdefault("spread", [0.0] * joints)
-        band = made.get("band", 1.0)
-        made["band"] = [band] * joints if isinstance(band, (int, float)) else band
-        return made
+            fields["width"] = [fields.pop("play", fields.pop("slip", 1.0))] * m
+        fields.setdefault("rate", [0.0] * len(raw["centre"]))
+        fields.setdefault("distance", [[0.0] * m] * m)
+        fields.setdefault("reach", 1.0)
+        fields.setdefault("spread", [0.0] * joints)
+        band = fields.get("band", 1.0)
+        fields["band"] = [band] * joints if isinstance(band, (int, float)) else band
+        return fields
 
     @model_validator(mode="after")
     def _sizes_fit(self) -> Self:
@@ -137,10 +135,8 @@ class LearnedMap(Description):
                 raise ValueError(f"{name} must have {joints} entries or none; {len(getattr(self, name))} came")
         if len(self.distance) != m or any(len(row) != m for row in self.distance):
             raise ValueError(f"distance must be {m} rows of {m} numbers")
-        if (
-            any(not value > 0.0 for value in (*self.scale, *self.width, *self.band))
-            or not np.isfinite(self.scale).all()
-        ):
+        are_positive = all(size > 0.0 for size in (*self.scale, *self.width, *self.band))
+        if not are_positive or not np.isfinite(self.scale).all():
             raise ValueError("every scale, width and band must be positive")
         if any(not low <= high for low, high in zip(self.low, self.high)):
             raise ValueError("low must not be above high")
@@ -159,11 +155,8 @@ class LearnedMap(Description):
     @property
     def variables(self) -> tuple[str, ...]:
         """Names of all variables that a term may hold."""
-        of_channels = [
-            form.format(name) for form in ("{}", "abs({})", "play({})", "slip({})") for name in self.channels
-        ]
         angles = [f"angle({joint.joint})" for joint in self.joints] if self.uses_angles else []
-        return (*of_channels, *angles)
+        return (*(form.format(name) for form in FORMS for name in self.channels), *angles)
 
     @property
     def margin(self) -> float:
@@ -183,10 +176,10 @@ class LearnedMap(Description):
     @property
     def used(self) -> tuple[int, ...]:
         """Indices of the readings, then of the angles, that stand in some term."""
-        there = {factor for term in self.terms for factor in factors(term)}
-        forms = [(form.format(name) for form in ("{}", "abs({})", "play({})", "slip({})")) for name in self.channels]
-        forms += [(f"angle({joint.joint})" for _ in "1") for joint in self.joints] if self.uses_angles else []
-        return tuple(i for i, each in enumerate(forms) if there.intersection(each))
+        used = {factor for term in self.terms for factor in factors(term)}
+        variables = [(form.format(name) for form in FORMS) for name in self.channels]
+        variables += [(f"angle({joint.joint})" for _ in "1") for joint in self.joints] if self.uses_angles else []
+        return tuple(i for i, names in enumerate(variables) if used.intersection(names))
 
     @property
     def played(self) -> tuple[int, ...]:

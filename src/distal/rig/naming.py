@@ -2,105 +2,81 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 KINDS = ("joints", "drives", "tendons", "sensors")
 """Lists of a rig whose items have names."""
 
 
 def name_in(items: Sequence[object], index: int) -> str | None:
-    """Return the name by which a path reaches an item of a list, a crossing by its joint; None where it has none.
-
-    Args:
-        items: parts of a description, checked or raw.
-    """
+    """Return the name by which a path reaches an item of a list, a crossing by its joint; None where it has none."""
     names = [_get(item, "name") or _get(item, "joint") for item in items]
     name = names[index] if index < len(names) else None
     return name if isinstance(name, str) and names.count(name) == 1 else None
 
 
 def index_of(items: Sequence[object], key: str) -> int | None:
-    """Return the index of an item that a path names by its index or its name, None where there is none.
-
-    Args:
-        items: parts of a description, checked or raw.
-    """
+    """Return the index of an item that a path names by its index or its name, None where there is none."""
     if key.isascii() and key.isdigit() and len(key) < 10:
         return int(key) if int(key) < len(items) else None
     return next((i for i in range(len(items)) if name_in(items, i) == key), None)
 
 
 def names_in(items: Sequence[object]) -> list[str]:
-    """Return what the items of a list are called in a path: by name where they have one, else by index.
-
-    Args:
-        items: parts of a description, checked or raw.
-    """
+    """Return what the items of a list are called in a path: by name where they have one, else by index."""
     return [name_in(items, i) or str(i) for i in range(len(items))]
 
 
 def named(root: object, path: str) -> str:
     """Return a path with names of parts for their indices: ``joints.pip.inertia`` for ``joints.0.inertia``.
 
-    Args:
-        root: the description, checked or raw.
-        path: keys, indices and names joined by dots; what leads nowhere stays as it is.
+    Keys that lead nowhere stay as they are.
     """
-    part, keys = root, list[str]()
-    for key in path.split("."):
-        if isinstance(part, (list, tuple)):
-            index = index_of(part, key)
-            key = key if index is None else name_in(part, index) or key
-            part = None if index is None else part[index]
-        else:
-            part = _get(part, key)
-        keys.append(key)
-    return ".".join(keys)
+    return ".".join(key for key, _ in _steps(root, path))
 
 
 def part_at(root: object, path: str) -> object:
-    """Return what a path leads to, None where it leads nowhere.
+    """Return what a path of keys, indices and names leads to, None where it leads nowhere."""
+    return [part for _, part in _steps(root, path)][-1]
 
-    Args:
-        root: the description, checked or raw.
-        path: keys, indices and names joined by dots.
-    """
+
+def _steps(root: object, path: str) -> Iterator[tuple[str, object]]:
+    """Yield each key of a path, as a name where it has one, and the part of a description, checked or raw, it leads to."""
     part = root
     for key in path.split("."):
         if isinstance(part, (list, tuple)):
             index = index_of(part, key)
+            name = None if index is None else name_in(part, index)
             part = None if index is None else part[index]
+            yield name or key, part
         else:
             part = _get(part, key)
-    return part
+            yield key, part
 
 
 def in_words(root: object, *paths: str) -> str:
     """Return the names of numbers in plain words: "spring stiffness of joint pip" for ``joints.0.spring.stiffness``.
 
-    Numbers that differ only in their part are named together, "stiffness of all tendons".
-
-    Args:
-        paths: of the numbers; ``*`` stands for all parts of a kind.
+    Numbers that differ only in their part are named together, "stiffness of all tendons"; ``*`` stands for all of a kind.
     """
     parts_of: dict[tuple[str, str, str], list[str]] = {}
     for path in paths:
-        kind, _, rest = named(root, path).partition(".")
-        part, _, tail = rest.partition(".")
+        kind, _, below = named(root, path).partition(".")
+        part, _, tail = below.partition(".")
         what, where = _what(tail)
         key = (what, where, kind) if kind in KINDS and tail else (path, "", "")
         parts_of.setdefault(key, []).append(part)
-    said = []
+    phrases = []
     for (what, where, kind), parts in parts_of.items():
         listed = _get(root, kind) if kind else ()
         every = len(listed) if isinstance(listed, (list, tuple)) else 0
         if not kind:
-            said.append(what)
+            phrases.append(what)
         elif parts == ["*"] or (len(parts) > 1 and len(parts) == every):
-            said.append(f"{what} of all {kind}{where}")
+            phrases.append(f"{what} of all {kind}{where}")
         else:
-            said.append(f"{what} of {kind if len(parts) > 1 else kind[:-1]} {', '.join(parts)}{where}")
-    return "; ".join(said)
+            phrases.append(f"{what} of {kind if len(parts) > 1 else kind[:-1]} {', '.join(parts)}{where}")
+    return "; ".join(phrases)
 
 
 def _what(tail: str) -> tuple[str, str]:

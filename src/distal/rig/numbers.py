@@ -16,12 +16,7 @@ ROUGH, ROUGH_ARM = 0.5, 0.2
 
 
 def known_to_a_factor(path: str, value: float, std: float) -> bool:
-    """Return whether of a positive number only the order of magnitude is known.
-
-    Args:
-        value: SI.
-        std: what is not known of it.
-    """
+    """Return whether of a positive number, of some value and std, only the order of magnitude is known."""
     return std > (ROUGH_ARM if is_arm(path) else ROUGH) * value > 0.0
 
 
@@ -36,8 +31,7 @@ class Number:
 
     Args:
         path: keys and indices joined by dots, names of parts replaced by their indices.
-        value: SI.
-        std: what is not known of it; 0 where it has none.
+        std: what is not known of its value; 0 where it has none.
         quantity: its unit and bound.
         is_parameter: whether it has a std at all.
         hold: whether its std is for fitting only.
@@ -61,10 +55,7 @@ class Number:
 
 
 def number(rig: Rig, path: str) -> Number:
-    """Return a number of a description by its path.
-
-    Args:
-        path: as in ``--set``; parts by index or by name.
+    """Return a number of a description by its path, as in ``--set``: parts by index or by name.
 
     Raises:
         RigError: the path leads nowhere, or not to a number.

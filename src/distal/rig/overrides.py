@@ -24,12 +24,8 @@ _LOOSE_QUANTITY = re.compile(r"^[-+]?[0-9.][0-9.eE+-]*\s*[A-Za-z%°µμ][^\"'\[\
 def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
     """Split ``path=value`` and read the value as TOML; a quantity whose quotes a shell removed is text.
 
-    Args:
-        text: e.g. ``drives.left.stops=["-5 mm","15 mm"]``.
-        error: the kind of error to raise.
-
     Raises:
-        DistalError: there is no ``=``, or the value is not TOML.
+        DistalError: (of the kind `error`) there is no ``=``, or the value is not TOML.
     """
     path, equals, value = text.partition("=")
     path, value = path.strip(), value.strip()
@@ -54,13 +50,8 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
     A bare value that replaces ``{ value, std }`` keeps the std. Items of a list are named by their name or index, crossings
     by their joint; ``*`` stands for all of them.
 
-    Args:
-        raw: nested tables and lists, as read from TOML.
-        path: keys joined by dots, parts by name (or index).
-        error: the kind of error to raise.
-
     Raises:
-        DistalError: an item of the path does not exist.
+        DistalError: (of the kind `error`) an item of the path does not exist.
     """
     keys = path.split(".")
     if len(keys) > DEEPEST:
@@ -112,8 +103,7 @@ def _merged(old: object, new: object) -> object:
         if isinstance(new, MutableMapping) and new:
             # a table that says how far the value may be off says all of it
             spreads = {"std", "factor", "shared"} if "factor" in new else {"shared"} if "std" in new else set[str]()
-            kept = {key: part for key, part in old.items() if key not in spreads}
-            return {**kept, **new}
+            return {key: part for key, part in old.items() if key not in spreads} | dict(new)
         old["value"] = new
         return old
     return new

@@ -28,39 +28,34 @@ LARGEST_OFFSET = 2.0
 
 def doubts(rig: Rig) -> list[str]:
     """Return what is allowed in a rig but is probably a mistake, one sentence each."""
-    said = []
-    for path, name, value in _numbers(rig):
+    sentences = []
+    for path, name, size in _numbers(rig):
         low, high, unit = USUAL[name]
-        if not low <= value <= high:
-            said.append(
-                f"{in_words(rig, path)} is {value:g} {unit}; between {low:g} and {high:g} is usual: is its unit there?"
+        if not low <= size <= high:
+            sentences.append(
+                f"{in_words(rig, path)} is {size:g} {unit}; between {low:g} and {high:g} is usual: is its unit there?"
             )
     parts = [(kind, part) for kind in ("joints", "drives", "tendons", "sensors") for part in getattr(rig, kind)]
-    for path, own in chain(*(parameters_below(part, f"{kind}.{part.name}") for kind, part in parts)):
-        if 0.0 < own.std < SMALLEST_STD * abs(own.value):
-            said.append(
-                f"{in_words(rig, path)}: a std of {own.std:g} is {own.std / abs(own.value):.1g} of its value: is its unit "
-                "there?"
+    for path, parameter in chain(*(parameters_below(part, f"{kind}.{part.name}") for kind, part in parts)):
+        std, size = parameter.std, abs(parameter.value)
+        if 0.0 < std < SMALLEST_STD * size:
+            sentences.append(
+                f"{in_words(rig, path)}: a std of {std:g} is {std / size:.1g} of its value: is its unit there?"
             )
     for joint in rig.joints:
         away = max(abs(part) for part in (*joint.offset, *(joint.link.centre if joint.link is not None else ())))
         if away > LARGEST_OFFSET:
-            said.append(f"joint {joint.name} sits or weighs {away:g} m away; is its unit there?")
-        if (
-            rig.is_chain
-            and len(rig.joints) > 1
-            and joint.coupled is None
-            and joint.damping.absent
-            and joint.friction is None
-        ):
-            said.append(f"joint {joint.name} has neither friction nor damping: nothing stops it from swinging")
+            sentences.append(f"joint {joint.name} sits or weighs {away:g} m away; is its unit there?")
+        swings = joint.coupled is None and joint.damping.absent and joint.friction is None
+        if rig.is_chain and len(rig.joints) > 1 and swings:
+            sentences.append(f"joint {joint.name} has neither friction nor damping: nothing stops it from swinging")
     for drive in rig.drives:
         if not any(sensor.measures == "position" and sensor.of == drive.name for sensor in rig.sensors):
-            said.append(f"drive {drive.name} has no position sensor: its place has to be guessed from forces")
+            sentences.append(f"drive {drive.name} has no position sensor: its place has to be guessed from forces")
     rubbing = {tendon.name for tendon in rig.tendons if tendon.path is not None and tendon.path.nodes == 0}
     for sensor in rig.sensors:
         if sensor.measures == "tension" and sensor.of in rubbing:
-            said.append(
+            sentences.append(
                 f"sensor {sensor.name} measures the tension of tendon {sensor.of} behind the friction of its path, at the "
                 "joint; a cell at the motor's end measures the 'force' of its drive: which is it?"
             )
@@ -69,10 +64,10 @@ def doubts(rig: Rig) -> list[str]:
         sides = {1 if arm > 0.0 else -1 for arm in arms if arm != 0.0}
         turned = (joint.spring, joint.extension_spring, joint.gravity, joint.link, joint.coupled)
         if len(sides) == 1 and not any(turned) and joint.external_torque.std == 0.0:
-            said.append(
+            sentences.append(
                 f"all tendons of '{joint.name}' have side = {sides.pop()}, and no spring turns it back: is one side wrong?"
             )
-    return said
+    return sentences
 
 
 def _numbers(rig: Rig) -> Iterator[tuple[str, str, float]]:

@@ -74,6 +74,10 @@ class Parameter(Description):
         return float(hypot(self.std, self.value * self.shared.std)) if self.shared is not None else self.std
 
 
+ZERO = Parameter(value=0.0)
+"""Default of a parameter that a rig need not have."""
+
+
 @dataclass(frozen=True)
 class In:
     """Annotation of a field: its SI unit and its bound; it reads bare numbers as SI and text with a unit.

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from distal.rig.insertions import Crossing, Guide, Insertion, Linkage, Pinned, Polynomial, Pulley, Shape
-from distal.rig.quantities import Description, In, Name, Parameter
+from distal.rig.quantities import ZERO, Description, In, Name, Parameter
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,7 @@ class Path(Description):
         description="friction coefficient against its guides, μ"
     )
     wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="sum of the bends of its path, β")
-    wrap_slope: Annotated[Parameter, In("")] = Field(
-        Parameter(value=0.0), description="change of β per radian of the joint"
-    )
+    wrap_slope: Annotated[Parameter, In("")] = Field(ZERO, description="change of β per radian of the joint")
     let_out: Annotated[Parameter, In("", "nonnegative")] = Field(
         Parameter(value=1.0), description="friction coefficient while the tendon is let out, as a share of μ"
     )
@@ -107,16 +105,15 @@ class Tendon(Description):
     insertion: Insertion | None = Field(None, description="how it meets the joint, where it is only one")
     crossings: tuple[Crossing, ...] = Field((), description="how it meets each joint that it crosses")
     stiffness: Annotated[Parameter, In("N/m", "positive")] = Field(description="spring constant k")
-    damping: Annotated[Parameter, In("N s/m", "nonnegative")] = Field(Parameter(value=0.0), description="damping c")
+    damping: Annotated[Parameter, In("N s/m", "nonnegative")] = Field(ZERO, description="damping c")
     pretension: Annotated[Parameter, In("N", "nonnegative")] = Field(
-        Parameter(value=0.0), description="tension at zero angle and zero drive displacement"
+        ZERO, description="tension at zero angle and zero drive displacement"
     )
     slack: Annotated[Parameter, In("m", "nonnegative")] = Field(
-        Parameter(value=0.0),
-        description="how far it must be pulled at zero angle and zero drive displacement to be taut",
+        ZERO, description="how far it must be pulled at zero angle and zero drive displacement to be taut"
     )
     stiffening: Annotated[Parameter, In("1/m", "nonnegative")] = Field(
-        Parameter(value=0.0), description="growth of stiffness with tension, a"
+        ZERO, description="growth of stiffness with tension, a"
     )
     creep: Creep | None = Field(None, description="slow stretch under load")
     slow_creep: Creep | None = Field(None, description="a second one, with another time constant")
@@ -140,14 +137,12 @@ class Tendon(Description):
         """How it meets each joint, from the base outwards."""
         if self.insertion is not None and self.joint is not None and self.side is not None:
             return (Meeting("insertion", (self.joint,), self.side, self.insertion),)
-        found = []
-        for i, crossing in enumerate(self.crossings):
-            path = f"crossings.{i}"
-            if isinstance(crossing, Polynomial):
-                found.append(Meeting(path, crossing.joints, 1, crossing))
-            else:
-                found.append(Meeting(path, (crossing.joint,), crossing.side, crossing, crossing.guide))
-        return tuple(found)
+        return tuple(
+            Meeting(f"crossings.{i}", crossing.joints, 1, crossing)
+            if isinstance(crossing, Polynomial)
+            else Meeting(f"crossings.{i}", (crossing.joint,), crossing.side, crossing, crossing.guide)
+            for i, crossing in enumerate(self.crossings)
+        )
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -160,16 +155,12 @@ class Tendon(Description):
         return self.meetings[0].side if self.side is None else self.side
 
     def arms(self, angles: dict[str, float] | None = None) -> dict[str, float]:
-        """Return its moment arm at each joint that it crosses, positive where it pulls to +θ [m].
-
-        Args:
-            angles: by joint [rad]; default all zero.
-        """
-        found = dict.fromkeys(self.joints, 0.0)
+        """Return its moment arm [m] at each joint that it crosses, positive where it pulls to +θ; by default at θ = 0."""
+        arms = dict.fromkeys(self.joints, 0.0)
         for meeting in self.meetings:
             for name, arm in meeting.arms(angles or {}).items():
-                found[name] += arm
-        return found
+                arms[name] += arm
+        return arms
 
     @property
     def total_arm(self) -> float:
@@ -180,8 +171,7 @@ class Tendon(Description):
         places: list[dict[str, float]] = [{}]
         for meeting in self.meetings:
             if isinstance(meeting.shape, Polynomial):
-                for end in (0, 1):
-                    places.append({name: ends[end] for name, ends in zip(meeting.joints, meeting.shape.range)})
+                places += [dict(zip(meeting.joints, ends)) for ends in zip(*meeting.shape.range)]
         totals = [sum(abs(arm) for arm in self.arms(at).values()) for at in places]
         return totals[0] or max(totals)
 
@@ -192,13 +182,9 @@ class Tendon(Description):
                 yield meeting.path, meeting.shape
 
     @model_validator(mode="after")
-    def _slack_or_pulled(self) -> Self:
+    def _forms_agree(self) -> Self:
         if not self.slack.absent and not self.pretension.absent:
             raise ValueError("slack: a tendon is slack at home, or pulled there by its 'pretension'; give one of them")
-        return self
-
-    @model_validator(mode="after")
-    def _slow_creep_is_second(self) -> Self:
         if self.slow_creep is not None and self.creep is None:
             raise ValueError("slow_creep: is a second one; call the only one 'creep'")
         return self

@@ -38,11 +38,7 @@ _BRIEFLY.maxlevel, _BRIEFLY.maxstring, _BRIEFLY.maxother = 3, 60, 60
 
 
 def explain(problem: ValidationError, source: str, root: type[BaseModel], raw: Mapping[str, object]) -> str:
-    """Return one line for pydantic's findings: the first few in full, the number of others.
-
-    Args:
-        source: what to call the description.
-    """
+    """Return one line for pydantic's findings, the first few in full, the number of others; it begins with the `source`."""
     findings = problem.errors(include_url=False)
     # a list whose items are all wrong is not short of items
     inner = [finding["loc"] for finding in findings if finding["type"] != "too_short"]
@@ -58,30 +54,23 @@ def explain(problem: ValidationError, source: str, root: type[BaseModel], raw: M
     return line + (f" (and {others} more problem{'s' if others > 1 else ''})" if others > 0 else "")
 
 
-def _by_name(said: str, raw: Mapping[str, object]) -> str:
+def _by_name(message: str, raw: Mapping[str, object]) -> str:
     """Return a message with names of parts in the path at its beginning."""
-    path, colon, rest = said.partition(": ")
-    return said if " " in path else f"{named(raw, path)}{colon}{rest}"
+    path, colon, text = message.partition(": ")
+    return message if " " in path else f"{named(raw, path)}{colon}{text}"
 
 
 def _finding(finding: ErrorDetails, root: type[BaseModel]) -> str:
-    tags = {
-        "slider",
-        "capstan",
-        *INSERTIONS,
-        *UNITS,
-        "SliderServo",
-        "CapstanServo",
-    }
+    tags = {"slider", "capstan", *INSERTIONS, *UNITS, "SliderServo", "CapstanServo"}
     location = list(finding["loc"])
     # a tag of a union follows an index or stands for the union itself; it is no key of the user's
     keys = [k for i, k in enumerate(location) if not (k in tags and i > 0)]
     path = ".".join(str(key) for key in keys)
     kind, context = finding["type"], finding.get("ctx", {})
-    given = _BRIEFLY.repr(finding.get("input"))
+    shown = _BRIEFLY.repr(finding.get("input"))
     if kind == "extra_forbidden":
-        known = _known_keys(root, location[:-1])
-        return f"{path}: unknown key '{location[-1]}'{did_you_mean(str(location[-1]), known)}"
+        allowed = _known_keys(root, location[:-1])
+        return f"{path}: unknown key '{location[-1]}'{did_you_mean(str(location[-1]), allowed)}"
     if kind == "missing":
         return f"{path}: is missing"
     if kind == "value_error":
@@ -90,19 +79,19 @@ def _finding(finding: ErrorDetails, root: type[BaseModel]) -> str:
         joint = "." if re.match(r"\d+(\.\w+)?: ", text) else ": "
         return f"{path}{joint}{text}" if path else text
     if kind == "literal_error":
-        return f"{path}: must be {context['expected']}, {given} came"
+        return f"{path}: must be {context['expected']}, {shown} came"
     if kind == "union_tag_invalid":
         key = str(context["discriminator"]).strip("'")
         return f"{path}.{key}: must be {context['expected_tags']}, '{context['tag']}' came"
     if kind == "union_tag_not_found":
         return f"{path}: '{str(context['discriminator']).strip(chr(39))}' is missing"
     if kind in ("tuple_type", "list_type"):
-        return f"{path}: must be a list, {given} came"
+        return f"{path}: must be a list, {shown} came"
     if kind in ("dict_type", "model_type", "model_attributes_type"):
-        return f"{path}: must be a table, {given} came"
+        return f"{path}: must be a table, {shown} came"
     if kind == "too_short":
         return f"{path}: at least one is needed"
-    return f"{path}: {finding['msg'][0].lower()}{finding['msg'][1:]}, {given} came"
+    return f"{path}: {finding['msg'][0].lower()}{finding['msg'][1:]}, {shown} came"
 
 
 def _known_keys(root: type[BaseModel], location: Sequence[int | str]) -> list[str]:
@@ -118,21 +107,15 @@ def _known_keys(root: type[BaseModel], location: Sequence[int | str]) -> list[st
 
 
 def models_in(field: FieldInfo | None) -> list[type[BaseModel]]:
-    """Return the descriptions that a field of a description can hold.
-
-    Args:
-        field: pydantic's account of it; None for none.
-    """
-    if field is None:
-        return []
-    found: list[type[BaseModel]] = []
-    stack = [field.annotation]
+    """Return the descriptions that a field of a description can hold, by pydantic's account of it; none for None."""
+    models: list[type[BaseModel]] = []
+    stack = [] if field is None else [field.annotation]
     while stack:
         kind = stack.pop()
         if isinstance(kind, type) and issubclass(kind, BaseModel):
-            found.append(kind)
+            models.append(kind)
         stack.extend(getattr(kind, "__args__", ()))
-    return found
+    return models
 
 
 def _tag(model: type[BaseModel], name: str) -> object:

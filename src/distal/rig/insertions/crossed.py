@@ -7,13 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from pydantic import Field
 
-from distal.rig.quantities import Description, In, Parameter
+from distal.rig.quantities import ZERO, Description, In, Parameter
 
 if TYPE_CHECKING:
     from distal.expressions import Scalar
 
 Size: TypeAlias = "Callable[[str], Scalar]"
-"""Name of one of an insertion's numbers → its symbol or value."""
+"""Name of one of an insertion's numbers → its symbol or value.
+
+An insertion's `elongation` takes these, its side (+1 pulls the joint to +θ, −1 to −θ), angles [rad] and the displacement
+x [m] of the tendon's proximal end, away from the joint, and returns what they add to the tendon's free length l [m].
+"""
 
 
 class Guide(Description):
@@ -23,9 +27,7 @@ class Guide(Description):
         description="friction coefficient against its guide, μ"
     )
     wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="angle that it wraps at θ = 0, β")
-    wrap_slope: Annotated[Parameter, In("")] = Field(
-        Parameter(value=0.0), description="change of β per radian of the joint"
-    )
+    wrap_slope: Annotated[Parameter, In("")] = Field(ZERO, description="change of β per radian of the joint")
 
 
 class Crossed(Description):

@@ -9,7 +9,7 @@ import casadi as ca
 from pydantic import Field
 
 from distal.rig.insertions.crossed import Crossed, Size
-from distal.rig.quantities import Description, In, Parameter
+from distal.rig.quantities import ZERO, Description, In, Parameter
 
 if TYPE_CHECKING:
     from distal.expressions import Scalar
@@ -27,19 +27,13 @@ class Linkage(Description):
     kind: Literal["linkage"]
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="moment arm at the centre, r")
     centre: Annotated[Parameter, In("rad", drifts=False)] = Field(
-        Parameter(value=0.0), description="angle about which the arm is described, θ_c"
+        ZERO, description="angle about which the arm is described, θ_c"
     )
-    slope: Annotated[Parameter, In("1/rad")] = Field(
-        Parameter(value=0.0), description="s, change of the arm per radian"
-    )
-    curvature: Annotated[Parameter, In("1/rad^2")] = Field(Parameter(value=0.0), description="c, its second order")
+    slope: Annotated[Parameter, In("1/rad")] = Field(ZERO, description="s, change of the arm per radian")
+    curvature: Annotated[Parameter, In("1/rad^2")] = Field(ZERO, description="c, its second order")
 
     def excursion(self, size: Size, angle: Scalar) -> Scalar:
-        """Return how far it draws its tendon from θ = 0 to θ: r [u + s u²/2 + c u³/3], u = θ − θ_c, less that at 0.
-
-        Args:
-            angle: θ [rad].
-        """
+        """Return how far it draws its tendon from 0 to an angle θ: r [u + s u²/2 + c u³/3], u = θ − θ_c, less that at 0."""
         centre, slope, curvature = size("centre"), size("slope"), size("curvature")
 
         def drawn(u: Scalar) -> Scalar:
@@ -48,23 +42,11 @@ class Linkage(Description):
         return size("radius") * (drawn(angle - centre) - drawn(-centre))
 
     def elongation(self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar) -> Scalar:
-        """Return ℓ − l, what the joint's angle and the drive's displacement add to the tendon's free length.
-
-        Args:
-            side: +1 pulls the joint to +θ, −1 to −θ.
-            angles: joint angle θ [rad], the only one.
-            displacement: of the tendon's proximal end, away from the joint, x [m].
-        """
+        """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's displacement add; see `Size`."""
         return displacement - side * self.excursion(size, angles[0])
 
     def angle_at(self, size: Size, side: int, elongated: Scalar, displacement: Scalar) -> Scalar:
-        """Return the joint angle θ [rad] at which the tendon has the given ℓ − l: the inverse of `elongation`.
-
-        Args:
-            side: +1 pulls the joint to +θ, −1 to −θ.
-            elongated: ℓ − l [m].
-            displacement: x [m].
-        """
+        """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse of `elongation`."""
         wanted, radius = side * (displacement - elongated), size("radius")
         centre, slope, curvature = size("centre"), size("slope"), size("curvature")
         angle = centre + (wanted - self.excursion(size, centre)) / radius

@@ -23,14 +23,9 @@ class Pinned(Description):
     free_length: Annotated[Parameter, In("m", "positive")] = Field(description="free length of the tendon, l")
 
     def elongation(self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar) -> Scalar:
-        """Return ℓ − l, what the joint's angle and the drive's displacement add to the tendon's free length.
+        """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's displacement add; see `Size`.
 
         Mend: the paper prints "− r sin θ" for both tendons; the second insertion is opposite, so it moves the other way.
-
-        Args:
-            side: +1 pulls the joint to +θ, −1 to −θ.
-            angles: joint angle θ [rad], the only one.
-            displacement: of the tendon's proximal end, away from the joint, x [m].
         """
         (angle,), radius, free_length = angles, size("radius"), size("free_length")
         # (4) and (5) multiplied out: ℓ² = A² − 2 side r A sin θ + 2 r² (1 − cos θ), A = l + x, has the shorter derivatives
@@ -39,15 +34,10 @@ class Pinned(Description):
         return ca.sqrt(square) - free_length
 
     def angle_at(self, size: Size, side: int, elongated: Scalar, displacement: Scalar) -> Scalar:
-        """Return the joint angle θ [rad] at which the tendon has the given ℓ − l: the inverse of `elongation`.
+        """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse of `elongation`.
 
         Squaring (4) gives r cos θ + side · A sin θ = (2r² + A² − ℓ²)/(2r) with A = l + x, a shifted sine. Where no
         angle fits (the drive moved further than the insertion can follow), the nearest one is returned.
-
-        Args:
-            side: +1 pulls the joint to +θ, −1 to −θ.
-            elongated: ℓ − l [m].
-            displacement: x [m].
         """
         radius, free_length = size("radius"), size("free_length")
         along = free_length + displacement

@@ -69,27 +69,23 @@ class Polynomial(Description):
             angles: by joint [rad]; 0 where a joint is missing, and the end of the range beyond it.
         """
         at = [min(max(angles.get(name, 0.0), low), high) for name, (low, high) in zip(self.joints, self.range)]
-        found = dict.fromkeys(self.joints, 0.0)
+        arms = dict.fromkeys(self.joints, 0.0)
         for term in self.terms:
             for j, name in enumerate(self.joints):
                 slope = term.coefficient.value * term.powers[j]
                 for i, power in enumerate(term.powers):
                     slope *= at[i] ** max(power - (i == j), 0)
-                found[name] += self.scale.value * slope
-        return found
+                arms[name] += self.scale.value * slope
+        return arms
 
     def elongation(self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar) -> Scalar:
-        """Return ℓ − l = x − scale · (e(θ) − e(0)), what the angles and the drive's displacement add to the free length.
+        """Return ℓ − l = x − scale · (e(θ) − e(0)), what the angles and the drive's displacement x add; see `Size`.
 
-        Args:
-            side: 1, the signs of its terms say to which side it pulls.
-            angles: of its joints, θ [rad].
-            displacement: of the tendon's proximal end, away from the joints, x [m].
+        The side is 1: the signs of its terms say to which side it pulls.
         """
         coefficients = [size(f"terms.{k}.coefficient") for k in range(len(self.terms))]
         zero = self._excursion(coefficients, [ca.SX(0)] * len(angles))
-        drawn = self._excursion(coefficients, angles) - zero
-        return displacement - size("scale") * drawn
+        return displacement - size("scale") * (self._excursion(coefficients, angles) - zero)
 
     def _excursion(self, coefficients: Sequence[Scalar], angles: Sequence[Scalar]) -> Scalar:
         """Return e(θ) = Σ c Π θ_j^{n_j}; outside its range e(θ_c) + Σ a_j (θ_j − θ_c,j), with θ_c at the end of the range.
@@ -97,10 +93,10 @@ class Polynomial(Description):
         a_j is the arm at the end of θ_j's own range with the other angles in the middle of theirs: no length jumps, and no
         arm grows beyond what it is somewhere in the range.
         """
-        kept = [ca.fmin(ca.fmax(angle, low), high) for angle, (low, high) in zip(angles, self.range)]
+        clipped = [ca.fmin(ca.fmax(angle, low), high) for angle, (low, high) in zip(angles, self.range)]
         total = ca.SX(0)
         for term, coefficient in zip(self.terms, coefficients):
-            total += coefficient * _product(kept, term.powers)
+            total += coefficient * _product(clipped, term.powers)
         middle = [(low + high) / 2 for low, high in self.range]
         for j, (low, high) in enumerate(self.range):
             ends = [self._slope(coefficients, [*middle[:j], end, *middle[j + 1 :]], j) for end in (low, high)]
@@ -119,8 +115,8 @@ class Polynomial(Description):
 
 
 def _product(angles: Sequence[Scalar], powers: Sequence[int]) -> Scalar:
-    result = ca.SX(1)
+    product = ca.SX(1)
     for angle, power in zip(angles, powers):
         for _ in range(power):
-            result *= angle
-    return result
+            product *= angle
+    return product

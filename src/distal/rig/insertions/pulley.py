@@ -21,23 +21,11 @@ class Pulley(Description):
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the pulley, r")
 
     def elongation(self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar) -> Scalar:
-        """Return ℓ − l, what the joint's angle and the drive's displacement add to the tendon's free length.
-
-        Args:
-            side: +1 pulls the joint to +θ, −1 to −θ.
-            angles: joint angle θ [rad], the only one.
-            displacement: of the tendon's proximal end, away from the joint, x [m].
-        """
+        """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's displacement add; see `Size`."""
         return displacement - side * size("radius") * angles[0]
 
     def angle_at(self, size: Size, side: int, elongated: Scalar, displacement: Scalar) -> Scalar:
-        """Return the joint angle θ [rad] at which the tendon has the given ℓ − l: the inverse of `elongation`.
-
-        Args:
-            side: +1 pulls the joint to +θ, −1 to −θ.
-            elongated: ℓ − l [m].
-            displacement: x [m].
-        """
+        """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse of `elongation`."""
         return side * (displacement - elongated) / size("radius")
 
 

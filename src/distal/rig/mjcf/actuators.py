@@ -24,7 +24,7 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
     mujoco = mujoco_module()
     if not model.ntendon:
         raise RigError("the model has no tendon")
-    found, elsewhere, left = dict[int, str](), list[str](), list[str]()
+    driven, elsewhere, left = dict[int, str](), list[str](), list[str]()
     for a in range(model.nu):
         name = named(model.actuator(a).name, f"actuator{a}")
         if int(model.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_TENDON):
@@ -34,21 +34,21 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
         if kinds[0] == int(mujoco.mjtDyn.mjDYN_MUSCLE) or kinds[1] == int(mujoco.mjtGain.mjGAIN_MUSCLE):
             raise RigError(f"actuator '{name}' is a muscle; distal knows tendons that a motor pulls")
         tendon = int(model.actuator_trnid[a][0])
-        if tendon in found:
-            left.append(f"actuator '{name}' pulls tendon '{found[tendon]}', which another pulls too: left out")
+        if tendon in driven:
+            left.append(f"actuator '{name}' pulls tendon '{driven[tendon]}', which another pulls too: left out")
             continue
-        found[tendon] = tendon_name(model, tendon)
+        driven[tendon] = tendon_name(model, tendon)
     if not model.nu:
         springs = spring_tendons(model)
-        found = {t: tendon_name(model, t) for t in range(model.ntendon) if t not in springs}
+        driven = {t: tendon_name(model, t) for t in range(model.ntendon) if t not in springs}
         left.append("the model has no actuator: each tendon that is no spring has a drive")
-    if not found:
+    if not driven:
         raise RigError(
             f"no actuator pulls a tendon: the model has {model.ntendon}, and its {model.nu} actuators are on joints"
         )
     if elsewhere:
         left.append(f"actuators that pull no tendon: {', '.join(elsewhere)}")
-    return found, left
+    return driven, left
 
 
 def tendon_name(model: mujoco.MjModel, tendon: int) -> str:

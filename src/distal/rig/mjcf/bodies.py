@@ -26,11 +26,7 @@ FRICTION_RADIUS, FRICTION_COEFFICIENT = 1e-3, 1e-3
 
 @dataclass(frozen=True)
 class Units:
-    """What a unit of the model is; mass and time are kilograms and seconds.
-
-    Args:
-        length: metres in one unit of length.
-    """
+    """What a unit of the model is, its length in metres; mass and time are kilograms and seconds."""
 
     length: float = 1.0
 
@@ -45,13 +41,9 @@ class Units:
         return self.length**2
 
 
-def named(given: str, otherwise: str) -> str:
-    """Return a name as a rig file takes it.
-
-    Args:
-        otherwise: what to call a part without a name.
-    """
-    name = re.sub(r"[^A-Za-z0-9_-]+", "_", given).strip("_-") or otherwise
+def named(name: str, otherwise: str) -> str:
+    """Return a name as a rig file takes it, `otherwise` where a part has none."""
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_-") or otherwise
     name = name if re.match(r"[A-Za-z_]", name) else f"_{name}"
     return (f"{name}_" if name in ("std", "dot", "base") or name.endswith("_std") else name)[:64]
 
@@ -62,38 +54,25 @@ def joint_name(model: mujoco.MjModel, joint: int) -> str:
 
 
 def carried_by(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
-    """Return for each body the kept joint that moves it last, −1 where none does.
-
-    Args:
-        joints: indices of the joints that are kept.
-    """
+    """Return for each body the joint that moves it last, of those that are kept, −1 where none does."""
     carrier = [-1] * model.nbody
     for body in range(1, model.nbody):
-        own = [j for j in joints if model.jnt_bodyid[j] == body]
-        carrier[body] = max(own) if own else carrier[int(model.body_parentid[body])]
+        above = carrier[int(model.body_parentid[body])]
+        carrier[body] = max((j for j in joints if model.jnt_bodyid[j] == body), default=above)
     return carrier
 
 
 def parent_of(model: mujoco.MjModel, joint: int, joints: Sequence[int], carrier: Sequence[int]) -> int:
-    """Return the kept joint on whose link another sits, −1 for none.
-
-    Args:
-        joints: indices of the joints that are kept.
-        carrier: from `carried_by`.
-    """
+    """Return the joint on whose link another sits, of those that are kept, −1 for none; `carrier` is by `carried_by`."""
     body = int(model.jnt_bodyid[joint])
-    before = [j for j in joints if model.jnt_bodyid[j] == body and j < joint]
-    return max(before) if before else carrier[int(model.body_parentid[body])]
+    above = carrier[int(model.body_parentid[body])]
+    return max((j for j in joints if model.jnt_bodyid[j] == body and j < joint), default=above)
 
 
 def described_joints(
     model: mujoco.MjModel, joints: Sequence[int], units: Units
 ) -> tuple[dict[str, object], list[dict[str, object]]]:
-    """Return the raw base and joints: axes, places, links, armature, damping, friction, stops.
-
-    Args:
-        joints: indices of the joints that are kept, in the model's order.
-    """
+    """Return the raw base and joints, in the model's order: axes, places, links, armature, damping, friction, stops."""
     mujoco = mujoco_module()
     data = mujoco.MjData(model)
     data.qpos[[int(model.jnt_qposadr[j]) for j in joints]] = 0.0
@@ -101,28 +80,25 @@ def described_joints(
     mujoco.mj_comPos(model, data)
     frame = data.xmat[int(model.jnt_bodyid[joints[0]])].reshape(3, 3)
     carrier = carried_by(model, joints)
-    root, made = data.xanchor[joints[0]], list[dict[str, object]]()
+    root, described = data.xanchor[joints[0]], list[dict[str, object]]()
     for j in joints:
         parent = parent_of(model, j, joints, carrier)
-        name = joint_name(model, j)
         place = data.xanchor[j] - (data.xanchor[parent] if parent >= 0 else root)
         raw: dict[str, object] = {
-            "name": name,
+            "name": joint_name(model, j),
             "parent": joint_name(model, parent) if parent >= 0 else "base",
             "offset": _rounded(frame.T @ place * units.length),
             "axis": _rounded(frame.T @ data.xaxis[j], 12),
         }
-        link = _link(
-            model, data, [body for body in range(model.nbody) if carrier[body] == j], data.xanchor[j], frame, units
-        )
+        bodies = [body for body in range(model.nbody) if carrier[body] == j]
+        link = _link(model, data, bodies, data.xanchor[j], frame, units)
         if link is not None:
             raw["link"] = link
         dof = int(model.jnt_dofadr[j])
         raw["inertia"] = max(float(model.dof_armature[dof]) * units.torque, SMALLEST_INERTIA)
         raw["damping"] = float(np.ravel(model.dof_damping[dof])[0]) * units.torque
-        raw["initial"] = Guess(
-            {"value": float(model.qpos0[int(model.jnt_qposadr[j])]), "std": "5 deg"}, "angle at the start"
-        )
+        initial = float(model.qpos0[int(model.jnt_qposadr[j])])
+        raw["initial"] = Guess({"value": initial, "std": "5 deg"}, "angle at the start")
         loss = float(model.dof_frictionloss[dof]) * units.torque
         if loss > 0.0:
             load = loss / (FRICTION_COEFFICIENT * FRICTION_RADIUS)
@@ -131,9 +107,9 @@ def described_joints(
                                "preload": load}  # fmt: skip
         if model.jnt_limited[j]:
             raw["stops"] = [float(end) for end in model.jnt_range[j]]
-        made.append(raw)
+        described.append(raw)
     gravity = [float(part) * units.length for part in model.opt.gravity]
-    return {"gravity": gravity, "orientation": _rounded(_roll_pitch_yaw(frame), 12)}, made
+    return {"gravity": gravity, "orientation": _rounded(_roll_pitch_yaw(frame), 12)}, described
 
 
 def _link(
@@ -149,8 +125,8 @@ def _link(
     for mass, place, b in zip(masses, centres, bodies):
         turned = frame.T @ data.ximat[b].reshape(3, 3)
         off = place - centre
-        whole = turned @ np.diag(model.body_inertia[b]) @ turned.T + mass * (off @ off * np.eye(3) - np.outer(off, off))
-        moments += np.diag(whole)
+        shift = mass * (off @ off * np.eye(3) - np.outer(off, off))
+        moments += np.diag(turned @ np.diag(model.body_inertia[b]) @ turned.T + shift)
     return {
         "mass": float(masses.sum()),
         "centre": _rounded(centre * units.length),

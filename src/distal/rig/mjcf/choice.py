@@ -59,8 +59,7 @@ def other_joints(
 
     Args:
         hinges: indices of the joints that are asked for.
-        driven: names of the driven tendons by index.
-        turned: which of these joints each of them turns.
+        turned: which of these each driven tendon turns.
 
     Raises:
         RigError: one of these joints slides or turns every way.
@@ -73,7 +72,7 @@ def other_joints(
     }
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    slopes, said = np.abs(tendon_slopes(model, data)), list[str]()
+    slopes, notes = np.abs(tendon_slopes(model, data)), list[str]()
     for t, name in driven.items():
         for j in (j for j in range(model.njnt) if j not in hinges):
             dof = int(model.jnt_dofadr[j])
@@ -85,17 +84,14 @@ def other_joints(
                     f"tendon '{name}' moves joint '{joint_name(model, j)}', which {kind}; distal's joints turn"
                 )
             if turned[t]:
-                said.append(
+                notes.append(
                     f"tendon '{name}' also turns '{joint_name(model, j)}', which is held where the model has it"
                 )
-    return said
+    return notes
 
 
 def check_base(model: mujoco.MjModel, first: int, chain: str | None) -> None:
-    """Refuse a chain whose base floats, unless it is asked for.
-
-    Args:
-        first: index of the first joint that is kept.
+    """Refuse a chain whose base floats, below the first joint that is kept, unless it is asked for.
 
     Raises:
         RigError: the base floats.
@@ -112,15 +108,10 @@ def check_base(model: mujoco.MjModel, first: int, chain: str | None) -> None:
 
 
 def kept_joints(hinges: Sequence[int], turned: Mapping[int, Sequence[int]], coupled: Sequence[Coupled]) -> list[int]:
-    """Return the joints that tendons turn, and those coupled to one of these.
-
-    Args:
-        hinges: indices of the joints that are asked for.
-        turned: which of these each driven tendon turns.
-    """
+    """Return those of the `hinges` that tendons turn (see `other_joints`), and those coupled to one of these."""
     kept = {hinges[k] for joints in turned.values() for k in joints}
-    for one in coupled:
-        pair = {one.leader, one.follower}
+    for coupling in coupled:
+        pair = {coupling.leader, coupling.follower}
         if pair & kept and pair <= set(hinges):
             kept |= pair
     return sorted(kept)

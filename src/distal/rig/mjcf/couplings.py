@@ -18,14 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Coupled:
-    """θ_follower = ratio θ_leader + offset.
-
-    Args:
-        leader: index of the joint that leads; it comes before the other.
-        follower: index of the joint that follows.
-        ratio: radians per radian.
-        offset: of the follower where the leader is at zero [rad].
-    """
+    """θ_follower = ratio θ_leader + offset [rad]; of their indices the leader's is the lower one."""
 
     leader: int
     follower: int
@@ -39,7 +32,7 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
     MuJoCo: q₁ − q₁₀ = Σ a_k (q₂ − q₂₀)^k; a bent one is replaced by the nearest straight line over the range.
     """
     mujoco = mujoco_module()
-    found, left = list[Coupled](), list[str]()
+    coupled, left = list[Coupled](), list[str]()
     for i in range(model.neq):
         if not model.eq_active0[i]:
             continue
@@ -64,15 +57,15 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
             )
         if first < second:
             first, second, ratio, offset = second, first, 1.0 / ratio, -offset / ratio
-        found.append(Coupled(second, first, round(ratio, 9), round(offset, 9) + 0.0))
-    return found, left
+        coupled.append(Coupled(second, first, round(ratio, 9), round(offset, 9) + 0.0))
+    return coupled, left
 
 
 def kept_range(model: mujoco.MjModel, leader: int, coupled: Sequence[Coupled]) -> tuple[float, float] | None:
     """Return the range that a joint and those that follow it leave one another, None where there is none."""
     ends = [range_of(model, leader)] if model.jnt_limited[leader] else []
-    for one in coupled:
-        if one.leader == leader and model.jnt_limited[one.follower]:
-            low, high = sorted((end - one.offset) / one.ratio for end in range_of(model, one.follower))
+    for coupling in coupled:
+        if coupling.leader == leader and model.jnt_limited[coupling.follower]:
+            low, high = sorted((end - coupling.offset) / coupling.ratio for end in range_of(model, coupling.follower))
             ends.append((low, high))
     return (max(low for low, _ in ends), min(high for _, high in ends)) if ends else None

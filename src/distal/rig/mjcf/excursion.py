@@ -62,39 +62,37 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
         lengths: of the tendon less that with all of these at zero, (k,).
         arms: ∂length/∂angle, (k, n_joints).
     """
-    found = list[Excursion]()
+    fits = list[Excursion]()
     for degree in range(1, HIGHEST_DEGREE + 1):
-        found.append(_fitted(_powers(angles.shape[1], degree), angles, lengths, arms))
-        if found[-1].arm_rms.max() <= ENOUGH:
-            return _shortened(found[-1], ENOUGH, angles, lengths, arms)
-    least = min(one.arm_rms.max() for one in found)
-    lowest = next(one for one in found if one.arm_rms.max() <= NEARLY * least)
+        fits.append(_fitted(_powers(angles.shape[1], degree), angles, lengths, arms))
+        if fits[-1].arm_rms.max() <= ENOUGH:
+            return _shortened(fits[-1], ENOUGH, angles, lengths, arms)
+    least = min(fit.arm_rms.max() for fit in fits)
+    lowest = next(fit for fit in fits if fit.arm_rms.max() <= NEARLY * least)
     return _shortened(lowest, SHORTER * lowest.arm_rms.max(), angles, lengths, arms)
 
 
-def _shortened(whole: Excursion, enough: float, angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
+def _shortened(full: Excursion, enough: float, angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
     """Return a polynomial with as few terms as leave no more than `enough` of each moment arm."""
-    rows, wanted = _equations(whole.powers, angles, lengths, arms)
+    rows, wanted = _equations(full.powers, angles, lengths, arms)
     directions = rows / np.linalg.norm(rows, axis=0)
     chosen, left = list[int](), wanted
-    while len(chosen) < len(whole.powers):
+    while len(chosen) < len(full.powers):
         gains = np.abs(left @ directions)
         gains[chosen] = -1.0
         chosen.append(int(gains.argmax()))
         left = wanted - rows[:, chosen] @ np.linalg.lstsq(rows[:, chosen], wanted, rcond=None)[0]
         # a joint without a term has all of its moment arm left: no need to fit anew
-        if np.all(whole.powers[chosen].any(axis=0)):
-            shorter = _fitted(whole.powers[sorted(chosen)], angles, lengths, arms)
+        if np.all(full.powers[chosen].any(axis=0)):
+            shorter = _fitted(full.powers[sorted(chosen)], angles, lengths, arms)
             if shorter.arm_rms.max() <= enough:
                 return shorter
-    return whole
+    return full
 
 
 def _powers(joints: int, degree: int) -> NDArray[np.int64]:
-    rows = []
-    for d in range(1, degree + 1):
-        rows += [np.bincount(chosen, minlength=joints) for chosen in combinations_with_replacement(range(joints), d)]
-    return np.array(rows)
+    products = [chosen for d in range(1, degree + 1) for chosen in combinations_with_replacement(range(joints), d)]
+    return np.array([np.bincount(chosen, minlength=joints) for chosen in products])
 
 
 def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
@@ -102,15 +100,15 @@ def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
     raised = angles[:, None, :] ** powers[None]
     slopes = []
     for j in range(angles.shape[1]):
-        others = np.prod(np.delete(raised, j, axis=2), axis=2)
-        slopes.append(others * powers[:, j] * angles[:, j, None] ** np.maximum(powers[:, j] - 1, 0))
+        cofactors = np.prod(np.delete(raised, j, axis=2), axis=2)
+        slopes.append(cofactors * powers[:, j] * angles[:, j, None] ** np.maximum(powers[:, j] - 1, 0))
     return np.prod(raised, axis=2), np.stack(slopes, axis=1)
 
 
 def _judged(angles: Floats) -> Bools:
     """Return which poses are kept to judge by."""
-    kept: Bools = np.arange(len(angles)) % KEPT_OUT == 0
-    return kept
+    judged: Bools = np.arange(len(angles)) % KEPT_OUT == 0
+    return judged
 
 
 def _equations(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats) -> tuple[Floats, Floats]:
@@ -124,10 +122,10 @@ def _equations(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms:
 def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
     rows, wanted = _equations(powers, angles, lengths, arms)
     coefficients: Floats = np.linalg.lstsq(rows, wanted, rcond=None)[0].astype(np.float64)
-    kept = _judged(angles)
-    values, slopes = _terms(angles[kept], powers)
-    left: Floats = np.abs(np.einsum("kjt,t->kj", slopes, coefficients) - arms[kept]) / np.abs(arms).max(axis=0)
-    off = values @ coefficients - lengths[kept]
+    judged = _judged(angles)
+    values, slopes = _terms(angles[judged], powers)
+    left: Floats = np.abs(np.einsum("kjt,t->kj", slopes, coefficients) - arms[judged]) / np.abs(arms).max(axis=0)
+    off = values @ coefficients - lengths[judged]
     return Excursion(
         powers,
         coefficients,
@@ -138,9 +136,5 @@ def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Fl
 
 
 def sizes(names: Sequence[str], shares: Floats) -> str:
-    """Return what is left of each joint's moment arm in words.
-
-    Args:
-        shares: what is left of the moment arms.
-    """
+    """Return the shares that are left of each joint's moment arm in words."""
     return ", ".join(f"{100 * share:.2g} % at {name}" for name, share in zip(names, shares))

@@ -8,12 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Guess:
-    """A value that the model does not give.
-
-    Args:
-        value: what is written, with a wide std.
-        of: what it is.
-    """
+    """A value that the model does not give, written with a wide std, and what it is a value `of`."""
 
     value: object
     of: str
@@ -42,14 +37,14 @@ def written(raw: dict[str, object]) -> str:
     import tomlkit
 
     document = tomlkit.document()
-    for key, value in raw.items():
-        if isinstance(value, list) and value and isinstance(value[0], dict):
+    for key, part in raw.items():
+        if isinstance(part, list) and part and isinstance(part[0], dict):
             tables = tomlkit.aot()
-            for one in value:
-                tables.append(_table(one))
+            for row in part:
+                tables.append(_table(row))
             document.add(key, tables)
         else:
-            document.add(key, _table(value) if isinstance(value, dict) else tomlkit.item(plain(value)))
+            document.add(key, _table(part) if isinstance(part, dict) else tomlkit.item(plain(part)))
     return tomlkit.dumps(document)
 
 
@@ -58,28 +53,28 @@ def _table(raw: dict[str, object]) -> object:
     import tomlkit.items
 
     table = tomlkit.table()
-    for key, value in raw.items():
-        item = tomlkit.item(_inline(plain(value)))
-        if isinstance(item, tomlkit.items.Array) and key == "crossings":
-            item.multiline(True)
-        table.add(key, item)
-        of = list(dict.fromkeys(guess.of for guess in guesses(value)))
+    for key, part in raw.items():
+        node = tomlkit.item(_inline(plain(part)))
+        if isinstance(node, tomlkit.items.Array) and key == "crossings":
+            node.multiline(True)
+        table.add(key, node)
+        of = list(dict.fromkeys(guess.of for guess in guesses(part)))
         if of:
             table[key].comment(f"not in the model: {', '.join(of)}")
     return table
 
 
-def _inline(value: object) -> object:
+def _inline(part: object) -> object:
     import tomlkit
 
-    if isinstance(value, dict):
+    if isinstance(part, dict):
         table = tomlkit.inline_table()
-        for key, inner in value.items():
+        for key, inner in part.items():
             table.append(key, _inline(inner))
         return table
-    if isinstance(value, list):
+    if isinstance(part, list):
         array = tomlkit.array()
-        for inner in value:
+        for inner in part:
             array.append(_inline(inner))
         return array
-    return value
+    return part

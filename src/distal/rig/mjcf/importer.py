@@ -35,7 +35,6 @@ class Imported:
     """A rig made from a model.
 
     Args:
-        rig: the rig.
         text: its file, with a comment at each number that the model does not have.
         notes: what was left out, held or fitted, a line each.
         missing: what the model does not say.
@@ -71,10 +70,10 @@ def from_mujoco(
     package = mujoco_module()
     if not isinstance(model, (str, Path, package.MjModel)):
         raise RigError(f"from_mujoco takes a mujoco.MjModel or the path of its file, {type(model).__name__} came")
-    title = Path(model).stem if isinstance(model, (str, Path)) else "model"
+    title, units = "model", Units(length_unit)
     if isinstance(model, (str, Path)):
-        model = load_model(model)
-    title, units = _title(model, title), Units(length_unit)
+        title, model = Path(model).stem, load_model(model)
+    title = _title(model, title)
     driven, notes = driven_tendons(model)
     hinges = turning_joints(model, chain, joints)
     poses = over_ranges(model, hinges, LOOKED_AT)
@@ -90,25 +89,24 @@ def from_mujoco(
     held = [joint_name(model, j) for j in hinges if j not in kept]
     if held:
         notes.append(f"no driven tendon turns {', '.join(held)}: held where the model has them")
+    pulling = {t: name for t, name in driven.items() if turned[t]}
     base, described = described_joints(model, kept, units)
     springs, left = joint_springs(model, kept, units)
     notes += left
-    _complete(model, kept, described, springs, [one for one in coupled if {one.leader, one.follower} <= set(kept)])
+    _complete(model, kept, described, springs, [pair for pair in coupled if {pair.leader, pair.follower} <= set(kept)])
     raw: dict[str, object] = {
         "name": title,
         "log": {"time": {"column": "time", "unit": "s"}},
         "base": base,
         "joints": described,
-        "drives": [described_drive(model, t, name, units) for t, name in driven.items() if turned[t]],
+        "drives": [described_drive(model, t, name, units) for t, name in pulling.items()],
     }
     tendons = []
-    for t, name in driven.items():
-        if turned[t]:
-            tendon, left = described_tendon(model, t, name, [hinges[k] for k in turned[t]], units)
-            tendons.append(tendon)
-            notes += left
-    names = [name for t, name in driven.items() if turned[t]]
-    raw |= {"tendons": tendons, "sensors": described_sensors(names, [joint_name(model, j) for j in kept])}
+    for t, name in pulling.items():
+        tendon, left = described_tendon(model, t, name, [hinges[k] for k in turned[t]], units)
+        tendons.append(tendon)
+        notes += left
+    raw |= {"tendons": tendons, "sensors": described_sensors([*pulling.values()], [joint_name(model, j) for j in kept])}
     rig = build_rig(cast(dict[str, object], plain(raw)), title)
     _check_size(rig)
     missing = tuple(dict.fromkeys(guess.of for guess in guesses(raw)))
@@ -134,9 +132,9 @@ def _complete(
         ends = kept_range(model, j, coupled)
         if ends is not None:
             raw["stops"] = [float(end) for end in ends]
-        for one in coupled:
-            if one.follower == j:
-                raw["coupled"] = {"joint": joint_name(model, one.leader), "ratio": one.ratio, "offset": one.offset}
+        for pair in coupled:
+            if pair.follower == j:
+                raw["coupled"] = {"joint": joint_name(model, pair.leader), "ratio": pair.ratio, "offset": pair.offset}
                 raw.pop("stops", None)
                 raw.pop("initial", None)
 

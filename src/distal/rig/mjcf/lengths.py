@@ -24,8 +24,6 @@ class Disagreement:
     """How a tendon's moment arm at a joint differs from that of a table.
 
     Args:
-        tendon: its name.
-        joint: its name.
         rms: of the length's difference over the table [m].
         arm: of the rig, mean over the table, positive where it pulls to +θ [m].
         other: of the table, by least squares [m].
@@ -56,12 +54,10 @@ def compare_lengths(rig: Rig, table: Mapping[str, ArrayLike]) -> tuple[Disagreem
     columns = {name: np.asarray(values, dtype=float) for name, values in table.items()}
     joints = [joint.name for joint in rig.joints if joint.name in columns]
     tendons = [tendon for tendon in rig.tendons if tendon.name in columns]
-    for kind, found, all_names in (
-        ("joint", joints, [joint.name for joint in rig.joints]),
-        ("tendon", tendons, [tendon.name for tendon in rig.tendons]),
-    ):
-        if not found:
-            raise RigError(f"the table has no column of a {kind}; the rig has {', '.join(all_names)}")
+    for kind, parts, matches in (("joint", rig.joints, joints), ("tendon", rig.tendons, tendons)):
+        if not matches:
+            names = ", ".join(part.name for part in parts)
+            raise RigError(f"the table has no column of a {kind}; the rig has {names}")
     if len({values.shape for values in columns.values()}) > 1:
         raise RigError("the table's columns differ in length")
     angles = np.column_stack([columns[name] for name in joints])
@@ -69,20 +65,18 @@ def compare_lengths(rig: Rig, table: Mapping[str, ArrayLike]) -> tuple[Disagreem
         raise RigError(
             f"an angle of {np.abs(angles).max():.4g} came; the table's angles are radians, its lengths metres"
         )
-    found_all = list[Disagreement]()
+    poses = [dict(zip(joints, row)) for row in angles]
+    disagreements = list[Disagreement]()
     for tendon in tendons:
-        own = np.array([tendon.arms(dict(zip(joints, row))).get(name, 0.0) for row in angles for name in joints])
-        arms = own.reshape(angles.shape).mean(axis=0)
+        arms = np.array([[tendon.arms(pose).get(name, 0.0) for name in joints] for pose in poses]).mean(axis=0)
         sloped = np.column_stack([np.ones(len(angles)), angles])
         length = columns[tendon.name]
         slopes = np.linalg.lstsq(sloped, length, rcond=None)[0][1:]
-        ours = np.array([_drawn(tendon, dict(zip(joints, row))) for row in angles])
-        difference = length + ours
-        rms = float(np.std(difference))
+        rms = float(np.std(length + np.array([_drawn(tendon, pose) for pose in poses])))
         for name, arm, slope in zip(joints, arms, slopes):
             if name in tendon.joints or abs(slope) > 1e-6:
-                found_all.append(Disagreement(tendon.name, name, rms, float(arm), float(-slope)))
-    return tuple(found_all)
+                disagreements.append(Disagreement(tendon.name, name, rms, float(arm), float(-slope)))
+    return tuple(disagreements)
 
 
 def _drawn(tendon: Tendon, angles: dict[str, float]) -> float:

@@ -46,14 +46,10 @@ def load_model(path: str | Path) -> mujoco.MjModel:
             if geom.type in (package.mjtGeom.mjGEOM_MESH, package.mjtGeom.mjGEOM_SDF, package.mjtGeom.mjGEOM_HFIELD):
                 spec.delete(geom)
         for kind in ("materials", "textures", "meshes", "hfields", "skins"):
-            for one in list(getattr(spec, kind)):
-                spec.delete(one)
-        for geom in spec.geoms:
-            geom.material = ""
-        for site in spec.sites:
-            site.material = ""
-        for tendon in spec.tendons:
-            tendon.material = ""
+            for asset in list(getattr(spec, kind)):
+                spec.delete(asset)
+        for part in (*spec.geoms, *spec.sites, *spec.tendons):
+            part.material = ""
         return spec.compile()
     except Exception as problem:
         raise RigError(f"{path}: MuJoCo does not take it: {_one_line(problem)}") from None

@@ -49,28 +49,20 @@ def range_of(model: mujoco.MjModel, joint: int) -> tuple[float, float]:
 
 
 def tendon_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
-    """Return ∂length/∂q of all tendons, (n_tendons, n_v); MuJoCo keeps it dense or sparse.
-
-    Args:
-        data: with lengths computed.
-    """
+    """Return ∂length/∂q of all tendons by data with their lengths, (n_tendons, n_v); MuJoCo keeps it dense or sparse."""
     flat = np.asarray(data.ten_J).ravel()
     owner = model if hasattr(model, "ten_J_rownnz") else data
     if owner is data and not mujoco_module().mj_isSparse(model):
         return flat.reshape(model.ntendon, model.nv).copy()
-    found, columns = np.zeros((model.ntendon, model.nv)), np.ravel(owner.ten_J_colind)
+    slopes, columns = np.zeros((model.ntendon, model.nv)), np.ravel(owner.ten_J_colind)
     for i in range(model.ntendon):
         first, count = int(owner.ten_J_rowadr[i]), int(owner.ten_J_rownnz[i])
-        found[i, columns[first : first + count]] = flat[first : first + count]
-    return found
+        slopes[i, columns[first : first + count]] = flat[first : first + count]
+    return slopes
 
 
 def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Poses:
-    """Return lengths and moment arms of all tendons at given angles; the other joints stay where the model has them.
-
-    Args:
-        angles: of them [rad], (k, n_joints).
-    """
+    """Return lengths and moment arms of all tendons at angles [rad], (k, n_joints); other joints stay where they are."""
     mujoco = mujoco_module()
     data = mujoco.MjData(model)
     places = [int(model.jnt_qposadr[j]) for j in joints]
@@ -88,11 +80,7 @@ def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Po
 
 
 def rest_lengths(model: mujoco.MjModel, joints: Sequence[int]) -> Floats:
-    """Return the lengths of all tendons with some joints at zero: from there a drive's displacement counts, (n_tendons,).
-
-    Args:
-        joints: indices of the joints; the others stay where the model has them.
-    """
+    """Return all tendons' lengths with some joints at zero, from where a drive's displacement counts, (n_tendons,)."""
     lengths: Floats = at_poses(model, joints, np.zeros((1, len(joints)))).lengths[0]
     return lengths
 
@@ -105,10 +93,6 @@ def over_ranges(model: mujoco.MjModel, joints: Sequence[int], count: int, seed: 
 
 
 def turned_by(poses: Poses, tendon: int) -> list[int]:
-    """Return which of the joints of some poses a tendon turns.
-
-    Args:
-        tendon: its index in the model.
-    """
+    """Return which of the joints of some poses a tendon turns."""
     size = np.abs(poses.arms[:, tendon]).max(axis=0)
     return [k for k, arm in enumerate(size) if arm > CROSSED * max(float(size.max()), 1e-12)]

@@ -30,11 +30,8 @@ def joint_springs(
     """Return the raw return spring of each joint that has one, and what is left out, in words.
 
     The torque of all that pulls at one joint alone is taken over its range and fitted by −(k x + q x² + c x³), x = θ − θ₀.
-
-    Args:
-        joints: indices of the joints that are kept.
     """
-    found, left = dict[int, dict[str, float]](), list[str]()
+    springs, left = dict[int, dict[str, float]](), list[str]()
     poses = over_ranges(model, joints, 50)
     crossing = {t: [joints[k] for k in turned_by(poses, t)] for t in spring_tendons(model)}
     for t, crossed in crossing.items():
@@ -46,9 +43,8 @@ def joint_springs(
     for j in joints:
         low, high = range_of(model, j)
         angles = np.linspace(low, high, POINTS)
-        torque = -float(np.ravel(model.jnt_stiffness[j])[0]) * (
-            angles - float(model.qpos_spring[int(model.jnt_qposadr[j])])
-        )
+        relaxed = float(model.qpos_spring[int(model.jnt_qposadr[j])])
+        torque = -float(np.ravel(model.jnt_stiffness[j])[0]) * (angles - relaxed)
         for t in (t for t, crossed in crossing.items() if crossed == [j]):
             along = at_poses(model, [j], angles[:, None])
             low_length, high_length = (float(end) for end in np.ravel(model.tendon_lengthspring[t])[:2])
@@ -56,11 +52,12 @@ def joint_springs(
             stretched = np.maximum(length - high_length, 0.0) - np.maximum(low_length - length, 0.0)
             torque = torque - stiffness * stretched * along.arms[:, t, 0]
         if np.abs(torque).max() > 0.0:
-            found[j] = _as_spring(angles, torque * units.torque)
-            rms = _left(found[j], angles, torque * units.torque)
-            if rms > 0.05 * np.abs(torque * units.torque).max():
+            torque = torque * units.torque
+            springs[j] = _as_spring(angles, torque)
+            rms = _left(springs[j], angles, torque)
+            if rms > 0.05 * np.abs(torque).max():
                 left.append(f"springs of joint '{joint_name(model, j)}': a cubic leaves {rms:.2g} N m (RMS)")
-    return found, left
+    return springs, left
 
 
 def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
@@ -71,10 +68,10 @@ def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
         middle = (angles[0] + angles[-1]) / 2
         roots = [float(root.real) for root in fitted.roots() if abs(root.imag) < 1e-9 and -slope(root.real) > 0.0]
         if roots:
-            rest = min(roots, key=lambda root: abs(root - middle))
-            second, third = fitted.deriv(2)(rest) / 2, fitted.deriv(3)(rest) / 6 if degree > 2 else 0.0
-            spring = {"stiffness": -slope(rest), "rest_angle": rest, "quadratic": -second, "cubic": -third}
-            return {name: float(f"{value:.6g}") for name, value in spring.items() if value or name == "stiffness"}
+            zero = min(roots, key=lambda root: abs(root - middle))
+            second, third = fitted.deriv(2)(zero) / 2, fitted.deriv(3)(zero) / 6 if degree > 2 else 0.0
+            spring = {"stiffness": -slope(zero), "rest_angle": zero, "quadratic": -second, "cubic": -third}
+            return {name: float(f"{size:.6g}") for name, size in spring.items() if size or name == "stiffness"}
     # pulled the same all over the range: a weak spring far away
     mean, span = float(np.mean(torque)), float(angles[-1] - angles[0])
     weak = abs(mean) / (100.0 * span)
@@ -83,5 +80,5 @@ def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
 
 def _left(spring: dict[str, float], angles: Floats, torque: Floats) -> float:
     x = angles - spring.get("rest_angle", 0.0)
-    made = -(x * (spring["stiffness"] + x * (spring.get("quadratic", 0.0) + x * spring.get("cubic", 0.0))))
-    return float(np.sqrt(np.mean((made - torque) ** 2)))
+    fitted = -(x * (spring["stiffness"] + x * (spring.get("quadratic", 0.0) + x * spring.get("cubic", 0.0))))
+    return float(np.sqrt(np.mean((fitted - torque) ** 2)))

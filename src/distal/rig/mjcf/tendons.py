@@ -45,37 +45,34 @@ def described_tendon(
 ) -> tuple[dict[str, object], list[str]]:
     """Return a raw tendon, and what its polynomial leaves where that is much, in words.
 
-    What is left of the moment arms on 92 % of the poses is the std of their scale.
-
-    Args:
-        name: of the tendon and its drive.
-        joints: indices of the joints that it turns.
+    What is left of the moment arms on 92 % of the poses is the std of their scale. Tendon and drive have one name.
     """
     poses = over_ranges(model, joints, POSES, seed=1)
     lengths = poses.lengths[:, tendon] - rest_lengths(model, joints)[tendon]
-    found = fit_excursion(poses.angles, lengths, poses.arms[:, tendon])
+    excursion = fit_excursion(poses.angles, lengths, poses.arms[:, tendon])
     names = [joint_name(model, j) for j in joints]
-    std = max(ENOUGH, float(np.ceil(1e3 * found.arm_most)) / 1e3)
+    std = max(ENOUGH, float(np.ceil(1e3 * excursion.arm_most)) / 1e3)
     notes = list[str]()
     switches = len(np.unique(poses.wraps[:, tendon])) > 1
-    if switches or found.arm_rms.max() > ENOUGH:
+    if switches or excursion.arm_rms.max() > ENOUGH:
         notes.append(
             f"tendon '{name}': "
             + ("its path touches a surface at some angles only; " if switches else "")
-            + f"degree {found.degree} leaves {1e3 * units.length * found.length_rms:.2g} mm RMS, of its moment arms "
-            + sizes(names, found.arm_rms)
+            + f"degree {excursion.degree} leaves {1e3 * units.length * excursion.length_rms:.2g} mm RMS, "
+            + f"of its moment arms {sizes(names, excursion.arm_rms)}"
         )
-    if found.degree == 1:
+    if excursion.degree == 1:
         crossings: list[object] = []
-        for (k,), slope in zip((np.flatnonzero(row) for row in found.powers), found.coefficients):
+        for (k,), slope in zip((np.flatnonzero(row) for row in excursion.powers), excursion.coefficients):
             radius = {"value": abs(float(slope)) * units.length, "std": f"{100 * std:g} %"}
             side = -1 if slope > 0.0 else 1
             crossings.append({"joint": names[int(k)], "kind": "pulley", "radius": radius, "side": side})
     else:
-        reach = np.abs(found.coefficients * np.prod(np.abs(poses.angles).max(axis=0) ** found.powers, axis=1))
+        largest = np.prod(np.abs(poses.angles).max(axis=0) ** excursion.powers, axis=1)
+        reach = np.abs(excursion.coefficients * largest)
         terms = [
             {"powers": [int(p) for p in powers], "coefficient": float(f"{-c * units.length:.9g}")}
-            for powers, c, size in zip(found.powers, found.coefficients, reach)
+            for powers, c, size in zip(excursion.powers, excursion.coefficients, reach)
             if size > SMALLEST_SHARE * np.ptp(lengths)
         ]
         ends = [[float(end) for end in range_of(model, j)] for j in joints]
@@ -94,16 +91,16 @@ def described_tendon(
 def described_sensors(tendons: Sequence[str], joints: Sequence[str]) -> list[dict[str, object]]:
     """Return raw sensors: displacement and force of each drive, and an encoder at each joint for learning."""
     rate = Guess(100.0, "rate of the sensors")
-    made: list[dict[str, object]] = []
+    sensors: list[dict[str, object]] = []
     for name in tendons:
         for kind, column, unit, noise in (("position", "x", "m", "0.02 mm"), ("force", "u", "N", "0.2 N")):
-            made.append(
+            sensors.append(
                 {"name": f"{column}_{name}", "measures": kind, "of": name, "column": f"{column}_{name}", "unit": unit,
                  "rate": rate, "noise": Guess(noise, f"noise of a {kind}")}
             )  # fmt: skip
     for name in joints:
-        made.append(
+        sensors.append(
             {"name": f"encoder_{name}", "measures": "angle", "of": name, "column": f"encoder_{name}", "unit": "rad",
              "rate": rate, "resolution": Guess("0.1 deg", "encoders, which are for learning and comparing only")}
         )  # fmt: skip
-    return made
+    return sensors
