@@ -24,11 +24,7 @@ BEGUN = 1.0
 
 
 def left_their_priors(estimate: Estimate) -> list[Finding]:
-    """Return the states that end, or go on walking, where their priors say that they are not.
-
-    Args:
-        estimate: with the priors of its states, else nothing is found.
-    """
+    """Return the states that end, or go on walking, where their priors, if the estimate has any, say that they are not."""
     means, stds = estimate.prior_means, estimate.prior_stds
     if means is None or stds is None or len(estimate) < 4:
         return []
@@ -46,15 +42,15 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
         # the weights of a sensor's linearity are one thing
         subject = f"linearity_{part}" if kind is StateKind.LINEARITY else name
         if abs(value - prior) - std > LARGE_PRIOR * stds[i]:
-            found = sentences.left_its_prior(subject, value, std, prior, float(stds[i]))
+            finding = sentences.left_its_prior(subject, value, std, prior, float(stds[i]))
         elif abs(change) > WALKS * np.sqrt(learned) and abs(change) > BEGUN * stds[i]:
-            found = sentences.does_not_settle(subject, change)
+            finding = sentences.does_not_settle(subject, change)
         else:
             continue
         size = max(abs(away), 0.0)
         if subject not in worst or size > worst[subject][0]:
-            worst[subject] = (size, found)
-    return [found for _, found in sorted(worst.values(), key=lambda each: -each[0])]
+            worst[subject] = (size, finding)
+    return [finding for _, finding in sorted(worst.values(), key=lambda size_and_finding: -size_and_finding[0])]
 
 
 def turning_too_far(estimate: Estimate) -> list[Finding]:
@@ -65,10 +61,10 @@ def turning_too_far(estimate: Estimate) -> list[Finding]:
 
 def undeclared_friction(estimate: Estimate) -> list[Finding]:
     """Return the drives at which the filter found friction that the rig does not declare."""
-    found = []
+    findings = []
     for i, (kind, drive) in enumerate(zip(estimate.state_kinds, estimate.state_parts)):
         value, std = estimate.means[-1, i], np.sqrt(estimate.variances[-1, i])
         prior = np.sqrt(estimate.variances[0, i])
         if kind is StateKind.FRICTION and value > 0.25 * prior and value > 3.0 * std:
-            found.append(sentences.friction_undeclared(drive, float(value)))
-    return found
+            findings.append(sentences.friction_undeclared(drive, float(value)))
+    return findings

@@ -50,12 +50,12 @@ def check_logs(logs: Sequence[Log], rig: Rig) -> None:
         _check_motion(log, rig)
         _check_sensors(log, logs, rig)
         joints = [joint.name for joint in rig.joints]
-        known = true_angles(log, joints)
-        if known is None:
+        angles = true_angles(log, joints)
+        if angles is None:
             continue
         for j, joint in enumerate(joints):
-            if len(joints) == 1 or np.isfinite(known[:, j]).any():
-                _check_truth(log, rig, known[:, j], "the joint" if len(joints) == 1 else f"the joint {joint}", j)
+            if len(joints) == 1 or np.isfinite(angles[:, j]).any():
+                _check_truth(log, rig, angles[:, j], "the joint" if len(joints) == 1 else f"the joint {joint}", j)
 
 
 def _same(log: Log, other: Log) -> bool:
@@ -76,23 +76,15 @@ def _check_stamps(log: Log, rig: Rig) -> None:
 
 
 def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:
-    """Return the names of the joints whose angle is known in none of the logs.
-
-    Args:
-        logs: with a truth.
-    """
+    """Return the names of the joints whose angle is known in none of the logs, which all have a truth."""
     names = [joint.name for joint in rig.joints]
-    known = np.zeros(len(names), dtype=bool)
-    for log in logs:
-        angles = true_angles(log, names)
-        if angles is not None:
-            known |= np.isfinite(angles).any(axis=0)
-    return [name for name, there in zip(names, known) if not there]
+    angles = np.vstack([truth for log in logs if (truth := true_angles(log, names)) is not None])
+    return [name for name, column in zip(names, angles.T) if not np.isfinite(column).any()]
 
 
 def _span(values: Floats) -> float:
-    there = values[np.isfinite(values)]
-    return float(np.quantile(there, 0.99) - np.quantile(there, 0.01)) if len(there) else 0.0
+    finite = values[np.isfinite(values)]
+    return float(np.quantile(finite, 0.99) - np.quantile(finite, 0.01)) if len(finite) else 0.0
 
 
 def _joint_turn(rig: Rig, sensor: Sensor, span: float) -> float:
@@ -135,24 +127,24 @@ def _check_sensors(log: Log, logs: Sequence[Log], rig: Rig) -> None:
 
 def _constant(log: Log, name: str) -> bool:
     """Return whether a log has more than 20 values of a sensor and all are the same."""
-    there = log.channels[name][np.isfinite(log.channels[name])] if name in log.channels else np.zeros(0)
-    return len(there) > 20 and float(np.ptp(there)) == 0.0
+    finite = log.channels[name][np.isfinite(log.channels[name])] if name in log.channels else np.zeros(0)
+    return len(finite) > 20 and float(np.ptp(finite)) == 0.0
 
 
 def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> None:
     """Refuse a truth that has too few values, is dead, or has a wrong sign or unit."""
-    there = np.isfinite(truth)
-    if there.sum() < 10:
+    has_truth = np.isfinite(truth)
+    if has_truth.sum() < 10:
         raise FitError(
-            f"{log.source}: the truth ({log.truth_source}) has {int(there.sum())} values; at least 10 are needed"
+            f"{log.source}: the truth ({log.truth_source}) has {int(has_truth.sum())} values; at least 10 are needed"
         )
     # stretch removed where forces are measured: soft tendons let drives and joint go different ways
     baseline = "elastic" if rig.sensors_of("force") else "inextensible"
     drives = estimate(Log(log.time, log.channels, {}, log.source), rig, baseline).angles[:, index]
-    a, b = drives[there] - drives[there].mean(), truth[there] - truth[there].mean()
+    a, b = drives[has_truth] - drives[has_truth].mean(), truth[has_truth] - truth[has_truth].mean()
     if float(np.sqrt(np.mean(a**2))) < SMALLEST_TURN / 2:
         return
-    if float(np.ptp(truth[there])) == 0.0 and float(np.ptp(a)) > DEAD_TRUTH_TURN:
+    if float(np.ptp(truth[has_truth])) == 0.0 and float(np.ptp(a)) > DEAD_TRUTH_TURN:
         raise FitError(
             f"{log.source}: the truth ({log.truth_source}) is constant while the drives move; is the encoder connected?"
         )

@@ -11,14 +11,10 @@ from distal.rig import LearnedMap, Rig
 
 
 def with_reference_error(learned: LearnedMap, rig: Rig, logs: Sequence[Log]) -> LearnedMap:
-    """Return a map with the std of the reference's offset in its band: c² s² becomes c² s² + σ_b².
+    """Return a map of the angle with the std of the reference's offset in its band: c² s² becomes c² s² + σ_b².
 
-    An encoder that is mounted 0.2° off is so in all logs, so that no log left out shows it.
-
-    Args:
-        learned: what was learned of the angle.
-        rig: the description, whose angle sensors say how unsure their offsets are.
-        logs: from which it was learned.
+    An encoder that is mounted 0.2° off is so in all logs, so that no log left out shows it. The rig's angle sensors say how
+    unsure their offsets are.
     """
     if not any(log.truth_kind is TruthKind.SENSOR for log in logs):
         return learned

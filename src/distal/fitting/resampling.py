@@ -12,20 +12,16 @@ FINEST = 4
 
 
 def steps_per_sample(places: Floats, noise: Floats) -> int:
-    """Return how many steps per sample keep straight lines within the sensors' noise, 1, 2 or `FINEST`.
+    """Return how many steps per sample keep straight lines within the sensors' `noise`, (m,): 1, 2 or `FINEST`.
 
     A chord leaves out ẍ dt²/8: where sliders swing, that much tension is missing at every crest, and stiffness would be
-    fitted too large by (ω dt)²/12. With n steps it is n² times less.
-
-    Args:
-        places: displacements, (k, m), NaN where missing.
-        noise: of the sensors, (m,).
+    fitted too large by (ω dt)²/12. With n steps it is n² times less. Displacements `places` are (k, m), NaN where missing.
     """
     bends = np.abs(np.diff(places, n=2, axis=0)) / 8.0
     missed = [float(np.sqrt(np.nanmean(b**2))) if np.isfinite(b).any() else 0.0 for b in bends.T]
     # noise bends too: its second difference has a variance of 6 σ²
-    own = np.sqrt(6.0) / 8.0 * noise
-    excess = max((np.sqrt(max(m**2 - o**2, 0.0)) / n for m, o, n in zip(missed, own, noise)), default=0.0)
+    noise_bends = np.sqrt(6.0) / 8.0 * noise
+    excess = max((np.sqrt(max(m**2 - o**2, 0.0)) / n for m, o, n in zip(missed, noise_bends, noise)), default=0.0)
     for steps in (1, 2):
         if excess < 0.5 * steps**2:
             return steps
