@@ -64,8 +64,8 @@ class Channels:
     @property
     def tested(self) -> tuple[str, ...]:
         """Names of the channels that could have disagreed."""
-        every = zip(self.names, self.ratios, self.shares)
-        return tuple(name for name, ratio, share in every if ratio >= SMALL and share >= NEVER_COMPARED)
+        statistics = zip(self.names, self.ratios, self.shares)
+        return tuple(name for name, ratio, share in statistics if ratio >= SMALL and share >= NEVER_COMPARED)
 
     def findings(self) -> list[Finding]:
         """Return what the innovations say."""
@@ -80,17 +80,17 @@ class Channels:
         late = [i for i, start in enumerate(self.since) if np.isfinite(start)]
         if len(late) == 1:
             i = late[0]
-            others = [ratio for j, ratio in enumerate(ratios) if j != i and np.isfinite(ratio)]
-            if len(large) <= 1 or ratios[i] > 4 * max(others, default=0.0):
+            elsewhere = [ratio for j, ratio in enumerate(ratios) if j != i and np.isfinite(ratio)]
+            if len(large) <= 1 or ratios[i] > 4 * max(elsewhere, default=0.0):
                 return [sentences.disagrees_since(names[i], self.since[i])]
         if len(large) == 1 and len(names) > 1:
             return [sentences.one_too_large(names[large[0]], ratios[large[0]])]
         if large:
             return [sentences.several_too_large([names[i] for i in large], float(np.mean([ratios[i] for i in large])))]
-        pairs = zip(names, ratios, self.correlations)
-        coloured = [(name, value) for name, ratio, value in pairs if value > COLOURED and ratio > WHOLE]
+        coloured = [i for i, value in enumerate(self.correlations) if value > COLOURED and ratios[i] > WHOLE]
         if coloured:
-            return [sentences.some_drift([name for name, _ in coloured], max(value for _, value in coloured))]
+            largest = max(self.correlations[i] for i in coloured)
+            return [sentences.some_drift([names[i] for i in coloured], largest)]
         return []
 
     def _untested(self) -> list[Finding]:

@@ -66,9 +66,8 @@ def diagnose(
     rerun = Rerun(log, runner, homing)
     further += disagreement(result, log, rig, homing) + disagreement_with_map(result, log, rig, homing)
     first = diagnose_estimate(result, further)
-    if not any(
-        finding.contradicts for finding in first.findings
-    ):  # of a rig that is wrong the band says nothing anyway
+    # of a rig that is wrong the band says nothing anyway
+    if not any(finding.contradicts for finding in first.findings):
         further += overconfidence(rerun)
         first = diagnose_estimate(result, further)
     if not what_if:

@@ -8,9 +8,8 @@ import numpy as np
 
 from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding
-from distal.diagnosis.of_estimate import diagnose_estimate
 from distal.diagnosis.rerun import Change, Outcome, Rerun
-from distal.diagnosis.what_if import as_estimate
+from distal.diagnosis.what_if import contradictions
 from distal.rig import REFERENCES
 
 UNIT_FACTORS: dict[float, dict[str, str]] = {
@@ -48,7 +47,7 @@ def explanations(rerun: Rerun) -> list[Finding]:
         outcome = rerun(change)
         gain = _likelihood(outcome) - base
         near = max((earlier for earlier, _ in explain), default=GAIN) - ALIKE
-        if outcome.bounded and gain > max(GAIN, near) and _moves(rerun, outcome) and _agrees(rerun, outcome):
+        if outcome.bounded and gain > max(GAIN, near) and _moves(rerun, outcome) and not contradictions(rerun, outcome):
             explain.append((gain, finding))
     explain.sort(key=lambda explanation: -explanation[0])
     alike = {finding.subject: finding.text for gain, finding in explain if gain > explain[0][0] - ALIKE}
@@ -101,8 +100,3 @@ def _likelihood(outcome: Outcome) -> float:
 def _moves(rerun: Rerun, outcome: Outcome) -> bool:
     """Return whether a joint turns at all: a change after which none does agrees with everything."""
     return float(np.ptp(outcome.means[:, : len(rerun.runner.rig.joints)], axis=0).max()) > LEAST_TURN
-
-
-def _agrees(rerun: Rerun, outcome: Outcome) -> bool:
-    """Return whether nothing is left that contradicts."""
-    return not any(finding.contradicts for finding in diagnose_estimate(as_estimate(rerun, outcome)).findings)

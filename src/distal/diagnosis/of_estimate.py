@@ -74,7 +74,7 @@ def diagnose_estimate(estimate: Estimate, further: Sequence[Finding] = ()) -> Di
 
 
 def _text(contradicting: Sequence[Finding], silent: Sequence[Finding], channels: Channels) -> str:
-    tested = channels.tested
+    tested, not_tested = channels.tested, [finding for finding in silent if finding.kind == "not tested"]
     hardly = [finding.text for finding in silent if finding.kind == "hardly compared"]
     if contradicting:
         return _joined([finding.text for finding in contradicting] + hardly)
@@ -82,12 +82,11 @@ def _text(contradicting: Sequence[Finding], silent: Sequence[Finding], channels:
     if not channels.names:
         return _joined([NOTHING], beyond)
     if not tested:
-        small = [finding.text for finding in silent if finding.kind == "not tested"]
-        return _joined([*(small or ["not tested: hardly anything could be compared"]), *hardly], beyond)
+        small = [finding.text for finding in not_tested] or ["not tested: hardly anything could be compared"]
+        return _joined([*small, *hardly], beyond)
     least = min(share for name, share in zip(channels.names, channels.shares) if name in tested)
     agree = f"{', '.join(tested)} agree{'s' * (len(tested) == 1)} with the rig, {100 * least:.0f} % compared"
-    untested = [finding.subject for finding in silent if finding.kind == "not tested"]
-    silence = [f"not tested by {', '.join(untested)}"] if untested else []
+    silence = [f"not tested by {', '.join(finding.subject for finding in not_tested)}"] if not_tested else []
     return _joined([f"consistent: {agree}", *hardly, *silence], beyond)
 
 

@@ -47,9 +47,8 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
             finding = sentences.does_not_settle(subject, change)
         else:
             continue
-        size = max(abs(away), 0.0)
-        if subject not in worst or size > worst[subject][0]:
-            worst[subject] = (size, finding)
+        if subject not in worst or abs(away) > worst[subject][0]:
+            worst[subject] = (abs(away), finding)
     return [finding for _, finding in sorted(worst.values(), key=lambda size_and_finding: -size_and_finding[0])]
 
 

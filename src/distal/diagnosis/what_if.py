@@ -60,11 +60,11 @@ def cannot_test(log: Log, rig: Rig, homing: float | None = None, compiled: bool 
 
 def untestable(rerun: Rerun) -> list[Finding]:
     """Return what cannot be tested, see `cannot_test`."""
-    contradictions = _contradictions(rerun, rerun.base)
+    of_base = contradictions(rerun, rerun.base)
     return [
         sentences.cannot_test(subject)
         for subject, changes in _suspects(rerun)
-        if any(_unseen(rerun, rerun(change), contradictions) for change in changes)
+        if any(_unseen(rerun, rerun(change), of_base) for change in changes)
     ]
 
 
@@ -166,10 +166,11 @@ def _unseen(rerun: Rerun, outcome: Outcome, base_contradictions: set[tuple[Kind,
         change = np.where(compared, outcome.squares - base.squares, 0.0).sum(axis=0)
         if np.max(np.abs(change / np.maximum(compared.sum(axis=0), 1))) >= UNMOVED:
             return False
-    return _contradictions(rerun, outcome) <= base_contradictions
+    return contradictions(rerun, outcome) <= base_contradictions
 
 
-def _contradictions(rerun: Rerun, outcome: Outcome) -> set[tuple[Kind, str]]:
+def contradictions(rerun: Rerun, outcome: Outcome) -> set[tuple[Kind, str]]:
+    """Return kind and subject of what contradicts in a run."""
     findings = diagnose_estimate(as_estimate(rerun, outcome)).findings
     return {(finding.kind, finding.subject) for finding in findings if finding.contradicts}
 

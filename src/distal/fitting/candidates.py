@@ -13,11 +13,10 @@ from distal.fitting.checks import unknown_joints
 from distal.fitting.fitted import assignments, described
 from distal.fitting.jackknife import numbers_without
 from distal.fitting.lacking import Part
-from distal.fitting.map_samples import discrepancy_of, filtered, mean_rms, partly_homed
+from distal.fitting.map_samples import discrepancy_of, filtered, mean_rms, partly_homed, with_reference_error
 from distal.fitting.maps import MapFit, map_of
 from distal.fitting.numbers import Numbers
 from distal.fitting.options import Options
-from distal.fitting.reference_error import with_reference_error
 from distal.logs import Log, true_angles
 from distal.regression import (
     Errors,
@@ -215,17 +214,17 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
         def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
             inner = [samples[i].part(part) for i, part in zip(logs, parts)]
             straight = [among[i].part(np.isin(among[i].time, part.time)) for i, part in zip(logs, inner)]
-            own_line = fit_coefficients(straight, kind, line.terms)
-            return as_discrepancy(own_line, fit_coefficients(inner, ranges, frame.terms), follows)
+            inner_line = fit_coefficients(straight, kind, line.terms)
+            return as_discrepancy(inner_line, fit_coefficients(inner, ranges, frame.terms), follows)
 
         return learned
 
     ways = [(errors_beyond(samples, ranges, folds, None, learner(follows)), follows) for follows in (False, True)]
     beyond, follows = min((_rms(samples, errors, error), follows) for errors, follows in ways)
-    other = as_discrepancy(line.learned, frame.learned, follows)
+    learned = as_discrepancy(line.learned, frame.learned, follows)
     where = "" if follows else "within the range of the logs "
     note = f"discrepancy: {where}the angle is that of affine: {line.notes[0].partition(': ')[2]}"
-    map_fit = replace(frame.with_map(other), notes=(note, *frame.notes[1:]), terms=line.terms)
+    map_fit = replace(frame.with_map(learned), notes=(note, *frame.notes[1:]), terms=line.terms)
     maps = {map_fit.table: map_fit}
     return replace(base, name=LINE, rig=map_fit.rig, maps=maps, error=error, beyond=beyond)
 

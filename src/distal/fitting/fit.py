@@ -127,11 +127,11 @@ def _read(
     read = logs_read(logs, rig, truth)
     check_logs(read, rig)
     joints = [joint.name for joint in rig.joints]
-    for log in read if homing is not None else ():
-        if true_angles(log, joints) is None:
-            raise FitError(f"{log.source}: has no truth; a fit with homing needs one on every log")
-        assert homing is not None
-        check_homing(homing, log, joints)
+    if homing is not None:
+        for log in read:
+            if true_angles(log, joints) is None:
+                raise FitError(f"{log.source}: has no truth; a fit with homing needs one on every log")
+            check_homing(homing, log, joints)
     return read
 
 

@@ -101,10 +101,10 @@ class Free:
 
     def unit(self, z: float) -> float:
         """Return how much of the coordinate is all of the value, or of the scale where that may be zero or negative."""
-        if not self.logarithmic and self.low >= 0.0 and self.start > 0.0:
-            # slopes over the same share for all: what shows only as a product is then seen as one, kinks and all
-            return max(self.value(z) / self.scale, 0.1)
-        return 1.0
+        if self.logarithmic or self.low < 0.0 or self.start <= 0.0:
+            return 1.0
+        # slopes over the same share for all: what shows only as a product is then seen as one, kinks and all
+        return max(self.value(z) / self.scale, 0.1)
 
     def slope(self, z: float) -> float:
         """Return d value/dz."""

@@ -87,12 +87,6 @@ class Equations:
         places = [context.position_sensor(i) for i in range(context.n_drives)]
         return None not in places and read >= {joint.name for joint in context.mechanism.rig.joints}
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What is compared: sensors of forces and tensions, then joints that move by themselves, (m,)."""
-        joints = [self.mechanism.rig.joints[j].name for j in self.mechanism.free]
-        return (*(s.name for _, s in (*self.forces, *self.tensions)), *joints)
-
     def _function(self) -> ca.Function:
         """Return (carry, x, p) → (carry⁺, residuals).
 
@@ -188,17 +182,17 @@ class Equations:
         q, v, a = (savgol_filter(filled, window, 3, k, step, axis=0) for k in range(3))
         width = MEMORY * np.subtract(*np.percentile(q[complete], (95, 5), axis=0)) + 1e-12
         every = max(1, round(INTERVAL / step))
-        kept = slice(None, None, every)
+        at = slice(None, None, every)
         # smoothing leaves a share of the noise of each angle and place
         left = float(np.sum(savgol_coeffs(window, 3) ** 2))
         noise = [variance(s) for s in (*(of[name] for name in joints), *self.places) if s is not None]
-        unsure = np.tile(left * np.array(noise), (len(q[kept]), 1))
-        read = columns([s for _, s in (*self.forces, *self.tensions)])[kept]
-        turned = np.diff(q[kept], axis=0, prepend=q[:1]) / width
-        rows = np.column_stack([np.diff(time[kept], prepend=time[0]), turned, q[kept], v[kept], a[kept], unsure, read])
+        unsure = np.tile(left * np.array(noise), (len(q[at]), 1))
+        read = columns([s for _, s in (*self.forces, *self.tensions)])[at]
+        turned = np.diff(q[at], axis=0, prepend=q[:1]) / width
+        rows = np.column_stack([np.diff(time[at], prepend=time[0]), turned, q[at], v[at], a[at], unsure, read])
         edge, inner = window // every + 1, np.arange(len(rows))
-        compared = np.asarray(complete[kept] & (inner >= edge) & (inner < len(rows) - edge))
-        return KnownMotion(rows, time[kept], compared)
+        compared = np.asarray(complete[at] & (inner >= edge) & (inner < len(rows) - edge))
+        return KnownMotion(rows, time[at], compared)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,8 +230,10 @@ class InverseProblem(Problem):
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """What is compared, (m,)."""
-        return self.equations.names
+        """What is compared: sensors of forces and tensions, then joints that move by themselves, (m,)."""
+        equations, mechanism = self.equations, self.equations.mechanism
+        sensors = [sensor.name for _, sensor in (*equations.forces, *equations.tensions)]
+        return (*sensors, *(mechanism.rig.joints[j].name for j in mechanism.free))
 
     @cached_property
     def _is_reference(self) -> Bools:
@@ -251,10 +247,6 @@ class InverseProblem(Problem):
         problem = super().among(logs)
         assert isinstance(problem, InverseProblem)
         return replace(problem, motions=tuple(self.motions[j] for j in logs))
-
-    def beginning(self, share: float, least: int) -> InverseProblem:
-        """Return the same problem, whatever `share` and `least`: its logs take no longer than beginnings do elsewhere."""
-        return replace(self, worth=None)
 
     @property
     def _kernel(self) -> Kernel:

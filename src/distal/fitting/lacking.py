@@ -36,10 +36,6 @@ class Part:
     name: str
     values: Mapping[str, object]
 
-    def and_(self, other: Part) -> Part:
-        """Return both as one part, the other added after it."""
-        return Part(f"{self.name} and {other.name}", {**self.values, **other.values})
-
 
 def parts_of(rig: Rig) -> Iterator[Part]:
     """Yield the parts that may be added to a rig, one kind at a time."""
@@ -97,7 +93,10 @@ def tried_parts(logs: Sequence[Log], rig: Rig, options: Options, numbers: Number
         return alone
     first, first_numbers = alone.named[0]
     pairs = _tried(logs, rig.with_values(first.values), options, first_numbers)
-    together = tuple((first.and_(second), pair_numbers) for second, pair_numbers in pairs.named[:1])
+    together = tuple(
+        (Part(f"{first.name} and {second.name}", {**first.values, **second.values}), pair_numbers)
+        for second, pair_numbers in pairs.named[:1]
+    )
     return Tried((*alone.named[:MOST_NAMED], *together), (*alone.numbers, *pairs.numbers))
 
 

@@ -75,11 +75,10 @@ def leave_out(
 
 
 def _scored(out: Sequence[Log], rig: Rig, learned: Learned, homing: float | None) -> Fold:
-    compared = []
+    compared, tried = [], ((learned.rig, "adaptive"), (rig, "adaptive"), (learned.rig, "affine"))
     for log in out:
         if true_angles(log, [joint.name for joint in rig.joints]) is None:
             continue
-        tried = (learned.rig, "adaptive"), (rig, "adaptive"), (learned.rig, "affine")
         scores = [_score(log, description, name, homing) for description, name in tried]
         compared.append(Compared(shown(log.source), *scores))
     return Fold(tuple(log.source for log in out), learned, tuple(compared))

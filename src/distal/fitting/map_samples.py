@@ -14,7 +14,7 @@ from distal.fitting.stops import in_stops
 from distal.homing import Window, check_homing, numbers_homed, plain_samples, torque_samples, with_references
 from distal.logs import Log, TruthKind, shown, true_angles, true_torques
 from distal.regression import Kind, Samples, contact_kind, discrepancy_kind
-from distal.rig import Rig, Sensor
+from distal.rig import LearnedMap, Rig, Sensor
 from distal.run import samples_of
 from distal.sensors import variance
 
@@ -124,6 +124,22 @@ def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
     common = np.mean(means, axis=0)
     common = np.where(np.abs(common) <= limits, common, 0.0)
     return [replace(samples, targets=samples.targets - common) for samples in data]
+
+
+def with_reference_error(learned: LearnedMap, rig: Rig, logs: Sequence[Log]) -> LearnedMap:
+    """Return a map of the angle with the std of the reference's offset in its band: c² s² becomes c² s² + σ_b².
+
+    An encoder that is mounted 0.2° off is so in all logs, so that no log left out shows it. The rig's angle sensors say how
+    unsure their offsets are.
+    """
+    if not any(log.truth_kind is TruthKind.SENSOR for log in logs):
+        return learned
+    offsets = {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
+    joints = tuple(
+        joint.model_copy(update={"std": float(np.hypot(joint.std, offsets.get(joint.joint, 0.0) / band))})
+        for joint, band in zip(learned.joints, learned.band)
+    )
+    return learned.model_copy(update={"joints": joints})
 
 
 def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None, usable: Bools | None) -> Samples:

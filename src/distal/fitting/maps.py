@@ -245,8 +245,8 @@ def map_of(
     scores = list[LeftOut]()
     for out, remaining in splits(folds) if scored and count >= FOR_SCORES else ():
         half = {k: partly[i] for k, i in enumerate(remaining) if partly and i in partly}
-        others, _ = learn_map([data[i] for i in remaining], kind, [folds[i] for i in remaining], homing, half)
-        scores += [_score(others, data[i], kind, homing) for i in out]
+        from_rest, _ = learn_map([data[i] for i in remaining], kind, [folds[i] for i in remaining], homing, half)
+        scores += [_score(from_rest, data[i], kind, homing) for i in out]
     described = rig.with_values({kind.name: learned.model_dump()})
     sources = tuple(samples.source for samples in data)
     return MapFit(described, rig, kind.name, sources, homing, tuple(scores), tuple(sentences), chosen)

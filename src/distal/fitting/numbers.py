@@ -96,10 +96,9 @@ def by_equations(
     equations = inverse_problem(problem, options.compiled) if options.homing is None else None
     if equations is None:
         return None
-    start = _translated(problem, _start(problem, options), equations)
-    if begin is not None:
-        start = _translated(begin.problem, begin.optimum.z, equations)
-    return _told(equations, start, searching(progress, "by its equations"))
+    origin, z = (problem, _start(problem, options)) if begin is None else (begin.problem, begin.optimum.z)
+    start = _translated(origin, z, equations)
+    return _searched(equations, start, searching(progress, "by its equations"))
 
 
 def by_filter(problem: Problem, options: Options, begin: Numbers | None, progress: Progress | None) -> Numbers:
@@ -116,7 +115,7 @@ def by_filter(problem: Problem, options: Options, begin: Numbers | None, progres
         raise FitError(DIVERGED.format(problem.filter.rig.name))
     if begin is None or not np.isfinite(costs[1]):
         start = coarse_start(problem, options.seed, start, searching(progress, "searching")).z
-    return _told(problem, start, searching(progress, "by its filter"))
+    return _searched(problem, start, searching(progress, "by its filter"))
 
 
 def _start(problem: Problem, options: Options) -> Floats:
@@ -146,7 +145,7 @@ def _translated(problem: Problem, z: Floats, other: Problem, otherwise: Floats |
     return np.array([coordinates.get((part.name, log), at) for (part, log), at in zip(other.parts, missing)])
 
 
-def _told(problem: Problem, start: Floats, progress: Callable[[int, float], None] | None) -> Numbers:
+def _searched(problem: Problem, start: Floats, progress: Callable[[int, float], None] | None) -> Numbers:
     """Return the most likely numbers: what the logs do not tell stays at its prior.
 
     What the logs tell only together with others is held one by one until the rest is told.
@@ -157,10 +156,7 @@ def _told(problem: Problem, start: Floats, progress: Callable[[int, float], None
     uncertainty = uncertainty_at(problem, optimum.derivatives, optimum.z)
     may_stay = np.array([not part.noise and log is None and part.has_prior for part, log in problem.parts])
     left, held = np.zeros(problem.size, dtype=bool), np.zeros(problem.size, dtype=bool)
-    while not optimum.interrupted:
-        at = _next_held(problem, uncertainty, left, may_stay)
-        if at is None:
-            break
+    while not optimum.interrupted and (at := _next_held(problem, uncertainty, left, may_stay)) is not None:
         left[at], held[at] = True, bool(uncertainty.together[at])
     if left.any() and not left.all():
         # what the others become when these are moved, by the information of all
@@ -192,17 +188,12 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
     else:  # the filter of a fit always has a reference; here it has no value in any log
         with_reference, added = added_reference(rig, logs[0].rate)
         references = (added,)
-    free = choose(
-        with_reference,
-        references,
-        options.free,
-        options.per_log,
-        noise=options.noise,
-        homing=options.homing is not None,
-        several=len(logs) > 1,
-    )
+    asked, per_log, noise, homing = options.free, options.per_log, options.noise, options.homing is not None
+    several = len(logs) > 1
+    free = choose(with_reference, references, asked, per_log, noise=noise, homing=homing, several=several)
     if not with_truth:
-        free = tuple(part for part in free if not _of_references(with_reference, references, part))
+        of_reference = f"sensors.{len(with_reference.sensors) - 1}."
+        free = tuple(part for part in free if not all(path.startswith(of_reference) for path in part.paths))
     fit_filter = _filter(with_reference, references, free, steps_of(rig, logs), options.compiled)
     data = tuple(fit_filter.data_of(log) for log in logs)
     problem = Problem(fit_filter, free, data, options.homing, False, options.workers)
@@ -254,7 +245,8 @@ def fitted_numbers(
         left: which coordinates stay at their prior, (n,).
         held: which of them filters are to take as they are, (n,).
     """
-    coordinates = [problem.columns(j) for j in range(len(problem.data))]
+    logs = [data.log.source for data in problem.data]
+    coordinates = [problem.columns(j) for j in range(len(logs))]
     errors_holding, has_errors = uncertainty.errors_holding(held), optimum.converged and not optimum.interrupted
     numbers = [_by_scale(problem, optimum.z, part) for part in problem.noises]
     for k, part in enumerate(problem.free):
@@ -262,40 +254,28 @@ def fitted_numbers(
         by_log = np.array([part.value(optimum.z[place]) for place in places])
         slopes = np.array([part.slope(optimum.z[place]) for place in places])
         mean = float(by_log.mean())
-
-        def spread(
-            errors: Floats, by_log: Floats = by_log, slopes: Floats = slopes, places: list[int] = places
-        ) -> float:
-            errors = errors[places] * slopes
-            return float(np.sqrt(by_log.var(ddof=1) + np.mean(errors**2))) if len(by_log) > 1 else float(errors[0])
-
-        starts = part.starts
-        values = tuple(mean if len(set(starts)) == 1 else mean * start / part.start for start in starts)
+        values = tuple(mean if len(set(part.starts)) == 1 else mean * start / part.start for start in part.starts)
         identified = bool(part.noise or part.per_log or not part.has_prior or not left[places[0]])
-        logs = [data.log.source for data in problem.data]
-        limit = part.std if part.has_prior and not part.noise else np.inf
-        error = min(spread(uncertainty.errors), limit) if has_errors else float("nan")
-        numbers.append(
-            replace(
-                _fitted(part, values if identified else starts, error, identified),
-                value=mean if identified else part.start,
-                held_error=spread(errors_holding) if has_errors else float("nan"),
-                held=bool(held[places[0]]),
-                per_log=dict(zip(logs, map(float, by_log))) if part.per_log else {},
-            )
-        )
+        fitted = _fitted(part, values if identified else part.starts, identified)
+        per_log = dict(zip(logs, map(float, by_log))) if part.per_log else {}
+        if has_errors:
+            limit = part.std if part.has_prior and not part.noise else np.inf
+            error = min(_error_of_mean(by_log, uncertainty.errors[places] * slopes), limit)
+            fitted = replace(fitted, error=error, held_error=_error_of_mean(by_log, errors_holding[places] * slopes))
+        value = mean if identified else part.start
+        numbers.append(replace(fitted, value=value, held=bool(held[places[0]]), per_log=per_log))
     return numbers
 
 
-def _fitted(part: Free, values: tuple[float, ...], error: float, identified: bool) -> FittedNumber:
+def _error_of_mean(numbers: Floats, errors: Floats) -> float:
+    """Return the standard error of a mean over logs: what they scatter by, and the mean of their own errors."""
+    return float(np.sqrt(numbers.var(ddof=1) + np.mean(errors**2))) if len(numbers) > 1 else float(errors[0])
+
+
+def _fitted(part: Free, values: tuple[float, ...], identified: bool) -> FittedNumber:
+    """Return a number after a fit, its errors not known."""
     prior = part.name, part.paths, part.si, part.start, part.std
-    return FittedNumber(*prior, values[0], error, identified, part.noise, values, kept=part.kept_by_file)
-
-
-def _of_references(rig: Rig, references: Sequence[Sensor], part: Free) -> bool:
-    names = [sensor.name for sensor in rig.sensors]
-    prefixes = tuple(f"sensors.{names.index(reference.name)}." for reference in references)
-    return all(path.startswith(prefixes) for path in part.paths)
+    return FittedNumber(*prior, values[0], float("nan"), identified, part.noise, values, kept=part.kept_by_file)
 
 
 def _coordinates_of(problem: Problem, rig: Rig) -> Floats:
@@ -317,4 +297,4 @@ def _by_scale(problem: Problem, z: Floats, part: Free) -> FittedNumber:
     grown = [float(np.sqrt(scales[problem.measured.index(name)])) for name in sensors if name in problem.measured]
     factor = min(max(grown, default=1.0), part.high / part.start)
     values = tuple(factor * start for start in part.starts)
-    return _fitted(part, values, float("nan"), bool(grown))
+    return _fitted(part, values, bool(grown))

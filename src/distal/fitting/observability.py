@@ -83,14 +83,8 @@ class Observability:
             angle.plot(since, theta, color=COLOURS[0], lw=1.2, label="estimate")
             angle.set_ylabel("joint angle θ [°]")
             legend_above(angle)
-            spread.semilogy(
-                since,
-                np.rad2deg(self.found),
-                color=COLOURS[1],
-                ls=DASHES[1],
-                lw=1.2,
-                label=f"lost by {np.rad2deg(LOST):g}° every {self.window:g} s, and found again",
-            )
+            label = f"lost by {np.rad2deg(LOST):g}° every {self.window:g} s, and found again"
+            spread.semilogy(since, np.rad2deg(self.found), color=COLOURS[1], ls=DASHES[1], lw=1.2, label=label)
             spread.semilogy(since, np.rad2deg(self.std), color=COLOURS[0], lw=1.2, label="along the log")
             spread.set_ylabel("std of the angle [°]")
             spread.set_xlabel(time_label(self.time))
@@ -150,7 +144,7 @@ def observability(
         start = last[inside[0] - 1] + 1 if inside[0] else 0
         carry = np.array(carries[start - 1] if start else belief.carry)
         covariance = covariance_of(carry, n)
-        covariance[at, :], covariance[:, at] = 0.0, 0.0
+        covariance[at, :] = covariance[:, at] = 0.0
         covariance[at, at] = LOST**2
         after = advance(runner.kernel, Feed(carry, rows[start : last[inside[-1]] + 1], runner.numbers)).carries
         regained[inside] = np.sqrt(np.maximum(variances_of(after[last[inside] - start], n)[:, at], 0.0))

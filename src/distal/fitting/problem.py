@@ -167,7 +167,8 @@ class Problem:
         groups = [order[i : i + size] for i in range(0, len(order), size)]
 
         def work(group: list[int]) -> list[Innovations]:
-            return self._scan([tasks[k] for k in group])
+            runs = advance_all(self._kernel, [self._feed(*tasks[k]) for k in group], keep=())
+            return [self._compared(tasks[k][0], run.ys) for k, run in zip(group, runs)]
 
         if self.workers < 2 or len(groups) < 2:
             done = [work(group) for group in groups]
@@ -176,11 +177,6 @@ class Problem:
                 done = list(pool.map(work, groups))
         innovations = dict(zip(order, itertools.chain.from_iterable(done)))
         return [innovations[k] for k in range(len(tasks))]
-
-    def _scan(self, tasks: Sequence[tuple[int, Floats]]) -> list[Innovations]:
-        feeds = [self._feed(log, z) for log, z in tasks]
-        runs = advance_all(self._kernel, feeds, keep=())
-        return [self._compared(log, run.ys) for (log, _), run in zip(tasks, runs)]
 
     @property
     def _kernel(self) -> Kernel:
@@ -278,14 +274,12 @@ class Problem:
         runs = iter(self.run(tasks))
         bases, sides = list[Innovations](), list[list[Innovations]]()
         for j in range(len(self.data)):
-            base = next(runs)
-            bases.append(base)
-            sides.append([next(runs) if width else base for width in widths[self.columns(j)]])
+            bases.append(next(runs))
+            sides.append([next(runs) if width else bases[j] for width in widths[self.columns(j)]])
         scale, derivatives = self.scales(bases), []
         for j, (base, side) in enumerate(zip(bases, sides)):
-            places = self.columns(j)
-            pairs = [(end, base) for end in side]
-            derivatives.append(derivatives_of(base, pairs, (ends - z)[places], self._weighing(j, scale)))
+            pairs, steps = [(end, base) for end in side], (ends - z)[self.columns(j)]
+            derivatives.append(derivatives_of(base, pairs, steps, self._weighing(j, scale)))
         return derivatives
 
     def derivatives(self, z: Floats, widths: Floats) -> Derivatives:

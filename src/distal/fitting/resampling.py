@@ -45,10 +45,10 @@ def refined(times: Floats, samples: Floats, places: int, steps: int) -> tuple[Fl
     parts = np.arange(1, steps) / steps
     interval = np.diff(times)
     even = interval < 1.5 * np.median(interval)
-    rows = [np.arange(k) * steps]
+    rows = np.arange(k) * steps
     fine_times = np.empty((k - 1) * steps + 1)
     fine = np.full((len(fine_times), samples.shape[1]), np.nan)
-    fine_times[rows[0]], fine[rows[0]] = times, samples
+    fine_times[rows], fine[rows] = times, samples
     x = samples[:, :places]
     before, after = np.vstack([x[:1], x[:-2]]), np.vstack([x[2:], x[-1:]])
     first, last = x[:-1], x[1:]
@@ -68,5 +68,5 @@ def refined(times: Floats, samples: Floats, places: int, steps: int) -> tuple[Fl
     keep = np.ones(len(fine_times), dtype=bool)
     for j in range(1, steps):
         keep[j::steps] = even & np.isfinite(fine[j::steps, :places]).all(axis=1)
-    kept = np.cumsum(keep) - 1
-    return fine_times[keep], fine[keep], kept[rows[0]]
+    positions = np.cumsum(keep) - 1
+    return fine_times[keep], fine[keep], positions[rows]

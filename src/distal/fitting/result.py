@@ -105,8 +105,7 @@ class Fit:
             folds: each log left out once.
             asked: how many folds there were to be.
         """
-        numbers, n_sensors = learned.numbers, len(start.sensors)
-        optimum = numbers.optimum
+        numbers, optimum, n_sensors = learned.numbers, learned.numbers.optimum, len(start.sensors)
 
         def of_rig(part: FittedNumber) -> bool:
             kind, index, *_ = part.paths[0].split(".")
@@ -184,10 +183,8 @@ class Fit:
         errors = {name: error for name, error, _ in self.candidates}
         lines = [f"doubt: {line}" for line in self.doubts]
         if self.part:
-            error, (_, best, _) = errors.get(BY_EQUATIONS, np.inf), self.candidates[0]
-            lines.insert(
-                0, f"your rig lacks {self.part} ({np.rad2deg(error):.2g}° → {np.rad2deg(best):.2g}°): it is in the file"
-            )
+            before, after = np.rad2deg(errors.get(BY_EQUATIONS, np.inf)), np.rad2deg(self.candidates[0][1])
+            lines.insert(0, f"your rig lacks {self.part} ({before:.2g}° → {after:.2g}°): it is in the file")
         for joint in self.rig.joints:
             if joint.external_torque.std > 0.0:
                 torque = f"{1e3 * joint.external_torque.std:.3g} mN m"
@@ -208,13 +205,10 @@ class Fit:
             if name == part.name:
                 return part
         try:
-            wanted = paths_of(self.model, name)
-        except DistalError:
+            wanted = set(paths_of(self.model, name))
+            return next(part for part in self.fitted if wanted <= set(part.paths))
+        except (DistalError, StopIteration):
             raise KeyError(name) from None
-        for part in self.fitted:
-            if set(wanted) <= set(part.paths):
-                return part
-        raise KeyError(name)
 
     def save(self, path: str | Path, text: str | None = None) -> None:
         """Write the fitted rig file; if that fails, the old file is kept.
@@ -236,19 +230,16 @@ class Fit:
         """Return the comment at the head of a fitted file: what it was fitted to, and where each value came from."""
         names = ", ".join(shown(name.rsplit("/", 1)[-1]) for name in self.logs)
         use = "" if self.homing is None else f", as used with a reference for the first {self.homing:g} s"
-        lines = [
-            f"{MARK} to {len(self.logs)} log{'s' if len(self.logs) > 1 else ''} ({self.duration:.0f} s){use}:",
-            f"# {names}",
-        ]
+        count = f"{len(self.logs)} log{'s' if len(self.logs) > 1 else ''}"
+        lines = [f"{MARK} to {count} ({self.duration:.0f} s){use}:", f"# {names}"]
         if self.interrupted:
             lines.append("# The search was interrupted: these are the best values so far.")
         rows = [("number", "value", "± standard error", "started at", "from")]
         for part in self.fitted:
             error = f"{part.error:.2g}" if np.isfinite(part.error) else "–"
             prior = "" if np.isnan(part.prior_std) else f" ± {part.prior_std:.3g}"
-            rows.append(
-                (part.name, f"{part.value:.5g} {part.si}".strip(), error, f"{part.start:.5g}{prior}", part.origin)
-            )
+            fitted, start = f"{part.value:.5g} {part.si}".strip(), f"{part.start:.5g}{prior}"
+            rows.append((part.name, fitted, error, start, part.origin))
         widths = [max(len(row[i]) for row in rows) for i in range(4)]
         lines += ["#   " + "  ".join([*(row[i].ljust(widths[i]) for i in range(4)), row[4]]) for row in rows]
         if self.curves:

@@ -94,19 +94,17 @@ def coarse_start(problem: Problem, seed: int, begin: Floats, progress: Progress 
     return search(coarse.assessed(likeliest), likeliest, progress, most=COARSE_ITERATIONS)
 
 
-def most_likely(
-    problem: Problem, start: Floats, progress: Progress | None = None, fixed: Bools | None = None
-) -> tuple[Problem, Optimum]:
+def most_likely(problem: Problem, start: Floats, progress: Progress | None = None) -> tuple[Problem, Optimum]:
     """Return the problem as its channels are worth at the end, and the most likely coordinates; see `search`.
 
-    They begin at `start`, (n,); those that are `fixed`, (n,), stay.
+    The search begins at `start`, (n,).
     """
     problem = problem.assessed(start)
-    begun = search(problem, start, progress, most=FIRST_ITERATIONS, fixed=fixed)
+    begun = search(problem, start, progress, most=FIRST_ITERATIONS)
     if begun.interrupted:
         return problem, begun
     problem = problem.assessed(begun.z)
-    optimum = search(problem, begun.z, progress, fixed=fixed, near=begun.derivatives)
+    optimum = search(problem, begun.z, progress, near=begun.derivatives)
     return problem, replace(optimum, iterations=begun.iterations + optimum.iterations)
 
 

@@ -65,11 +65,10 @@ def choose(
     for part in free:
         for path in part.paths:
             if path in seen:
-                raise FitError(
-                    f"'{named(rig, path)}' is asked for twice, by '{seen[path]}' and '{part.name}'; name it once"
-                )
+                names = f"'{seen[path]}' and '{part.name}'"
+                raise FitError(f"'{named(rig, path)}' is asked for twice, by {names}; name it once")
             seen[path] = part.name
-    if not asked and not any(not part.noise for part in free):
+    if not asked and all(part.noise for part in free):
         raise FitError(
             f"{rig.name}: no parameter that shows in these sensors has a std, so there is nothing to fit; give the "
             f"unknown ones one (--set 'joints.{rig.joints[0].name}.damping.std=…') or name them with --free"

@@ -99,10 +99,10 @@ def with_straight_line(
     line = line.model_copy(update={name: row_of(np.array(getattr(line, name)) - offsets) for name in SHIFTED})
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
     references = [sensors[name] for name in runner.channels[len(runner.places) :]]
-    other = AdaptiveFilter(runner.rig, False, references=references, line=line)
-    own_size = adaptive_layout(begun.size, len(runner.rig.drives)).size
-    memory = other.initial(begun.time, first_values(samples)).carry[own_size:]  # of all maps
-    return other, Belief(begun.time, frozen(np.concatenate([begun.carry[:own_size], memory])), begun.size)
+    with_line = AdaptiveFilter(runner.rig, False, references=references, line=line)
+    size = adaptive_layout(begun.size, len(runner.rig.drives)).size
+    memory = with_line.initial(begun.time, first_values(samples)).carry[size:]  # of all maps
+    return with_line, Belief(begun.time, frozen(np.concatenate([begun.carry[:size], memory])), begun.size)
 
 
 def _line(rig: Rig, log: Log, homing: float) -> Affine:
