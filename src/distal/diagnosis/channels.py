@@ -74,7 +74,7 @@ class Channels:
     def _disagreeing(self) -> list[Finding]:
         names, ratios = self.names, self.ratios
         large = [i for i, ratio in enumerate(ratios) if ratio > LARGE_RATIO]
-        drifting = [names[i] for i, value in enumerate(self.correlations) if value > WHITE and ratios[i] > WHOLE]
+        drifting = [names[i] for i, rho in enumerate(self.correlations) if rho > WHITE and ratios[i] > WHOLE]
         if drifting and len(drifting) == len(names) and not large:
             return [sentences.all_drift(drifting)]
         late = [i for i, start in enumerate(self.since) if np.isfinite(start)]
@@ -87,7 +87,7 @@ class Channels:
             return [sentences.one_too_large(names[large[0]], ratios[large[0]])]
         if large:
             return [sentences.several_too_large([names[i] for i in large], float(np.mean([ratios[i] for i in large])))]
-        coloured = [i for i, value in enumerate(self.correlations) if value > COLOURED and ratios[i] > WHOLE]
+        coloured = [i for i, rho in enumerate(self.correlations) if rho > COLOURED and ratios[i] > WHOLE]
         if coloured:
             largest = max(self.correlations[i] for i in coloured)
             return [sentences.some_drift([names[i] for i in coloured], largest)]

@@ -93,5 +93,5 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
 
 def _high(parameter: object) -> float:
     """Return the upper end of a parameter's 95 % band."""
-    value, std = getattr(parameter, "value", 0.0), getattr(parameter, "total_std", 0.0)
-    return float(value + BAND * std)
+    mean, std = getattr(parameter, "value", 0.0), getattr(parameter, "total_std", 0.0)
+    return float(mean + BAND * std)

@@ -71,9 +71,9 @@ def turns_too_far(joint: str, covered: float) -> Finding:
     return Finding("cannot be there", joint, text)
 
 
-def friction_undeclared(drive: str, value: float) -> Finding:
-    """Return that a drive has friction of some `value` that the rig does not declare [N, N m]."""
-    size = f"friction that the rig does not have: {value:.2g} at '{drive}' [SI]"
+def friction_undeclared(drive: str, friction: float) -> Finding:
+    """Return that a drive has `friction` that the rig does not declare [N, N m]."""
+    size = f"friction that the rig does not have: {friction:.2g} at '{drive}' [SI]"
     return Finding("friction", drive, f"{size} (set drives.{drive}.friction, or a hand acts)")
 
 

@@ -30,19 +30,19 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
         return []
     worst: dict[str, tuple[float, Finding]] = {}
     middle = len(estimate) // 2
-    every = zip(estimate.state_names, estimate.state_kinds, estimate.state_parts)
-    for i, (name, kind, part) in enumerate(every):
+    states = zip(estimate.state_names, estimate.state_kinds, estimate.state_parts)
+    for i, (name, kind, part) in enumerate(states):
         if not stds[i] > 0.0:  # NaN: a state that is meant to move
             continue
-        prior, value, std = means[i], estimate.means[-1, i], float(np.sqrt(estimate.variances[-1, i]))
-        away = (value - prior) / stds[i]
+        prior, end, std = means[i], estimate.means[-1, i], float(np.sqrt(estimate.variances[-1, i]))
+        away = (end - prior) / stds[i]
         # what has been learned since the middle is how far it may have moved since
         learned = max(float(estimate.variances[middle, i]) - std * std, (0.01 * stds[i]) ** 2)
-        change = value - estimate.means[middle, i]
+        change = end - estimate.means[middle, i]
         # the weights of a sensor's linearity are one thing
         subject = f"linearity_{part}" if kind is StateKind.LINEARITY else name
-        if abs(value - prior) - std > LARGE_PRIOR * stds[i]:
-            finding = sentences.left_its_prior(subject, value, std, prior, float(stds[i]))
+        if abs(end - prior) - std > LARGE_PRIOR * stds[i]:
+            finding = sentences.left_its_prior(subject, end, std, prior, float(stds[i]))
         elif abs(change) > WALKS * np.sqrt(learned) and abs(change) > BEGUN * stds[i]:
             finding = sentences.does_not_settle(subject, change)
         else:
@@ -62,8 +62,8 @@ def undeclared_friction(estimate: Estimate) -> list[Finding]:
     """Return the drives at which the filter found friction that the rig does not declare."""
     findings = []
     for i, (kind, drive) in enumerate(zip(estimate.state_kinds, estimate.state_parts)):
-        value, std = estimate.means[-1, i], np.sqrt(estimate.variances[-1, i])
+        friction, std = estimate.means[-1, i], np.sqrt(estimate.variances[-1, i])
         prior = np.sqrt(estimate.variances[0, i])
-        if kind is StateKind.FRICTION and value > 0.25 * prior and value > 3.0 * std:
-            findings.append(sentences.friction_undeclared(drive, float(value)))
+        if kind is StateKind.FRICTION and friction > 0.25 * prior and friction > 3.0 * std:
+            findings.append(sentences.friction_undeclared(drive, float(friction)))
     return findings

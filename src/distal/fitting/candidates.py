@@ -133,7 +133,7 @@ class _Run:
 
 
 def filter_candidate(
-    name: str, training: Training, numbers: Numbers | None, others: Sequence[Candidate] = ()
+    name: str, training: Training, numbers: Numbers | None, previous: Sequence[Candidate] = ()
 ) -> Candidate:
     """Return the candidate of a filter with some numbers, None for the rig's own, and the map of what its angle then lacks.
 
@@ -141,7 +141,7 @@ def filter_candidate(
     """
     run = _run(training, numbers, False)
     plain = Candidate(name, run.rig, numbers, False, {}, np.inf, np.inf, run.data, tuple(run.refused), training.part)
-    least = min((mean_rms(candidate.data) for candidate in others if candidate.data), default=np.inf)
+    least = min((mean_rms(candidate.data) for candidate in previous if candidate.data), default=np.inf)
     if not run.data or mean_rms(run.data) > FAR * least:
         judged = bool(run.data) and len(set(training.folds)) > 1
         return replace(plain, error=mean_rms(run.data), beyond=mean_rms(run.data)) if judged else plain

@@ -30,13 +30,13 @@ def curves(problem: Problem, z: Floats) -> dict[str, object]:
         FitError: no sensor has a linearity, no log a truth, or the logs' curves differ: it was not the same sensor.
     """
     joints = [joint.name for joint in problem.filter.rig.joints]
-    logs = [j for j, data in enumerate(problem.data) if true_angles(data.log, joints) is not None]
+    with_truth = [j for j, data in enumerate(problem.data) if true_angles(data.log, joints) is not None]
     sensors = [s for s in problem.filter.rig.sensors if s.measures == "position" and s.linearity > 0.0]
-    if not logs or not sensors:
+    if not with_truth or not sensors:
         raise FitError(
             "curves need a log with truth and a position sensor with a linearity; give both, or leave --curves out"
         )
-    ends = [(problem.data[j].log.source, *problem.states(j, z)) for j in logs]
+    ends = [(problem.data[j].log.source, *problem.states(j, z)) for j in with_truth]
     changes: dict[str, object] = {}
     for sensor in sensors:
         changes |= _of_sensor(problem, sensor, ends)

@@ -26,7 +26,6 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from distal.arrays import Bools, Floats
 from distal.expressions import Scalar
 from distal.fitting.filter import Data, FitFilter
-from distal.fitting.free import Free
 from distal.fitting.likelihood import Innovations
 from distal.fitting.problem import Problem
 from distal.kernels import Feed, Kernel
@@ -76,6 +75,7 @@ class Equations:
         self.forces = [(i, s) for i in drives if (s := context.force_sensor(i)) is not None]
         tendons = [tendon.name for tendon in self.mechanism.rig.tendons]
         self.tensions = [(tendons.index(s.of), s) for s in context.channels.tensions]
+        self.sensors = [sensor for _, sensor in (*self.forces, *self.tensions)]
         self.kernel = Kernel(self._function(), "lanes" if compiled else False)
         self.begin = self._begin()
 
@@ -94,8 +94,7 @@ class Equations:
         """
         mechanism, context, nb, nj = self.mechanism, self.context, self.mechanism.n_bodies, self.mechanism.n_joints
         p, count = mechanism.parameters.symbols, len(mechanism.plays) + len(mechanism.strains)
-        sensors = [s for _, s in (*self.forces, *self.tensions)]
-        carry, x = ca.SX.sym("carry", nb + count), ca.SX.sym("x", 1 + 5 * nb + len(sensors))
+        carry, x = ca.SX.sym("carry", nb + count), ca.SX.sym("x", 1 + 5 * nb + len(self.sensors))
         ends = [0, 1, *(1 + nb * k for k in range(1, 6)), x.numel()]
         dt, turned, motion, v, a, unsure, read = ca.vertsplit(x, ends)
         places = [context.corrected(s, motion[nj + i]) for i, s in enumerate(self.places) if s is not None]
@@ -127,7 +126,7 @@ class Equations:
         first = len(self.forces)
         rows += [context.corrected(s, read[first + k]) - tensions[i] for k, (i, s) in enumerate(self.tensions)]
         rows += ca.vertsplit(-ca.mtimes(ca.densify(mechanism.spread).T, (balance + friction)[:nj]))
-        lacking, variances = ca.vertcat(*rows), [context.noise(s) for s in sensors]
+        lacking, variances = ca.vertcat(*rows), [context.noise(s) for s in self.sensors]
         noise = ca.vertcat(*variances, *(LEAST_VARIANCE for _ in mechanism.free))
         noise += ca.mtimes(ca.jacobian(lacking, motion) ** 2, unsure)
         residuals = lacking / ca.sqrt(ca.fmax(noise, LEAST_VARIANCE))
@@ -187,7 +186,7 @@ class Equations:
         left = float(np.sum(savgol_coeffs(window, 3) ** 2))
         noise = [variance(s) for s in (*(of[name] for name in joints), *self.places) if s is not None]
         unsure = np.tile(left * np.array(noise), (len(q[at]), 1))
-        read = columns([s for _, s in (*self.forces, *self.tensions)])[at]
+        read = columns(self.sensors)[at]
         turned = np.diff(q[at], axis=0, prepend=q[:1]) / width
         rows = np.column_stack([np.diff(time[at], prepend=time[0]), turned, q[at], v[at], a[at], unsure, read])
         edge, inner = window // every + 1, np.arange(len(rows))
@@ -199,14 +198,11 @@ class Equations:
 class InverseProblem(Problem):
     """−ln p of what a rig's equations lack along logs whose angles are known, at coordinates z; see `Problem`.
 
-    Args:
-        motions: the logs as the equations take them.
-        noises: that are free: the equations do not vary them.
+    The `motions` are the logs as the equations take them, which do not vary `noises`.
     """
 
     equations: Equations
     motions: tuple[KnownMotion, ...]
-    noises: tuple[Free, ...] = ()
 
     @property
     def asks_equations(self) -> bool:
@@ -231,9 +227,9 @@ class InverseProblem(Problem):
     @property
     def measured(self) -> tuple[str, ...]:
         """What is compared: sensors of forces and tensions, then joints that move by themselves, (m,)."""
-        equations, mechanism = self.equations, self.equations.mechanism
-        sensors = [sensor.name for _, sensor in (*equations.forces, *equations.tensions)]
-        return (*sensors, *(mechanism.rig.joints[j].name for j in mechanism.free))
+        mechanism = self.equations.mechanism
+        joints = [mechanism.rig.joints[j].name for j in mechanism.free]
+        return (*(sensor.name for sensor in self.equations.sensors), *joints)
 
     @cached_property
     def _is_reference(self) -> Bools:

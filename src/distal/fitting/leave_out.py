@@ -88,7 +88,7 @@ def _score(log: Log, rig: Rig, estimator: str, homing: float | None) -> Score | 
     if estimator == "affine" and rig.affine is None:
         return None
     try:
-        result = estimate(log, rig, estimator, compiled=False, homing=homing)
+        estimated = estimate(log, rig, estimator, compiled=False, homing=homing)
     except DistalError:
         return None
-    return Score(result.rms_error(), result.inside_band(), result.half_width())
+    return Score(estimated.rms_error(), estimated.inside_band(), estimated.half_width())

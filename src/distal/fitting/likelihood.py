@@ -125,10 +125,10 @@ def scales_of(runs: Sequence[Innovations], tolerance: Floats) -> Floats:
     for k, limit in enumerate(tolerance):
         compared = [np.isfinite(run.values[:, k]) for run in runs]
         ratios = [run.values[mask, k] ** 2 / run.variances[mask, k] for run, mask in zip(runs, compared)]
-        every = np.concatenate(ratios) if ratios else np.zeros(0)
-        if len(every):
-            plain = max(1.0, float(np.median(every)) / NORMAL_MEDIAN)
-            scales[k] = max(1.0, float(np.mean(np.minimum(every, limit * plain))))
+        pooled = np.concatenate(ratios) if ratios else np.zeros(0)
+        if len(pooled):
+            plain = max(1.0, float(np.median(pooled)) / NORMAL_MEDIAN)
+            scales[k] = max(1.0, float(np.mean(np.minimum(pooled, limit * plain))))
     return scales
 
 

@@ -138,11 +138,11 @@ def among_models(numbers: Numbers, models: Sequence[Numbers]) -> Numbers:
     return replace(numbers, uncertainty=wider, fitted=fitted)
 
 
-def _translated(problem: Problem, z: Floats, other: Problem, otherwise: Floats | None = None) -> Floats:
-    """Return coordinates of one problem as those of another, and for what only that one varies others, or 0."""
-    coordinates = {(part.name, log): value for (part, log), value in zip(problem.parts, z)}
-    missing = np.zeros(other.size) if otherwise is None else otherwise
-    return np.array([coordinates.get((part.name, log), at) for (part, log), at in zip(other.parts, missing)])
+def _translated(problem: Problem, z: Floats, target: Problem, default: Floats | None = None) -> Floats:
+    """Return coordinates of one problem as those of another, and for what only that one varies the default, or 0."""
+    coordinates = {(part.name, log): coordinate for (part, log), coordinate in zip(problem.parts, z)}
+    missing = np.zeros(target.size) if default is None else default
+    return np.array([coordinates.get((part.name, log), at) for (part, log), at in zip(target.parts, missing)])
 
 
 def _searched(problem: Problem, start: Floats, progress: Callable[[int, float], None] | None) -> Numbers:
@@ -262,8 +262,8 @@ def fitted_numbers(
             limit = part.std if part.has_prior and not part.noise else np.inf
             error = min(_error_of_mean(by_log, uncertainty.errors[places] * slopes), limit)
             fitted = replace(fitted, error=error, held_error=_error_of_mean(by_log, errors_holding[places] * slopes))
-        value = mean if identified else part.start
-        numbers.append(replace(fitted, value=value, held=bool(held[places[0]]), per_log=per_log))
+        is_held = bool(held[places[0]])
+        numbers.append(replace(fitted, value=mean if identified else part.start, held=is_held, per_log=per_log))
     return numbers
 
 

@@ -57,6 +57,7 @@ class Problem:
             right, and hides what the angle errs by where it is not.
         workers: threads; the numbers do not depend on them.
         worth: of the channels' values; None before they are assessed: every value counts in full.
+        noises: that are free and not varied.
     """
 
     filter: FitFilter
@@ -66,6 +67,7 @@ class Problem:
     aided: bool = False
     workers: int = 2
     worth: Worth | None = None
+    noises: tuple[Free, ...] = ()
 
     def beginning(self, share: float, least: int) -> Problem:
         """Return the same for the beginnings of the logs, a `share` of each, of `least` samples or more; not assessed."""
@@ -96,11 +98,6 @@ class Problem:
     def of_filter(self) -> Problem:
         """The filter's problem at the same coordinates."""
         return self
-
-    @property
-    def noises(self) -> tuple[Free, ...]:
-        """Noises that are free and not varied."""
-        return ()
 
     @property
     def most(self) -> int:

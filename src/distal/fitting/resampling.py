@@ -22,10 +22,7 @@ def steps_per_sample(places: Floats, noise: Floats) -> int:
     # noise bends too: its second difference has a variance of 6 σ²
     noise_bends = np.sqrt(6.0) / 8.0 * noise
     excess = max((np.sqrt(max(m**2 - o**2, 0.0)) / n for m, o, n in zip(missed, noise_bends, noise)), default=0.0)
-    for steps in (1, 2):
-        if excess < 0.5 * steps**2:
-            return steps
-    return FINEST
+    return next((steps for steps in (1, 2) if excess < 0.5 * steps**2), FINEST)
 
 
 def refined(times: Floats, samples: Floats, places: int, steps: int) -> tuple[Floats, Floats, NDArray[np.intp]]:
