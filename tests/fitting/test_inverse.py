@@ -101,7 +101,7 @@ def test_rows_are_those_of_a_textbook_twin() -> None:
     """Force less pull and friction, and the joint's balance, each over its effective standard deviation."""
     described = rig()
     problem = equations(made(), described)
-    known = problem.known[0]
+    known = problem.motions[0]
     found = problem.at(np.zeros(problem.size))[0]
     assert problem.measured == ("u", "j")
     parts = (slice(1, 3), slice(3, 5), slice(7, 9), slice(9, 11), 11)
@@ -158,9 +158,9 @@ def test_a_plants_numbers_are_found_in_seconds() -> None:
     )
     found = by_equations(problem_of([log], start, Options()), Options(), None)
     assert found is not None
-    assert found.found.converged
+    assert found.optimum.converged
     noise, scale = next(p for p in found.fitted if p.noise and p.name.endswith("sensor u")), found.nis[1][0]
-    assert noise.value == pytest.approx(1e-3 * np.sqrt(found.problem.scales(found.problem.at(found.found.z))[0]))
+    assert noise.value == pytest.approx(1e-3 * np.sqrt(found.problem.scales(found.problem.at(found.optimum.z))[0]))
     assert 1e-3 < noise.value <= 1.01e-3 * np.sqrt(scale)
     for name, true in (("insertion radius", ARM), ("spring stiffness", SPRING), ("friction load", LOAD)):
         part = next(one for one in found.fitted if one.name.startswith(name))

@@ -105,9 +105,9 @@ def test_maps_learn_from_numbers_that_have_not_seen_the_log(
         assert [data.log.source for data in own.problem.data] == [log.source for log in others if log is not left_out]
         gone = [data.log.source for data in whole.problem.data].index(left_out.source)
         shared = np.array([log != gone for _, log in whole.problem.parts])
-        before, after = own.problem.costs([whole.found.z[shared], own.found.z])
+        before, after = own.problem.costs([whole.optimum.z[shared], own.optimum.z])
         assert after <= before
-        moved = own.found.z != whole.found.z[shared]
+        moved = own.optimum.z != whole.optimum.z[shared]
         assert moved.any()
         assert not moved[whole.left[shared]].any()
     assert numbers_without(whole, others, [0, 0]) == [whole]
@@ -141,8 +141,8 @@ def test_ctrl_c_ends_all_folds(others: list[Log], alone: Learned) -> None:
 
     def interrupted(rest: object, fold: int) -> Learned:
         calls.append(fold)
-        found = replace(alone.numbers.found, interrupted=True)
-        return replace(alone, numbers=replace(alone.numbers, found=found))
+        found = replace(alone.numbers.optimum, interrupted=True)
+        return replace(alone, numbers=replace(alone.numbers, optimum=found))
 
     assert leave_out(others, finger_rig(), [0, 1], interrupted, None) == []
     assert calls == [1]
@@ -161,7 +161,7 @@ def test_ctrl_c_is_not_taken_for_an_answer(
         calls.append(1)
         found = whole(*arguments, **named)
         if where == "lacking":
-            return replace(found, found=replace(found.found, interrupted=True))
+            return replace(found, optimum=replace(found.optimum, interrupted=True))
         return replace(found, interrupted=True)
 
     monkeypatch.setattr(module, name, stopped)

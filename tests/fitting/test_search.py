@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from distal.fitting.free import Free
 from distal.fitting.likelihood import Derivatives
-from distal.fitting.search import Found, first_widths, hessian, search, widths_at
+from distal.fitting.search import Optimum, first_widths, hessian, search, widths_at
 
 Floats = NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def test_a_bent_valley_is_followed_to_its_end() -> None:
 def test_steps_follow_the_bend_of_a_product(monkeypatch: pytest.MonkeyPatch) -> None:
     """z₀ z₁ = 1 is known far better than z₀ = 5: straight steps take many times as long."""
 
-    def found() -> tuple[Found, int]:
+    def found() -> tuple[Optimum, int]:
         problem = Curve(lambda z: np.array([1e3 * (z[0] * z[1] - 1.0), 3.0 * (z[0] - 5.0)]), 2)
         return search(problem, np.array([1.0, 1.0]), most=200), problem.calls  # type: ignore[arg-type]
 

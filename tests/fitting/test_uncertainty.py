@@ -57,7 +57,7 @@ def test_what_shows_only_as_a_product_is_told_together() -> None:
     assert found.together.all()
     assert any("only as a product" in line for line in found.combinations)
     wide = told([0.1, 1.0], information)
-    assert list(wide.told) == [False, True]
+    assert list(wide.determined) == [False, True]
     assert list(wide.together) == [True, False]
     held = np.array([True, False])
     assert wide.errors_holding(held)[1] == pytest.approx(1e-3, rel=0.05)
@@ -66,7 +66,7 @@ def test_what_shows_only_as_a_product_is_told_together() -> None:
 
 def test_what_nothing_shows_is_left_and_not_held() -> None:
     found = told([0.1, 0.1], np.diag([1e6, 1e-3]))
-    assert list(found.told) == [True, False]
+    assert list(found.determined) == [True, False]
     assert not found.together.any()
 
 
@@ -86,8 +86,8 @@ def test_the_least_told_is_held_until_the_rest_is_told() -> None:
 
 def test_a_number_without_a_prior_is_judged_by_its_value() -> None:
     sure, vague = told([np.nan, 0.1], np.diag([100.0, 1e4])), told([np.nan, 0.1], np.diag([1.0, 1e4]))
-    assert sure.told[0]
-    assert not vague.told[0]
+    assert sure.determined[0]
+    assert not vague.determined[0]
 
 
 def test_a_combination_is_named_where_logs_tell_half_of_what_the_priors_do() -> None:

@@ -125,7 +125,7 @@ def test_it_is_a_minimum_of_its_criterion(log: Log, found: tuple[Window, Belief]
         return np.array(angles), np.array(variances)
 
     base = np.mean(run(means)[1]) + np.deg2rad(0.1) ** 2
-    true = window.known[:, 0]
+    true = window.truths[:, 0]
     ratios = (true - run(belief.mean[lasting])[0]) / np.sqrt(base)
     # one sample in `INDEPENDENT` s is independent, or fewer where the errors are correlated for longer
     weight = max(1.0, float(np.mean(ratios**2))) * max(INDEPENDENT * log.rate, correlated_samples(ratios))
@@ -190,7 +190,7 @@ def test_the_covariance_goes_on_with_the_run(found: tuple[Window, Belief]) -> No
     assert np.linalg.eigvalsh(belief.covariance).min() >= 0.0
     priors = window.runner.states.stds[lasting]
     assert np.all(np.sqrt(np.diagonal(belief.covariance)[lasting]) <= np.sqrt(KEPT) * priors * (1 + 1e-6))
-    assert belief.mean[0] == pytest.approx(window.known[0, 0])
+    assert belief.mean[0] == pytest.approx(window.truths[0, 0])
 
 
 def test_a_window_in_which_the_filter_leaves_all_bounds(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,7 +49,6 @@ class Channels:
     """What the innovations of each channel are like.
 
     Args:
-        names: of the channels with an innovation.
         ratios: mean of ν²/S, NaN where nothing was compared.
         correlations: of neighbouring normalised innovations.
         since: the time from which on it disagrees to the end [s], or NaN.
@@ -65,8 +64,8 @@ class Channels:
     @property
     def tested(self) -> tuple[str, ...]:
         """Names of the channels that could have disagreed."""
-        every = zip(self.names, self.ratios, self.shares)
-        return tuple(name for name, ratio, share in every if ratio >= SMALL and share >= NEVER_COMPARED)
+        statistics = zip(self.names, self.ratios, self.shares)
+        return tuple(name for name, ratio, share in statistics if ratio >= SMALL and share >= NEVER_COMPARED)
 
     def findings(self) -> list[Finding]:
         """Return what the innovations say."""
@@ -75,34 +74,33 @@ class Channels:
     def _disagreeing(self) -> list[Finding]:
         names, ratios = self.names, self.ratios
         large = [i for i, ratio in enumerate(ratios) if ratio > LARGE_RATIO]
-        drifting = [names[i] for i, value in enumerate(self.correlations) if value > WHITE and ratios[i] > WHOLE]
+        drifting = [names[i] for i, rho in enumerate(self.correlations) if rho > WHITE and ratios[i] > WHOLE]
         if drifting and len(drifting) == len(names) and not large:
             return [sentences.all_drift(drifting)]
         late = [i for i, start in enumerate(self.since) if np.isfinite(start)]
         if len(late) == 1:
             i = late[0]
-            others = [ratio for j, ratio in enumerate(ratios) if j != i and np.isfinite(ratio)]
-            if len(large) <= 1 or ratios[i] > 4 * max(others, default=0.0):
+            elsewhere = [ratio for j, ratio in enumerate(ratios) if j != i and np.isfinite(ratio)]
+            if len(large) <= 1 or ratios[i] > 4 * max(elsewhere, default=0.0):
                 return [sentences.disagrees_since(names[i], self.since[i])]
         if len(large) == 1 and len(names) > 1:
             return [sentences.one_too_large(names[large[0]], ratios[large[0]])]
         if large:
-            ratio = float(np.mean([ratios[i] for i in large]))
-            return [sentences.several_too_large([names[i] for i in large], ratio)]
-        pairs = zip(names, ratios, self.correlations)
-        coloured = [(name, value) for name, ratio, value in pairs if value > COLOURED and ratio > WHOLE]
+            return [sentences.several_too_large([names[i] for i in large], float(np.mean([ratios[i] for i in large])))]
+        coloured = [i for i, rho in enumerate(self.correlations) if rho > COLOURED and ratios[i] > WHOLE]
         if coloured:
-            return [sentences.some_drift([name for name, _ in coloured], max(value for _, value in coloured))]
+            largest = max(self.correlations[i] for i in coloured)
+            return [sentences.some_drift([names[i] for i in coloured], largest)]
         return []
 
     def _untested(self) -> list[Finding]:
-        found = []
+        findings = []
         for name, ratio, share in zip(self.names, self.ratios, self.shares):
             if share < SELDOM:
-                found.append(sentences.hardly_compared(name, share))
+                findings.append(sentences.hardly_compared(name, share))
             if share >= NEVER_COMPARED and ratio < SMALL:
-                found.append(sentences.not_tested(name, ratio))
-        return found
+                findings.append(sentences.not_tested(name, ratio))
+        return findings
 
 
 def channels_of(estimate: Estimate) -> Channels:
@@ -110,26 +108,26 @@ def channels_of(estimate: Estimate) -> Channels:
     scaled = estimate.innovations / np.sqrt(estimate.innovation_variances)
     # the first moments still settle what the prior left open
     settled = estimate.time >= estimate.time[0] + min(0.5, 0.1 * float(np.ptp(estimate.time)))
-    each = range(len(estimate.measured))
+    columns = scaled[settled].T
     return Channels(
         estimate.measured,
-        tuple(_mean(scaled[settled, i] ** 2) for i in each),
-        tuple(_neighbours(scaled[settled, i]) for i in each),
-        tuple(_since(estimate.time, scaled[:, i]) for i in each),
-        tuple(float(np.mean(np.isfinite(scaled[:, i]))) for i in each),
+        tuple(_mean(column**2) for column in columns),
+        tuple(_neighbours(column) for column in columns),
+        tuple(_since(estimate.time, column) for column in scaled.T),
+        tuple(float(np.mean(np.isfinite(column))) for column in scaled.T),
     )
 
 
 def _mean(values: Floats) -> float:
-    there = values[np.isfinite(values)]
-    return float(np.mean(there)) if len(there) else float("nan")
+    finite = values[np.isfinite(values)]
+    return float(np.mean(finite)) if len(finite) else float("nan")
 
 
 def _neighbours(values: Floats) -> float:
-    there = values[np.isfinite(values)]
-    if len(there) < 20 or float(np.std(there)) == 0.0:
+    finite = values[np.isfinite(values)]
+    if len(finite) < 20 or float(np.std(finite)) == 0.0:
         return 0.0
-    return float(np.clip(np.mean(there[1:] * there[:-1]) / np.mean(there**2), -1, 1))
+    return float(np.clip(np.mean(finite[1:] * finite[:-1]) / np.mean(finite**2), -1, 1))
 
 
 def _since(time: Floats, scaled: Floats) -> float:

@@ -24,44 +24,37 @@ def disagreement(result: Estimate, log: Log, rig: Rig, homing: float | None = No
     """Return where `elastic` (without forces `inextensible`) lies outside both bands for a good share of the time.
 
     The kinematic band knows sensors and start only; what friction and an unknown stiffness may stretch is added, at the
-    first sample and now: δθ = (2 f + |F − F_0| σ_k/k)/(k r), with friction f up to the limits that the rig declares.
-
-    Args:
-        homing: for how long the truth is used [s], or None.
+    first sample and now: δθ = (2 f + |F − F_0| σ_k/k)/(k r), with friction f up to the limits that the rig declares. The
+    truth is used for `homing` [s].
     """
     forces = any(sensor.name in log.channels for sensor in rig.sensors_of("force"))
     name = "elastic" if forces else "inextensible"
-    try:
-        other = estimate(log, rig, name, compiled=False, homing=homing)
-    except EstimationError:
+    kinematic = _estimate(log, rig, name, homing)
+    if kinematic is None:
         return []
     outside = np.zeros(len(log), dtype=bool)
     for j, joint in enumerate(rig.joints):
-        band = BAND * (result.angle_stds[:, j] + other.angle_stds[:, j]) + stretch(log, rig, joint.name)
-        outside |= np.abs(result.angles[:, j] - other.angles[:, j]) > band
+        band = BAND * (result.angle_stds[:, j] + kinematic.angle_stds[:, j]) + stretch(log, rig, joint.name)
+        outside |= np.abs(result.angles[:, j] - kinematic.angles[:, j]) > band
     share = float(np.mean(outside))
-    if share <= OFTEN:
-        return []
-    return [sentences.kinematics_disagree(name, share)]
+    return [] if share <= OFTEN else [sentences.kinematics_disagree(name, share)]
 
 
 def disagreement_with_map(result: Estimate, log: Log, rig: Rig, homing: float | None = None) -> list[Finding]:
-    """Return where `affine`, whose map the rig file has, lies outside both bands for a good share of the time.
-
-    Args:
-        homing: for how long the truth is used [s], or None.
-    """
-    if rig.affine is None:
+    """Return where `affine`, whose map the rig file has, lies outside both bands for long; `homing` as above [s]."""
+    affine = None if rig.affine is None else _estimate(log, rig, "affine", homing)
+    if affine is None:
         return []
-    try:
-        other = estimate(log, rig, "affine", compiled=False, homing=homing)
-    except EstimationError:
-        return []
-    apart = np.abs(result.angles - other.angles) > BAND * (result.angle_stds + other.angle_stds)
+    apart = np.abs(result.angles - affine.angles) > BAND * (result.angle_stds + affine.angle_stds)
     share = float(np.mean(apart.any(axis=1)))
-    if share <= OFTEN:
-        return []
-    return [sentences.map_disagrees(share)]
+    return [] if share <= OFTEN else [sentences.map_disagrees(share)]
+
+
+def _estimate(log: Log, rig: Rig, name: str, homing: float | None) -> Estimate | None:
+    try:
+        return estimate(log, rig, name, compiled=False, homing=homing)
+    except EstimationError:
+        return None
 
 
 def stretch(log: Log, rig: Rig, joint: str) -> Floats:
@@ -72,12 +65,11 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
         if joint not in tendon.joints:
             continue
         drive = drives[tendon.drive]
-        mates = [other for other in rig.tendons if other.drive == tendon.drive]
+        mates = [mate for mate in rig.tendons if mate.drive == tendon.drive]
         lever = drive.radius.value if drive.kind == "capstan" else 1.0
-        sensor = next(
-            (s for s in rig.sensors if s.measures == "force" and s.of == drive.name and s.name in log.channels), None
-        )
-        pull = np.zeros(len(log))
+        sensors = (s for s in rig.sensors_of("force") if s.of == drive.name and s.name in log.channels)
+        sensor = next(sensors, None)
+        pull, limit = np.zeros(len(log)), 0.0
         if sensor is None:
             unknown = 2 * BAND * drive.nominal_force.total_std / lever
             tension = max(abs(drive.nominal_force.value) / lever, tendon.pretension.value)
@@ -86,10 +78,7 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
             pull = np.abs(np.nan_to_num(read - read[np.isfinite(read)][0]))
             unknown = 2 * BAND * sensor.noise / lever
             tension = float(np.nanmax(np.abs(read))) + tendon.pretension.value
-        friction = drive.friction
-        limit = (_high(friction.constant) / lever + _high(friction.load) * tension) * (
-            1.0 if sensor is not None else 0.0
-        )
+            limit = _high(drive.friction.constant) / lever + _high(drive.friction.load) * tension
         if drive.hysteresis is not None:
             limit += _high(drive.hysteresis.constant) / lever + _high(drive.hysteresis.load) * tension
         if tendon.path is not None:
@@ -104,5 +93,5 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
 
 def _high(parameter: object) -> float:
     """Return the upper end of a parameter's 95 % band."""
-    value, std = getattr(parameter, "value", 0.0), getattr(parameter, "total_std", 0.0)
-    return float(value + BAND * std)
+    mean, std = getattr(parameter, "value", 0.0), getattr(parameter, "total_std", 0.0)
+    return float(mean + BAND * std)

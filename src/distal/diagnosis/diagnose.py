@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from distal.arrays import Floats
 from distal.diagnosis import sentences
 from distal.diagnosis.comparison import disagreement, disagreement_with_map
 from distal.diagnosis.explanations import explanations
@@ -45,7 +46,6 @@ def diagnose(
 
     Args:
         homing: for how long the truth was used [s], or None.
-        compiled: compile the kernel where possible.
         ranges: channel → lowest and highest value that a fit has seen, SI; default those of the rig's `[affine]`, if any.
         what_if: run the filter again with one thing changed; it costs 20 to 80 runs of the log's first 2000 samples.
 
@@ -65,13 +65,14 @@ def diagnose(
     rerun = Rerun(log, runner, homing)
     further += disagreement(result, log, rig, homing) + disagreement_with_map(result, log, rig, homing)
     first = diagnose_estimate(result, further)
-    if not any(one.contradicts for one in first.findings):  # of a rig that is wrong the band says nothing anyway
+    # of a rig that is wrong the band says nothing anyway
+    if not any(finding.contradicts for finding in first.findings):
         further += overconfidence(rerun)
         first = diagnose_estimate(result, further)
     if not what_if:
         return first
-    against = [one for one in first.findings if one.contradicts]
-    if any(one.kind != "overconfident" for one in against):
+    against = [finding for finding in first.findings if finding.contradicts]
+    if any(finding.kind != "overconfident" for finding in against):
         explained = [] if gears else [*explanations(rerun), *out_of_reach(log, rig)]
         return diagnose_estimate(result, [*explained, *further])
     if against:
@@ -90,29 +91,24 @@ def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:
 
 def elsewhere(log: Log, rig: Rig) -> list[Finding]:
     """Return the displacements that are where their drives cannot be."""
-    found = []
+    findings = []
     for sensor in rig.sensors_of("position"):
-        values = log.channels.get(sensor.name)
-        if values is None:
-            continue
-        low, high = place_range(rig, sensor)
-        there = values[np.isfinite(values)]
-        if len(there) and np.mean((there < low) | (there > high)) > OUTSIDE_SHARE:
-            found.append(sentences.drive_elsewhere(sensor.name))
-    return found
+        readings = log.channels.get(sensor.name)
+        if readings is not None and _share_outside(readings, *place_range(rig, sensor)) > OUTSIDE_SHARE:
+            findings.append(sentences.drive_elsewhere(sensor.name))
+    return findings
 
 
 def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Finding]:
-    """Return the channels that left what a fit has seen.
-
-    Args:
-        ranges: channel → lowest and highest value of the fit, SI.
-    """
-    found = []
+    """Return the channels that left `ranges`: the lowest and highest value of each that a fit has seen, SI."""
+    findings = []
     for name, (low, high) in ranges.items():
-        values = log.channels.get(name, np.zeros(0))
-        there = values[np.isfinite(values)]
-        share = float(np.mean((there < low) | (there > high))) if len(there) else 0.0
+        share = _share_outside(log.channels.get(name, np.zeros(0)), low, high)
         if share > OUTSIDE_SHARE:
-            found.append(sentences.outside_the_fit(name, share, low, high))
-    return found
+            findings.append(sentences.outside_the_fit(name, share, low, high))
+    return findings
+
+
+def _share_outside(readings: Floats, low: float, high: float) -> float:
+    finite = readings[np.isfinite(readings)]
+    return float(np.mean((finite < low) | (finite > high))) if len(finite) else 0.0

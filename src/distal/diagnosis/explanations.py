@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
 from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding
-from distal.diagnosis.of_estimate import diagnose_estimate
 from distal.diagnosis.rerun import Change, Outcome, Rerun
-from distal.diagnosis.what_if import as_estimate
+from distal.diagnosis.what_if import contradictions
 from distal.rig import REFERENCES
 
 UNIT_FACTORS: dict[float, dict[str, str]] = {
@@ -41,20 +40,17 @@ def explanations(rerun: Rerun) -> list[Finding]:
     """Return the change of a sign, a unit or a gear that makes the log agree with the rig, if there is one.
 
     Where a change of another sensor does so as well, both are named.
-
-    Args:
-        rerun: the filter over the log.
     """
     base = _likelihood(rerun.base)
     explain: list[tuple[float, Finding]] = []
     for finding, change in (*_signs_and_units(rerun), *_gears(rerun)):
         outcome = rerun(change)
         gain = _likelihood(outcome) - base
-        near = max((known for known, _ in explain), default=GAIN) - ALIKE
-        if outcome.bounded and gain > max(GAIN, near) and _moves(rerun, outcome) and _agrees(rerun, outcome):
+        near = max((earlier for earlier, _ in explain), default=GAIN) - ALIKE
+        if outcome.bounded and gain > max(GAIN, near) and _moves(rerun, outcome) and not contradictions(rerun, outcome):
             explain.append((gain, finding))
-    explain.sort(key=lambda one: -one[0])
-    alike = {one.subject: one.text for gain, one in explain if gain > explain[0][0] - ALIKE}
+    explain.sort(key=lambda explanation: -explanation[0])
+    alike = {finding.subject: finding.text for gain, finding in explain if gain > explain[0][0] - ALIKE}
     return [Finding("looks like", explain[0][1].subject, ", or ".join(list(alike.values())[:2]))] if explain else []
 
 
@@ -71,37 +67,36 @@ def _gears(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
     """Yield for each capstan the ratio of a gear that fits best, on its angle and its torque."""
     rig, channels = rerun.runner.rig, rerun.runner.channels
     for drive in rig.drives:
-        own: dict[str, str] = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive.name}
-        powers = {own[kind]: power for kind, power in (("position", -1), ("force", 1)) if own.get(kind) in channels}
-        if drive.kind == "capstan" and own.get("position") in channels:
-
-            def change(ratio: float, powers: dict[str, int] = powers) -> Change:
-                return Change(channels={name: ratio**power for name, power in powers.items()})
-
-            ratio = _best_ratio(rerun, change)
-            yield sentences.looks_geared(drive.name, ratio), change(ratio)
+        sensors: dict[str, str] = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive.name}
+        kinds = {"position": -1, "force": 1}
+        powers = {sensors[kind]: power for kind, power in kinds.items() if sensors.get(kind) in channels}
+        if drive.kind == "capstan" and sensors.get("position") in channels:
+            ratio = _best_ratio(rerun, powers)
+            yield sentences.looks_geared(drive.name, ratio), _geared(powers, ratio)
 
 
-def _best_ratio(rerun: Rerun, change: Callable[[float], Change]) -> float:
+def _geared(powers: dict[str, int], ratio: float) -> Change:
+    return Change(channels={name: ratio**power for name, power in powers.items()})
+
+
+def _best_ratio(rerun: Rerun, powers: dict[str, int]) -> float:
     """Return the ratio with the largest likelihood: of `GEARS` and their inverses, then between the neighbours of that."""
-    best = max((*GEARS, *(1 / gear for gear in GEARS)), key=lambda ratio: _likelihood(rerun(change(ratio))))
+
+    def likelihood(ratio: float) -> float:
+        return _likelihood(rerun(_geared(powers, ratio)))
+
+    best = max((*GEARS, *(1 / gear for gear in GEARS)), key=likelihood)
     for width in np.geomspace(GEARS[1] / GEARS[0], 1.01, 5):
-        near = best * np.geomspace(1 / width, width, 5)
-        best = max(map(float, near), key=lambda ratio: _likelihood(rerun(change(ratio))))
+        best = max(map(float, best * np.geomspace(1 / width, width, 5)), key=likelihood)
     return best
 
 
 def _likelihood(outcome: Outcome) -> float:
     """Return ln p per compared value."""
-    there = int(np.isfinite(outcome.innovations).sum())
-    return outcome.log_likelihood / there if outcome.bounded and there else -np.inf
+    count = int(np.isfinite(outcome.innovations).sum())
+    return outcome.log_likelihood / count if outcome.bounded and count else -np.inf
 
 
 def _moves(rerun: Rerun, outcome: Outcome) -> bool:
     """Return whether a joint turns at all: a change after which none does agrees with everything."""
     return float(np.ptp(outcome.means[:, : len(rerun.runner.rig.joints)], axis=0).max()) > LEAST_TURN
-
-
-def _agrees(rerun: Rerun, outcome: Outcome) -> bool:
-    """Return whether nothing is left that contradicts."""
-    return not any(one.contradicts for one in diagnose_estimate(as_estimate(rerun, outcome)).findings)

@@ -28,13 +28,7 @@ SILENT: frozenset[Kind] = frozenset({"hardly compared", "not tested", "cannot te
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is found in a log.
-
-    Args:
-        kind: what it is.
-        subject: of what: a sensor, a state, or a number of the rig in words.
-        text: in words.
-    """
+    """A sentence on what a log contradicts, or leaves untested, about a sensor, a state, or a number of the rig."""
 
     kind: Kind
     subject: str

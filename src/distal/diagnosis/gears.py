@@ -12,7 +12,7 @@ from distal.diagnosis.explanations import UNIT_FACTORS
 from distal.diagnosis.finding import Finding
 from distal.diagnosis.states import LARGEST_TRAVEL
 from distal.logs import Log, true_angles
-from distal.rig import Joint, Rig, Sensor
+from distal.rig import Rig, Sensor
 
 SMALLEST_GEAR = 1.7
 """A ratio below this may be friction or stretch, 1.1 on right rigs: a motor that turns back moves its joint later."""
@@ -25,38 +25,35 @@ SAME = 0.05
 
 
 def geared(log: Log, rig: Rig) -> list[Finding]:
-    """Return the capstans whose angle is so many times what their joint's known angle asks for that a gear explains it.
-
-    Args:
-        log: the log, with the angle of the joint; without it nothing is found.
-    """
-    known, found = true_angles(log, [joint.name for joint in rig.joints]), list[Finding]()
+    """Return the capstans that turn so many times as far as their joint's true angle asks for that a gear explains it."""
+    angles, findings = true_angles(log, [joint.name for joint in rig.joints]), list[Finding]()
+    if angles is None:
+        return findings
     for sensor, joint, expected in _expected(log, rig):
-        if known is None:
-            break
-        angle = known[:, joint]
-        both = np.isfinite(angle) & np.isfinite(expected)
-        if both.sum() < 10 or min(np.std(angle[both]), np.std(expected[both])) == 0.0:
+        compared = np.isfinite(angles[:, joint]) & np.isfinite(expected)
+        angle, turned = angles[compared, joint], expected[compared]
+        if len(angle) < 10 or min(np.std(angle), np.std(turned)) == 0.0:
             continue
-        ratio = float(np.std(expected[both]) / np.std(angle[both]))
-        follows = abs(float(np.corrcoef(expected[both], angle[both])[0, 1])) > ALIKE
+        ratio = float(np.std(turned) / np.std(angle))
+        follows = abs(float(np.corrcoef(turned, angle)[0, 1])) > ALIKE
         if follows and not 1 / SMALLEST_GEAR < ratio < SMALLEST_GEAR:
             words = (w for f, w in UNIT_FACTORS.items() if "" in w and abs(np.log(abs(ratio * f))) < SAME)
             unit = next((w.get("rad", w[""]) for w in words), None)
-            said = sentences.looks_geared(sensor.name, ratio, getattr(sensor, "gear", 1.0))
-            found.append(said if unit is None else sentences.looks(sensor.name, unit))
-    return found
+            by_gear = sentences.looks_geared(sensor.name, ratio, getattr(sensor, "gear", 1.0))
+            findings.append(by_gear if unit is None else sentences.looks(sensor.name, unit))
+    return findings
 
 
 def out_of_reach(log: Log, rig: Rig) -> list[Finding]:
     """Return the capstans whose angle would turn their joint much further than it can turn."""
-    found = []
+    findings = []
     for sensor, joint, expected in _expected(log, rig):
         span = float(np.nanmax(expected) - np.nanmin(expected)) if np.isfinite(expected).any() else 0.0
-        least = span / _room(rig.joints[joint])
+        stops = rig.joints[joint].stops
+        least = span / (LARGEST_TRAVEL if stops is None else stops[1] - stops[0])
         if least > SMALLEST_GEAR:
-            found.append(sentences.looks_geared_at_least(sensor.name, least))
-    return found
+            findings.append(sentences.looks_geared_at_least(sensor.name, least))
+    return findings
 
 
 def _expected(log: Log, rig: Rig) -> Iterator[tuple[Sensor, int, Floats]]:
@@ -69,7 +66,3 @@ def _expected(log: Log, rig: Rig) -> Iterator[tuple[Sensor, int, Floats]]:
             arm = float(np.mean([tendon.total_arm for tendon in pulled]))
             turned: Floats = log.channels[sensor.name] * drive.radius.value / max(arm, 1e-9)
             yield sensor, joints.index(alone.pop()), turned
-
-
-def _room(joint: Joint) -> float:
-    return LARGEST_TRAVEL if joint.stops is None else joint.stops[1] - joint.stops[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from distal.diagnosis.channels import channels_of
+from distal.diagnosis.channels import Channels, channels_of
 from distal.diagnosis.finding import Finding
 from distal.diagnosis.states import left_their_priors, turning_too_far, undeclared_friction
 from distal.results.estimate import Estimate
@@ -26,7 +26,7 @@ class Diagnosis:
         correlations: of neighbouring normalised innovations, per channel.
         since: per channel, the time from which on it disagrees to the end [s], or NaN.
         text: one plain line.
-        findings: all that was found, the weightiest first.
+        findings: the weightiest first.
         tested: names of the channels that could have disagreed.
     """
 
@@ -50,62 +50,44 @@ class Diagnosis:
     @property
     def untested(self) -> bool:
         """Whether nothing contradicts because nothing was tested."""
-        return not self.tested and not any(one.contradicts for one in self.findings)
+        return not self.tested and not any(finding.contradicts for finding in self.findings)
 
     @property
     def consistent(self) -> bool:
         """Whether something was tested, and nothing was found that contradicts."""
-        return bool(self.tested) and not any(one.contradicts for one in self.findings)
+        return bool(self.tested) and not any(finding.contradicts for finding in self.findings)
 
 
 def diagnose_estimate(estimate: Estimate, further: Sequence[Finding] = ()) -> Diagnosis:
-    """Return what an estimate's innovations and states say, and what else was found.
-
-    Args:
-        further: what was found by other means, see `distal.diagnose`.
-    """
+    """Return what an estimate's innovations and states say, and what was found by other means, see `distal.diagnose`."""
     channels = channels_of(estimate)
     states = [*left_their_priors(estimate), *turning_too_far(estimate), *undeclared_friction(estimate)]
     # what would explain it comes right after what disagrees, before what follows from it
-    looks = [one for one in further if one.kind == "looks like"]
-    found = [*channels.findings(), *looks, *states, *(one for one in further if one.kind != "looks like")]
-    contradicting = [one for one in found if one.contradicts]
-    silent = [one for one in found if not one.contradicts]
-    text = _text(contradicting, silent, channels.names, channels.tested, channels.shares)
-    return Diagnosis(
-        channels.names,
-        channels.ratios,
-        channels.correlations,
-        channels.since,
-        text,
-        (*contradicting, *silent),
-        channels.tested,
-    )
+    looks = [finding for finding in further if finding.kind == "looks like"]
+    consequences = [finding for finding in further if finding.kind != "looks like"]
+    findings = [*channels.findings(), *looks, *states, *consequences]
+    contradicting = [finding for finding in findings if finding.contradicts]
+    silent = [finding for finding in findings if not finding.contradicts]
+    statistics = channels.names, channels.ratios, channels.correlations, channels.since
+    text = _text(contradicting, silent, channels)
+    return Diagnosis(*statistics, text, (*contradicting, *silent), channels.tested)
 
 
-def _text(
-    contradicting: Sequence[Finding],
-    silent: Sequence[Finding],
-    names: Sequence[str],
-    tested: Sequence[str],
-    shares: Sequence[float],
-) -> str:
-    hardly = [one.text for one in silent if one.kind == "hardly compared"]
+def _text(contradicting: Sequence[Finding], silent: Sequence[Finding], channels: Channels) -> str:
+    tested, not_tested = channels.tested, [finding for finding in silent if finding.kind == "not tested"]
+    hardly = [finding.text for finding in silent if finding.kind == "hardly compared"]
     if contradicting:
-        return _joined([one.text for one in contradicting] + hardly)
-    beyond = [one.subject for one in silent if one.kind == "cannot test"]
-    if not names:
+        return _joined([finding.text for finding in contradicting] + hardly)
+    beyond = [finding.subject for finding in silent if finding.kind == "cannot test"]
+    if not channels.names:
         return _joined([NOTHING], beyond)
     if not tested:
-        small = [one.text for one in silent if one.kind == "not tested"]
-        return _joined([*(small or ["not tested: hardly anything could be compared"]), *hardly], beyond)
-    least = min(share for name, share in zip(names, shares) if name in tested)
-    agree = (
-        f"consistent: {', '.join(tested)} agree{'s' * (len(tested) == 1)} with the rig, {100 * least:.0f} % compared"
-    )
-    untested = [one.subject for one in silent if one.kind == "not tested"]
-    silence = [f"not tested by {', '.join(untested)}"] if untested else []
-    return _joined([agree, *hardly, *silence], beyond)
+        small = [finding.text for finding in not_tested] or ["not tested: hardly anything could be compared"]
+        return _joined([*small, *hardly], beyond)
+    least = min(share for name, share in zip(channels.names, channels.shares) if name in tested)
+    agree = f"{', '.join(tested)} agree{'s' * (len(tested) == 1)} with the rig, {100 * least:.0f} % compared"
+    silence = [f"not tested by {', '.join(finding.subject for finding in not_tested)}"] if not_tested else []
+    return _joined([f"consistent: {agree}", *hardly, *silence], beyond)
 
 
 def _joined(parts: Sequence[str], beyond: Sequence[str] = ()) -> str:

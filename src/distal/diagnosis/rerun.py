@@ -37,15 +37,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run gave.
-
-    Args:
-        means: of all states, (k, n).
-        variances: of all states, (k, n).
-        innovations: (k, m), NaN where nothing was compared.
-        innovation_variances: (k, m).
-        bounded: whether the filter stayed within all bounds.
-    """
+    """Means and variances of all states, (k, n), and innovations and their variances, (k, m), NaN where not compared."""
 
     means: Floats
     variances: Floats
@@ -62,8 +54,8 @@ class Outcome:
     @property
     def log_likelihood(self) -> float:
         """ln p of all that was compared, less a constant; beyond ν² = 9 S an outlier counts as in the filter."""
-        there = np.isfinite(self.innovations)
-        squares, variances = self.squares[there], self.innovation_variances[there]
+        compared = np.isfinite(self.innovations)
+        squares, variances = self.squares[compared], self.innovation_variances[compared]
         inflation = np.maximum(1.0, squares / OUTLIER)
         return float(-0.5 * np.sum(squares / inflation + np.log(variances * inflation)))
 
@@ -73,19 +65,13 @@ class Rerun:
 
     Args:
         log: as it was estimated; of a long one the first `MOST_RERUN` samples are used.
-        runner: the filter, see `runner_for`.
+        runner: see `runner_for`.
         homing: for how long the truth is used [s], or None.
     """
 
     def __init__(self, log: Log, runner: AdaptiveFilter, homing: float | None = None) -> None:
         if len(log) > MOST_RERUN:
-            log = Log(
-                log.time[:MOST_RERUN],
-                {name: values[:MOST_RERUN] for name, values in log.channels.items()},
-                {name: values[:MOST_RERUN] for name, values in log.truth.items()},
-                log.source,
-                log.truth_source,
-            )
+            log = log.select(slice(MOST_RERUN))
             homing = None if homing is None or homing >= float(np.ptp(log.time)) else homing
         self.log, self._run = log, prepared(log, runner, homing)
         assert isinstance(self._run.runner, AdaptiveFilter)
@@ -100,8 +86,8 @@ class Rerun:
             samples[:, runner.channels.index(name)] *= factor
         begin = run.start
         if change.channels:
-            there = np.isfinite(samples)
-            first = samples[there.argmax(axis=0), np.arange(samples.shape[1])]
+            is_finite = np.isfinite(samples)
+            first = samples[is_finite.argmax(axis=0), np.arange(samples.shape[1])]
             begin = runner.initial(self.log.time[0], first)
         carry, n = np.array(begin.carry), begin.size
         for name, shift in change.shifts.items():

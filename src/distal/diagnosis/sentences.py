@@ -17,107 +17,63 @@ def all_drift(channels: Sequence[str]) -> Finding:
 
 
 def some_drift(channels: Sequence[str], correlation: float) -> Finding:
-    """Return the finding that some channels' innovations are correlated.
-
-    Args:
-        correlation: largest of neighbouring innovations.
-    """
+    """Return the finding that some channels' innovations are correlated, by their largest `correlation`."""
     several = ", ".join(channels)
     text = f"innovations of {several} are not white (correlation {correlation:.1f})"
     return Finding("drifts", several, f"{text}: geometry, stiffness or friction is off")
 
 
 def disagrees_since(channel: str, since: float) -> Finding:
-    """Return the finding that a sensor disagrees from some time [s] to the end.
-
-    Args:
-        since: from when on [s].
-    """
+    """Return the finding that a sensor disagrees `since` some time [s] to the end."""
     text = f"sensor {channel} disagrees from {since:.1f} s on: its innovations are too large to the end"
     return Finding("disagrees", channel, text)
 
 
 def one_too_large(channel: str, ratio: float) -> Finding:
-    """Return that the innovations of one channel are too large, by the mean of ν²/S.
-
-    Args:
-        ratio: mean of ν²/S.
-    """
+    """Return that the innovations of one channel are too large, by `ratio`, the mean of ν²/S."""
     text = f"sensor {channel} disagrees: innovations {np.sqrt(ratio):.1f}× larger than expected"
     return Finding("too large", channel, text)
 
 
 def several_too_large(channels: Sequence[str], ratio: float) -> Finding:
-    """Return that the innovations of several channels are too large, by the mean of ν²/S.
-
-    Args:
-        ratio: mean of ν²/S.
-    """
+    """Return that the innovations of several channels are too large, by `ratio`, the mean of ν²/S."""
     text = f"innovations {np.sqrt(ratio):.1f}× larger than expected: the rig's stiffness, friction or geometry is off"
     return Finding("too large", ", ".join(channels), text)
 
 
 def hardly_compared(channel: str, share: float) -> Finding:
-    """Return the finding that few samples of a channel are compared.
-
-    Args:
-        share: of the log, or of its samples.
-    """
+    """Return the finding that only a small `share` of a channel's samples is compared."""
     text = f"only {100 * share:.0f} % of {channel} could be compared (missing, or the slider at a stop)"
     return Finding("hardly compared", channel, text)
 
 
 def not_tested(channel: str, ratio: float) -> Finding:
-    """Return the finding that a channel tests nothing: its innovations are far too small, by the mean of ν²/S.
-
-    Args:
-        ratio: mean of ν²/S.
-    """
+    """Return the finding that a channel tests nothing: its innovations are far too small, by `ratio`, the mean of ν²/S."""
     text = f"not tested by {channel}: its innovations are only {np.sqrt(ratio):.2f} of the expected size"
     return Finding("not tested", channel, text)
 
 
 def left_its_prior(state: str, value: float, std: float, prior: float, prior_std: float) -> Finding:
-    """Return the finding that a state ends far outside its prior.
-
-    Args:
-        value: where it ends, SI.
-        std: of that, SI.
-        prior: mean of its prior, SI.
-        prior_std: of its prior, SI.
-    """
-    return Finding(
-        "left its prior", state, f"{state} is {value:.3g} ± {std:.1g}, its prior {prior:.3g} ± {prior_std:.1g}"
-    )
+    """Return the finding that a state ends far outside its prior: `value` and `std`, and `prior` and `prior_std`, SI."""
+    text = f"{state} is {value:.3g} ± {std:.1g}, its prior {prior:.3g} ± {prior_std:.1g}"
+    return Finding("left its prior", state, text)
 
 
 def does_not_settle(state: str, change: float) -> Finding:
-    """Return that a state still moves at the end of the log, by how much since its middle.
-
-    Args:
-        change: since the middle of the log, SI.
-    """
+    """Return that a state still moves at the end of the log, by its `change` since the middle, SI."""
     return Finding("left its prior", state, f"{state} does not settle: it moves by {change:.2g} late")
 
 
 def turns_too_far(joint: str, covered: float) -> Finding:
-    """Return the finding that an angle covers more than a joint can [rad].
-
-    Args:
-        covered: range of its angle [rad].
-    """
+    """Return the finding that an angle has `covered` more than a joint can [rad]."""
     degrees = np.rad2deg(covered)
     text = f"the angle of {joint} covers {degrees:.0f}°, which no joint does: is a gear, a unit or a radius wrong?"
     return Finding("cannot be there", joint, text)
 
 
-def friction_undeclared(drive: str, value: float) -> Finding:
-    """Return that a drive has friction that the rig does not declare [N, N m].
-
-    Args:
-        value: where it ends, SI.
-    """
-    size = f"friction that the rig does not have: {value:.2g} at '{drive}' [SI]"
+def friction_undeclared(drive: str, friction: float) -> Finding:
+    """Return that a drive has `friction` that the rig does not declare [N, N m]."""
+    size = f"friction that the rig does not have: {friction:.2g} at '{drive}' [SI]"
     return Finding("friction", drive, f"{size} (set drives.{drive}.friction, or a hand acts)")
 
 
@@ -127,87 +83,55 @@ def drive_elsewhere(sensor: str) -> Finding:
 
 
 def outside_the_fit(channel: str, share: float, low: float, high: float) -> Finding:
-    """Return the finding that a channel left the range of a fit, SI.
-
-    Args:
-        share: of the log, or of its samples.
-        low: lowest value of the fit, SI.
-        high: highest, SI.
-    """
+    """Return the finding that a channel left the range of a fit, `low` to `high` [SI], for some `share` of the log."""
     text = f"{channel} is outside the range of the fit for {100 * share:.0f} % of the log ({low:.3g} to {high:.3g})"
     return Finding("out of range", channel, text)
 
 
 def kinematics_disagree(estimator: str, share: float) -> Finding:
-    """Return that a kinematic estimate lies outside both bands.
-
-    Args:
-        share: of the log, or of its samples.
-    """
+    """Return that a kinematic estimate lies outside both bands for some `share` of the log."""
     text = f"{estimator} lies outside both bands {100 * share:.0f} % of the time: stiffness, friction or a zero is off"
     return Finding("other estimate", estimator, text)
 
 
 def map_disagrees(share: float) -> Finding:
-    """Return that `affine` lies outside both bands.
-
-    Args:
-        share: of the log, or of its samples.
-    """
+    """Return that `affine` lies outside both bands for some share of the log."""
     text = f"affine, learned from logs, lies outside both bands {100 * share:.0f} % of the time"
     return Finding("other estimate", "affine", text)
 
 
 def looks(subject: str, like: str) -> Finding:
-    """Return a possible explanation why a log disagrees with its rig.
-
-    Args:
-        subject: of what: a sensor, a drive, a number of the rig.
-        like: what it looks like, in words.
-    """
+    """Return a possible explanation why a log disagrees with its rig: what a sensor, drive or number of it looks like."""
     return Finding("looks like", subject, f"{subject} looks {like}")
 
 
-def looks_geared(subject: str, ratio: float, given: float = 1.0) -> Finding:
+def looks_geared(subject: str, ratio: float, gear: float = 1.0) -> Finding:
     """Return that a gear between motor and capstan would explain that a log disagrees with its rig.
 
     Args:
         subject: the angle's sensor, or the drive where its torque is geared too.
         ratio: turns in the log for one turn that the rig expects.
-        given: gear that the rig file has.
+        gear: that the rig file has.
     """
-    if given != 1.0:
-        return looks(subject, f"like a gear of about {given * ratio:.2g}, where the rig file has {given:g}")
+    if gear != 1.0:
+        return looks(subject, f"like a gear of about {gear * ratio:.2g}, where the rig file has {gear:g}")
     if ratio < 1.0:
         return looks(subject, f"about {1 / ratio:.2g} times too small, as if a gear were taken off twice")
     return looks(subject, f"like a gear of about {ratio:.2g} that the rig file does not have")
 
 
 def looks_geared_at_least(subject: str, ratio: float) -> Finding:
-    """Return that a motor would turn its joint further than that can turn.
-
-    Args:
-        ratio: by how much further.
-    """
+    """Return that a motor would turn its joint further than that can turn, by some `ratio`."""
     return looks(subject, f"like a gear of {ratio:.2g} or more, or a unit, that the rig file does not have")
 
 
 def cannot_test(subject: str) -> Finding:
-    """Return the finding that no sensor tests this.
-
-    Args:
-        subject: of what: a sensor, a drive, a number of the rig.
-    """
+    """Return the finding that no sensor tests this sensor, drive or number of the rig."""
     return Finding("cannot test", subject, f"{subject}: an error there changes the angle but no innovation")
 
 
 def hangs_on_the_start(state: str, spread: float, *, is_angle: bool) -> Finding:
-    """Return the finding that the angle depends on the filter's start by more than its band.
-
-    Args:
-        spread: of the angle over starts, in its standard deviations.
-        is_angle: whether the state is a joint's angle.
-    """
-    what = f"where {state} is" if is_angle else f"what {state} is"
-    text = f"the band is too narrow: the angle depends {spread:.1f}× as much as it allows on {what} at first"
+    """Return that the angle depends on the filter's start by more than its band: by `spread` standard deviations."""
+    place = f"{'where' if is_angle else 'what'} {state} is"
+    text = f"the band is too narrow: the angle depends {spread:.1f}× as much as it allows on {place} at first"
     return Finding("overconfident", state, text)

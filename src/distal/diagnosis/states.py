@@ -24,37 +24,32 @@ BEGUN = 1.0
 
 
 def left_their_priors(estimate: Estimate) -> list[Finding]:
-    """Return the states that end, or go on walking, where their priors say that they are not.
-
-    Args:
-        estimate: with the priors of its states, else nothing is found.
-    """
+    """Return the states that end, or go on walking, where their priors, if the estimate has any, say that they are not."""
     means, stds = estimate.prior_means, estimate.prior_stds
     if means is None or stds is None or len(estimate) < 4:
         return []
     worst: dict[str, tuple[float, Finding]] = {}
     middle = len(estimate) // 2
-    every = zip(estimate.state_names, estimate.state_kinds, estimate.state_parts)
-    for i, (name, kind, part) in enumerate(every):
+    states = zip(estimate.state_names, estimate.state_kinds, estimate.state_parts)
+    for i, (name, kind, part) in enumerate(states):
         if not stds[i] > 0.0:  # NaN: a state that is meant to move
             continue
-        prior, value, std = means[i], estimate.means[-1, i], float(np.sqrt(estimate.variances[-1, i]))
-        away = (value - prior) / stds[i]
+        prior, end, std = means[i], estimate.means[-1, i], float(np.sqrt(estimate.variances[-1, i]))
+        away = (end - prior) / stds[i]
         # what has been learned since the middle is how far it may have moved since
         learned = max(float(estimate.variances[middle, i]) - std * std, (0.01 * stds[i]) ** 2)
-        change = value - estimate.means[middle, i]
+        change = end - estimate.means[middle, i]
         # the weights of a sensor's linearity are one thing
         subject = f"linearity_{part}" if kind is StateKind.LINEARITY else name
-        if abs(value - prior) - std > LARGE_PRIOR * stds[i]:
-            found = sentences.left_its_prior(subject, value, std, prior, float(stds[i]))
+        if abs(end - prior) - std > LARGE_PRIOR * stds[i]:
+            finding = sentences.left_its_prior(subject, end, std, prior, float(stds[i]))
         elif abs(change) > WALKS * np.sqrt(learned) and abs(change) > BEGUN * stds[i]:
-            found = sentences.does_not_settle(subject, change)
+            finding = sentences.does_not_settle(subject, change)
         else:
             continue
-        size = max(abs(away), 0.0)
-        if subject not in worst or size > worst[subject][0]:
-            worst[subject] = (size, found)
-    return [found for _, found in sorted(worst.values(), key=lambda each: -each[0])]
+        if subject not in worst or abs(away) > worst[subject][0]:
+            worst[subject] = (abs(away), finding)
+    return [finding for _, finding in sorted(worst.values(), key=lambda size_and_finding: -size_and_finding[0])]
 
 
 def turning_too_far(estimate: Estimate) -> list[Finding]:
@@ -65,10 +60,10 @@ def turning_too_far(estimate: Estimate) -> list[Finding]:
 
 def undeclared_friction(estimate: Estimate) -> list[Finding]:
     """Return the drives at which the filter found friction that the rig does not declare."""
-    found = []
+    findings = []
     for i, (kind, drive) in enumerate(zip(estimate.state_kinds, estimate.state_parts)):
-        value, std = estimate.means[-1, i], np.sqrt(estimate.variances[-1, i])
+        friction, std = estimate.means[-1, i], np.sqrt(estimate.variances[-1, i])
         prior = np.sqrt(estimate.variances[0, i])
-        if kind is StateKind.FRICTION and value > 0.25 * prior and value > 3.0 * std:
-            found.append(sentences.friction_undeclared(drive, float(value)))
-    return found
+        if kind is StateKind.FRICTION and friction > 0.25 * prior and friction > 3.0 * std:
+            findings.append(sentences.friction_undeclared(drive, float(friction)))
+    return findings

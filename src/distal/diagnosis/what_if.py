@@ -47,12 +47,8 @@ def cannot_test(log: Log, rig: Rig, homing: float | None = None, compiled: bool 
     """Return what the sensors of a log cannot test: changes of the rig that move the angle but no innovation.
 
     Each moment arm, capstan, pretension, stiffness, each sensor's sign and scale, and the joint's direction is changed,
-    the filter is run again, and the change is named where mean ν²/S of all channels moves by less than `UNMOVED`, nothing
-    else is found, and the angle moves by more than its 95 % band.
-
-    Args:
-        homing: for how long the truth is used [s], or None.
-        compiled: compile the kernel where possible.
+    the filter is run again, and the change is named where mean ν²/S of all channels moves by less than `UNMOVED`, no new
+    finding contradicts, and the angle moves by more than its 95 % band. The truth is used for `homing` [s].
 
     Raises:
         EstimationError: the filter cannot run on this rig or log.
@@ -63,16 +59,13 @@ def cannot_test(log: Log, rig: Rig, homing: float | None = None, compiled: bool 
 
 
 def untestable(rerun: Rerun) -> list[Finding]:
-    """Return what cannot be tested, see `cannot_test`.
-
-    Args:
-        rerun: the filter over the log.
-    """
-    found, known = list[Finding](), {(one.kind, one.subject) for one in _contradictions(rerun, rerun.base)}
-    for subject, changes in _suspects(rerun):
-        if any(_unseen(rerun, rerun(change), known) for change in changes):
-            found.append(sentences.cannot_test(subject))
-    return found
+    """Return what cannot be tested, see `cannot_test`."""
+    of_base = contradictions(rerun, rerun.base)
+    return [
+        sentences.cannot_test(subject)
+        for subject, changes in _suspects(rerun)
+        if any(_unseen(rerun, rerun(change), of_base) for change in changes)
+    ]
 
 
 def overconfidence(rerun: Rerun) -> list[Finding]:
@@ -81,9 +74,6 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
     Each state that has a prior begins one of its standard deviations above, then below. By linearity the root of the sum
     of squares of what that moves the angle by is the spread of estimates over starts drawn from the prior, which is part
     of the posterior's standard deviation. A start that the log itself rejects counts by its likelihood, min(1, p/p_0).
-
-    Args:
-        rerun: the filter over the log.
     """
     runner, base = rerun.runner, rerun.base
     states = runner.states
@@ -161,7 +151,7 @@ def _numbers(rerun: Rerun, paths: list[str], *factors: float) -> list[Change]:
     return changes
 
 
-def _unseen(rerun: Rerun, outcome: Outcome, known: set[tuple[Kind, str]]) -> bool:
+def _unseen(rerun: Rerun, outcome: Outcome, base_contradictions: set[tuple[Kind, str]]) -> bool:
     """Return whether a change moved the angle by more than its band, and nothing that is measured."""
     base, joints = rerun.base, len(rerun.runner.rig.joints)
     if not outcome.bounded:
@@ -170,26 +160,23 @@ def _unseen(rerun: Rerun, outcome: Outcome, known: set[tuple[Kind, str]]) -> boo
     if moved <= BAND * np.sqrt(np.mean(base.variances[:, :joints])):
         return False
     if base.squares.size:
-        there = np.isfinite(base.squares) & np.isfinite(outcome.squares)
-        if there.sum() < 0.5 * np.isfinite(base.squares).sum():
+        compared = np.isfinite(base.squares) & np.isfinite(outcome.squares)
+        if compared.sum() < 0.5 * np.isfinite(base.squares).sum():
             return False
-        change = np.where(there, outcome.squares - base.squares, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
-        if np.max(np.abs(change)) >= UNMOVED:
+        change = np.where(compared, outcome.squares - base.squares, 0.0).sum(axis=0)
+        if np.max(np.abs(change / np.maximum(compared.sum(axis=0), 1))) >= UNMOVED:
             return False
-    return not ({(one.kind, one.subject) for one in _contradictions(rerun, outcome)} - known)
+    return contradictions(rerun, outcome) <= base_contradictions
 
 
-def _contradictions(rerun: Rerun, outcome: Outcome) -> list[Finding]:
-    return [one for one in diagnose_estimate(as_estimate(rerun, outcome)).findings if one.contradicts]
+def contradictions(rerun: Rerun, outcome: Outcome) -> set[tuple[Kind, str]]:
+    """Return kind and subject of what contradicts in a run."""
+    findings = diagnose_estimate(as_estimate(rerun, outcome)).findings
+    return {(finding.kind, finding.subject) for finding in findings if finding.contradicts}
 
 
 def as_estimate(rerun: Rerun, outcome: Outcome) -> Estimate:
-    """Return what a run gave as an estimate without a truth.
-
-    Args:
-        rerun: the filter over the log.
-        outcome: of one of its runs.
-    """
+    """Return what a run gave as an estimate without a truth."""
     runner = rerun.runner
     lasting = runner.states.lasting
     return Estimate(

@@ -2,8 +2,6 @@
 
 from distal.fitting.fit import fit
 from distal.fitting.fitted import FittedNumber
-from distal.fitting.free import Free
-from distal.fitting.learn import Learned, learn
 from distal.fitting.leave_out import Compared, Fold, Score
 from distal.fitting.maps import LeftOut, MapFit, learn_affine, learn_contact, learn_discrepancy
 from distal.fitting.observability import Observability, observability
@@ -18,8 +16,6 @@ __all__ = [
     "Fit",
     "FittedNumber",
     "Fold",
-    "Free",
-    "Learned",
     "LeftOut",
     "MapFit",
     "Observability",
@@ -27,7 +23,6 @@ __all__ = [
     "Score",
     "fit",
     "groups_of",
-    "learn",
     "learn_affine",
     "learn_contact",
     "learn_discrepancy",

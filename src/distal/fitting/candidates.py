@@ -13,11 +13,10 @@ from distal.fitting.checks import unknown_joints
 from distal.fitting.fitted import assignments, described
 from distal.fitting.jackknife import numbers_without
 from distal.fitting.lacking import Part
-from distal.fitting.map_samples import discrepancy_of, filtered, mean_rms, partly_homed
+from distal.fitting.map_samples import discrepancy_of, filtered, mean_rms, partly_homed, with_reference_error
 from distal.fitting.maps import MapFit, map_of
 from distal.fitting.numbers import Numbers
 from distal.fitting.options import Options
-from distal.fitting.reference_error import with_reference_error
 from distal.logs import Log, true_angles
 from distal.regression import (
     Errors,
@@ -33,12 +32,8 @@ from distal.regression import (
 )
 from distal.rig import LearnedMap, Rig
 
-AS_IT_CAME, BY_EQUATIONS, BY_FILTER, LINE = (
-    "the rig as it came",
-    "numbers by its equations",
-    "numbers by its filter",
-    "a straight line",
-)
+AS_IT_CAME, LINE = "the rig as it came", "a straight line"
+BY_EQUATIONS, BY_FILTER = "numbers by its equations", "numbers by its filter"
 """Names of the candidates; of each but the line with what the angle then lacks (`discrepancy`) on top."""
 
 SURER = 0.85
@@ -65,15 +60,14 @@ class Training:
     """What candidates learn from.
 
     Args:
-        known: logs with a truth.
-        groups: of each, which are left out together.
+        logs: with a truth.
+        groups: of each log, which are left out together.
         rig: the description as it came.
-        options: of the fit.
         unknown: joints whose angle is known in no log.
         part: that the description has more than as it came.
     """
 
-    known: tuple[Log, ...]
+    logs: tuple[Log, ...]
     groups: tuple[str, ...]
     rig: Rig
     options: Options
@@ -82,20 +76,16 @@ class Training:
 
     @classmethod
     def of(cls, logs: Sequence[Log], rig: Rig, options: Options) -> Training:
-        """Return what candidates learn from.
-
-        Args:
-            rig: the description as it came.
-        """
+        """Return what candidates learn from, with the rig as it came."""
         joints = [joint.name for joint in rig.joints]
-        known = tuple(log for log in logs if true_angles(log, joints) is not None)
-        unknown = tuple(unknown_joints(known, rig)) if known else ()
-        return cls(known, groups_among(known, options), rig, options, unknown)
+        with_truth = tuple(log for log in logs if true_angles(log, joints) is not None)
+        unknown = tuple(unknown_joints(with_truth, rig)) if with_truth else ()
+        return cls(with_truth, groups_among(with_truth, options), rig, options, unknown)
 
     @property
     def judges(self) -> bool:
         """Whether candidates can be judged: every joint's angle is known in some log."""
-        return bool(self.known) and not self.unknown
+        return bool(self.logs) and not self.unknown
 
     @property
     def folds(self) -> list[int]:
@@ -108,7 +98,6 @@ class Candidate:
     """One way of describing what logs have.
 
     Args:
-        name: of the way.
         rig: the description with numbers and maps.
         numbers: that are in it, None where they are as they came.
         hold: whether filters take the numbers as they are.
@@ -144,35 +133,33 @@ class _Run:
 
 
 def filter_candidate(
-    name: str, training: Training, numbers: Numbers | None, others: Sequence[Candidate] = ()
+    name: str, training: Training, numbers: Numbers | None, previous: Sequence[Candidate] = ()
 ) -> Candidate:
-    """Return the candidate of a filter with some numbers, and the map of what its angle then lacks.
+    """Return the candidate of a filter with some numbers, None for the rig's own, and the map of what its angle then lacks.
 
-    Args:
-        numbers: None for those of the rig as it came.
-        others: candidates before it; where their filters err far less, it gets no map.
+    Where the filter of a candidate before it errs far less, it gets no map.
     """
     run = _run(training, numbers, False)
     plain = Candidate(name, run.rig, numbers, False, {}, np.inf, np.inf, run.data, tuple(run.refused), training.part)
-    least = min((mean_rms(one.data) for one in others if one.data), default=np.inf)
+    least = min((mean_rms(candidate.data) for candidate in previous if candidate.data), default=np.inf)
     if not run.data or mean_rms(run.data) > FAR * least:
         judged = bool(run.data) and len(set(training.folds)) > 1
         return replace(plain, error=mean_rms(run.data), beyond=mean_rms(run.data)) if judged else plain
     run = _surest(run, training, numbers)
     homing, samples, ran = training.options.homing, list(run.data.values()), list(run.data)
-    own, groups = [run.rigs[i] for i in ran], [training.groups[i] for i in ran]
-    half = partly_homed([training.known[i] for i in ran], own, homing, training.options.compiled)
+    rigs, groups = [run.rigs[i] for i in ran], [training.groups[i] for i in ran]
+    half = partly_homed([training.logs[i] for i in ran], rigs, homing, training.options.compiled)
     kind = discrepancy_of(run.rig, samples)
-    found = map_of(samples, kind, run.rig, homing, groups, scored=False, partly=half)
-    found, folds = _with_reference_error(found, training), folds_of(groups)
-    error = _rms(samples, left_out_errors(samples, kind, found.terms, folds, homing))
+    map_fit = map_of(samples, kind, run.rig, homing, groups, scored=False, partly=half)
+    map_fit, folds = _with_reference_error(map_fit, training), folds_of(groups)
+    error = _rms(samples, left_out_errors(samples, kind, map_fit.terms, folds, homing))
 
     def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
-        return fit_coefficients([samples[i].part(part) for i, part in zip(logs, parts)], kind, found.terms)
+        return fit_coefficients([samples[i].part(part) for i, part in zip(logs, parts)], kind, map_fit.terms)
 
     beyond = _rms(samples, errors_beyond(samples, kind, folds, homing, learned), error)
-    maps = {found.table: found}
-    return replace(plain, rig=found.rig, hold=run.hold, maps=maps, error=error, beyond=beyond, data=run.data)
+    maps = {map_fit.table: map_fit}
+    return replace(plain, rig=map_fit.rig, hold=run.hold, maps=maps, error=error, beyond=beyond, data=run.data)
 
 
 def _surest(run: _Run, training: Training, numbers: Numbers | None) -> _Run:
@@ -185,41 +172,39 @@ def _surest(run: _Run, training: Training, numbers: Numbers | None) -> _Run:
 
 def _rms(samples: Sequence[Samples], errors: Sequence[Sequence[Errors]], unknown: float = np.inf) -> float:
     """Return the RMS error on logs left out beyond the reference's own noise [rad], `unknown` where none is left out."""
-    error = rms_beyond_noise(errors, max(one.reference_std for one in samples))
+    error = rms_beyond_noise(errors, max(log_samples.reference_std for log_samples in samples))
     return error if np.isfinite(error) else unknown
 
 
 def _run(training: Training, numbers: Numbers | None, hold: bool) -> _Run:
-    def described_by(own: Numbers) -> Rig:
-        return described(training.rig, assignments(own.fitted, own.problem.filter.rig, hold))
+    def described_by(source: Numbers) -> Rig:
+        return described(training.rig, assignments(source.fitted, source.problem.filter.rig, hold))
 
     rig, rigs = training.rig, [training.rig] * len(training.folds)
     if numbers is not None:
-        each = [described_by(own) for own in numbers_without(numbers, training.known, training.folds)]
-        rig, rigs = described_by(numbers), [each[fold] for fold in training.folds]
-    done = filtered(training.known, rigs, training.options.homing, training.options.compiled)
+        of_folds = numbers_without(numbers, training.logs, training.folds)
+        fold_rigs = [described_by(of_fold) for of_fold in of_folds]
+        rig, rigs = described_by(numbers), [fold_rigs[fold] for fold in training.folds]
+    done = filtered(training.logs, rigs, training.options.homing, training.options.compiled)
     return _Run(rig, rigs, hold, *done)
 
 
 def line_map(training: Training) -> MapFit:
     """Return the map of the estimator `affine`: angles as a straight line of what the sensors read."""
-    data = [affine_samples(log, training.rig) for log in training.known]
-    data = [one.part(np.asarray(np.isfinite(one.targets).any(axis=1))) for one in data]
-    found = map_of(data, affine_of(training.rig), training.rig, training.options.homing, training.groups, scored=False)
-    return _with_reference_error(found, training)
+    data = [affine_samples(log, training.rig) for log in training.logs]
+    data = [samples.part(np.asarray(np.isfinite(samples.targets).any(axis=1))) for samples in data]
+    kind, homing = affine_of(training.rig), training.options.homing
+    map_fit = map_of(data, kind, training.rig, homing, training.groups, scored=False)
+    return _with_reference_error(map_fit, training)
 
 
 def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candidate:
-    """Return the candidate that reports the line's angle within the range of the logs.
+    """Return the candidate that reports the angle of a line, see `line_map`, within the range of the logs.
 
     Beyond it the line goes on, or the angle moves with a filter: what errs less in the outer part of logs left out.
-
-    Args:
-        line: see `line_map`.
     """
     frame = base.maps["discrepancy"]
-    among = [_at_times_of(one, affine_samples(training.known[i], training.rig)) for i, one in base.data.items()]
-    among = [replace(one, reference_std=base.data[i].reference_std) for i, one in zip(base.data, among)]
+    among = [_at_times_of(samples, affine_samples(training.logs[i], training.rig)) for i, samples in base.data.items()]
     folds = folds_of([training.groups[i] for i in base.data])
     kind, samples = affine_of(training.rig), list(base.data.values())
     error = _rms(among, left_out_errors(among, kind, line.terms, folds, None))
@@ -228,48 +213,43 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
     def learner(follows: bool) -> Learner:
         def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
             inner = [samples[i].part(part) for i, part in zip(logs, parts)]
-            straight = [among[i].part(np.isin(among[i].time, own.time)) for i, own in zip(logs, inner)]
-            own_line = fit_coefficients(straight, kind, line.terms)
-            return as_discrepancy(own_line, fit_coefficients(inner, ranges, frame.terms), follows)
+            straight = [among[i].part(np.isin(among[i].time, part.time)) for i, part in zip(logs, inner)]
+            inner_line = fit_coefficients(straight, kind, line.terms)
+            return as_discrepancy(inner_line, fit_coefficients(inner, ranges, frame.terms), follows)
 
         return learned
 
-    ways = [
-        (_rms(samples, errors_beyond(samples, ranges, folds, None, learner(one)), error), one) for one in (False, True)
-    ]
-    beyond, follows = min(ways)
-    other = as_discrepancy(line.learned, frame.learned, follows)
+    ways = [(errors_beyond(samples, ranges, folds, None, learner(follows)), follows) for follows in (False, True)]
+    beyond, follows = min((_rms(samples, errors, error), follows) for errors, follows in ways)
+    learned = as_discrepancy(line.learned, frame.learned, follows)
     where = "" if follows else "within the range of the logs "
     note = f"discrepancy: {where}the angle is that of affine: {line.notes[0].partition(': ')[2]}"
-    made = replace(frame.with_map(other), notes=(note, *frame.notes[1:]), terms=line.terms)
-    return Candidate(
-        LINE, made.rig, base.numbers, base.hold, {made.table: made}, error, beyond, base.data, base.refused, base.part
-    )
+    map_fit = replace(frame.with_map(learned), notes=(note, *frame.notes[1:]), terms=line.terms)
+    maps = {map_fit.table: map_fit}
+    return replace(base, name=LINE, rig=map_fit.rig, maps=maps, error=error, beyond=beyond)
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate:
     """Return the candidate with the least geometric mean of its errors on logs left out, √(error · beyond).
 
-    Twice the error within the range of the logs so weighs as much as twice that beyond it.
-
-    Args:
-        candidates: in the order in which equal ones are preferred.
+    Twice the error within the range of the logs so weighs as much as twice that beyond it. Of equals the first is taken.
     """
 
-    def cost(one: Candidate) -> float:
-        bends = one.name == AS_IT_CAME and any(found.terms.corrects for found in one.maps.values())
-        return (CORRECTED_COSTS if bends else 1.0) * float(np.sqrt(one.error * one.beyond))
+    def cost(candidate: Candidate) -> float:
+        bends = candidate.name == AS_IT_CAME and any(map_fit.terms.corrects for map_fit in candidate.maps.values())
+        return (CORRECTED_COSTS if bends else 1.0) * float(np.sqrt(candidate.error * candidate.beyond))
 
     return min(candidates, key=cost)
 
 
-def _at_times_of(one: Samples, straight: Samples) -> Samples:
+def _at_times_of(samples: Samples, straight: Samples) -> Samples:
     """Return samples of readings, their target known at those times only at which that of others is."""
-    there = np.isin(straight.time, one.time[np.isfinite(one.targets).any(axis=1)])
-    return replace(straight, targets=np.where(there[:, None], straight.targets, np.nan))
+    has_target = np.isin(straight.time, samples.time[np.isfinite(samples.targets).any(axis=1)])
+    targets = np.where(has_target[:, None], straight.targets, np.nan)
+    return replace(straight, targets=targets, reference_std=samples.reference_std)
 
 
-def _with_reference_error(found: MapFit, training: Training) -> MapFit:
+def _with_reference_error(map_fit: MapFit, training: Training) -> MapFit:
     if training.options.homing is not None:
-        return found
-    return found.with_map(with_reference_error(found.learned, training.rig, training.known))
+        return map_fit
+    return map_fit.with_map(with_reference_error(map_fit.learned, training.rig, training.logs))

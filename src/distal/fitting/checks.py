@@ -42,20 +42,18 @@ def check_logs(logs: Sequence[Log], rig: Rig) -> None:
         raise FitError("no log came; a fit needs at least one")
     for i, log in enumerate(logs):
         _check_stamps(log, rig)
-        for other in logs[:i]:
-            if _same(log, other):
+        for twin in logs[:i]:
+            if _same(log, twin):
                 raise FitError(
-                    f"{log.source} holds the same as {other.source}; a log that counts twice makes a fit too sure of itself"
+                    f"{log.source} holds the same as {twin.source}; a log that counts twice makes a fit too sure of itself"
                 )
         _check_motion(log, rig)
         _check_sensors(log, logs, rig)
         joints = [joint.name for joint in rig.joints]
-        known = true_angles(log, joints)
-        if known is None:
-            continue
-        for j, joint in enumerate(joints):
-            if len(joints) == 1 or np.isfinite(known[:, j]).any():
-                _check_truth(log, rig, known[:, j], "the joint" if len(joints) == 1 else f"the joint {joint}", j)
+        angles = true_angles(log, joints)
+        for j, truth in enumerate(() if angles is None else angles.T):
+            if len(joints) == 1 or np.isfinite(truth).any():
+                _check_truth(log, rig, truth, "the joint" if len(joints) == 1 else f"the joint {joints[j]}", j)
 
 
 def _same(log: Log, other: Log) -> bool:
@@ -76,23 +74,15 @@ def _check_stamps(log: Log, rig: Rig) -> None:
 
 
 def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:
-    """Return the names of the joints whose angle is known in none of the logs.
-
-    Args:
-        logs: with a truth.
-    """
+    """Return the names of the joints whose angle is known in none of the logs, which all have a truth."""
     names = [joint.name for joint in rig.joints]
-    known = np.zeros(len(names), dtype=bool)
-    for log in logs:
-        angles = true_angles(log, names)
-        if angles is not None:
-            known |= np.isfinite(angles).any(axis=0)
-    return [name for name, there in zip(names, known) if not there]
+    angles = np.vstack([truth for log in logs if (truth := true_angles(log, names)) is not None])
+    return [name for name, column in zip(names, angles.T) if not np.isfinite(column).any()]
 
 
 def _span(values: Floats) -> float:
-    there = values[np.isfinite(values)]
-    return float(np.quantile(there, 0.99) - np.quantile(there, 0.01)) if len(there) else 0.0
+    finite = values[np.isfinite(values)]
+    return float(np.quantile(finite, 0.99) - np.quantile(finite, 0.01)) if len(finite) else 0.0
 
 
 def _joint_turn(rig: Rig, sensor: Sensor, span: float) -> float:
@@ -135,40 +125,36 @@ def _check_sensors(log: Log, logs: Sequence[Log], rig: Rig) -> None:
 
 def _constant(log: Log, name: str) -> bool:
     """Return whether a log has more than 20 values of a sensor and all are the same."""
-    there = log.channels[name][np.isfinite(log.channels[name])] if name in log.channels else np.zeros(0)
-    return len(there) > 20 and float(np.ptp(there)) == 0.0
+    finite = log.channels[name][np.isfinite(log.channels[name])] if name in log.channels else np.zeros(0)
+    return len(finite) > 20 and float(np.ptp(finite)) == 0.0
 
 
 def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> None:
     """Refuse a truth that has too few values, is dead, or has a wrong sign or unit."""
-    there = np.isfinite(truth)
-    if there.sum() < 10:
-        raise FitError(
-            f"{log.source}: the truth ({log.truth_source}) has {int(there.sum())} values; at least 10 are needed"
-        )
+    has_truth = np.isfinite(truth)
+    subject = f"{log.source}: the truth ({log.truth_source})"
+    if has_truth.sum() < 10:
+        raise FitError(f"{subject} has {int(has_truth.sum())} values; at least 10 are needed")
     # stretch removed where forces are measured: soft tendons let drives and joint go different ways
     baseline = "elastic" if rig.sensors_of("force") else "inextensible"
     drives = estimate(Log(log.time, log.channels, {}, log.source), rig, baseline).angles[:, index]
-    a, b = drives[there] - drives[there].mean(), truth[there] - truth[there].mean()
+    a, b = drives[has_truth] - drives[has_truth].mean(), truth[has_truth] - truth[has_truth].mean()
     if float(np.sqrt(np.mean(a**2))) < SMALLEST_TURN / 2:
         return
-    if float(np.ptp(truth[there])) == 0.0 and float(np.ptp(a)) > DEAD_TRUTH_TURN:
-        raise FitError(
-            f"{log.source}: the truth ({log.truth_source}) is constant while the drives move; is the encoder connected?"
-        )
+    if float(np.ptp(truth[has_truth])) == 0.0 and float(np.ptp(a)) > DEAD_TRUTH_TURN:
+        raise FitError(f"{subject} is constant while the drives move; is the encoder connected?")
     if float(b @ b) == 0.0:
         return  # the joint sticks: nothing to judge by
     correlation = float(a @ b / np.sqrt((a @ a) * (b @ b)))
     ratio = float(np.sqrt((b @ b) / (a @ a)))
     if correlation < -CLEAR_CORRELATION:
         raise FitError(
-            f"{log.source}: the truth ({log.truth_source}) moves against the drives (correlation {correlation:.2f}); its "
-            "sign is wrong: set the angle sensor's sign = -1, or swap the tendons' sides"
+            f"{subject} moves against the drives (correlation {correlation:.2f}); its sign is wrong: set the angle "
+            "sensor's sign = -1, or swap the tendons' sides"
         )
     if abs(correlation) > CLEAR_CORRELATION and not RATIO_RANGE[0] < ratio < RATIO_RANGE[1]:
         near = "it looks like degrees read as radians" if 20.0 < ratio < 160.0 else "is the unit, or a radius, wrong?"
         near = "it looks like radians read as degrees" if 1 / 160.0 < ratio < 1 / 20.0 else near
         raise FitError(
-            f"{log.source}: the truth ({log.truth_source}) moves {ratio:.3g} times as far as the drives turn {joint}; "
-            f"{near} (set the angle sensor's unit)"
+            f"{subject} moves {ratio:.3g} times as far as the drives turn {joint}; {near} (set the angle sensor's unit)"
         )

@@ -21,47 +21,40 @@ AGREE = 4.0
 
 
 def curves(problem: Problem, z: Floats) -> dict[str, object]:
-    """Return path → value of the position sensors' curves and of the linearity that is left.
+    """Return path → value of the position sensors' curves and of the linearity that is left, at the end z of a fit, (n,).
 
     The filter estimates each sensor's deviation as Σ w_j cos(π j ξ) over its travel. What it knows of w at the end of each
     log with truth is joined: Λ = Λ₀ + Σ (Λ_i − Λ₀), w = Λ⁻¹ (Λ₀ w₀ + Σ (Λ_i w_i − Λ₀ w₀)), Λ = P⁻¹.
-
-    Args:
-        problem: of the logs, at the end of a fit.
-        z: coordinates, (n,).
 
     Raises:
         FitError: no sensor has a linearity, no log a truth, or the logs' curves differ: it was not the same sensor.
     """
     joints = [joint.name for joint in problem.filter.rig.joints]
-    known = [j for j, data in enumerate(problem.data) if true_angles(data.log, joints) is not None]
+    with_truth = [j for j, data in enumerate(problem.data) if true_angles(data.log, joints) is not None]
     sensors = [s for s in problem.filter.rig.sensors if s.measures == "position" and s.linearity > 0.0]
-    if not known or not sensors:
+    if not with_truth or not sensors:
         raise FitError(
             "curves need a log with truth and a position sensor with a linearity; give both, or leave --curves out"
         )
-    ends = [(problem.data[j].log.source, *problem.states(j, z)) for j in known]
-    found: dict[str, object] = {}
+    ends = [(problem.data[j].log.source, *problem.states(j, z)) for j in with_truth]
+    changes: dict[str, object] = {}
     for sensor in sensors:
-        found |= _of_sensor(problem, sensor, ends)
-    return found
+        changes |= _of_sensor(problem, sensor, ends)
+    return changes
 
 
 def _of_sensor(problem: Problem, sensor: Sensor, ends: Sequence[tuple[str, Floats, Floats]]) -> dict[str, object]:
     """Return the curve and what is left of the linearity of one sensor, from names, means and covariances of logs' ends."""
     runner = problem.filter.runner
-    weights_of = [
-        kind is StateKind.LINEARITY and part == sensor.name
-        for kind, part in zip(runner.state_kinds, runner.state_parts)
-    ]
-    at = np.flatnonzero(weights_of)
+    states = zip(runner.state_kinds, runner.state_parts)
+    at = np.flatnonzero([kind is StateKind.LINEARITY and part == sensor.name for kind, part in states])
     block, start, spread = np.ix_(at, at), runner.states.means[at], runner.states.stds[at]
     prior = np.diag(1.0 / spread**2)
     precision, weighted = prior.copy(), prior @ start
     for _, means, covariances in ends:
-        own = np.linalg.inv(covariances[block])
-        precision += own - prior
-        weighted += own @ means[at] - prior @ start
+        information = np.linalg.inv(covariances[block])
+        precision += information - prior
+        weighted += information @ means[at] - prior @ start
     precision = (precision + precision.T) / 2
     weights = np.linalg.solve(precision, weighted)
     for source, means, covariances in ends if len(ends) > 1 else ():

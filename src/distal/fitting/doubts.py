@@ -11,7 +11,7 @@ from distal.arrays import Floats
 from distal.fitting.fitted import FittedNumber
 from distal.fitting.likelihood import Innovations
 from distal.fitting.problem import Problem
-from distal.fitting.search import Found, search
+from distal.fitting.search import Optimum, search
 
 LARGEST_NIS = 5.0
 """Mean ν²/S from which on a log does not look like its rig."""
@@ -48,22 +48,13 @@ NOT_CONVERGED = (
 
 
 def nis_of(problem: Problem, z: Floats) -> tuple[float, ...]:
-    """Return the mean of ν²/S per channel over all logs.
-
-    Args:
-        z: coordinates, (n,).
-    """
+    """Return the mean of ν²/S per channel over all logs at coordinates z, (n,)."""
     ratios = np.vstack([run.values**2 / run.variances for run in problem.at(z)])
     return tuple(float(np.nanmean(column)) if np.isfinite(column).any() else float("nan") for column in ratios.T)
 
 
 def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
-    """Return sentences on where the logs still do not agree with the rig.
-
-    Args:
-        z: coordinates at its end, (n,).
-        nis: mean ν²/S per channel there.
-    """
+    """Return sentences on where logs still do not agree with the rig at the end z of a fit, with such mean ν²/S (`nis`)."""
     references = {sensor.name for sensor in problem.filter.references}
     limit = LARGEST_LACK if problem.asks_equations else LARGEST_NIS
     doubts = [
@@ -75,67 +66,62 @@ def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
     for (part, _), at in zip(problem.parts, z):
         if not (part.noise and part.has_prior):
             continue
-        grown = part.value(float(at)) / part.start
-        if part.paths[0].endswith(".unmodelled") and grown > LARGEST_UNMODELLED_GROWTH:
-            doubts.append(
-                f"the logs do not look like this rig: {part.name} had to become {grown:.1f} times what the rig says, so "
-                f"that the joint hardly follows the model; {ADVICE}"
-            )
-        if part.paths[0].startswith("sensors.") and not part.kept_by_file and grown > LARGEST_NOISE_GROWTH:
-            doubts.append(
-                f"the logs do not look like this rig: {part.name} had to become {grown:.1f} times what the rig says; "
-                f"{ADVICE}"
-            )
+        growth = part.value(float(at)) / part.start
+        text = f"the logs do not look like this rig: {part.name} had to become {growth:.1f} times what the rig says"
+        if part.paths[0].endswith(".unmodelled") and growth > LARGEST_UNMODELLED_GROWTH:
+            doubts.append(f"{text}, so that the joint hardly follows the model; {ADVICE}")
+        if part.paths[0].startswith("sensors.") and not part.kept_by_file and growth > LARGEST_NOISE_GROWTH:
+            doubts.append(f"{text}; {ADVICE}")
     return doubts
 
 
 def far_from_priors(numbers: Sequence[FittedNumber], problem: Problem) -> list[str]:
     """Return warnings on values far from their priors, or at a bound."""
-    free = {part.name: part for part in problem.free}
+    free_by_name = {part.name: part for part in problem.free}
     lines = []
     for part in numbers:
         if part.noise:
             continue
-        low, high = free[part.name].low, free[part.name].high
-        away = abs(free[part.name].coordinate(part.value)) / free[part.name].spread if part.prior_std > 0.0 else 0.0
-        if away > (FAR_FROM_FACTOR if free[part.name].logarithmic else FAR_FROM_PRIOR):
+        free = free_by_name[part.name]
+        away = abs(free.coordinate(part.value)) / free.spread if part.prior_std > 0.0 else 0.0
+        if away > (FAR_FROM_FACTOR if free.logarithmic else FAR_FROM_PRIOR):
             lines.append(
                 f"{part.name} = {part.value:.4g} {part.si} is {away:.1f} standard deviations from what the rig file "
                 f"expected ({part.start:.4g} ± {part.prior_std:.2g}); is a unit or a radius wrong, or the std too small?"
             )
-        elif part.value <= low or part.value >= high:
+        elif part.value <= free.low or part.value >= free.high:
             lines.append(
                 f"{part.name} = {part.value:.4g} {part.si} is at its bound; another number of the rig may be wrong"
             )
     return lines
 
 
-def contradictions(problem: Problem, found: Found) -> list[str]:
+def contradictions(problem: Problem, optimum: Optimum) -> list[str]:
     """Return a doubt about logs that can be explained only with their own numbers: one sentence, or none.
 
     A log is fitted alone, begun at the optimum of all, its noise as it is.
     """
-    worst, said = CONTRADICTORY, list[str]()
+    worst, sentences = CONTRADICTORY, list[str]()
     for j, data in enumerate(problem.data):
         alone, at = problem.among([j]), problem.columns(j)
-        start = found.z[[at[problem.free.index(part)] for part, _ in alone.parts]]
+        start = optimum.z[[at[problem.free.index(part)] for part, _ in alone.parts]]
         noise = np.array([part.noise for part, _ in alone.parts])
-        own = search(alone.assessed(start), start, most=FEW_ITERATIONS, fixed=noise)
-        if own.interrupted:
+        alone_optimum = search(alone.assessed(start), start, most=FEW_ITERATIONS, fixed=noise)
+        if alone_optimum.interrupted:
             raise KeyboardInterrupt  # the caller has the numbers of all logs
         with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = float(np.nanmax(_sizes(alone.at(start)[0]) / _sizes(alone.at(own.z)[0]), initial=0.0))
+            ratio = float(np.nanmax(_sizes(alone.at(start)[0]) / _sizes(alone.at(alone_optimum.z)[0]), initial=0.0))
         if ratio > worst:
             limits = np.where(np.isfinite(alone.prior_stds), alone.prior_stds, 1.0)
-            k = int(np.argmax(np.abs(own.z - start) / limits))
+            k = int(np.argmax(np.abs(alone_optimum.z - start) / limits))
             part, _ = alone.parts[k]
-            worst, wanted = ratio, f"{part.name} = {part.value(own.z[k]):.4g} {part.si}".rstrip()
-            said = [
+            worst, wanted = ratio, f"{part.name} = {part.value(alone_optimum.z[k]):.4g} {part.si}".rstrip()
+            sentences = [
                 f"contradictory logs: {Path(data.log.source).name} fits {ratio:.1f} times better with numbers of its own "
                 f"({wanted}, all logs together {part.value(start[k]):.4g}); was something changed between the logs? Fit "
                 "them apart, or give each its own with --per-log"
             ]
-    return said
+    return sentences
 
 
 def _sizes(run: Innovations) -> Floats:

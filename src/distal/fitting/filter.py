@@ -27,7 +27,6 @@ class Data:
     """A log, ready for the filter.
 
     Args:
-        log: as read.
         samples: values of the filter's channels, (k, n_channels); references are the last.
         rows: what the kernel takes.
         last: index of each sample's own row.
@@ -51,44 +50,40 @@ class FitFilter:
     Args:
         rig: the description, with its references.
         references: the sensors of joints' angles.
-        free: what is varied.
         steps: rows per sample, see `resampling`; more of them need fewer sub-steps each.
-        compiled: compile the kernel where possible.
     """
 
     def __init__(
         self, rig: Rig, references: Sequence[Sensor], free: Sequence[Free], steps: int = 1, compiled: bool = True
     ) -> None:
         self.rig, self.references, self.steps = rig, tuple(references), steps
-        given = [path for part in free for path in part.paths]
         self.runner = AdaptiveFilter(
             rig,
             "lanes" if compiled else False,
             Robustness.fitting(),
             name="fit",
             references=self.references,
-            inputs=given,
+            inputs=[path for part in free for path in part.paths],
             resolution=FINE * steps,
         )
 
     def data_of(self, log: Log) -> Data:
         """Return a log, ready for the filter; displacements between samples follow a cubic where chords would err.
 
-        Args:
-            log: with the reference as truth, NaN or absent where it is not known.
+        Its truth is the reference, NaN or absent where it is not known.
         """
         runner, joints = self.runner, [joint.name for joint in self.rig.joints]
         proximal = samples_of(log, runner.channels[: -len(self.references)], "fit")
-        known = true_angles(log, joints)
-        truth = np.full((len(log), len(joints)), np.nan) if known is None else known
+        angles = true_angles(log, joints)
+        truth = np.full((len(log), len(joints)), np.nan) if angles is None else angles
         read = [joints.index(sensor.of) for sensor in self.references]
         # how a joint rests in a stop is the stop's own affair: what is read there teaches nothing of the rest
         stopped = in_stops(log.time, truth, self.rig)
         samples = np.column_stack([proximal, np.where(stopped, np.nan, truth)[:, read]])
         samples[stopped.all(axis=1), runner.bridged :] = np.nan
-        times, fine, own = refined(log.time, samples, runner.bridged, self.steps)
+        times, fine, originals = refined(log.time, samples, runner.bridged, self.steps)
         rows, last = runner.rows(np.diff(times, prepend=times[0]), fine)
-        return Data(log, samples, rows, last[own])
+        return Data(log, samples, rows, last[originals])
 
 
 def steps_of(rig: Rig, logs: Sequence[Log]) -> int:
@@ -101,4 +96,4 @@ def steps_of(rig: Rig, logs: Sequence[Log]) -> int:
     sensors = list(rig.sensors_of("position"))
     noise = np.sqrt([variance(sensor) for sensor in sensors])
     places = [np.column_stack([log.channels[sensor.name] for sensor in sensors]) for log in logs if sensors]
-    return max((steps_per_sample(each, noise) for each in places), default=1)
+    return max((steps_per_sample(displacements, noise) for displacements in places), default=1)

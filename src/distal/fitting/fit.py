@@ -13,12 +13,12 @@ from distal.fitting.checks import check_logs
 from distal.fitting.doubts import far_from_priors
 from distal.fitting.learn import Learned, learn
 from distal.fitting.leave_out import leave_out
-from distal.fitting.maps import MapFit
+from distal.fitting.maps import MapFit, logs_read
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress, of_part
 from distal.fitting.result import Fit
 from distal.homing import check_homing
-from distal.logs import Log, Source, read_log, true_angles
+from distal.logs import Log, Source, true_angles
 from distal.regression import folds_of, groups_of
 from distal.rig import Rig, load_rig
 from distal.threads import one_blas_thread
@@ -65,8 +65,6 @@ def fit(
             sensors, mounted the same way, will be read again.
         truth: where logs are read: the true angle's column.
         workers: threads; the numbers do not depend on them.
-        compiled: compile kernels where possible.
-        progress: called with the progress.
         units: fit a *kind* of rig: a regular expression whose first parenthesis names the unit (an instrument, a pose, a
             day) in a log's name; units are left out as a whole, so that the band is that of a unit not seen.
         start: a fitted rig, whose values the search begins with; the priors are those of `rig`.
@@ -101,8 +99,8 @@ def fit(
 
     tried = [] if learned.part is None else [learned.part]
 
-    def of_fold(rest: Sequence[Log], fold: int) -> Learned:
-        return learn(rest, rig, options, of_part(progress, fold, parts), tried)
+    def of_fold(remaining: Sequence[Log], fold: int) -> Learned:
+        return learn(remaining, rig, options, of_part(progress, fold, parts), tried)
 
     done, asked = [], 0
     if enough and "discrepancy" in learned.maps and not learned.interrupted:
@@ -114,8 +112,8 @@ def _folds(logs: Sequence[Log], rig: Rig, units: str | None) -> tuple[list[int],
     """Return the fold of each log, and whether logs of known angle are enough to leave each out once."""
     groups = [str(i) for i in range(len(logs))] if units is None else groups_of([log.source for log in logs], units)
     joints = [joint.name for joint in rig.joints]
-    known = {group for log, group in zip(logs, groups) if true_angles(log, joints) is not None}
-    return folds_of(groups), len(known) >= FOR_LEAVING_OUT
+    with_truth = {group for log, group in zip(logs, groups) if true_angles(log, joints) is not None}
+    return folds_of(groups), len(with_truth) >= FOR_LEAVING_OUT
 
 
 def _read(
@@ -126,15 +124,14 @@ def _read(
         raise FitError("the rig has no sensors, so no log can be used for a fit; describe them in [[sensors]]")
     if homing is not None and not isinstance(homing, (int, float)):
         raise FitError(f"homing is a number of seconds, {homing!r} came")
-    given = [logs] if isinstance(logs, (Log, str, Path)) else list(logs)
-    read = [log if isinstance(log, Log) else read_log(log, rig, truth) for log in given]
+    read = logs_read(logs, rig, truth)
     check_logs(read, rig)
     joints = [joint.name for joint in rig.joints]
-    for log in read if homing is not None else ():
-        if true_angles(log, joints) is None:
-            raise FitError(f"{log.source}: has no truth; a fit with homing needs one on every log")
-        assert homing is not None
-        check_homing(homing, log, joints)
+    if homing is not None:
+        for log in read:
+            if true_angles(log, joints) is None:
+                raise FitError(f"{log.source}: has no truth; a fit with homing needs one on every log")
+            check_homing(homing, log, joints)
     return read
 
 

@@ -35,9 +35,8 @@ class FittedNumber:
         paths: in the description, by indices.
         si: unit.
         start: where it started, which is the mean of its prior.
-        prior_std: of the prior; NaN where there was none.
-        value: found.
-        error: standard error of it, the other numbers not being known; NaN where the search did not converge.
+        prior_std: NaN where there was no prior.
+        error: standard error, the other numbers not being known; NaN where the search did not converge.
         identified: whether the logs tell it; else it stays at its prior.
         noise: whether it is a noise.
         values: of all `paths`.
@@ -114,8 +113,8 @@ def assignments(numbers: Sequence[FittedNumber], start: Rig, hold: bool = False)
                 changed[path] = rounded
                 continue
             share = abs(value / part.value) if part.value else 1.0
-            told = part.held_error if np.isfinite(part.held_error) else part.prior_std
-            std = max(min(told, part.prior_std) * share, SMALLEST_RELATIVE_STD * abs(value))
+            error = part.held_error if np.isfinite(part.held_error) else part.prior_std
+            std = max(min(error, part.prior_std) * share, SMALLEST_RELATIVE_STD * abs(value))
             held = {"hold": True} if hold else {}
             changed[path] = {"value": rounded, **_spread(part, before, std, value, start), **held}
     return {named(start, path): value for path, value in changed.items()}
@@ -136,10 +135,6 @@ def only_grows(path: str, rig: Rig) -> bool:
 
 
 def described(rig: Rig, values: Mapping[str, object]) -> Rig:
-    """Return a rig with its fitted numbers; a reference sensor that only the fit used is left out.
-
-    Args:
-        rig: the description as it came.
-    """
-    own = {path: value for path, value in values.items() if part_at(rig, ".".join(path.split(".")[:2])) is not None}
-    return rig.with_values(own) if own else rig
+    """Return a rig, as it came, with its fitted numbers; a reference sensor that only the fit used is left out."""
+    fitted = {path: new for path, new in values.items() if part_at(rig, ".".join(path.split(".")[:2])) is not None}
+    return rig.with_values(fitted) if fitted else rig

@@ -26,7 +26,6 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from distal.arrays import Bools, Floats
 from distal.expressions import Scalar
 from distal.fitting.filter import Data, FitFilter
-from distal.fitting.free import Free
 from distal.fitting.likelihood import Innovations
 from distal.fitting.problem import Problem
 from distal.kernels import Feed, Kernel
@@ -57,14 +56,8 @@ LEAST_VARIANCE = 1e-18
 
 
 @dataclass(frozen=True)
-class Known:
-    """A log as the equations take it.
-
-    Args:
-        rows: of the kernel, (k, n_x).
-        time: stamps [s], (k,).
-        compared: which samples are compared, (k,).
-    """
+class KnownMotion:
+    """A log as the equations take it: rows of the kernel, (k, n_x), stamps [s], (k,), and which are compared, (k,)."""
 
     rows: Floats
     time: Floats
@@ -72,12 +65,7 @@ class Known:
 
 
 class Equations:
-    """The equations of a rig with sensors as one kernel of known motion.
-
-    Args:
-        fit: the filter of the fit, whose inputs are the numbers that are varied.
-        compiled: compile the kernel where possible.
-    """
+    """The equations of a rig with sensors as one kernel of known motion; inputs are those of the filter of the fit."""
 
     def __init__(self, fit: FitFilter, compiled: bool = True) -> None:
         context = fit.runner.states.context
@@ -87,26 +75,17 @@ class Equations:
         self.forces = [(i, s) for i in drives if (s := context.force_sensor(i)) is not None]
         tendons = [tendon.name for tendon in self.mechanism.rig.tendons]
         self.tensions = [(tendons.index(s.of), s) for s in context.channels.tensions]
+        self.sensors = [sensor for _, sensor in (*self.forces, *self.tensions)]
         self.kernel = Kernel(self._function(), "lanes" if compiled else False)
         self.begin = self._begin()
 
     @staticmethod
     def apply_to(fit: FitFilter) -> bool:
-        """Return whether every drive's place and every joint's angle is read.
-
-        Args:
-            fit: the filter of the fit.
-        """
+        """Return whether every drive's place and every joint's angle is read."""
         context = fit.runner.states.context
         read = {sensor.of for sensor in fit.references}
         places = [context.position_sensor(i) for i in range(context.n_drives)]
         return None not in places and read >= {joint.name for joint in context.mechanism.rig.joints}
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What is compared: sensors of forces and tensions, then joints that move by themselves, (m,)."""
-        joints = [self.mechanism.rig.joints[j].name for j in self.mechanism.free]
-        return (*(s.name for _, s in (*self.forces, *self.tensions)), *joints)
 
     def _function(self) -> ca.Function:
         """Return (carry, x, p) → (carry⁺, residuals).
@@ -115,22 +94,20 @@ class Equations:
         """
         mechanism, context, nb, nj = self.mechanism, self.context, self.mechanism.n_bodies, self.mechanism.n_joints
         p, count = mechanism.parameters.symbols, len(mechanism.plays) + len(mechanism.strains)
-        sensors = [s for _, s in (*self.forces, *self.tensions)]
-        carry, x = ca.SX.sym("carry", nb + count), ca.SX.sym("x", 1 + 5 * nb + len(sensors))
+        carry, x = ca.SX.sym("carry", nb + count), ca.SX.sym("x", 1 + 5 * nb + len(self.sensors))
         ends = [0, 1, *(1 + nb * k for k in range(1, 6)), x.numel()]
         dt, turned, motion, v, a, unsure, read = ca.vertsplit(x, ends)
-        q = ca.vertcat(
-            motion[:nj], *(context.corrected(s, motion[nj + i]) for i, s in enumerate(self.places) if s is not None)
-        )
+        places = [context.corrected(s, motion[nj + i]) for i, s in enumerate(self.places) if s is not None]
+        q = ca.vertcat(motion[:nj], *places)
         direction = ca.fmax(ca.fmin(carry[:nb] + turned, 1), -1)
         inside, strains = carry[nb:], carry[nb + len(mechanism.plays) :]
         if count:
             at = [mechanism.parameters.names.index(name) for name in (*mechanism.plays, *mechanism.strains)]
 
             def remembering(values: ca.SX) -> ca.SX:
-                own = ca.SX(p)
-                own[at] = values
-                return own
+                parameters = ca.SX(p)
+                parameters[at] = values
+                return parameters
 
             moved = ca.Function("moved", [q_ := ca.SX.sym("q", nb), p], [ca.vertcat(*mechanism.place(q_).inside)])
             crept = ca.Function("crept", [q_, t_ := ca.SX.sym("dt"), p], [ca.vertcat(*mechanism.crept(q_, t_))])
@@ -149,18 +126,12 @@ class Equations:
         first = len(self.forces)
         rows += [context.corrected(s, read[first + k]) - tensions[i] for k, (i, s) in enumerate(self.tensions)]
         rows += ca.vertsplit(-ca.mtimes(ca.densify(mechanism.spread).T, (balance + friction)[:nj]))
-        lacking, own = ca.vertcat(*rows), [context.noise(s) for s in sensors]
-        noise = ca.vertcat(*own, *(LEAST_VARIANCE for _ in mechanism.free))
+        lacking, variances = ca.vertcat(*rows), [context.noise(s) for s in self.sensors]
+        noise = ca.vertcat(*variances, *(LEAST_VARIANCE for _ in mechanism.free))
         noise += ca.mtimes(ca.jacobian(lacking, motion) ** 2, unsure)
         residuals = lacking / ca.sqrt(ca.fmax(noise, LEAST_VARIANCE))
-        outputs = [ca.vertcat(direction, inside), residuals]
-        return ca.Function(
-            "equations",
-            [carry, x, p],
-            [ca.cse(ca.densify(each)) for each in outputs],
-            ["carry", "x", "p"],
-            ["next", "y"],
-        )
+        outputs = [ca.cse(ca.densify(output)) for output in (ca.vertcat(direction, inside), residuals)]
+        return ca.Function("equations", [carry, x, p], outputs, ["carry", "x", "p"], ["next", "y"])
 
     def _forces(self) -> ca.Function:
         """Return (q, v, a, p) → tensions, pulls, all bodies' balance without friction, friction up and down."""
@@ -179,64 +150,59 @@ class Equations:
         """Return (q, p) → the carry before the first sample: no direction yet, plays in the middle, creep settled."""
         still = Mechanism(self.mechanism.rig, self.mechanism.parameters.inputs)
         q, p = ca.SX.sym("q", still.n_bodies), self.mechanism.parameters.symbols
-        own = still.parameters.symbols
+        symbols = still.parameters.symbols
         inside = list(still.place(q).inside)
         for name in still.strains:
             _, index, kind, _ = name.split(".")
             settled = getattr(still.rig.tendons[int(index)], kind).settled.value
             path = f"tendons.{index}"
             tension = still.pulls(q, ca.SX.zeros(still.n_bodies)).drive[int(index)]
-            inside.append(
-                settled * still.parameters[f"{path}.{kind}.share"] * tension / still.parameters[f"{path}.stiffness"]
-            )
+            share, stiffness = still.parameters[f"{path}.{kind}.share"], still.parameters[f"{path}.stiffness"]
+            inside.append(settled * share * tension / stiffness)
         carry: Scalar = ca.vertcat(ca.SX.zeros(still.n_bodies), *inside)
-        return ca.Function("begin", [q, p], ca.substitute([carry], [own], [p[: own.numel()]]))
+        return ca.Function("begin", [q, p], ca.substitute([carry], [symbols], [p[: symbols.numel()]]))
 
-    def known(self, data: Data) -> Known | None:
+    def motion_of(self, data: Data) -> KnownMotion | None:
         """Return a log as the equations take it, None where angles and places are hardly known together."""
         channels, joints = list(self.fit.runner.channels), [joint.name for joint in self.mechanism.rig.joints]
 
         def columns(sensors: Sequence[Sensor | None]) -> Floats:
-            found = [data.samples[:, channels.index(sensor.name)] for sensor in sensors if sensor is not None]
-            return np.column_stack([*found, np.zeros((len(data.samples), 0))])
+            readings = [data.samples[:, channels.index(sensor.name)] for sensor in sensors if sensor is not None]
+            return np.column_stack([*readings, np.zeros((len(data.samples), 0))])
 
         of = {sensor.of: sensor for sensor in self.fit.references}
         q, time = np.column_stack([columns([of[name] for name in joints]), columns(self.places)]), data.log.time
-        there = np.asarray(np.isfinite(q).all(axis=1))
+        complete = np.asarray(np.isfinite(q).all(axis=1))
         step = float(np.median(np.diff(time)))
         window = max(5, round(SMOOTHED / step) | 1)
-        if np.count_nonzero(there) < max(FEWEST, 3 * window):
+        if np.count_nonzero(complete) < max(FEWEST, 3 * window):
             return None
-        filled = np.column_stack([np.interp(time, time[there], column[there]) for column in q.T])
+        filled = np.column_stack([np.interp(time, time[complete], column[complete]) for column in q.T])
         q, v, a = (savgol_filter(filled, window, 3, k, step, axis=0) for k in range(3))
-        width = MEMORY * np.subtract(*np.percentile(q[there], (95, 5), axis=0)) + 1e-12
+        width = MEMORY * np.subtract(*np.percentile(q[complete], (95, 5), axis=0)) + 1e-12
         every = max(1, round(INTERVAL / step))
-        kept = slice(None, None, every)
+        at = slice(None, None, every)
         # smoothing leaves a share of the noise of each angle and place
         left = float(np.sum(savgol_coeffs(window, 3) ** 2))
         noise = [variance(s) for s in (*(of[name] for name in joints), *self.places) if s is not None]
-        unsure = np.tile(left * np.array(noise), (len(q[kept]), 1))
-        read = columns([s for _, s in (*self.forces, *self.tensions)])[kept]
-        turned = np.diff(q[kept], axis=0, prepend=q[:1]) / width
-        rows = np.column_stack([np.diff(time[kept], prepend=time[0]), turned, q[kept], v[kept], a[kept], unsure, read])
+        unsure = np.tile(left * np.array(noise), (len(q[at]), 1))
+        read = columns(self.sensors)[at]
+        turned = np.diff(q[at], axis=0, prepend=q[:1]) / width
+        rows = np.column_stack([np.diff(time[at], prepend=time[0]), turned, q[at], v[at], a[at], unsure, read])
         edge, inner = window // every + 1, np.arange(len(rows))
-        compared = np.asarray(there[kept] & (inner >= edge) & (inner < len(rows) - edge))
-        return Known(rows, time[kept], compared)
+        compared = np.asarray(complete[at] & (inner >= edge) & (inner < len(rows) - edge))
+        return KnownMotion(rows, time[at], compared)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class InverseProblem(Problem):
     """−ln p of what a rig's equations lack along logs whose angles are known, at coordinates z; see `Problem`.
 
-    Args:
-        equations: of the rig.
-        known: the logs as these take them.
-        noises: that are free: the equations do not vary them.
+    The `motions` are the logs as the equations take them, which do not vary `noises`.
     """
 
-    equations: Equations | None = None
-    known: tuple[Known, ...] = ()
-    noises: tuple[Free, ...] = ()
+    equations: Equations
+    motions: tuple[KnownMotion, ...]
 
     @property
     def asks_equations(self) -> bool:
@@ -260,71 +226,51 @@ class InverseProblem(Problem):
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """What is compared, (m,)."""
-        assert self.equations is not None
-        return self.equations.names
+        """What is compared: sensors of forces and tensions, then joints that move by themselves, (m,)."""
+        mechanism = self.equations.mechanism
+        joints = [mechanism.rig.joints[j].name for j in mechanism.free]
+        return (*(sensor.name for sensor in self.equations.sensors), *joints)
 
     @cached_property
     def _is_reference(self) -> Bools:
         return np.zeros(len(self.measured), dtype=bool)
 
     def _times(self, log: int) -> Floats:
-        return self.known[log].time
+        return self.motions[log].time
 
     def among(self, logs: Sequence[int]) -> InverseProblem:
         """Return the problem of some of the logs."""
-        found = super().among(logs)
-        assert isinstance(found, InverseProblem)
-        return replace(found, known=tuple(self.known[j] for j in logs))
-
-    def beginning(self, share: float, least: int) -> InverseProblem:
-        """Return the same problem: its whole logs take no longer than the beginnings do elsewhere.
-
-        Args:
-            share: of each log.
-            least: samples of a log, at least.
-        """
-        return replace(self, worth=None)
+        problem = super().among(logs)
+        assert isinstance(problem, InverseProblem)
+        return replace(problem, motions=tuple(self.motions[j] for j in logs))
 
     @property
     def _kernel(self) -> Kernel:
-        assert self.equations is not None
         return self.equations.kernel
 
     @cached_property
     def _rows(self) -> tuple[Floats, ...]:
-        return tuple(one.rows for one in self.known)
+        return tuple(motion.rows for motion in self.motions)
 
     def _feed(self, log: int, z: Floats) -> Feed:
-        assert self.equations is not None
         p, nb, rows = self.numbers(z), self.equations.mechanism.n_bodies, self._rows[log]
         return Feed(np.asarray(self.equations.begin(rows[0, 1 + nb : 1 + 2 * nb], p)).ravel(), rows, p)
 
     def _compared(self, log: int, ys: Floats) -> Innovations:
-        assert self.equations is not None
-        values = np.where(self.known[log].compared[:, None], ys, np.nan)
+        values = np.where(self.motions[log].compared[:, None], ys, np.nan)
         return Innovations(values, np.ones(values.shape))
 
 
 def inverse_problem(problem: Problem, compiled: bool = True) -> InverseProblem | None:
-    """Return the equations' problem of the same logs and numbers but for noise, None where the equations cannot be asked.
-
-    Args:
-        compiled: compile the kernel where possible.
-    """
+    """Return the equations' problem of the same logs and numbers but for noise, None where they cannot be asked."""
     if not Equations.apply_to(problem.filter):
         return None
     equations = Equations(problem.filter, compiled)
-    known = [equations.known(data) for data in problem.data]
-    if any(one is None for one in known):
+    motions = tuple(motion for data in problem.data if (motion := equations.motion_of(data)) is not None)
+    if len(motions) < len(problem.data):
         return None
     free = tuple(part for part in problem.free if not part.noise)
+    noises = tuple(part for part in problem.free if part.noise)
     return InverseProblem(
-        problem.filter,
-        free,
-        problem.data,
-        workers=problem.workers,
-        equations=equations,
-        known=tuple(one for one in known if one is not None),
-        noises=tuple(part for part in problem.free if part.noise),
+        problem.filter, free, problem.data, workers=problem.workers, equations=equations, motions=motions, noises=noises
     )

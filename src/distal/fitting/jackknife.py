@@ -21,29 +21,28 @@ NEWTON_STEPS = 1
 slopes of each log are known."""
 
 
-def numbers_without(numbers: Numbers, known: Sequence[Log], folds: Sequence[int]) -> list[Numbers]:
-    """Return for each fold the numbers that the other logs tell; those of all where there is one fold.
-
-    Args:
-        known: logs with a truth.
-    """
-    if len(set(folds)) < 2 or numbers.found.interrupted:
+def numbers_without(numbers: Numbers, logs: Sequence[Log], folds: Sequence[int]) -> list[Numbers]:
+    """Return for each fold the numbers that the other logs, with a truth, tell; those of all where there is one fold."""
+    if len(set(folds)) < 2 or numbers.optimum.interrupted:
         return [numbers] * len(set(folds))
-    return [without(numbers, [known[i] for i in out]) for out, _ in splits(folds)]
+    return [without(numbers, [logs[i] for i in out]) for out, _ in splits(folds)]
 
 
 def without(numbers: Numbers, logs: Sequence[Log]) -> Numbers:
     """Return the numbers that the other logs tell; which of them are fitted, and their stds, stay those of all logs."""
-    problem, found, known = numbers.problem, numbers.found, numbers.uncertainty
+    problem, optimum, uncertainty = numbers.problem, numbers.optimum, numbers.uncertainty
     out = [any(data.log is log for log in logs) for data in problem.data]
-    rest = problem.among([j for j, gone in enumerate(out) if not gone])
-    own = np.array([k for k, (_, log) in enumerate(problem.parts) if log is None or not out[log]])
-    at = rest.summed([one for one, gone in zip(found.derivatives.of_logs, out) if not gone], found.z[own])
-    again = search(rest, found.z[own], most=NEWTON_STEPS, fixed=numbers.left[own], known=at)
+    remaining = problem.among([j for j, gone in enumerate(out) if not gone])
+    columns = np.array([k for k, (_, log) in enumerate(problem.parts) if log is None or not out[log]])
+    of_logs = [derivatives for derivatives, gone in zip(optimum.derivatives.of_logs, out) if not gone]
+    at = remaining.summed(of_logs, optimum.z[columns])
+    again = search(remaining, optimum.z[columns], most=NEWTON_STEPS, fixed=numbers.left[columns], at_start=at)
     if again.interrupted:
         raise KeyboardInterrupt  # a log that was not left out to its end judges nothing
-    square = np.ix_(own, own)
-    errors = replace(known, covariance=known.covariance[square], told=known.told[own], together=known.together[own])
-    left, held = numbers.left[own], numbers.held[own]
-    fitted = tuple(fitted_numbers(rest, replace(again, converged=found.converged), errors, left, held))
-    return replace(numbers, problem=rest, found=again, uncertainty=errors, fitted=fitted, left=left, held=held)
+    square = np.ix_(columns, columns)
+    determined, together = uncertainty.determined[columns], uncertainty.together[columns]
+    covariance = uncertainty.covariance[square]
+    errors = replace(uncertainty, covariance=covariance, determined=determined, together=together)
+    left, held = numbers.left[columns], numbers.held[columns]
+    fitted = tuple(fitted_numbers(remaining, replace(again, converged=optimum.converged), errors, left, held))
+    return replace(numbers, problem=remaining, optimum=again, uncertainty=errors, fitted=fitted, left=left, held=held)

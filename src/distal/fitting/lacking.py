@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,23 +31,10 @@ PLAY = {"slider": 2e-4, "capstan": 0.02}
 
 @dataclass(frozen=True)
 class Part:
-    """A part that a description may lack, added wherever it can be.
-
-    Args:
-        name: in words.
-        values: path → what is put into the description.
-    """
+    """A part that a description may lack, added wherever it can be: path → what is put into the description."""
 
     name: str
     values: Mapping[str, object]
-
-    def and_(self, other: Part) -> Part:
-        """Return both as one part.
-
-        Args:
-            other: that is added after it.
-        """
-        return Part(f"{self.name} and {other.name}", {**self.values, **other.values})
 
 
 def parts_of(rig: Rig) -> Iterator[Part]:
@@ -98,49 +85,53 @@ class Tried:
 
 
 def tried_parts(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> Tried:
-    """Return what comes of the parts that a rig may lack, where its equations lack more than its sensors' noise.
-
-    Args:
-        rig: the description as it came.
-        numbers: of its equations.
-    """
+    """Return what comes of the parts that a rig may lack, where its equations lack more than its sensors' noise."""
     if not numbers.by_equations or options.free:
         return Tried()
     alone = _tried(logs, rig, options, numbers)
     if not alone.named:
         return alone
-    first, found = alone.named[0]
-    both = _tried(logs, rig.with_values(first.values), options, found)
-    together = tuple((first.and_(second), own) for second, own in both.named[:1])
-    return Tried((*alone.named[:MOST_NAMED], *together), (*alone.numbers, *both.numbers))
+    first, first_numbers = alone.named[0]
+    pairs = _tried(logs, rig.with_values(first.values), options, first_numbers)
+    together = tuple(
+        (Part(f"{first.name} and {second.name}", {**first.values, **second.values}), pair_numbers)
+        for second, pair_numbers in pairs.named[:1]
+    )
+    return Tried((*alone.named[:MOST_NAMED], *together), (*alone.numbers, *pairs.numbers))
 
 
 def _tried(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> Tried:
     """Return what comes of one part more; named are those that leave clearly less, the least first."""
     if max(numbers.nis[1], default=0.0) < UNEXPLAINED:
         return Tried()
-    each = [(part, numbers_with(part, logs, rig, options, numbers)) for part in parts_of(rig)]
-    done = [(part, own) for part, own in each if own is not None]
-    named = [(part, own) for part, own in done if _residual(own) < NAMED * _residual(numbers)]
-    return Tried(tuple(sorted(named, key=lambda one: _residual(one[1]))), tuple(own for _, own in done))
+    fits = with_parts(parts_of(rig), logs, rig, options, numbers)
+    limit = NAMED * _residual(numbers)
+    named = sorted((fit for fit in fits if _residual(fit[1]) < limit), key=lambda fit: _residual(fit[1]))
+    return Tried(tuple(named), tuple(part_numbers for _, part_numbers in fits))
+
+
+def with_parts(
+    parts: Iterable[Part], logs: Sequence[Log], rig: Rig, options: Options, begin: Numbers
+) -> tuple[tuple[Part, Numbers], ...]:
+    """Return the parts that the rig can have, with its numbers with each."""
+    fits = [(part, numbers_with(part, logs, rig, options, begin)) for part in parts]
+    return tuple((part, numbers) for part, numbers in fits if numbers is not None)
 
 
 def numbers_with(part: Part, logs: Sequence[Log], rig: Rig, options: Options, begin: Numbers) -> Numbers | None:
-    """Return the numbers of a rig's equations with a part more, None where the rig cannot have it.
+    """Return the numbers of a rig's equations with a part more, None where the rig, as it came, cannot have it.
 
-    Args:
-        rig: the description as it came.
-        begin: numbers without the part, where the search begins.
+    The search begins with numbers without the part.
     """
     if not part.values:
         return None
     try:
-        found = by_equations(problem_of(logs, rig.with_values(part.values), options), options, None, begin)
+        numbers = by_equations(problem_of(logs, rig.with_values(part.values), options), options, None, begin)
     except DistalError:
         return None
-    if found is not None and found.found.interrupted:
+    if numbers is not None and numbers.optimum.interrupted:
         raise KeyboardInterrupt  # a search ends with the best so far; the caller has numbers without the part
-    return found
+    return numbers
 
 
 def _residual(numbers: Numbers) -> float:

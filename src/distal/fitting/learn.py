@@ -22,7 +22,7 @@ from distal.fitting.candidates import (
 )
 from distal.fitting.curves import curves
 from distal.fitting.fitted import FittedNumber, assignments, described
-from distal.fitting.lacking import Part, Tried, numbers_with, tried_parts
+from distal.fitting.lacking import Part, Tried, tried_parts, with_parts
 from distal.fitting.maps import MapFit, learn_contact
 from distal.fitting.numbers import Numbers, among_models, numbers_of, problem_of
 from distal.fitting.options import Options
@@ -60,7 +60,7 @@ class Learned:
     @property
     def interrupted(self) -> bool:
         """Whether the user stopped it."""
-        return self.numbers.found.interrupted
+        return self.numbers.optimum.interrupted
 
     @property
     def fitted(self) -> tuple[FittedNumber, ...]:
@@ -78,11 +78,9 @@ def learn(
 ) -> Learned:
     """Return all that is learned from logs: the candidate that errs least on logs left out, and what goes with it.
 
-    All choices that depend on logs are made here, starting from the original rig.
+    All choices that depend on logs are made here, starting from the original rig, whose values and stds are the priors.
 
     Args:
-        rig: the description, whose values and stds are the priors.
-        progress: called with what is done.
         parts: that are tried beside the rig's own physics; None for what the residuals name.
         early: called with the straight line as soon as nothing speaks against a fit.
 
@@ -94,24 +92,22 @@ def learn(
     problem = problem_of(logs, rig, options)
     if line is not None and early is not None:
         early(line)
-    found = numbers_of(problem, options, progress)
-    chosen, candidates, models = _chosen(logs, training, line, found, parts, progress)
-    numbers = among_models(found[-1] if chosen.numbers is None else chosen.numbers, models)
-    bends = dict(curves(numbers.problem.of_filter, numbers.found.z)) if options.curves else {}
+    solutions = numbers_of(problem, options, progress)
+    chosen, candidates, models = _chosen(logs, training, line, solutions, parts, progress)
+    numbers = among_models(solutions[-1] if chosen.numbers is None else chosen.numbers, models)
+    bends = dict(curves(numbers.problem.of_filter, numbers.optimum.z)) if options.curves else {}
     learned = described(chosen.rig.bare(), bends)
     maps = [*([] if line is None else [line]), *chosen.maps.values(), *_contact_map(logs, learned, options)]
+    ranked = sorted(candidates, key=lambda candidate: (candidate is not chosen, candidate.error))
     return Learned(
-        rig=learned.with_values({one.table: one.learned.model_dump() for one in maps}),
+        rig=learned.with_values({map_fit.table: map_fit.learned.model_dump() for map_fit in maps}),
         numbers=numbers,
         kept=chosen.numbers is not None,
         hold=chosen.hold,
         curves=bends,
-        maps={one.table: one for one in maps},
+        maps={map_fit.table: map_fit for map_fit in maps},
         part=chosen.part,
-        candidates=tuple(
-            (one.name, one.error, one.beyond)
-            for one in sorted(candidates, key=lambda one: (one is not chosen, one.error))
-        ),
+        candidates=tuple((candidate.name, candidate.error, candidate.beyond) for candidate in ranked),
         doubts=(*numbers.doubts, *_unknown(training.unknown), *chosen.refused, *_as_it_came(chosen, candidates)),
     )
 
@@ -120,7 +116,7 @@ def _chosen(
     logs: Sequence[Log],
     training: Training,
     line: MapFit | None,
-    found: Sequence[Numbers],
+    solutions: Sequence[Numbers],
     parts: Sequence[Part] | None,
     progress: Progress | None,
 ) -> tuple[Candidate, list[Candidate], list[Numbers]]:
@@ -128,43 +124,41 @@ def _chosen(
 
     The first is of numbers alone where none can be judged, or Ctrl-C came.
     """
-    if line is None or found[-1].found.interrupted:
-        return _alone(found[-1], training.rig), [], []
+    if line is None or solutions[-1].optimum.interrupted:
+        return _alone(solutions[-1], training.rig), [], []
     try:
-        own = training.rig, training.options
         if parts is None:
-            tried = tried_parts(logs, *own, found[0])
+            tried = tried_parts(logs, training.rig, training.options, solutions[0])
         else:
-            each = [(part, numbers_with(part, logs, *own, found[0])) for part in parts]
-            named = tuple((part, numbers) for part, numbers in each if numbers is not None)
+            named = with_parts(parts, logs, training.rig, training.options, solutions[0])
             tried = Tried(named, tuple(numbers for _, numbers in named))
-        return (*_judged(training, line, found, tried.named, progress), [found[0], *tried.numbers])
+        return (*_judged(training, line, solutions, tried.named, progress), [solutions[0], *tried.numbers])
     except KeyboardInterrupt:
-        numbers = replace(found[-1], found=replace(found[-1].found, interrupted=True))
+        numbers = replace(solutions[-1], optimum=replace(solutions[-1].optimum, interrupted=True))
         return _alone(numbers, training.rig), [], []
 
 
 def _judged(
     training: Training,
     line: MapFit,
-    found: Sequence[Numbers],
+    solutions: Sequence[Numbers],
     more: Sequence[tuple[Part, Numbers]],
     progress: Progress | None,
 ) -> tuple[Candidate, list[Candidate]]:
     """Return the best of the numbers, of the rig as it came, and of a line beside the better of these; and all of them."""
-    named = [
-        (BY_EQUATIONS if own.by_equations else BY_FILTER, own) for own in reversed(found) if not own.found.interrupted
-    ]
-    ways: list[tuple[str, Training, Numbers | None]] = [(name, training, own) for name, own in named]
+    ways = list[tuple[str, Training, Numbers | None]]()
+    for numbers in reversed(solutions):
+        if not numbers.optimum.interrupted:
+            ways.append((BY_EQUATIONS if numbers.by_equations else BY_FILTER, training, numbers))
     for part, numbers in more:
         described_as = replace(training, rig=training.rig.with_values(part.values), part=part)
         ways.append((f"{BY_EQUATIONS}, with {part.name}", described_as, numbers))
     ways.append((AS_IT_CAME, training, None))
     filters = list[Candidate]()
-    for name, described_as, own in ways:
+    for name, described_as, way_numbers in ways:
         judging(progress, f"judging {name}", len(filters), len(ways))
-        filters.append(filter_candidate(name, described_as, own, filters))
-    base = best_of([one for one in filters if one.maps] or filters)
+        filters.append(filter_candidate(name, described_as, way_numbers, filters))
+    base = best_of([candidate for candidate in filters if candidate.maps] or filters)
     if not base.maps:
         return base, filters
     candidates = filters if training.options.homing is not None else [*filters, line_candidate(training, line, base)]
@@ -173,8 +167,8 @@ def _judged(
 
 def _alone(numbers: Numbers, rig: Rig) -> Candidate:
     """Return the numbers as a description that nothing judges: no log has the angle of every joint."""
-    made = described(rig, assignments(numbers.fitted, numbers.problem.filter.rig))
-    return Candidate("numbers", made, numbers, False, {}, float("nan"), float("nan"), {})
+    rig = described(rig, assignments(numbers.fitted, numbers.problem.filter.rig))
+    return Candidate("numbers", rig, numbers, False, {}, float("nan"), float("nan"), {})
 
 
 def _unknown(joints: Sequence[str]) -> list[str]:
@@ -187,7 +181,7 @@ def _unknown(joints: Sequence[str]) -> list[str]:
 
 def _as_it_came(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
     """Return a sentence where the rig as it came errs least on logs left out."""
-    fitted = [one.error for one in candidates if one.numbers is not None and one.name != LINE]
+    fitted = [candidate.error for candidate in candidates if candidate.numbers is not None and candidate.name != LINE]
     return [
         f"the rig as it came errs less on logs left out ({np.rad2deg(chosen.error):.2f}°) than the fitted one "
         f"({np.rad2deg(min(fitted)):.2f}°): its numbers are kept"

@@ -15,13 +15,7 @@ from distal.run import estimate
 
 @dataclass(frozen=True)
 class Score:
-    """Scores of an estimator on a log.
-
-    Args:
-        rms: error [rad].
-        inside: share of samples inside the 95 % band.
-        half: mean half-width of that band [rad].
-    """
+    """RMS error of an estimator on a log [rad], share of samples inside the 95 % band, and its mean half-width [rad]."""
 
     rms: float
     inside: float
@@ -47,13 +41,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Fold:
-    """One fold: what was learned from some logs, and its scores on those left out.
-
-    Args:
-        left_out: names of the logs.
-        learned: by `learn` from the others, and from nothing else.
-        compared: one for each log with truth that was left out.
-    """
+    """One fold: names of the logs left out, what was learned from the others alone, and scores on those with truth."""
 
     left_out: tuple[str, ...]
     learned: Learned
@@ -69,17 +57,15 @@ def leave_out(
 ) -> list[Fold]:
     """Return what is learned from all logs except those of one fold, and its scores on these, for each fold in turn.
 
+    There are fewer folds where the user stopped it. The reference is used for `homing` [s], None for never.
+
     Args:
         learned_from: `learn` of some logs; it gets these and the number of the fold, from 1.
-        homing: for how long the reference is used [s], None for never.
-
-    Returns:
-        folds: one for each that was left out; fewer where the user stopped it.
     """
     done = list[Fold]()
-    for count, (out, rest) in enumerate(splits(folds), 1):
+    for count, (out, remaining) in enumerate(splits(folds), 1):
         try:
-            learned = learned_from([logs[i] for i in rest], count)
+            learned = learned_from([logs[i] for i in remaining], count)
             if learned.interrupted:
                 break  # it says nothing of a fit that ends by itself
             done.append(_scored([logs[i] for i in out], rig, learned, homing))
@@ -89,14 +75,11 @@ def leave_out(
 
 
 def _scored(out: Sequence[Log], rig: Rig, learned: Learned, homing: float | None) -> Fold:
-    compared = []
+    compared, tried = [], ((learned.rig, "adaptive"), (rig, "adaptive"), (learned.rig, "affine"))
     for log in out:
         if true_angles(log, [joint.name for joint in rig.joints]) is None:
             continue
-        scores = [
-            _score(log, each, name, homing)
-            for each, name in ((learned.rig, "adaptive"), (rig, "adaptive"), (learned.rig, "affine"))
-        ]
+        scores = [_score(log, description, name, homing) for description, name in tried]
         compared.append(Compared(shown(log.source), *scores))
     return Fold(tuple(log.source for log in out), learned, tuple(compared))
 
@@ -105,7 +88,7 @@ def _score(log: Log, rig: Rig, estimator: str, homing: float | None) -> Score | 
     if estimator == "affine" and rig.affine is None:
         return None
     try:
-        result = estimate(log, rig, estimator, compiled=False, homing=homing)
+        estimated = estimate(log, rig, estimator, compiled=False, homing=homing)
     except DistalError:
         return None
-    return Score(result.rms_error(), result.inside_band(), result.half_width())
+    return Score(estimated.rms_error(), estimated.inside_band(), estimated.half_width())

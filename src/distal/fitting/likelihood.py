@@ -29,12 +29,7 @@ UNBOUNDED = 1e100
 
 @dataclass(frozen=True)
 class Innovations:
-    """What a run of the filter over a log expected wrongly.
-
-    Args:
-        values: ν, NaN where nothing was compared, (k, m).
-        variances: S, (k, m).
-    """
+    """What a run of the filter over a log expected wrongly: ν, NaN where not compared, and variances S, (k, m)."""
 
     values: Floats
     variances: Floats
@@ -42,11 +37,9 @@ class Innovations:
     @property
     def bounded(self) -> bool:
         """Whether the filter stayed within all bounds."""
-        there = np.isfinite(self.values)
-        spread = self.variances[there]
-        return bool(
-            np.all(spread < UNBOUNDED) and np.all(spread > 0.0) and np.all(np.abs(self.values[there]) < UNBOUNDED)
-        )
+        compared = np.isfinite(self.values)
+        spread, sizes = self.variances[compared], np.abs(self.values[compared])
+        return bool(np.all(spread < UNBOUNDED) and np.all(spread > 0.0) and np.all(sizes < UNBOUNDED))
 
 
 @dataclass(frozen=True)
@@ -74,19 +67,19 @@ class Slopes:
     """Weighted innovations r = f ν, f² = w/(c S), of a log at a point, and their slopes J.
 
     Args:
-        there: which were compared, (k, m), N in all.
+        compared: which were compared, (k, m), N in all.
         factor: f, (N,).
         values: r, (N,).
         slopes: J, (n, N).
     """
 
-    there: Bools
+    compared: Bools
     factor: Floats
     values: Floats
     slopes: Floats
 
     def bend(self, moved: Innovations, step: Floats, share: float) -> Floats:
-        """Return Jᵀ r'', how slopes change along a step, (n,): r'' = 2/h ((r(z + h d) − r(z))/h − J d).
+        """Return Jᵀ r'', how slopes change along a step d, (n,): r'' = 2/h ((r(z + h d) − r(z))/h − J d).
 
         Args:
             moved: at z + h d.
@@ -95,7 +88,7 @@ class Slopes:
         """
         if not moved.bounded:
             return np.zeros(len(step))
-        change = self.factor * np.nan_to_num(moved.values[self.there]) - self.values
+        change = self.factor * np.nan_to_num(moved.values[self.compared]) - self.values
         bend: Floats = 2.0 / share * (self.slopes @ (change / share - step @ self.slopes))
         return bend
 
@@ -124,21 +117,18 @@ class Derivatives:
 
 
 def scales_of(runs: Sequence[Innovations], tolerance: Floats) -> Floats:
-    """Return c = mean ν²/S of each channel over some logs, at least 1, an outlier as if at its tolerance, (m,).
+    """Return c = mean ν²/S of each channel over some logs, at least 1, an outlier as if at its `tolerance`, (m,).
 
     It is the c that makes the innovations most likely, −ln p = ½ Σ (ν²/(c S) + ln c S).
-
-    Args:
-        tolerance: see `Weighing`.
     """
     scales = np.ones(len(tolerance))
     for k, limit in enumerate(tolerance):
-        there = [np.isfinite(run.values[:, k]) for run in runs]
-        ratios = [run.values[own, k] ** 2 / run.variances[own, k] for run, own in zip(runs, there)]
-        every = np.concatenate(ratios) if ratios else np.zeros(0)
-        if len(every):
-            plain = max(1.0, float(np.median(every)) / NORMAL_MEDIAN)
-            scales[k] = max(1.0, float(np.mean(np.minimum(every, limit * plain))))
+        compared = [np.isfinite(run.values[:, k]) for run in runs]
+        ratios = [run.values[mask, k] ** 2 / run.variances[mask, k] for run, mask in zip(runs, compared)]
+        pooled = np.concatenate(ratios) if ratios else np.zeros(0)
+        if len(pooled):
+            plain = max(1.0, float(np.median(pooled)) / NORMAL_MEDIAN)
+            scales[k] = max(1.0, float(np.mean(np.minimum(pooled, limit * plain))))
     return scales
 
 
@@ -146,20 +136,17 @@ def shares_of(runs: Sequence[Innovations], times: Sequence[Floats]) -> Floats:
     """Return Σ ν²/S over Σ (Σ_span ν/√S)², at most 1: the plain over the long-run variance of each channel, (m,).
 
     Values that lie on one side for seconds tell less than their number says (Newey and West, Econometrica 55, 1987; of
-    wrong models Müller, Econometrica 81, 2013). Spans are of `CORRELATED` s.
-
-    Args:
-        times: stamps of their samples [s], (k,).
+    wrong models Müller, Econometrica 81, 2013). Spans are of `CORRELATED` s by `times`, the samples' stamps [s], (k,).
     """
     m = runs[0].values.shape[1]
     plain, together = np.zeros(m), np.zeros(m)
     for run, stamps in zip(runs, times):
         spans = np.floor((stamps - stamps[0]) / CORRELATED).astype(int)
         for k in range(m):
-            there = np.isfinite(run.values[:, k])
-            normalized = run.values[there, k] / np.sqrt(run.variances[there, k])
+            compared = np.isfinite(run.values[:, k])
+            normalized = run.values[compared, k] / np.sqrt(run.variances[compared, k])
             plain[k] += np.sum(normalized**2)
-            together[k] += np.sum(np.bincount(spans[there], normalized) ** 2)
+            together[k] += np.sum(np.bincount(spans[compared], normalized) ** 2)
     return 1.0 / np.maximum(1.0, together / np.maximum(plain, 1e-300))
 
 
@@ -170,20 +157,16 @@ def cost_of(run: Innovations, weighing: Weighing) -> float:
     """
     if not run.bounded:
         return float("inf")
-    there, shape = np.isfinite(run.values), run.values.shape
-    nu, spread = run.values[there], (run.variances * weighing.scale)[there]
+    compared, shape = np.isfinite(run.values), run.values.shape
+    nu, spread = run.values[compared], (run.variances * weighing.scale)[compared]
     ratio = nu * nu / spread
-    inflation = np.maximum(1.0, ratio / np.broadcast_to(weighing.tolerance, shape)[there])
-    weight = np.broadcast_to(weighing.share * evened(run, weighing), shape)[there]
+    inflation = np.maximum(1.0, ratio / np.broadcast_to(weighing.tolerance, shape)[compared])
+    weight = np.broadcast_to(weighing.share * evened(run, weighing), shape)[compared]
     return 0.5 * float(np.sum(weight * (ratio / inflation + np.log(spread * inflation))))
 
 
 def evened(run: Innovations, weighing: Weighing) -> Floats:
-    """Return by what the values of each channel count more or less, so that their number does not matter, (m,).
-
-    Args:
-        weighing: with the numbers that they stand for.
-    """
+    """Return by what the values of each channel count more or less, so that their number does not matter, (m,)."""
     compared = np.maximum(np.isfinite(run.values).sum(axis=0), FEWEST_SHARE * weighing.counts)
     shares: Floats = np.where(weighing.counts > 0, weighing.counts / np.maximum(compared, 1.0), 1.0)
     return shares
@@ -202,46 +185,41 @@ def derivatives_of(
         widths: upper less lower end, (n,); 0 for a coordinate that is not varied.
         weighing: of the channels; where −ln p is least in c, it is that of its slope too.
     """
-    there, shape = np.isfinite(base.values), base.values.shape
-    nu, spread = base.values[there], (base.variances * weighing.scale)[there]
+    compared, shape = np.isfinite(base.values), base.values.shape
+    nu, spread = base.values[compared], (base.variances * weighing.scale)[compared]
     slopes, log_slopes = np.zeros((len(ends), len(nu))), np.zeros((len(ends), len(nu)))
     for k, (up, down) in enumerate(ends):
         if widths[k] != 0.0:
             with np.errstate(all="ignore"):  # an end may have left all bounds
-                slopes[k] = (up.values[there] - down.values[there]) / widths[k]
-                log_slopes[k] = np.log(up.variances[there] / down.variances[there]) / widths[k]
+                slopes[k] = (up.values[compared] - down.values[compared]) / widths[k]
+                log_slopes[k] = np.log(up.variances[compared] / down.variances[compared]) / widths[k]
     # what is compared may change at the ends (a slider at a stop): such a sample has no slope
     slopes[~(np.abs(slopes) < UNBOUNDED)] = 0.0
     log_slopes[~(np.abs(log_slopes) < UNBOUNDED)] = 0.0
     ratio = nu * nu / spread
-    inflation = np.maximum(1.0, ratio / np.broadcast_to(weighing.tolerance, shape)[there])
+    inflation = np.maximum(1.0, ratio / np.broadcast_to(weighing.tolerance, shape)[compared])
     inlier = inflation <= 1.0
-    weight = np.broadcast_to(weighing.share * evened(base, weighing), shape)[there]
+    weight = np.broadcast_to(weighing.share * evened(base, weighing), shape)[compared]
     influence = np.where(inlier, nu / spread, 1.0 / np.where(nu == 0.0, 1.0, nu))
     scores = weight * (slopes * influence + 0.5 * log_slopes * np.where(inlier, 1.0 - ratio, 0.0))
     factor = np.sqrt(weight / (spread * inflation))
     root = slopes * factor
     spreads = np.sqrt(0.5 * weight) * log_slopes * inlier
-    meat, spans = long_run_covariance(scores, np.broadcast_to(weighing.times[:, None], shape)[there])
+    meat, spans = long_run_covariance(scores, np.broadcast_to(weighing.times[:, None], shape)[compared])
     information = root @ root.T + spreads @ spreads.T
-    own = Slopes(there, factor, factor * nu, root)
-    return Derivatives(cost_of(base, weighing), scores.sum(axis=1), information, meat, spans, (), own)
+    weighted = Slopes(compared, factor, factor * nu, root)
+    return Derivatives(cost_of(base, weighing), scores.sum(axis=1), information, meat, spans, (), weighted)
 
 
 def long_run_covariance(scores: Floats, times: Floats) -> tuple[Floats, int]:
-    """Return Σ s sᵀ of scores summed over spans of `CORRELATED` s, and the number of spans.
+    """Return Σ s sᵀ of `scores`, (n, k), summed over spans of `CORRELATED` s of `times` [s], (k,), and the number of spans.
 
     Where the model is wrong, innovations are correlated and Fisher's information is too large; what the scores really
     do is in this matrix (White, Econometrica 50, 1982; Newey and West, Econometrica 55, 1987).
-
-    Args:
-        scores: of each sample, (n, k).
-        times: of the samples [s], (k,).
     """
     if not len(times):
         return np.zeros((len(scores), len(scores))), 0
     spans = np.floor((times - times.min()) / CORRELATED).astype(int)
-    sums = np.zeros((scores.shape[0], int(spans.max()) + 1))
-    for k in range(scores.shape[0]):
-        sums[k] = np.bincount(spans, scores[k], minlength=sums.shape[1])
-    return sums @ sums.T, sums.shape[1]
+    count = int(spans.max()) + 1
+    sums = np.array([np.bincount(spans, score, minlength=count) for score in scores]).reshape(-1, count)
+    return sums @ sums.T, count

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from distal.arrays import Bools, Floats
+from distal.arrays import Bools
 from distal.errors import DistalError, EstimationError
 from distal.estimators import AdaptiveFilter, channels_of, first_values
 from distal.fitting.stops import in_stops
 from distal.homing import Window, check_homing, numbers_homed, plain_samples, torque_samples, with_references
 from distal.logs import Log, TruthKind, shown, true_angles, true_torques
 from distal.regression import Kind, Samples, contact_kind, discrepancy_kind
-from distal.rig import Rig, Sensor
+from distal.rig import LearnedMap, Rig, Sensor
 from distal.run import samples_of
 from distal.sensors import variance
 
@@ -29,22 +29,14 @@ SETTLING = 0.5
 
 
 def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
-    """Return how what the filter's angles lack is learned from some logs.
-
-    Args:
-        data: of the logs; a sensor that never changes in them is no variable.
-    """
+    """Return how what the filter's angles lack is learned from logs; a sensor that never changes in them is no variable."""
     sensors = _sensors(rig)
-    every = np.vstack([one.readings for one in data])
-    moving = [sensor for sensor, column in zip(sensors, every.T) if np.ptp(column) > 0.0]
+    readings = np.vstack([samples.readings for samples in data])
+    moving = [sensor for sensor, column in zip(sensors, readings.T) if np.ptp(column) > 0.0]
     efforts = [sensor.name for sensor in moving if sensor.measures in ("force", "tension")]
-    return discrepancy_kind(
-        [s.name for s in sensors],
-        [s.name for s in moving],
-        efforts,
-        [joint.name for joint in rig.joints],
-        _noise(sensors),
-    )
+    names, joints = [sensor.name for sensor in sensors], [joint.name for joint in rig.joints]
+    noise = np.sqrt([variance(sensor) for sensor in sensors])
+    return discrepancy_kind(names, [sensor.name for sensor in moving], efforts, joints, noise)
 
 
 LEAST_FREE = 0.1
@@ -58,34 +50,32 @@ def filtered(
     compiled: bool,
     usable: Sequence[Bools] | None = None,
 ) -> tuple[dict[int, Samples], list[str]]:
-    """Return what the filter makes of logs, by the index of the log, and why of some it makes nothing.
+    """Return what the filter makes of logs with truth, by the index of the log, and why of some it makes nothing.
 
     Args:
-        logs: with truth.
         rigs: the description for each, without a discrepancy; the first says what the encoders' offsets may be.
         homing: length of the homing move [s], or None.
-        compiled: compile kernels where possible.
         usable: of each log, which samples the homing move may use; default all.
     """
-    data, refused, made = dict[int, Samples](), list[str](), dict[tuple[int, frozenset[str]], AdaptiveFilter]()
+    data, refused, runners = dict[int, Samples](), list[str](), dict[tuple[int, frozenset[str]], AdaptiveFilter]()
     for i, (log, rig) in enumerate(zip(logs, rigs)):
         try:
             key = id(rig), frozenset(log.truth)  # what has a truth says which references there are
-            if key not in made:
+            if key not in runners:
                 described, references = with_references(rig, log) if homing is not None else (rig, ())
                 # with the noise as an input most rigs of one structure share a kernel; homing takes a hundred runs of it
                 noise = [f"sensors.{k}.noise" for k in range(len(described.sensors))]
                 often = compiled and homing is not None
-                shared = None if references else next((one.of_rig(described) for one in made.values()), None)
-                made[key] = shared or AdaptiveFilter(described, often, references=references, inputs=noise)
-            one = _filtered(log, made[key], homing, None if usable is None else usable[i])
+                shared = None if references else next((runner.of_rig(described) for runner in runners.values()), None)
+                runners[key] = shared or AdaptiveFilter(described, often, references=references, inputs=noise)
+            samples = _filtered(log, runners[key], homing, None if usable is None else usable[i])
         except DistalError as problem:
             refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")
             continue
-        if not np.isfinite(one.angles).all():
+        if not np.isfinite(samples.angles).all():
             refused.append(f"discrepancy: {shown(log.source)} is left out: adaptive left all bounds on it")
             continue
-        data[i] = replace(one, reference_std=0.0 if homing is not None else reference_std(rig, log))
+        data[i] = replace(samples, reference_std=0.0 if homing is not None else reference_std(rig, log))
     sensor = homing is None and any(log.truth_kind is TruthKind.SENSOR for log in logs)
     if sensor and data:
         data = dict(zip(data, without_offset(list(data.values()), rigs[0])))
@@ -95,12 +85,8 @@ def filtered(
 def partly_homed(logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None, compiled: bool) -> dict[int, Samples]:
     """Return what the filter makes of some logs after a homing move that covers half of their range, by their index.
 
-    The half is that of the first angle. Used are `MOST_PARTLY` logs, spread over all, where the window has such samples.
-
-    Args:
-        logs: with truth.
-        homing: length of the homing move [s]; None gives nothing.
-        compiled: compile kernels where possible.
+    The half is that of the first angle. Used are `MOST_PARTLY` logs, spread over all, where the window of `homing` s has
+    such samples; None gives nothing.
     """
     if homing is None:
         return {}
@@ -111,15 +97,16 @@ def partly_homed(logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None,
         assert truths is not None
         usable = np.asarray(np.isfinite(truths).any(axis=1))
         for angles in truths.T:
-            there = np.isfinite(angles)
-            if there.any():
-                middle = 0.5 * (angles[there].min() + angles[there].max())
-                usable = usable & (~there | ((angles - middle) * (angles[there][0] - middle) >= 0.0))
+            is_known = np.isfinite(angles)
+            if is_known.any():
+                middle = 0.5 * (angles[is_known].min() + angles[is_known].max())
+                usable = usable & (~is_known | ((angles - middle) * (angles[is_known][0] - middle) >= 0.0))
         if np.count_nonzero(usable & (logs[i].time - logs[i].time[0] < homing)) >= FEWEST_PARTLY:
             masks[i] = usable
     used = list(masks)
-    found, _ = filtered([logs[i] for i in used], [rigs[i] for i in used], homing, compiled, list(masks.values()))
-    return {used[k]: replace(one, usable=masks[used[k]]) for k, one in found.items()}
+    used_logs, used_rigs = [logs[i] for i in used], [rigs[i] for i in used]
+    data, _ = filtered(used_logs, used_rigs, homing, compiled, list(masks.values()))
+    return {used[k]: replace(samples, usable=masks[used[k]]) for k, samples in data.items()}
 
 
 def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
@@ -127,24 +114,37 @@ def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
 
     Model and encoder are both off by something, and no log tells which; a correction to an encoder that is mounted askew
     would be worse than none. That the offset is not known is in the band, see `with_reference_error`.
-
-    Args:
-        data: of the logs, whose truth is an angle sensor's.
-        rig: the description, whose angle sensors say how unsure their offsets are.
     """
     doubts = {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
     limits = OFFSETS * np.array([doubts.get(joint.name, 0.0) for joint in rig.joints])
-    known = [one.targets for one in data if np.isfinite(one.targets).any()]
-    if not known:
+    targets = [samples.targets for samples in data if np.isfinite(samples.targets).any()]
+    if not targets:
         return list(data)
-    means = [np.array([np.mean(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in t.T]) for t in known]
+    means = [np.array([np.mean(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in t.T]) for t in targets]
     common = np.mean(means, axis=0)
     common = np.where(np.abs(common) <= limits, common, 0.0)
-    return [replace(one, targets=one.targets - common) for one in data]
+    return [replace(samples, targets=samples.targets - common) for samples in data]
+
+
+def with_reference_error(learned: LearnedMap, rig: Rig, logs: Sequence[Log]) -> LearnedMap:
+    """Return a map of the angle with the std of the reference's offset in its band: c² s² becomes c² s² + σ_b².
+
+    An encoder that is mounted 0.2° off is so in all logs, so that no log left out shows it. The rig's angle sensors say how
+    unsure their offsets are.
+    """
+    if not any(log.truth_kind is TruthKind.SENSOR for log in logs):
+        return learned
+    offsets = {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
+    joints = tuple(
+        joint.model_copy(update={"std": float(np.hypot(joint.std, offsets.get(joint.joint, 0.0) / band))})
+        for joint, band in zip(learned.joints, learned.band)
+    )
+    return learned.model_copy(update={"joints": joints})
 
 
 def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None, usable: Bools | None) -> Samples:
-    truths = true_angles(log, [joint.name for joint in runner.rig.joints])
+    joints = [joint.name for joint in runner.rig.joints]
+    truths = true_angles(log, joints)
     assert truths is not None
     m = len(runner.places)
     proximal = samples_of(log, runner.channels[:m], runner.name)
@@ -153,12 +153,12 @@ def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None, usable: Bo
     start = runner.initial(log.time[0], np.append(first_values(proximal), reference[0]))
     early = log.time - log.time[0] < (SETTLING if homing is None else homing)
     if homing is not None:
-        check_homing(homing, log, [joint.name for joint in runner.rig.joints])
-        known = truths if usable is None else np.where(usable[:, None], truths, np.nan)
-        joints, of = [joint.name for joint in runner.rig.joints], {s.name: s.of for s in runner.rig.sensors_of("angle")}
+        check_homing(homing, log, joints)
+        usable_truths = truths if usable is None else np.where(usable[:, None], truths, np.nan)
+        of = {sensor.name: sensor.of for sensor in runner.rig.sensors_of("angle")}
         columns = [joints.index(of[name]) for name in runner.channels[m:]]
-        aided = np.column_stack([proximal, np.where(early[:, None], known[:, columns], np.nan)])
-        start = numbers_homed(Window.of(runner, start, log, aided, known, homing))
+        aided = np.column_stack([proximal, np.where(early[:, None], usable_truths[:, columns], np.nan)])
+        start = numbers_homed(Window.of(runner, start, log, aided, usable_truths, homing))
     elif log.time[-1] - log.time[0] > 4 * SETTLING:
         # where the joint begins is not known yet: that is no error of the model
         truths = np.where(early[:, None], np.nan, truths)
@@ -171,22 +171,15 @@ def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None, usable: Bo
 
 
 def mean_rms(data: Mapping[int, Samples]) -> float:
-    """Return the mean over logs of the RMS of what the filter's angle errs by [rad].
-
-    Args:
-        data: of the logs, by their index.
-    """
-    known = [one.targets[np.isfinite(one.targets)] for one in data.values()]
-    return float(np.mean([np.sqrt(np.mean(errors**2)) for errors in known if len(errors)]))
+    """Return the mean over logs of the RMS of what the filter's angle errs by [rad]."""
+    log_errors = [samples.targets[np.isfinite(samples.targets)] for samples in data.values()]
+    return float(np.mean([np.sqrt(np.mean(errors**2)) for errors in log_errors if len(errors)]))
 
 
 def reference_std(rig: Rig, log: Log) -> float:
     """Return the random error of the angle sensor that a log's truth comes from [rad]; 0 where it comes from elsewhere.
 
     Its offset is not counted: it is the same everywhere, and what changes along a log is worth a correction beside it.
-
-    Args:
-        log: with truth.
     """
     if log.truth_kind is not TruthKind.SENSOR:
         return 0.0
@@ -199,10 +192,6 @@ def _sensors(rig: Rig) -> tuple[Sensor, ...]:
     return (*channels.positions, *channels.tensions, *channels.forces)
 
 
-def _noise(sensors: Sequence[Sensor]) -> Floats:
-    return np.sqrt([variance(sensor) for sensor in sensors])
-
-
 def has_torque(log: Log, rig: Rig) -> bool:
     """Return whether a log has the torque on a joint from outside."""
     torques = true_torques(log, [joint.name for joint in rig.joints])
@@ -211,9 +200,6 @@ def has_torque(log: Log, rig: Rig) -> bool:
 
 def torques_of(log: Log, rig: Rig) -> Samples:
     """Return a log with the torque on its joints as the map of the torque sees it.
-
-    Args:
-        log: with the torque.
 
     Raises:
         EstimationError: the log lacks a sensor.
@@ -231,4 +217,5 @@ def contact_of(rig: Rig) -> Kind:
     """Return how the torque from outside is learned from what the sensors of a rig read."""
     sensors = _sensors(rig)
     positions = [sensor.name for sensor in sensors if sensor.measures == "position"]
-    return contact_kind([s.name for s in sensors], positions, [joint.name for joint in rig.joints], _noise(sensors))
+    noise = np.sqrt([variance(sensor) for sensor in sensors])
+    return contact_kind([s.name for s in sensors], positions, [joint.name for joint in rig.joints], noise)

@@ -25,11 +25,10 @@ FOR_SCORES = 3
 
 @dataclass(frozen=True)
 class LeftOut:
-    """How a map did on a log that it had not seen.
+    """How a map did on a log that it had not seen; after the homing window where there is one.
 
     Args:
-        log: its name.
-        rms: error, in the unit of what is mapped; after the homing window where there is one.
+        rms: error, in the unit of what is mapped.
         inside: share of samples inside the 95 % band.
         half: mean half-width of that band.
     """
@@ -65,11 +64,6 @@ class MapFit:
     terms: Terms
 
     @property
-    def is_affine(self) -> bool:
-        """Whether a discrepancy reports the angle of `affine` in place of the filter's own."""
-        return any(term.startswith("angle(") for term in self.learned.terms)
-
-    @property
     def learned(self) -> LearnedMap:
         """The map."""
         learned = getattr(self.rig, self.table)
@@ -83,9 +77,9 @@ class MapFit:
         if not self.left_out:
             return f"{self.table}: learned from {logs}"
         factor, unit = (1e3, " mN m") if self.table == "contact" else (np.rad2deg(1.0), "°")
-        rms = [factor * one.rms for one in self.left_out]
-        inside = 100.0 * float(np.mean([one.inside for one in self.left_out]))
-        half = factor * np.mean([one.half for one in self.left_out])
+        rms = [factor * score.rms for score in self.left_out]
+        inside = 100.0 * float(np.mean([score.inside for score in self.left_out]))
+        half = factor * np.mean([score.half for score in self.left_out])
         use = f" after a homing move of {self.homing:g} s" if self.homing is not None else ""
         return (
             f"{self.table}: learned from {logs}; each left out once{use}: mean RMS {np.mean(rms):.3f}{unit}, worst "
@@ -127,7 +121,6 @@ def learn_affine(
 
     Args:
         logs: each a `Log`, a path or a frame (see `read_log`); those without a truth are passed over.
-        rig: the description, or a shipped rig's name, or a path.
         homing: learn for the use after a homing move of so long [s].
         truth: where logs are read: the true angle's column.
         groups: of each log with a truth, which are left out together; default each alone.
@@ -138,12 +131,12 @@ def learn_affine(
         LogError: a log cannot be read.
         RigError: the rig is unknown or wrong.
     """
-    rig, known = _with_truth(logs, rig, truth, "affine")
+    rig, with_truth = _with_truth(logs, rig, truth, "affine")
     if homing is not None:
-        for log in known:
+        for log in with_truth:
             check_homing(homing, log, [joint.name for joint in rig.joints])
-    data = [affine_samples(log, rig) for log in known]
-    data = [one.part(np.asarray(np.isfinite(one.targets).any(axis=1))) for one in data]
+    data = [affine_samples(log, rig) for log in with_truth]
+    data = [samples.part(np.asarray(np.isfinite(samples.targets).any(axis=1))) for samples in data]
     return map_of(data, affine_of(rig), rig, homing, groups)
 
 
@@ -160,11 +153,9 @@ def learn_discrepancy(
 
     Args:
         logs: each a `Log`, a path or a frame (see `read_log`); those without a truth are passed over.
-        rig: the description, or a shipped rig's name, or a path.
         homing: learn for the use after a homing move of so long [s].
         truth: where logs are read: the true angle's column.
         groups: of each log with a truth, which are left out together (one instrument, one pose); default each alone.
-        compiled: compile kernels where possible.
 
     Raises:
         FitError: no log has a truth, or the filter cannot run on any.
@@ -172,13 +163,13 @@ def learn_discrepancy(
         LogError: a log cannot be read.
         RigError: the rig is unknown or wrong.
     """
-    rig, known = _with_truth(logs, rig, truth, "discrepancy")
+    rig, with_truth = _with_truth(logs, rig, truth, "discrepancy")
     bare = rig.model_copy(update={"discrepancy": None})
-    found, refused = filtered(known, [bare] * len(known), homing, compiled)
-    data = list(found.values())
+    by_log, refused = filtered(with_truth, [bare] * len(with_truth), homing, compiled)
+    data = list(by_log.values())
     if not data:
         raise FitError(f"discrepancy: adaptive cannot run on any of the logs: {refused[0]}")
-    ran = [known[i] for i in found]
+    ran = [with_truth[i] for i in by_log]
     partly = partly_homed(ran, [bare] * len(ran), homing, compiled)
     return map_of(data, discrepancy_of(rig, data), rig, homing, groups, notes=refused, partly=partly)
 
@@ -197,7 +188,6 @@ def learn_contact(
 
     Args:
         logs: each a `Log`, a path or a frame; those without a torque are passed over.
-        rig: the description, or a shipped rig's name, or a path.
         homing: learn for the use after a window of so long [s] in which the torque is read.
         groups: of each log with a torque, which are left out together; default each alone.
         scored: whether each log is left out once more, for a score that neither choice nor size has seen.
@@ -206,7 +196,7 @@ def learn_contact(
         FitError: no log has a torque, or the rig says that none can occur.
     """
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
-    read = [log if isinstance(log, Log) else read_log(log, rig) for log in logs]
+    read = logs_read(logs, rig, None)
     for joint in rig.joints:
         if joint.external_torque.std == 0.0:
             raise FitError(
@@ -239,39 +229,44 @@ def map_of(
     Args:
         homing: length of the homing window [s], or None.
         groups: which logs are left out together; default each alone.
-        notes: said before those of this function.
+        notes: that stand before those of this function.
         scored: whether each log is left out once more, by the whole pipeline, for a score.
         partly: some of the logs after a homing move of half their range, see `learn_map`.
     """
     folds = folds_of(list(groups) if groups is not None else [str(i) for i in range(len(data))])
     learned, chosen = learn_map(data, kind, folds, homing, partly)
-    said, count = [*notes, f"{kind.name}: {chosen.name}"], len(set(folds))
+    sentences, count = [*notes, f"{kind.name}: {chosen.name}"], len(set(folds))
     if count < ENOUGH_LOGS:
-        said.append(
+        sentences.append(
             f"{kind.name}: {count} log{'s' if count > 1 else ''} or groups of logs with a known truth: how much changes "
             f"from log to log is hardly known, and the band is widened; {ENOUGH_LOGS} or more are needed"
         )
-    said += [f"{kind.name}: not used, {text}" for text in learned.dropped if kind.name == "affine"]
+    sentences += [f"{kind.name}: not used, {text}" for text in learned.dropped if kind.name == "affine"]
     scores = list[LeftOut]()
-    for out, rest in splits(folds) if scored and count >= FOR_SCORES else ():
-        half = {k: partly[i] for k, i in enumerate(rest) if partly and i in partly}
-        others, _ = learn_map([data[i] for i in rest], kind, [folds[i] for i in rest], homing, half)
-        scores += [_score(others, data[i], kind, homing) for i in out]
+    for out, remaining in splits(folds) if scored and count >= FOR_SCORES else ():
+        half = {k: partly[i] for k, i in enumerate(remaining) if partly and i in partly}
+        from_rest, _ = learn_map([data[i] for i in remaining], kind, [folds[i] for i in remaining], homing, half)
+        scores += [_score(from_rest, data[i], kind, homing) for i in out]
     described = rig.with_values({kind.name: learned.model_dump()})
-    sources = tuple(one.source for one in data)
-    return MapFit(described, rig, kind.name, sources, homing, tuple(scores), tuple(said), chosen)
+    sources = tuple(samples.source for samples in data)
+    return MapFit(described, rig, kind.name, sources, homing, tuple(scores), tuple(sentences), chosen)
+
+
+def logs_read(logs: Sequence[Log | Source] | Log | str | Path, rig: Rig, truth: str | None) -> list[Log]:
+    """Return logs, those that are no `Log` yet read; `truth` is the true angle's column."""
+    sources = [logs] if isinstance(logs, (Log, str, Path)) else logs
+    return [log if isinstance(log, Log) else read_log(log, rig, truth) for log in sources]
 
 
 def _with_truth(
     logs: Sequence[Log | Source] | Log | str | Path, rig: Rig | str | Path, truth: str | None, name: str
 ) -> tuple[Rig, list[Log]]:
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
-    given = [logs] if isinstance(logs, (Log, str, Path)) else list(logs)
-    read = [log if isinstance(log, Log) else read_log(log, rig, truth) for log in given]
-    known = [log for log in read if true_angles(log, [joint.name for joint in rig.joints]) is not None]
-    if not known:
+    read = logs_read(logs, rig, truth)
+    with_truth = [log for log in read if true_angles(log, [joint.name for joint in rig.joints]) is not None]
+    if not with_truth:
         raise FitError(f"{name}: none of the {len(read)} logs has the joint's angle; give --truth, or log a reference")
-    return rig, known
+    return rig, with_truth
 
 
 def _score(learned: LearnedMap, out: Samples, kind: Kind, homing: float | None) -> LeftOut:

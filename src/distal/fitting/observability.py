@@ -43,7 +43,6 @@ class Observability:
         std: std of the angle along the whole log [rad], (k,).
         window: length of the windows [s].
         estimate: that it was computed along.
-        joint: index of the joint.
         directions: of joint space that the sensors see, and those that they miss.
     """
 
@@ -64,11 +63,11 @@ class Observability:
         lines = []
         for low, high in pairwise(edges):
             part = (self.time >= low) & (self.time <= high)
-            own = [i for i in ends if low <= self.time[i] <= high]
-            found = float(np.median(self.found[own if own else part]))
-            share = found / LOST
+            inside = [i for i in ends if low <= self.time[i] <= high]
+            regained = float(np.median(self.found[inside if inside else part]))
+            share = regained / LOST
             word = "seen" if share < SEEN else "hardly seen" if share < HARDLY else "not seen"
-            lines.append((float(low), float(high), float(np.median(self.std[part])), found, word))
+            lines.append((float(low), float(high), float(np.median(self.std[part])), regained, word))
         return lines
 
     def plot(self, path: str | Path | None = None) -> Figure:
@@ -77,34 +76,28 @@ class Observability:
         Args:
             path: where to save (PNG, SVG or PDF by its suffix); None only returns the figure.
         """
-        with figure(2, 1, (6.5, 4.8), sharex=True) as (made, (angle, spread)):
+        with figure(2, 1, (6.5, 4.8), sharex=True) as (drawing, (angle, spread)):
             since = from_start(self.time)
             theta, half = np.rad2deg(self.estimate.angles[:, self.joint]), np.rad2deg(BAND * self.std)
             angle.fill_between(since, theta - half, theta + half, color=COLOURS[0], alpha=0.25, lw=0, label="95 % band")
             angle.plot(since, theta, color=COLOURS[0], lw=1.2, label="estimate")
             angle.set_ylabel("joint angle θ [°]")
             legend_above(angle)
-            spread.semilogy(
-                since,
-                np.rad2deg(self.found),
-                color=COLOURS[1],
-                ls=DASHES[1],
-                lw=1.2,
-                label=f"lost by {np.rad2deg(LOST):g}° every {self.window:g} s, and found again",
-            )
+            label = f"lost by {np.rad2deg(LOST):g}° every {self.window:g} s, and found again"
+            spread.semilogy(since, np.rad2deg(self.found), color=COLOURS[1], ls=DASHES[1], lw=1.2, label=label)
             spread.semilogy(since, np.rad2deg(self.std), color=COLOURS[0], lw=1.2, label="along the log")
             spread.set_ylabel("std of the angle [°]")
             spread.set_xlabel(time_label(self.time))
             legend_above(spread)
         if path is not None:
-            save_figure(made, path)
-        return made
+            save_figure(drawing, path)
+        return drawing
 
 
 def observability(
     log: Log, rig: Rig, window: float = OBSERVED_WINDOW, homing: float | None = None, joint: str | None = None
 ) -> Observability:
-    """Return how well the joint's angle is seen along a log.
+    """Return how well the angle of a joint, by default the first, is seen along a log.
 
     At the start of each window its variance is set to `LOST`², uncorrelated with everything else, and the filter's own
     covariance recursion goes on: 1/P − 1/LOST² at the window's end is the angle's entry in the window's observability
@@ -114,7 +107,6 @@ def observability(
     Args:
         window: length of the windows [s].
         homing: as for `estimate`.
-        joint: name of the joint that is lost; default the first.
 
     Raises:
         FitError: the window does not fit the log, or it is not clear which joint is meant.
@@ -125,11 +117,11 @@ def observability(
     span = float(log.time[-1] - log.time[0])
     if not 0.0 < window < span:
         raise FitError(f"the window must be longer than 0 s and shorter than the log ({span:g} s), {window:g} s came")
-    joints = [each.name for each in rig.joints]
+    joints = [joint.name for joint in rig.joints]
     if joint is not None and joint not in joints:
         raise FitError(f"observability: no joint is called {joint!r}; the rig has {', '.join(joints)}")
     at = 0 if joint is None else joints.index(joint)
-    known = estimate(log, rig, homing=homing)
+    estimated = estimate(log, rig, homing=homing)
     references: tuple[Sensor, ...] = ()
     if homing is not None:
         rig, references = with_references(rig, log)
@@ -141,19 +133,19 @@ def observability(
     belief = runner.initial(log.time[0], first_values(samples))
     rows, last = runner.rows(np.diff(log.time, prepend=log.time[0]), samples)
     carries = advance(runner.kernel, Feed(belief.carry, rows, runner.numbers)).carries
-    std = known.angle_stds[:, at]
-    found = np.array(std)
+    std = estimated.angle_stds[:, at]
+    regained = np.array(std)
     number = np.floor((log.time - log.time[0]) / window).astype(int)
     n = len(runner.state_names)
     for k in range(int(number[-1]) + 1):
-        own = np.flatnonzero(number == k)
-        if len(own) == 0:
+        inside = np.flatnonzero(number == k)
+        if len(inside) == 0:
             continue
-        start = last[own[0] - 1] + 1 if own[0] else 0
+        start = last[inside[0] - 1] + 1 if inside[0] else 0
         carry = np.array(carries[start - 1] if start else belief.carry)
         covariance = covariance_of(carry, n)
-        covariance[at, :], covariance[:, at] = 0.0, 0.0
+        covariance[at, :] = covariance[:, at] = 0.0
         covariance[at, at] = LOST**2
-        after = advance(runner.kernel, Feed(carry, rows[start : last[own[-1]] + 1], runner.numbers)).carries
-        found[own] = np.sqrt(np.maximum(variances_of(after[last[own] - start], n)[:, at], 0.0))
-    return Observability(log.time, np.maximum(found, std), std, window, known, at, directions(rig))
+        after = advance(runner.kernel, Feed(carry, rows[start : last[inside[-1]] + 1], runner.numbers)).carries
+        regained[inside] = np.sqrt(np.maximum(variances_of(after[last[inside] - start], n)[:, at], 0.0))
+    return Observability(log.time, np.maximum(regained, std), std, window, estimated, at, directions(rig))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -13,15 +14,7 @@ from distal.arrays import Bools, Floats
 from distal.estimators import Robustness, first_values
 from distal.fitting.filter import Data, FitFilter
 from distal.fitting.free import Free
-from distal.fitting.likelihood import (
-    Derivatives,
-    Innovations,
-    Weighing,
-    cost_of,
-    derivatives_of,
-    scales_of,
-    shares_of,
-)
+from distal.fitting.likelihood import Derivatives, Innovations, Weighing, cost_of, derivatives_of, scales_of, shares_of
 from distal.kernels import Feed, Kernel, advance, advance_all, covariance_of, mean_of
 from distal.kernels.mask import COMPARED_ONLY
 
@@ -54,17 +47,17 @@ class Problem:
 
     The prediction-error method (Ljung, System Identification, 1999, ch. 7; Åström, Automatica 16, 1980): hidden states,
     missing samples and sensor noise are treated as in use, because it is the filter that is used. Of each channel c and w
-    say what its values are worth: c is found at every point, w where `assessed` was called.
+    say what its values are worth: c is found at every point, w where `assessed` was called. Coordinates z, (size,), are
+    those that logs share, then each log's own.
 
     Args:
         filter: with what is free as inputs.
-        free: what is varied; coordinates are those that logs share, then each log's own.
-        data: of the logs.
         homing: for how long the reference is used [s], None for never; with it only what comes after counts.
         aided: without homing, use the reference wherever it is as one more sensor, which tells more where the model is
             right, and hides what the angle errs by where it is not.
         workers: threads; the numbers do not depend on them.
         worth: of the channels' values; None before they are assessed: every value counts in full.
+        noises: that are free and not varied.
     """
 
     filter: FitFilter
@@ -74,15 +67,11 @@ class Problem:
     aided: bool = False
     workers: int = 2
     worth: Worth | None = None
+    noises: tuple[Free, ...] = ()
 
     def beginning(self, share: float, least: int) -> Problem:
-        """Return the same for the beginnings of the logs, not assessed.
-
-        Args:
-            share: of each log.
-            least: samples of a log, at least.
-        """
-        data = tuple(one.beginning(max(least, round(share * len(one.last)))) for one in self.data)
+        """Return the same for the beginnings of the logs, a `share` of each, of `least` samples or more; not assessed."""
+        data = tuple(log_data.beginning(max(least, round(share * len(log_data.last)))) for log_data in self.data)
         return replace(self, data=data, worth=None)
 
     def among(self, logs: Sequence[int]) -> Problem:
@@ -93,11 +82,7 @@ class Problem:
         return replace(self, data=tuple(self.data[j] for j in logs), worth=worth)
 
     def assessed(self, z: Floats) -> Problem:
-        """Return the problem with the worth of the channels' values at a point, as it is where the filter is unbounded.
-
-        Args:
-            z: all coordinates, (size,).
-        """
+        """Return the problem with the worth of the channels' values at a point, as it is where the filter is unbounded."""
         runs = self.at(z)
         if not all(run.bounded for run in runs):
             return self
@@ -113,11 +98,6 @@ class Problem:
     def of_filter(self) -> Problem:
         """The filter's problem at the same coordinates."""
         return self
-
-    @property
-    def noises(self) -> tuple[Free, ...]:
-        """Noises that are free and not varied."""
-        return ()
 
     @property
     def most(self) -> int:
@@ -149,8 +129,8 @@ class Problem:
     def parts(self) -> tuple[tuple[Free, int | None], ...]:
         """The free number behind each coordinate, and the log where it is one log's own, (size,)."""
         shared: list[tuple[Free, int | None]] = [(part, None) for part in self.free if not part.per_log]
-        own = [part for part in self.free if part.per_log]
-        return (*shared, *((part, j) for j in range(len(self.data)) for part in own))
+        per_log = [part for part in self.free if part.per_log]
+        return (*shared, *((part, j) for j in range(len(self.data)) for part in per_log))
 
     @property
     def size(self) -> int:
@@ -169,7 +149,7 @@ class Problem:
 
     def columns(self, log: int) -> list[int]:
         """Return for each free number the coordinate that holds it in a log."""
-        places = {(id(part), own): k for k, (part, own) in enumerate(self.parts)}
+        places = {(id(part), of_log): k for k, (part, of_log) in enumerate(self.parts)}
         return [places[id(part), log if part.per_log else None] for part in self.free]
 
     def run(self, tasks: Sequence[tuple[int, Floats]]) -> list[Innovations]:
@@ -184,20 +164,16 @@ class Problem:
         groups = [order[i : i + size] for i in range(0, len(order), size)]
 
         def work(group: list[int]) -> list[Innovations]:
-            return self._scan([tasks[k] for k in group])
+            runs = advance_all(self._kernel, [self._feed(*tasks[k]) for k in group], keep=())
+            return [self._compared(tasks[k][0], run.ys) for k, run in zip(group, runs)]
 
         if self.workers < 2 or len(groups) < 2:
             done = [work(group) for group in groups]
         else:
             with ThreadPoolExecutor(self.workers) as pool:
                 done = list(pool.map(work, groups))
-        found = {k: one for group, ones in zip(groups, done) for k, one in zip(group, ones)}
-        return [found[k] for k in range(len(tasks))]
-
-    def _scan(self, tasks: Sequence[tuple[int, Floats]]) -> list[Innovations]:
-        feeds = [self._feed(log, z) for log, z in tasks]
-        runs = advance_all(self._kernel, feeds, keep=())
-        return [self._compared(log, run.ys) for (log, _), run in zip(tasks, runs)]
+        innovations = dict(zip(order, itertools.chain.from_iterable(done)))
+        return [innovations[k] for k in range(len(tasks))]
 
     @property
     def _kernel(self) -> Kernel:
@@ -210,11 +186,7 @@ class Problem:
         return Feed(np.concatenate([mean, covariance.ravel(), memory]), self._rows[log], p)
 
     def numbers(self, z: Floats) -> Floats:
-        """Return the kernel's parameters at a log's coordinates, (n_p,).
-
-        Args:
-            z: one for each free number.
-        """
+        """Return the kernel's parameters, (n_p,), at a log's coordinates, one for each free number."""
         p = np.array(self.filter.runner.numbers)
         for part, places, coordinate in zip(self.free, self.places, z):
             p[places] = part.values(float(coordinate))
@@ -262,25 +234,17 @@ class Problem:
         return scales_of(runs, self._tolerance)
 
     def at(self, z: Floats) -> list[Innovations]:
-        """Return the innovations of every log.
-
-        Args:
-            z: all coordinates, (size,).
-        """
+        """Return the innovations of every log."""
         return self.run([(j, z[self.columns(j)]) for j in range(len(self.data))])
 
     def costs(self, points: Sequence[Floats]) -> Floats:
-        """Return −ln p of all logs and the prior at some points, infinite where the filter left all bounds.
-
-        Args:
-            points: coordinates, (size,) each.
-        """
+        """Return −ln p of all logs and the prior at some points, infinite where the filter left all bounds."""
         logs = range(len(self.data))
         runs = self.run([(j, z[self.columns(j)]) for j in logs for z in points])
         costs = []
         for k, z in enumerate(points):
-            own = [runs[j * len(points) + k] for j in logs]
-            costs.append(self._cost(own) + self._prior(z) if all(run.bounded for run in own) else np.inf)
+            log_runs = [runs[j * len(points) + k] for j in logs]
+            costs.append(self._cost(log_runs) + self._prior(z) if all(run.bounded for run in log_runs) else np.inf)
         return np.array(costs)
 
     def _cost(self, runs: Sequence[Innovations]) -> float:
@@ -291,10 +255,9 @@ class Problem:
         return 0.5 * float(np.sum((z / self.prior_stds) ** 2))
 
     def of_logs(self, z: Floats, widths: Floats) -> list[Derivatives]:
-        """Return what each log tells at a point, by one-sided differences of ν and ln S, without the prior.
+        """Return what each log tells at a point z, by one-sided differences of ν and ln S, without the prior.
 
         Args:
-            z: all coordinates, (size,).
             widths: over how much slopes are taken, away from a bound, 0 for a coordinate that is not varied, (size,).
         """
         low, high = self.bounds.T
@@ -303,40 +266,25 @@ class Problem:
         for j in range(len(self.data)):
             places = self.columns(j)
             tasks.append((j, z[places]))
-            tasks += [
-                (j, np.where(np.arange(len(places)) == k, ends[places], z[places]))
-                for k in np.flatnonzero(widths[places])
-            ]
+            varied = np.eye(len(places), dtype=bool)[widths[places] != 0.0]
+            tasks += [(j, np.where(is_varied, ends[places], z[places])) for is_varied in varied]
         runs = iter(self.run(tasks))
         bases, sides = list[Innovations](), list[list[Innovations]]()
         for j in range(len(self.data)):
-            base = next(runs)
-            bases.append(base)
-            sides.append([next(runs) if width else base for width in widths[self.columns(j)]])
-        scale, found = self.scales(bases), []
+            bases.append(next(runs))
+            sides.append([next(runs) if width else bases[j] for width in widths[self.columns(j)]])
+        scale, derivatives = self.scales(bases), []
         for j, (base, side) in enumerate(zip(bases, sides)):
-            places = self.columns(j)
-            pairs = [(one, base) for one in side]
-            found.append(derivatives_of(base, pairs, (ends - z)[places], self._weighing(j, scale)))
-        return found
+            pairs, steps = [(end, base) for end in side], (ends - z)[self.columns(j)]
+            derivatives.append(derivatives_of(base, pairs, steps, self._weighing(j, scale)))
+        return derivatives
 
     def derivatives(self, z: Floats, widths: Floats) -> Derivatives:
-        """Return −ln p of all logs and the prior, with its gradient, and the logs' information at a point.
-
-        Args:
-            z: all coordinates, (size,).
-            widths: see `of_logs`.
-        """
+        """Return −ln p of logs and prior, its gradient, and the logs' information at z; `widths` are those of `of_logs`."""
         return self.summed(self.of_logs(z, widths), z)
 
     def bends(self, z: Floats, of_logs: Sequence[Derivatives], steps: Sequence[Floats]) -> Floats:
-        """Return Jᵀ r'' of all logs along some steps, (k, size): see `Slopes.bend`.
-
-        Args:
-            z: the point, (size,).
-            of_logs: derivatives of each log there.
-            steps: (size,) each.
-        """
+        """Return Jᵀ r'' of all logs along some `steps` from z, (k, size): see `Slopes.bend`."""
         logs = range(len(self.data))
         runs = iter(self.run([(j, (z + PROBED * step)[self.columns(j)]) for j in logs for step in steps]))
         bends = np.zeros((len(steps), self.size))
@@ -348,12 +296,7 @@ class Problem:
         return bends
 
     def summed(self, of_logs: Sequence[Derivatives], z: Floats) -> Derivatives:
-        """Return the derivatives of all logs and the prior, from those of each log.
-
-        Args:
-            of_logs: at the point, of each log.
-            z: all coordinates, (size,).
-        """
+        """Return the derivatives of all logs and the prior, from those of each log at z."""
         n = self.size
         gradient, information, meat = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
         for j, part in enumerate(of_logs):
@@ -365,11 +308,7 @@ class Problem:
         return Derivatives(cost, gradient + z / self.prior_stds**2, information, meat, spans, tuple(of_logs))
 
     def states(self, log: int, z: Floats) -> tuple[Floats, Floats]:
-        """Return mean (n,) and covariance (n, n) of the filter's states at the end of a log.
-
-        Args:
-            z: all coordinates, (size,).
-        """
+        """Return mean (n,) and covariance (n, n) of the filter's states at the end of a log, at all coordinates z."""
         runner, n = self.filter.runner, len(self.filter.runner.state_names)
         end = advance(runner.kernel, self._feed(log, z[self.columns(log)])).carries[-1]
         return mean_of(end, n), covariance_of(end, n)

@@ -17,11 +17,9 @@ class Doing:
     """What a fit is doing now.
 
     Args:
-        stage: its name.
         within: share of this part that is done, about.
         iteration: of a search, else 0.
         part: 0 for the fit to all logs, then a fold after the other.
-        parts: how many there are.
     """
 
     stage: str
@@ -40,11 +38,7 @@ Progress = Callable[[Doing], None]
 
 
 def searching(progress: Progress | None, stage: str) -> Callable[[int, float], None] | None:
-    """Return what a search calls after each iteration.
-
-    Args:
-        progress: called with what is done; None for nothing.
-    """
+    """Return what a search calls after each iteration; None where nobody asks for progress."""
     if progress is None:
         return None
     room = AFTER_SEARCH - BEFORE_SEARCH
@@ -54,21 +48,11 @@ def searching(progress: Progress | None, stage: str) -> Callable[[int, float], N
 
 
 def judging(progress: Progress | None, stage: str, done: int, count: int) -> None:
-    """Say that a candidate is judged next.
-
-    Args:
-        progress: called with what is done; None for nothing.
-        done: candidates that are judged already.
-    """
+    """Say that a candidate is judged next, after those that are done."""
     if progress is not None:
         progress(Doing(stage, AFTER_SEARCH + (1.0 - AFTER_SEARCH) * done / count))
 
 
 def of_part(progress: Progress | None, part: int, parts: int) -> Progress | None:
-    """Return the progress of one part of a fit.
-
-    Args:
-        progress: of the whole fit; None for nothing.
-        part: 0 for the fit to all logs, then a fold after the other.
-    """
+    """Return the progress of one part of a fit: 0 for the fit to all logs, then a fold after the other."""
     return None if progress is None else lambda doing: progress(replace(doing, part=part, parts=parts))

@@ -12,24 +12,17 @@ FINEST = 4
 
 
 def steps_per_sample(places: Floats, noise: Floats) -> int:
-    """Return how many steps per sample keep straight lines within the sensors' noise, 1, 2 or `FINEST`.
+    """Return how many steps per sample keep straight lines within the sensors' `noise`, (m,): 1, 2 or `FINEST`.
 
     A chord leaves out ẍ dt²/8: where sliders swing, that much tension is missing at every crest, and stiffness would be
-    fitted too large by (ω dt)²/12. With n steps it is n² times less.
-
-    Args:
-        places: displacements, (k, m), NaN where missing.
-        noise: of the sensors, (m,).
+    fitted too large by (ω dt)²/12. With n steps it is n² times less. Displacements `places` are (k, m), NaN where missing.
     """
     bends = np.abs(np.diff(places, n=2, axis=0)) / 8.0
     missed = [float(np.sqrt(np.nanmean(b**2))) if np.isfinite(b).any() else 0.0 for b in bends.T]
     # noise bends too: its second difference has a variance of 6 σ²
-    own = np.sqrt(6.0) / 8.0 * noise
-    excess = max((np.sqrt(max(m**2 - o**2, 0.0)) / n for m, o, n in zip(missed, own, noise)), default=0.0)
-    for steps in (1, 2):
-        if excess < 0.5 * steps**2:
-            return steps
-    return FINEST
+    noise_bends = np.sqrt(6.0) / 8.0 * noise
+    excess = max((np.sqrt(max(m**2 - o**2, 0.0)) / n for m, o, n in zip(missed, noise_bends, noise)), default=0.0)
+    return next((steps for steps in (1, 2) if excess < 0.5 * steps**2), FINEST)
 
 
 def refined(times: Floats, samples: Floats, places: int, steps: int) -> tuple[Floats, Floats, NDArray[np.intp]]:
@@ -49,10 +42,10 @@ def refined(times: Floats, samples: Floats, places: int, steps: int) -> tuple[Fl
     parts = np.arange(1, steps) / steps
     interval = np.diff(times)
     even = interval < 1.5 * np.median(interval)
-    rows = [np.arange(k) * steps]
+    rows = np.arange(k) * steps
     fine_times = np.empty((k - 1) * steps + 1)
     fine = np.full((len(fine_times), samples.shape[1]), np.nan)
-    fine_times[rows[0]], fine[rows[0]] = times, samples
+    fine_times[rows], fine[rows] = times, samples
     x = samples[:, :places]
     before, after = np.vstack([x[:1], x[:-2]]), np.vstack([x[2:], x[-1:]])
     first, last = x[:-1], x[1:]
@@ -72,5 +65,5 @@ def refined(times: Floats, samples: Floats, places: int, steps: int) -> tuple[Fl
     keep = np.ones(len(fine_times), dtype=bool)
     for j in range(1, steps):
         keep[j::steps] = even & np.isfinite(fine[j::steps, :places]).all(axis=1)
-    kept = np.cumsum(keep) - 1
-    return fine_times[keep], fine[keep], kept[rows[0]]
+    positions = np.cumsum(keep) - 1
+    return fine_times[keep], fine[keep], positions[rows]

@@ -105,12 +105,11 @@ class Fit:
             folds: each log left out once.
             asked: how many folds there were to be.
         """
-        numbers, own = learned.numbers, len(start.sensors)
-        found = numbers.found
+        numbers, optimum, n_sensors = learned.numbers, learned.numbers.optimum, len(start.sensors)
 
         def of_rig(part: FittedNumber) -> bool:
             kind, index, *_ = part.paths[0].split(".")
-            return kind != "sensors" or int(index) < own
+            return kind != "sensors" or int(index) < n_sensors
 
         return cls(
             rig=learned.rig,
@@ -130,10 +129,10 @@ class Fit:
             nis_before=numbers.nis[0],
             nis_after=numbers.nis[1],
             cost_before=numbers.begun,
-            cost_after=found.cost,
-            iterations=found.iterations,
-            converged=found.converged,
-            interrupted=found.interrupted or len(folds) < asked,
+            cost_after=optimum.cost,
+            iterations=optimum.iterations,
+            converged=optimum.converged,
+            interrupted=optimum.interrupted or len(folds) < asked,
             folds_asked=asked,
             curves=learned.curves,
             maps=learned.maps,
@@ -145,17 +144,17 @@ class Fit:
 
     def __repr__(self) -> str:
         """Return what it is in a few words."""
-        told = sum(part.identified and not part.noise for part in self.fitted)
+        n_identified = sum(part.identified and not part.noise for part in self.fitted)
         scores = [f"{name} {np.rad2deg(rms):.3g}° ({100 * inside:.0f} %)" for name, rms, inside in self.scores()]
         left_out = f"; on logs left out: {', '.join(scores)}" if scores else ""
         ended = "converged" if self.converged else "not converged"
         count = f"{len(self.logs)} log{'s' if len(self.logs) > 1 else ''}"
-        return f"Fit of '{self.start.name}' to {count}, {ended}: {told} numbers determined{left_out}"
+        return f"Fit of '{self.start.name}' to {count}, {ended}: {n_identified} numbers determined{left_out}"
 
     def _repr_html_(self) -> str:
         """Return the same with a table of the numbers that the logs tell, as notebooks show it."""
-        told = [part for part in self.fitted if part.identified and not part.noise]
-        cells = [(part.name, *part.sizes) for part in told]
+        identified = [part for part in self.fitted if part.identified and not part.noise]
+        cells = [(part.name, *part.sizes) for part in identified]
         rows = "".join(f"<tr>{''.join(f'<td>{escape(str(cell))}</td>' for cell in row)}</tr>" for row in cells)
         head = "<tr><th>number</th><th>rig file</th><th>fitted</th><th>unit</th></tr>"
         return f"<p>{escape(repr(self))}</p><table>{head}{rows}</table>"
@@ -163,20 +162,20 @@ class Fit:
     @property
     def compared(self) -> tuple[Compared, ...]:
         """Each log that was left out, with the scores of the fitted rig, the original rig and `affine`."""
-        return tuple(one for fold in self.folds for one in fold.compared)
+        return tuple(comparison for fold in self.folds for comparison in fold.compared)
 
     def scores(self) -> list[tuple[str, float, float]]:
         """Return name, mean RMS error [rad] and mean share inside the band on logs left out, of each estimator."""
         columns = {
-            "adaptive": [one.fitted for one in self.compared],
-            "the rig as it came": [one.before for one in self.compared],
-            "affine": [one.affine for one in self.compared],
+            "adaptive": [comparison.fitted for comparison in self.compared],
+            "the rig as it came": [comparison.before for comparison in self.compared],
+            "affine": [comparison.affine for comparison in self.compared],
         }
-        known = {name: [one for one in scores if one is not None] for name, scores in columns.items()}
+        ran = {name: [score for score in scores if score is not None] for name, scores in columns.items()}
         return [
-            (name, float(np.mean([one.rms for one in own])), float(np.mean([one.inside for one in own])))
-            for name, own in known.items()
-            if own
+            (name, float(np.mean([score.rms for score in scores])), float(np.mean([score.inside for score in scores])))
+            for name, scores in ran.items()
+            if scores
         ]
 
     def advice(self) -> list[str]:
@@ -184,10 +183,8 @@ class Fit:
         errors = {name: error for name, error, _ in self.candidates}
         lines = [f"doubt: {line}" for line in self.doubts]
         if self.part:
-            own, (_, best, _) = errors.get(BY_EQUATIONS, np.inf), self.candidates[0]
-            lines.insert(
-                0, f"your rig lacks {self.part} ({np.rad2deg(own):.2g}° → {np.rad2deg(best):.2g}°): it is in the file"
-            )
+            before, after = np.rad2deg(errors.get(BY_EQUATIONS, np.inf)), np.rad2deg(self.candidates[0][1])
+            lines.insert(0, f"your rig lacks {self.part} ({before:.2g}° → {after:.2g}°): it is in the file")
         for joint in self.rig.joints:
             if joint.external_torque.std > 0.0:
                 torque = f"{1e3 * joint.external_torque.std:.3g} mN m"
@@ -208,13 +205,10 @@ class Fit:
             if name == part.name:
                 return part
         try:
-            wanted = paths_of(self.model, name)
-        except DistalError:
+            wanted = set(paths_of(self.model, name))
+            return next(part for part in self.fitted if wanted <= set(part.paths))
+        except (DistalError, StopIteration):
             raise KeyError(name) from None
-        for part in self.fitted:
-            if set(wanted) <= set(part.paths):
-                return part
-        raise KeyError(name)
 
     def save(self, path: str | Path, text: str | None = None) -> None:
         """Write the fitted rig file; if that fails, the old file is kept.
@@ -229,26 +223,23 @@ class Fit:
 
     def assignments(self) -> dict[str, object]:
         """Return path → value (with its std, where it had one) of what changed, as for `Rig.with_values`."""
-        learned = {name: one.as_table() for name, one in self.maps.items()}
+        learned = {name: map_fit.as_table() for name, map_fit in self.maps.items()}
         return {**self.added, **assignments(self.fitted, self.model, self.hold), **self.curves, **learned}
 
     def _account(self) -> str:
         """Return the comment at the head of a fitted file: what it was fitted to, and where each value came from."""
         names = ", ".join(shown(name.rsplit("/", 1)[-1]) for name in self.logs)
         use = "" if self.homing is None else f", as used with a reference for the first {self.homing:g} s"
-        lines = [
-            f"{MARK} to {len(self.logs)} log{'s' if len(self.logs) > 1 else ''} ({self.duration:.0f} s){use}:",
-            f"# {names}",
-        ]
+        count = f"{len(self.logs)} log{'s' if len(self.logs) > 1 else ''}"
+        lines = [f"{MARK} to {count} ({self.duration:.0f} s){use}:", f"# {names}"]
         if self.interrupted:
             lines.append("# The search was interrupted: these are the best values so far.")
         rows = [("number", "value", "± standard error", "started at", "from")]
         for part in self.fitted:
             error = f"{part.error:.2g}" if np.isfinite(part.error) else "–"
             prior = "" if np.isnan(part.prior_std) else f" ± {part.prior_std:.3g}"
-            rows.append(
-                (part.name, f"{part.value:.5g} {part.si}".strip(), error, f"{part.start:.5g}{prior}", part.origin)
-            )
+            fitted, start = f"{part.value:.5g} {part.si}".strip(), f"{part.start:.5g}{prior}"
+            rows.append((part.name, fitted, error, start, part.origin))
         widths = [max(len(row[i]) for row in rows) for i in range(4)]
         lines += ["#   " + "  ".join([*(row[i].ljust(widths[i]) for i in range(4)), row[4]]) for row in rows]
         if self.curves:
@@ -256,6 +247,6 @@ class Fit:
                 "# Learned too: the systematic curves of the position sensors (curve), and what linearity is left."
             )
         lines += [f"# These logs tell {line}." for line in self.combinations]
-        lines += [f"# {line}" for one in self.maps.values() for line in one.notes]
+        lines += [f"# {line}" for map_fit in self.maps.values() for line in map_fit.notes]
         lines += [f"# {line}" for line in self.advice()]
         return "\n".join(lines) + "\n\n"

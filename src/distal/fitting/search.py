@@ -58,13 +58,12 @@ Progress = Callable[[int, float], None]
 
 
 @dataclass(frozen=True)
-class Found:
+class Optimum:
     """Where a search ended.
 
     Args:
         z: coordinates, (n,).
         cost: −ln p there, less constants.
-        derivatives: there.
         iterations: accepted and refused ones.
         converged: whether it ended by itself.
         interrupted: whether the user stopped it.
@@ -78,14 +77,11 @@ class Found:
     interrupted: bool = False
 
 
-def coarse_start(problem: Problem, seed: int, begin: Floats, progress: Progress | None = None) -> Found:
+def coarse_start(problem: Problem, seed: int, begin: Floats, progress: Progress | None = None) -> Optimum:
     """Return where to begin: the end of a search with the beginnings of the logs.
 
-    It begins at a given point, or, where that is the priors' mean, at the likeliest of some points drawn from the priors.
-
-    Args:
-        begin: coordinates to begin with, (n,).
-        progress: called with the iteration and −ln p after each step.
+    It begins at coordinates `begin`, (n,), or, where these are the priors' mean, at the likeliest of some points drawn from
+    the priors.
     """
     zero = _inside(problem, begin)
     coarse = problem.beginning(COARSE_SHARE, COARSE_LEAST).assessed(zero)
@@ -98,23 +94,18 @@ def coarse_start(problem: Problem, seed: int, begin: Floats, progress: Progress 
     return search(coarse.assessed(likeliest), likeliest, progress, most=COARSE_ITERATIONS)
 
 
-def most_likely(
-    problem: Problem, start: Floats, progress: Progress | None = None, fixed: Bools | None = None
-) -> tuple[Problem, Found]:
-    """Return the problem as its channels are worth at the end, and the most likely coordinates.
+def most_likely(problem: Problem, start: Floats, progress: Progress | None = None) -> tuple[Problem, Optimum]:
+    """Return the problem as its channels are worth at the end, and the most likely coordinates; see `search`.
 
-    Args:
-        start: coordinates, (n,).
-        progress: called with the iteration and −ln p after each step.
-        fixed: coordinates that stay as they are, (n,).
+    The search begins at `start`, (n,).
     """
     problem = problem.assessed(start)
-    begun = search(problem, start, progress, most=FIRST_ITERATIONS, fixed=fixed)
+    begun = search(problem, start, progress, most=FIRST_ITERATIONS)
     if begun.interrupted:
         return problem, begun
     problem = problem.assessed(begun.z)
-    found = search(problem, begun.z, progress, fixed=fixed, near=begun.derivatives)
-    return problem, replace(found, iterations=begun.iterations + found.iterations)
+    optimum = search(problem, begun.z, progress, near=begun.derivatives)
+    return problem, replace(optimum, iterations=begun.iterations + optimum.iterations)
 
 
 def search(
@@ -125,8 +116,8 @@ def search(
     most: int | None = None,
     fixed: Bools | None = None,
     near: Derivatives | None = None,
-    known: Derivatives | None = None,
-) -> Found:
+    at_start: Derivatives | None = None,
+) -> Optimum:
     """Return the local minimum of −ln p that Fisher scoring leads to from a start.
 
     Each step solves (H + λ diag H) d = −g within the bounds, with Fisher's information H and the gradient g (Levenberg
@@ -142,100 +133,82 @@ def search(
         most: iterations; None for the problem's own.
         fixed: coordinates that stay as they are, (n,).
         near: derivatives near the start, by which the widths of the slopes are chosen.
-        known: those at the start, where they are known already.
+        at_start: derivatives at the start, where they are known already.
     """
     free = np.ones(problem.size, dtype=bool) if fixed is None else ~fixed
-    z, near_by = _inside(problem, start), near if known is None else known
+    z, near_by = _inside(problem, start), near if at_start is None else at_start
     widths = first_widths(problem) if near_by is None else widths_at(problem, z, near_by)
     n = problem.size  # an interruption may come before anything is known
-    found = Found(z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0))
+    optimum = Optimum(z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0))
     wider, damping, bent = 1.0, FIRST_DAMPING, False
     try:
-        derivatives = problem.derivatives(z, np.where(free, widths, 0.0)) if known is None else known
+        derivatives = problem.derivatives(z, np.where(free, widths, 0.0)) if at_start is None else at_start
         # what logs are worth may be told apart from others there: the cost is this problem's own
-        cost = derivatives.cost if known is None else float(problem.costs([z])[0])
-        found = Found(z, cost, derivatives)
+        cost = derivatives.cost if at_start is None else float(problem.costs([z])[0])
+        optimum = Optimum(z, cost, derivatives)
         last = problem.most if most is None else most
         for iteration in range(1, last + 1):
             dampings = [0.0, *(damping * times for times in DAMPINGS)]
-            steps = [damped_step(problem, found.z, derivatives, free, each) for each in dampings]
-            found, predicted = replace(found, iterations=iteration), steps[0][1]
+            steps = [damped_step(problem, optimum.z, derivatives, free, share) for share in dampings]
+            optimum, predicted = replace(optimum, iterations=iteration), steps[0][1]
             if predicted < SETTLED:
-                return replace(found, converged=True)
-            tried = [(0.0, STRIDE * steps[0][0]), *((each, step) for each, (step, _) in zip(dampings, steps))]
+                return replace(optimum, converged=True)
+            tried = [(0.0, STRIDE * steps[0][0]), *((share, step) for share, (step, _) in zip(dampings, steps))]
             if bent:
-                tried += _bent(problem, found.z, derivatives, free, tried[2:])
-            points = [_inside(problem, found.z + step) for _, step in tried]
+                tried += _bent(problem, optimum.z, derivatives, free, tried[2:])
+            points = [_inside(problem, optimum.z + step) for _, step in tried]
             costs = problem.costs(points)
             best = int(np.argmin(costs))
-            gained = found.cost - float(costs[best])
+            gained = optimum.cost - float(costs[best])
             if progress is not None:
-                progress(iteration, min(float(costs[best]), found.cost))
+                progress(iteration, min(float(costs[best]), optimum.cost))
             if gained > 0.0:
-                found = replace(found, z=points[best], cost=float(costs[best]))
+                optimum = replace(optimum, z=points[best], cost=float(costs[best]))
             if gained < problem.enough and wider > 1.0:
-                return replace(found, converged=True)
+                return replace(optimum, converged=True)
             wider = WIDER if gained < problem.enough else 1.0
             bent = predicted > gained + STRAIGHT
             following = max(tried[best][0], damping * DAMPINGS[0]) if gained > 0.0 else damping * DAMPINGS[-1]
             damping = min(max(following, LEAST_DAMPING), MOST_DAMPING)
             if iteration < last:
-                widths = wider * widths_at(problem, found.z, derivatives)
-                derivatives = problem.derivatives(found.z, np.where(free, widths, 0.0))
-                found = replace(found, derivatives=derivatives)
+                widths = wider * widths_at(problem, optimum.z, derivatives)
+                derivatives = problem.derivatives(optimum.z, np.where(free, widths, 0.0))
+                optimum = replace(optimum, derivatives=derivatives)
     except KeyboardInterrupt:
-        return replace(found, interrupted=True)
-    return found
+        return replace(optimum, interrupted=True)
+    return optimum
 
 
 def _bent(
     problem: Problem, z: Floats, derivatives: Derivatives, free: Bools, tried: Sequence[tuple[float, Floats]]
 ) -> list[tuple[float, Floats]]:
-    """Return each damped step with its bend, with its damping.
-
-    Args:
-        z: the point, (n,).
-        free: which coordinates move, (n,).
-        tried: damping and step, (n,), of each.
-    """
-    scale, found = np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-12)), []
+    """Return each tried damped step, (n,), with its bend, and its damping."""
+    scale, bent_steps = np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-12)), []
     bends = problem.bends(z, derivatives.of_logs, [step for _, step in tried])
     for (damping, step), bend in zip(tried, bends):
-        own = damped_step(problem, z + step, replace(derivatives, gradient=bend), free, damping)[0]
-        length, along = float(np.linalg.norm(own * scale)), float(np.linalg.norm(step * scale))
-        found.append((damping, step + 0.5 * min(1.0, MOST_BENT * along / max(length, 1e-300)) * own))
-    return found
+        correction = damped_step(problem, z + step, replace(derivatives, gradient=bend), free, damping)[0]
+        length, along = float(np.linalg.norm(correction * scale)), float(np.linalg.norm(step * scale))
+        bent_steps.append((damping, step + 0.5 * min(1.0, MOST_BENT * along / max(length, 1e-300)) * correction))
+    return bent_steps
 
 
 def hessian(problem: Problem, derivatives: Derivatives) -> Floats:
-    """Return the information of logs and prior together, (n, n).
-
-    Args:
-        problem: with the prior.
-    """
+    """Return the information of logs and prior together, (n, n)."""
     n = problem.size
     # a very wide prior keeps what neither logs nor priors know from dividing by zero
-    whole: Floats = derivatives.information + np.diag(1.0 / problem.prior_stds**2) + 1e-12 * np.eye(n)
-    return whole
+    information: Floats = derivatives.information + np.diag(1.0 / problem.prior_stds**2) + 1e-12 * np.eye(n)
+    return information
 
 
 def first_widths(problem: Problem) -> Floats:
-    """Return the distance over which the first slopes are taken, (n,).
-
-    Args:
-        problem: with its coordinates.
-    """
+    """Return the distance over which the first slopes are taken, (n,)."""
     return np.array([FIRST_WIDTH * part.unit(0.0) for part, _ in problem.parts])
 
 
 def widths_at(problem: Problem, z: Floats, derivatives: Derivatives) -> Floats:
-    """Return the distance over which slopes are taken, (n,): `SLOPE_WIDTH` of what each number alone is known to.
+    """Return the distance over which slopes are taken at z, (n,): `SLOPE_WIDTH` of what each number alone is known to.
 
     As a share of the value it is a power of two, so that two numbers that show only as a product meet the same kinks.
-
-    Args:
-        problem: with its coordinates.
-        z: the point, (n,).
     """
     units = np.array([part.unit(float(at)) for (part, _), at in zip(problem.parts, z)])
     alone = 1.0 / np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-300))
@@ -254,26 +227,23 @@ def damped_step(
 ) -> tuple[Floats, float]:
     """Return the step of Fisher scoring within the bounds, and by how much the quadratic model lowers −ln p.
 
-    Args:
-        z: the point, (n,).
-        free: which coordinates move, (n,).
-        damping: λ.
+    It leads from z, (n,), along the `free` coordinates, (n,), with `damping` λ.
     """
-    whole, gradient = hessian(problem, derivatives)[np.ix_(free, free)], derivatives.gradient[free]
-    scale = np.sqrt(np.maximum(np.diag(whole), 1e-12))
-    scaled = whole / np.outer(scale, scale) + (damping + 1e-9) * np.eye(len(scale))
+    information, gradient = hessian(problem, derivatives)[np.ix_(free, free)], derivatives.gradient[free]
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
+    scaled = information / np.outer(scale, scale) + (damping + 1e-9) * np.eye(len(scale))
     factor = np.linalg.cholesky((scaled + scaled.T) / 2)
     target = -np.linalg.solve(factor, gradient / scale)
-    own = np.linalg.solve(factor.T, target)
+    scaled_step = np.linalg.solve(factor.T, target)
     low, high = ((edge - z)[free] * scale for edge in problem.bounds.T)
-    if np.any(own < low) or np.any(own > high):
+    if np.any(scaled_step < low) or np.any(scaled_step > high):
         from scipy.optimize import lsq_linear  # not needed before
 
         # a coordinate at its bound still needs room for the solver
         room = np.minimum(low, -1e-12), np.maximum(high, 1e-12)
-        own = lsq_linear(factor.T, target, room, method="bvls" if len(scale) <= 60 else "trf").x
+        scaled_step = lsq_linear(factor.T, target, room, method="bvls" if len(scale) <= 60 else "trf").x
     step = np.zeros(len(z))
-    step[free] = own / scale
+    step[free] = scaled_step / scale
     step = _inside(problem, z + step) - z
-    predicted = -float(gradient @ step[free] + 0.5 * step[free] @ whole @ step[free])
+    predicted = -float(gradient @ step[free] + 0.5 * step[free] @ information @ step[free])
     return step, predicted

@@ -48,7 +48,6 @@ def choose(
         references: the sensors of joints' angles.
         asked: paths, ``*`` for all parts of a kind; empty for every parameter with a std.
         per_log: paths of which each log has its own.
-        noise: whether the noise is varied too.
         homing: whether the fit is to what is predicted after homing: then sensors' own noise is left as it is.
         several: whether there are several logs: each has sensors' offsets of its own then, and what they scatter by is
             their std.
@@ -58,19 +57,18 @@ def choose(
     """
     own_of_each = [_asked(rig, path, True) for path in per_log]
     free = [_asked(rig, path, False) for path in asked] or _uncertain(rig, references, own_of_each, several)
-    free = free + own_of_each
+    free += own_of_each
     if noise:
-        own = {path for part in free for path in part.paths}
-        free += [part for part in _noises(rig, references, homing) if not own.intersection(part.paths)]
+        paths = {path for part in free for path in part.paths}
+        free += [part for part in _noises(rig, references, homing) if not paths.intersection(part.paths)]
     seen: dict[str, str] = {}
     for part in free:
         for path in part.paths:
             if path in seen:
-                raise FitError(
-                    f"'{named(rig, path)}' is asked for twice, by '{seen[path]}' and '{part.name}'; name it once"
-                )
+                names = f"'{seen[path]}' and '{part.name}'"
+                raise FitError(f"'{named(rig, path)}' is asked for twice, by {names}; name it once")
             seen[path] = part.name
-    if not asked and not any(not part.noise for part in free):
+    if not asked and all(part.noise for part in free):
         raise FitError(
             f"{rig.name}: no parameter that shows in these sensors has a std, so there is nothing to fit; give the "
             f"unknown ones one (--set 'joints.{rig.joints[0].name}.damping.std=…') or name them with --free"
@@ -81,10 +79,10 @@ def choose(
 def _coarse(rig: Rig, part: Free) -> Free:
     """Return what is varied with the share of it that the model leaves uncertain, where that is more than elsewhere."""
     for path in part.paths:
-        kind, index, *rest = path.split(".")
-        if kind == "drives" and rest in (["damping"], ["backlash", "width"]):
+        kind, index, *fields = path.split(".")
+        if kind == "drives" and fields in (["damping"], ["backlash", "width"]):
             return replace(part, coarse=NOISY)
-        if kind == "tendons" and rest[0] == "path":
+        if kind == "tendons" and fields[0] == "path":
             along = rig.tendons[int(index)].path
             if along is not None and along.nodes > 0:
                 return replace(part, coarse=POINTS / along.nodes)
@@ -93,23 +91,20 @@ def _coarse(rig: Rig, part: Free) -> Free:
 
 def _uncertain(rig: Rig, references: Sequence[Sensor], own_of_each: Sequence[Free], several: bool) -> list[Free]:
     mechanism = Mechanism(rig)
-    own = {path for part in own_of_each for path in part.paths}
-    free = [part for part in _biases(rig, several) if not own.intersection(part.paths)]
-    for state in uncertain_parameters(
-        FilterContext(mechanism, channels_of(rig, "fit", references, others=True), Robustness.fitting())
-    ):
+    per_log_paths = {path for part in own_of_each for path in part.paths}
+    free = [part for part in _biases(rig, several) if not per_log_paths.intersection(part.paths)]
+    context = FilterContext(mechanism, channels_of(rig, "fit", references, others=True), Robustness.fitting())
+    for state in uncertain_parameters(context):
         paths = [mechanism.parameters.names[i] for i in state.indices]
-        if own.intersection(paths) or (len(paths) == 1 and any(paths[0] in part.paths for part in free)):
+        if per_log_paths.intersection(paths) or (len(paths) == 1 and any(paths[0] in part.paths for part in free)):
             continue  # what shares its error with nothing, and errs alone too, is varied once
         numbers = [number(rig, path) for path in paths]
         if state.acts == "factor" and len(paths) > 1:
             # what also errs alone is varied alone, with the spread of both
-            together = [one for one in numbers if one.independent_std == 0.0]
-            if together:
-                free.append(_free(rig, together, False))
-        else:
+            numbers = [parameter for parameter in numbers if parameter.independent_std == 0.0]
+        if numbers:
             free.append(_free(rig, numbers, False))
-    taken = {path for part in free for path in part.paths} | own
+    taken = {path for part in free for path in part.paths} | per_log_paths
     alike: dict[tuple[str, float, float], list[Number]] = {}
     for path in _held(rig):
         if path not in taken:
@@ -125,28 +120,25 @@ def _biases(rig: Rig, several: bool) -> list[Free]:
     read = [(i, sensor) for i, sensor in enumerate(rig.sensors) if sensor.measures not in REFERENCES]
     numbers = [(number(rig, f"sensors.{i}.bias"), several) for i, _ in read]
     numbers += [(number(rig, f"sensors.{i}.gain"), False) for i, sensor in read if hasattr(sensor, "gain")]
-    return [_free(rig, [one], own) for one, own in numbers if one.std > 0.0 and not one.hold]
+    uncertain = [(bias, per_log) for bias, per_log in numbers if bias.std > 0.0 and not bias.hold]
+    return [_free(rig, [bias], per_log) for bias, per_log in uncertain]
 
 
 def _held(rig: Rig) -> list[str]:
     """Return the paths of what estimators take as it is, but a fit may vary: held parameters and hysteresis."""
-    names = Mechanism(rig, ()).parameters.all_names
     held = []
-    for path in names:
+    for path in Mechanism(rig, ()).parameters.all_names:
         try:
-            one = number(rig, path)
+            parameter = number(rig, path)
         except RigError:
             continue  # stops and what follows from other numbers
-        if one.std > 0.0 and (one.hold or ".hysteresis." in path):
+        if parameter.std > 0.0 and (parameter.hold or ".hysteresis." in path):
             held.append(path)
     return held
 
 
 def paths_of(rig: Rig, wanted: str) -> list[str]:
-    """Return the paths, by indices, that a wish names; ``*`` stands for all parts of a kind.
-
-    Args:
-        wanted: a path, parts by name or index.
+    """Return the paths, by indices, that a wish names, its parts by name or index; ``*`` stands for all parts of a kind.
 
     Raises:
         FitError: ``*`` stands for nothing.
@@ -170,7 +162,8 @@ def _asked(rig: Rig, wanted: str, per_log: bool) -> Free:
 
 
 def _free(rig: Rig, numbers: Sequence[Number], per_log: bool) -> Free:
-    first, paths = numbers[0], tuple(one.path for one in numbers)
+    first, paths = numbers[0], tuple(parameter.path for parameter in numbers)
+    starts = tuple(parameter.value for parameter in numbers)
     name, place = in_words(rig, *paths), named(rig, first.path)
     if not first.is_parameter:
         return _noise(rig, numbers)
@@ -182,33 +175,23 @@ def _free(rig: Rig, numbers: Sequence[Number], per_log: bool) -> Free:
     if per_log and first.std == 0.0:
         raise FitError(f"'{place}' has no std; what differs from log to log needs one (--set {place}.std=…)")
     low = {"any": -np.inf, "nonnegative": 0.0, "positive": SMALLEST_NUMBER * first.value}[first.quantity.bound]
-    if len(numbers) > 1 and any(one.value == 0.0 for one in numbers) and len({one.value for one in numbers}) > 1:
+    if 0.0 in starts and len(set(starts)) > 1:
         raise FitError(f"'{name}' varies its numbers by one factor, but some are zero; name them one by one")
     scale = first.std if first.std > 0.0 else 0.1 * abs(first.value)
     std = first.std if first.std > 0.0 else float("nan")
-    starts = tuple(one.value for one in numbers)
-    rough = first.is_rough
+    rough, si = first.is_rough, first.quantity.si
     low = SMALLEST_NUMBER * first.value if rough else low
-    return Free(name, paths, starts, std, scale, low, np.inf, first.quantity.si, logarithmic=rough, per_log=per_log)
+    return Free(name, paths, starts, std, scale, low, np.inf, si, logarithmic=rough, per_log=per_log)
 
 
 def _noise(rig: Rig, numbers: Sequence[Number], prior: bool = True) -> Free:
     first = numbers[0]
     if first.value <= 0.0:
         raise FitError(f"'{named(rig, first.path)}' is zero; a noise that is fitted needs a size to start from")
-    paths = tuple(one.path for one in numbers)
-    return Free(
-        in_words(rig, *paths),
-        paths,
-        tuple(one.value for one in numbers),
-        NOISE_PRIOR * first.value if prior else float("nan"),
-        first.value,
-        first.value / NOISE_RANGE,
-        first.value * NOISE_RANGE,
-        first.quantity.si,
-        logarithmic=True,
-        noise=True,
-    )
+    start, paths = first.value, tuple(parameter.path for parameter in numbers)
+    starts, std = tuple(parameter.value for parameter in numbers), NOISE_PRIOR * start if prior else float("nan")
+    low, high, si, name = start / NOISE_RANGE, start * NOISE_RANGE, first.quantity.si, in_words(rig, *paths)
+    return Free(name, paths, starts, std, start, low, high, si, logarithmic=True, noise=True)
 
 
 def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
@@ -218,6 +201,8 @@ def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
     as it keeps what the model does not know. An effort that moves a play is smoothed and nothing that is compared: its
     noise stays.
     """
+    if homing:
+        return []  # what is predicted after homing tells nothing of a sensor's own noise
     angles = {reference.name for reference in references}
     playing = {drive.name for drive in rig.drives if drive.hysteresis is not None}
     groups: dict[tuple[str, str, float], list[int]] = {}
@@ -225,8 +210,6 @@ def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
         smooth = sensor.measures == "force" and sensor.of in playing
         if sensor.measures not in ("position", *REFERENCES) and sensor.noise > 0.0 and not smooth:
             groups.setdefault((sensor.measures, sensor.si, sensor.noise), []).append(i)
-    if homing:
-        return []  # what is predicted after homing tells nothing of a sensor's own noise
     free = []
     for indices in groups.values():
         paths = [f"sensors.{i}.noise" for i in indices]
@@ -234,8 +217,8 @@ def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
         free.append(replace(_noise(rig, [number(rig, path) for path in paths]), kept_by_file=place))
     for at, sensor in enumerate(rig.sensors):
         if sensor.name in angles and sensor.noise > 0.0:
-            own = _noise(rig, [number(rig, f"sensors.{at}.noise")], prior=False)
-            free.append(replace(own, low=min(max(own.low, EXACT), own.start)))
+            reference_noise = _noise(rig, [number(rig, f"sensors.{at}.noise")], prior=False)
+            free.append(replace(reference_noise, low=min(max(reference_noise.low, EXACT), reference_noise.start)))
     paths = [f"drives.{i}.hysteresis.error" for i, d in enumerate(rig.drives) if d.hysteresis is not None]
     paths = [path for path in paths if number(rig, path).value > 0.0]
     paths += [f"joints.{j}.unmodelled" for j, joint in enumerate(rig.joints) if joint.unmodelled > 0.0]

@@ -15,19 +15,17 @@ AFTER_STOP = 0.05
 
 
 def in_stops(times: Floats, truth: Floats, rig: Rig) -> Bools:
-    """Return where each joint is in one of its stops, or has just left it, by its known angle, (k, n_joints).
+    """Return where each joint is in one of its stops, or has just left it, by its `truth` [rad], NaN where not known.
 
-    Args:
-        times: stamps [s], (k,).
-        truth: angles of the joints [rad], NaN where not known, (k, n_joints).
+    Both have shape (k, n_joints); the stamps `times` [s], (k,).
     """
-    found = np.zeros(truth.shape, dtype=bool)
+    resting = np.zeros(truth.shape, dtype=bool)
     for j, (joint, angles) in enumerate(zip(rig.joints, truth.T)):
         if joint.stops is not None:
             doubts = [sensor.bias.filter_std for sensor in rig.sensors_of("angle") if sensor.of == joint.name]
             margin = NEAR_STOP + 2.0 * max(doubts, default=0.0)
             low, high = joint.stops
             with np.errstate(invalid="ignore"):
-                found[:, j] = (angles < low + margin) | (angles > high - margin)
-    last = np.maximum.accumulate(np.where(found, times[:, None], -np.inf), axis=0)
+                resting[:, j] = (angles < low + margin) | (angles > high - margin)
+    last = np.maximum.accumulate(np.where(resting, times[:, None], -np.inf), axis=0)
     return times[:, None] - last <= AFTER_STOP

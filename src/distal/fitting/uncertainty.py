@@ -40,13 +40,13 @@ class Uncertainty:
     Args:
         covariance: of the coordinates' errors, (n, n): H⁻¹ (J + P) H⁻¹ with H = I + P, I Fisher's information, P the
             prior's and J the long-run covariance of the scores, but no less than H⁻¹; what is `Free.coarse` added.
-        told: whether the logs say more of each coordinate than its prior, (n,).
+        determined: whether the logs say more of each coordinate than its prior, (n,).
         together: whether the logs say something of it, but only together with others, (n,).
         combinations: plain lines on combinations that the logs do not tell.
     """
 
     covariance: Floats
-    told: Bools
+    determined: Bools
     together: Bools
     combinations: tuple[str, ...]
 
@@ -63,23 +63,15 @@ class Uncertainty:
         return correlations
 
     def errors_holding(self, held: Bools) -> Floats:
-        """Return standard errors where some coordinates are taken as known, 0 for those, (n,).
-
-        Args:
-            held: which are.
-        """
-        errors, rest = np.zeros(len(held)), ~held
-        precision = np.linalg.inv(self.covariance)[np.ix_(rest, rest)]
-        errors[rest] = np.sqrt(np.diag(np.linalg.inv(precision)))
+        """Return standard errors where the `held` coordinates are taken as known, 0 for those, (n,)."""
+        errors, free = np.zeros(len(held)), ~held
+        precision = np.linalg.inv(self.covariance)[np.ix_(free, free)]
+        errors[free] = np.sqrt(np.diag(np.linalg.inv(precision)))
         return errors
 
 
 def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Uncertainty:
-    """Return standard errors and what stays unknown at the end of a fit.
-
-    Args:
-        z: coordinates, (n,).
-    """
+    """Return standard errors and what stays unknown at the end z of a fit, (n,)."""
     limit = problem.prior_stds
     inverse = np.linalg.pinv(hessian(problem, derivatives), hermitian=True)
     # few spans of time tell too small a variance (MacKinnon and White, J. Econometrics 29, 1985)
@@ -97,35 +89,30 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
     share = np.where(np.isfinite(limit), TOLD, 1.0)
     errors, alone = np.sqrt(np.diag(covariance)), 1.0 / np.sqrt(np.diag(np.linalg.inv(covariance)))
     together = (errors > CONFOUNDED * yardstick) & (alone < SEEN_ALONE * errors)
-    told = (errors < share * yardstick) & ~together
-    return Uncertainty(covariance, told, together, _combinations(problem, derivatives, z))
+    determined = (errors < share * yardstick) & ~together
+    return Uncertainty(covariance, determined, together, _combinations(problem, derivatives, z))
 
 
 def yardsticks(problem: Problem, z: Floats) -> Floats:
-    """Return by what errors are judged: the std of each coordinate's prior, or a share of its value, (n,).
-
-    Args:
-        problem: with the priors.
-        z: coordinates, (n,).
-    """
+    """Return by what errors at z are judged: the std of each coordinate's prior, or a share of its value, (n,)."""
     vague = [VAGUE * abs(part.value(c)) / max(part.slope(c), 1e-300) for (part, _), c in zip(problem.parts, z)]
     return np.where(np.isfinite(problem.prior_stds), problem.prior_stds, vague)
 
 
 def _combinations(problem: Problem, derivatives: Derivatives, z: Floats) -> tuple[str, ...]:
     """Return lines on directions that the logs say less of than the priors, each over two numbers or more."""
-    own = [k for k, (part, _) in enumerate(problem.parts) if not part.noise]
-    if len(own) < 2:
+    parameters = [k for k, (part, _) in enumerate(problem.parts) if not part.noise]
+    if len(parameters) < 2:
         return ()
-    yardstick = yardsticks(problem, z)[own]
-    relative = derivatives.information[np.ix_(own, own)] * np.outer(yardstick, yardstick)
+    yardstick = yardsticks(problem, z)[parameters]
+    relative = derivatives.information[np.ix_(parameters, parameters)] * np.outer(yardstick, yardstick)
     amounts, directions = np.linalg.eigh((relative + relative.T) / 2)
     lines = []
     for amount, direction in zip(amounts, directions.T):
         members = [i for i in np.argsort(-np.abs(direction)) if abs(direction[i]) >= PART]
         if amount < WEAK and len(members) > 1:
-            parts = [problem.parts[own[i]][0] for i in members]
-            lines.append(_line(parts, [z[own[i]] for i in members], direction[members]))
+            parts = [problem.parts[parameters[i]][0] for i in members]
+            lines.append(_line(parts, [z[parameters[i]] for i in members], direction[members]))
     return tuple(lines)
 
 

@@ -27,7 +27,7 @@ def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floa
     """Return the readings of a filter over a log, its own angles, and true minus own angles.
 
     Args:
-        start: what it believes before the first sample.
+        start: the belief before the first sample.
         samples: values of its channels, (k, n_channels).
         truths: true angles [rad], NaN where not known, (k, n_joints).
     """
@@ -35,26 +35,19 @@ def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floa
     nj, n = truths.shape[1], start.size
     angles, variances = mean_of(carries, n)[:, :nj].copy(), variances_of(carries, n)[:, :nj].copy()
     tracked = runner.discrepancy is None or runner.discrepancy.tracked
-    readings = [
-        carries[:, place] if tracked and place is not None else held(samples[:, i])
-        for i, place in enumerate(runner.places)
-    ]
+    columns = zip(samples.T, runner.places)
+    readings = [carries[:, at] if tracked and at is not None else held(column) for column, at in columns]
     interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
-    return Samples(
-        log.source, log.time - log.time[0], np.column_stack(readings), angles, truths - angles, variances, interval
-    )
+    since = log.time - log.time[0]
+    return Samples(log.source, since, np.column_stack(readings), angles, truths - angles, variances, interval)
 
 
 def held(values: Floats) -> Floats:
-    """Return the values, each missing one replaced by the last before it, the first ones by the first that is there.
-
-    Args:
-        values: NaN where missing, (k,).
-    """
-    there = np.isfinite(values)
-    last = np.maximum.accumulate(np.where(there, np.arange(len(values)), -1))
-    kept: Floats = values[np.where(last >= 0, last, int(np.argmax(there)))]
-    return kept
+    """Return `values`, (k,), each missing one replaced by the last before it, the first ones by the first finite one."""
+    is_finite = np.isfinite(values)
+    last = np.maximum.accumulate(np.where(is_finite, np.arange(len(values)), -1))
+    filled: Floats = values[np.where(last >= 0, last, int(np.argmax(is_finite)))]
+    return filled
 
 
 def numbers_homed(window: Window) -> Belief:
@@ -62,9 +55,6 @@ def numbers_homed(window: Window) -> Belief:
 
     They are the filter's own if its angle stays in its band with them, else the `most_likely`. A learned map corrects the
     remaining error.
-
-    Args:
-        window: see `Window`.
     """
     filtered = numbers_filtered(window)
     if filtered is not None:
@@ -73,11 +63,7 @@ def numbers_homed(window: Window) -> Belief:
 
 
 def errors_last(length: float) -> float:
-    """Return the assumed duration of errors [s] where a learned map corrects the angle after a homing move.
-
-    Args:
-        length: of the window [s].
-    """
+    """Return the assumed duration of errors [s] where a learned map corrects the angle after a window of `length` s."""
     return max(INDEPENDENT, min(INDEPENDENT_CORRECTED, SHARE_CORRECTED * length))
 
 
@@ -86,9 +72,6 @@ def homing_prior(window: Window) -> Belief:
 
     It is its usual prior if its angle then stays in its band over the window: it learns as it runs. Else it begins with the
     `most_likely` numbers and their covariance.
-
-    Args:
-        window: see `Window`.
     """
     return window.start if numbers_filtered(window, passes=1) is not None else most_likely(window)
 
@@ -96,13 +79,8 @@ def homing_prior(window: Window) -> Belief:
 def numbers_filtered(window: Window, passes: int = PASSES) -> Belief | None:
     """Return a belief before the first sample with the numbers that the filter finds; None if its angle leaves its band.
 
-    The filter reads the reference over the window. The next pass begins with the numbers found, so that
-    it linearises at them. Their covariance is that after the last pass. Without the reference, its
-    angle must then stay in its band.
-
-    Args:
-        window: see `Window`.
-        passes: how often the window is filtered.
+    The filter reads the reference over the window in each pass. The next pass begins with the numbers found, so that it
+    linearises at them; their covariance is that after the last. The angle must then stay in its band without reference.
     """
     runner, start = window.runner, window.start
     lasting, n = np.flatnonzero(runner.states.lasting), start.size
@@ -124,14 +102,12 @@ def calibrated(
 ) -> tuple[AdaptiveFilter, Belief, Floats, float]:
     """Return filter, first belief and samples of a run after its homing move, and how surprising the move was.
 
-    The run itself reads no reference: the discrepancy learns the errors of its angle over the window.
+    The run itself reads no reference: the discrepancy learns the errors of its angle over the window of `homing` s.
 
     Args:
         runner: a filter with a discrepancy, the reference among its channels.
-        start: what it believes before the first sample.
         samples: values of its channels, the reference known within the window only, (k, n_channels).
         truths: true angles [rad], NaN where not known, (k, n_joints).
-        homing: length of the window [s].
     """
     assert runner.discrepancy is not None
     begun = numbers_homed(Window.of(runner, start, log, samples, truths, homing))
@@ -147,7 +123,6 @@ def calibrate_contact(runner: AdaptiveFilter, log: Log, samples: Floats, homing:
     """Return a filter with its contact map adapted to this run by the torque in the window, if the log has it.
 
     Args:
-        runner: a filter with a contact.
         samples: values of its channels, (k, n_channels).
         homing: length of the window [s].
     """
@@ -158,8 +133,8 @@ def calibrate_contact(runner: AdaptiveFilter, log: Log, samples: Floats, homing:
         return runner
     window = log.time - log.time[0] < homing
     channels = {name: samples[:, i] for i, name in enumerate(learned.channels)}
-    found, _ = calibrate_window(learned, torque_samples(log, runner.rig, channels, torques), window)
-    return runner.with_map(found)
+    contact, _ = calibrate_window(learned, torque_samples(log, runner.rig, channels, torques), window)
+    return runner.with_map(contact)
 
 
 def torque_samples(log: Log, rig: Rig, channels: Mapping[str, Floats], torques: Floats) -> Samples:

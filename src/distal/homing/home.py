@@ -22,12 +22,10 @@ ASTRAY_NOTE = (
 
 @dataclass(frozen=True)
 class Homed:
-    """A run after its homing move.
+    """A run after its homing move: the filter with the maps of this run, its first belief, and values of its channels.
 
     Args:
-        runner: the filter, its maps those of this run.
-        start: what it believes before the first sample.
-        samples: values of its channels, (k, n_channels).
+        samples: (k, n_channels).
         notes: on how the move was used.
     """
 
@@ -38,25 +36,22 @@ class Homed:
 
 
 @one_blas_thread()
-def home(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, known: Floats, homing: float) -> Homed:
-    """Return filter, first belief and samples of a run, adapted by its homing move.
+def home(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float) -> Homed:
+    """Return filter, first belief and samples of a run, adapted by its homing move of `homing` s.
 
     With a discrepancy the move corrects it. Else the filter reads the reference; where least squares does clearly better
     within the move, that is reported.
 
     Args:
-        runner: the filter, the reference among its channels.
-        start: what it believes before the first sample.
         samples: values of its channels, the reference known within the window, (k, n_channels).
-        known: true angles [rad], NaN where not known, (k, n_joints).
-        homing: length of the window [s].
+        truths: true angles [rad], NaN where not known, (k, n_joints).
     """
     notes = tuple[str, ...]()
     if runner.discrepancy is not None:
-        runner, begun, samples, _ = calibrated(runner, start, log, samples, known, homing)
+        runner, begun, samples, _ = calibrated(runner, start, log, samples, truths, homing)
     else:
-        begun = homing_prior(Window.of(runner, start, log, samples, known, homing))
-        errs = led_astray(runner, start, log, samples, known, homing)
+        begun = homing_prior(Window.of(runner, start, log, samples, truths, homing))
+        errs = led_astray(runner, start, log, samples, truths, homing)
         if errs is not None:
             runner, begun = with_straight_line(runner, begun, log, samples, homing)
             erred = ", ".join(f"{np.rad2deg(size):.1f}°" for size in errs if np.isfinite(size))

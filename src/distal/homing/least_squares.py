@@ -35,7 +35,7 @@ STILL = np.deg2rad(0.5)
 
 
 def led_astray(
-    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, known: Floats, homing: float
+    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float
 ) -> Floats | None:
     """Return the RMS error of the filter on the second half of a homing move [rad], (n_joints,), if it was led astray.
 
@@ -43,10 +43,8 @@ def led_astray(
     least squares is clearly worse. NaN stands for a joint that is not known there, infinity for a filter that diverged.
 
     Args:
-        runner: the filter, with the reference among its channels.
-        start: what it believes before the first sample.
-        samples: values of its channels, the reference known within the window, (k, n_channels).
-        known: true angles [rad], NaN where not known, (k, n_joints).
+        samples: values of the filter's channels, the reference known within the window, (k, n_channels).
+        truths: true angles [rad], NaN where not known, (k, n_joints).
         homing: length of the window [s].
     """
     since = log.time - log.time[0]
@@ -57,21 +55,21 @@ def led_astray(
         line, straight = _line(runner.rig, log, FIRST * homing), affine_samples(log, runner.rig)
     except EstimationError:
         return None  # too few samples, of a sensor or of a joint's truth, for a straight line
-    begun = homing_prior(Window.of(runner, start, log, half, known, FIRST * homing))
-    window = Window(runner, begun, log.time[:until], half, known[:until])
+    begun = homing_prior(Window.of(runner, start, log, half, truths, FIRST * homing))
+    window = Window(runner, begun, log.time[:until], half, truths[:until])
     done = window.scan(begun.carry, half)
     if done is None:
-        return np.full(known.shape[1], np.inf)
+        return np.full(truths.shape[1], np.inf)
     errors, variances = window.errors(done[0])
     sizes, of_line, surprise = (np.full(errors.shape[1], np.nan) for _ in range(3))
     for j, error in enumerate(errors.T):
-        there, told = late & np.isfinite(error), known[:until, j][np.isfinite(known[:until, j])]
-        if not there.any() or np.ptp(told) < STILL:
+        compared, reference = late & np.isfinite(error), truths[:until, j][np.isfinite(truths[:until, j])]
+        if not compared.any() or np.ptp(reference) < STILL:
             continue
-        said = np.interp(since[:until], straight.time, predict(line, straight, j).values)
-        sizes[j] = np.sqrt(np.mean(error[there] ** 2))
-        of_line[j] = np.sqrt(np.mean((known[:until, j] - said)[there] ** 2))
-        surprise[j] = np.mean(error[there] ** 2 / variances[there, j])
+        predicted = np.interp(since[:until], straight.time, predict(line, straight, j).values)
+        sizes[j] = np.sqrt(np.mean(error[compared] ** 2))
+        of_line[j] = np.sqrt(np.mean((truths[:until, j] - predicted)[compared] ** 2))
+        surprise[j] = np.mean(error[compared] ** 2 / variances[compared, j])
     return sizes if line_is_better(sizes, of_line, surprise) else None
 
 
@@ -90,29 +88,27 @@ def line_is_better(sizes: Floats, of_line: Floats, surprise: Floats) -> bool:
 def with_straight_line(
     runner: AdaptiveFilter, begun: Belief, log: Log, samples: Floats, homing: float
 ) -> tuple[AdaptiveFilter, Belief]:
-    """Return a filter that reports the angle by least squares on a homing move, and what it believes at the start.
+    """Return a filter that reports the angle by least squares on a homing move of `homing` s, and its first belief.
 
     Args:
-        runner: the filter, without a discrepancy.
-        begun: what it believes after the move was used.
-        samples: values of its channels, (k, n_channels).
-        homing: length of the window [s].
+        begun: the belief after the move was used.
+        samples: values of the filter's channels, (k, n_channels).
     """
     line = _line(runner.rig, log, homing)
     offsets = place_offsets(runner.rig, line.channels)  # which the filter takes off
     line = line.model_copy(update={name: row_of(np.array(getattr(line, name)) - offsets) for name in SHIFTED})
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
     references = [sensors[name] for name in runner.channels[len(runner.places) :]]
-    other = AdaptiveFilter(runner.rig, False, references=references, line=line)
-    own_size = adaptive_layout(begun.size, len(runner.rig.drives)).size
-    memory = other.initial(begun.time, first_values(samples)).carry[own_size:]  # of all maps
-    return other, Belief(begun.time, frozen(np.concatenate([begun.carry[:own_size], memory])), begun.size)
+    with_line = AdaptiveFilter(runner.rig, False, references=references, line=line)
+    size = adaptive_layout(begun.size, len(runner.rig.drives)).size
+    memory = with_line.initial(begun.time, first_values(samples)).carry[size:]  # of all maps
+    return with_line, Belief(begun.time, frozen(np.concatenate([begun.carry[:size], memory])), begun.size)
 
 
 def _line(rig: Rig, log: Log, homing: float) -> Affine:
     """Return the straight line of a window, by least squares alone or as a correction of the one in the rig file."""
     if rig.affine is not None and rig.affine.channels != channels_of(rig, "affine").names:
         rig = rig.model_copy(update={"affine": None})  # learned from other sensors
-    found = AffineEstimator(rig, False, homing=True).after_homing(log, homing).affine
-    assert found is not None
-    return found
+    line = AffineEstimator(rig, False, homing=True).after_homing(log, homing).affine
+    assert line is not None
+    return line

@@ -49,12 +49,8 @@ KEPT = 0.3
 def most_likely(window: Window, independent: float = INDEPENDENT) -> Belief:
     """Return a belief before the first sample: the numbers at their maximum a posteriori, with its covariance.
 
-    The first angle is the reference's own. Where nothing is uncertain, or the filter leaves all bounds with the prior's
-    mean, it is the belief as it was.
-
-    Args:
-        window: see `Window`.
-        independent: errors last at least so long [s].
+    The first angle is the reference's own; errors last for `independent` s or more. Where nothing is uncertain, or the
+    filter leaves all bounds with the prior's mean, it is the belief as it was.
     """
     from scipy.optimize import least_squares  # not needed before
 
@@ -62,23 +58,15 @@ def most_likely(window: Window, independent: float = INDEPENDENT) -> Belief:
     z, weights = np.zeros(len(search.at)), search.first_weights
     if not len(z) or not search.begins():
         return window.start
+    bounds = search.low, np.full(len(z), np.inf)
+    limits = {"max_nfev": EVALUATIONS, "xtol": 1e-4, "ftol": 1e-4}
     for _ in range(ROUNDS):
-        found = least_squares(
-            search.residuals,
-            z,
-            search.slopes,
-            bounds=(search.low, np.full(len(z), np.inf)),
-            max_nfev=EVALUATIONS,
-            xtol=1e-4,
-            ftol=1e-4,
-            args=(weights,),
-        )
-        z, weights = found.x, search.weights(found.x)
+        answer = least_squares(search.residuals, z, search.slopes, bounds, args=(weights,), **limits)
+        z, weights = answer.x, search.weights(answer.x)
     slopes = search.slopes(z, weights)
     covariance = KEPT * np.linalg.inv(slopes.T @ slopes) * np.outer(search.stds, search.stds)
     carry, n = search.carry(z), window.start.size
-    whole = covariance_of(carry, n)
-    whole[np.ix_(search.at, search.at)] = covariance
+    covariance_of(carry, n)[np.ix_(search.at, search.at)] = covariance
     return Belief(window.start.time, frozen(carry), n)
 
 
@@ -93,23 +81,17 @@ class _Search:
         self.at = lasting[spread[lasting] > 0.0]
         self.means, self.stds = start.carry[self.at], spread[self.at]
         self.low = np.minimum((runner.states.lowest[self.at] - self.means) / self.stds, -1e-6)
-        self._begin = self._begun()
-        self._others = [
-            i for i, name in enumerate(runner.measured) if name not in {runner.channels[c] for c in window.references}
-        ]
+        # before the first sample numbers are certain, and the first angles those of the reference
+        self._begin = window.anchored(start.carry)
+        covariance = covariance_of(self._begin, n)
+        covariance[self.at, :] = covariance[:, self.at] = 0.0
+        references = {runner.channels[c] for c in window.references}
+        self._proximal = [i for i, name in enumerate(runner.measured) if name not in references]
         interval = float(np.median(np.diff(window.time))) if len(window.time) > 1 else independent
         self._least = max(1.0, independent / interval)
         self.first_weights = (UNEXPLAINED * self._least, self._least)
         self._bases: tuple[Floats, ...] = ()
         self._last: tuple[bytes, tuple[Floats, Floats]] | None = None
-
-    def _begun(self) -> Floats:
-        """Return the carry before the first sample: numbers certain, the first angles those of the reference."""
-        window, n = self._window, self._window.start.size
-        carry = window.anchored(window.start.carry)
-        whole = covariance_of(carry, n)
-        whole[self.at, :] = whole[:, self.at] = 0.0
-        return carry
 
     def carry(self, z: Floats) -> Floats:
         """Return the carry before the first sample at some numbers."""
@@ -145,7 +127,7 @@ class _Search:
     def _innovations(self, outputs: Floats) -> tuple[Floats, Floats]:
         """Return innovations and their variances of all but the references, (k, m) each."""
         m = len(self._window.runner.measured)
-        return outputs[:, :m][:, self._others], outputs[:, m : 2 * m][:, self._others]
+        return outputs[:, :m][:, self._proximal], outputs[:, m : 2 * m][:, self._proximal]
 
     def residuals(self, z: Floats, weights: tuple[float, float]) -> Floats:
         """Return what is squared and summed, (n_residuals,)."""
@@ -157,9 +139,9 @@ class _Search:
         base = self.residuals(z, weights)
         columns = []
         for i in range(len(z)):
-            other = z.copy()
-            other[i] += STEP
-            columns.append((self.residuals(other, weights) - base) / STEP)
+            moved = z.copy()
+            moved[i] += STEP
+            columns.append((self.residuals(moved, weights) - base) / STEP)
         self._last = None
         return np.column_stack(columns) if columns else np.zeros((len(base), 0))
 

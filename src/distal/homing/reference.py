@@ -22,28 +22,25 @@ def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
 
     They are the rig's own where the truth comes from them; else ones called ``reference`` are added, with `TRUTH_NOISE`.
 
-    Args:
-        log: with a truth.
-
     Raises:
         EstimationError: the log has no truth.
     """
     joints = [joint.name for joint in rig.joints]
-    known = [joint for joint, name in zip(joints, angle_names(joints)) if name in log.truth]
-    if not known:
+    known_joints = [joint for joint, name in zip(joints, angle_names(joints)) if name in log.truth]
+    if not known_joints:
         raise EstimationError(
             f"{log.source}: homing needs the joint's angle for a while; give --truth, or log the column of the rig's "
             "angle sensor"
         )
     rate = 1.0 / float(np.median(np.diff(log.time))) if len(log) > 1 else 100.0
     names = []
-    for joint in known:
-        own = [sensor for sensor in rig.sensors_of("angle") if sensor.of == joint]
-        if own and log.truth_kind.by_sensor:
-            if own[0].noise == 0.0 and own[0].resolution == 0.0:
-                path = f"sensors.{[each.name for each in rig.sensors].index(own[0].name)}.noise"
+    for joint in known_joints:
+        sensors = [sensor for sensor in rig.sensors_of("angle") if sensor.of == joint]
+        if sensors and log.truth_kind.by_sensor:
+            if sensors[0].noise == 0.0 and sensors[0].resolution == 0.0:
+                path = f"sensors.{[sensor.name for sensor in rig.sensors].index(sensors[0].name)}.noise"
                 rig = rig.with_values({path: TRUTH_NOISE})
-            names.append(own[0].name)
+            names.append(sensors[0].name)
         else:
             rig, added = added_reference(rig, rate, joint)
             names.append(added.name)
@@ -51,23 +48,24 @@ def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
 
 
 def added_reference(rig: Rig, rate: float, joint: str | None = None) -> tuple[Rig, Sensor]:
-    """Return the rig with one more sensor of a joint's angle, and that sensor.
-
-    Args:
-        rate: of the sensor [Hz].
-        joint: name of the joint; default the first.
-    """
+    """Return the rig with a sensor of some `rate` [Hz] more, of a joint's angle, default the first's, and that sensor."""
     joint = rig.joints[0].name if joint is None else joint
-    own, names = [s for s in rig.sensors_of("angle") if s.of == joint], {sensor.name for sensor in rig.sensors}
-    stem = "reference" if len(rig.joints) == 1 else f"reference_{joint}"
-    name = next(n for n in (stem, f"{stem}_angle", f"{stem}_angle_2") if n not in names)
-    raw = rig.model_dump()
-    added = {"name": name, "measures": "angle", "of": joint, "noise": TRUTH_NOISE}
-    if own:
-        added["bias"] = own[0].bias.model_dump()  # how far the model's angle and the joint's may be apart
-    raw["sensors"] = [*raw["sensors"], {**added, "rate": float(np.clip(rate, 1e-3, 1e6))}]
+    sensors = [sensor for sensor in rig.sensors_of("angle") if sensor.of == joint]
+    raw, added = rig.model_dump(), _angle_sensor(rig, "reference", joint, rate)
+    if sensors:
+        added["bias"] = sensors[0].bias.model_dump()  # how far the model's angle and the joint's may be apart
+    raw["sensors"] = [*raw["sensors"], added]
     described = build_rig(raw, rig.name)
     return described, described.sensors[-1]
+
+
+def _angle_sensor(rig: Rig, stem: str, joint: str, rate: float) -> dict[str, object]:
+    """Return a new sensor of a joint's angle, with a name that no sensor of the rig has."""
+    taken = {sensor.name for sensor in rig.sensors}
+    stem = stem if len(rig.joints) == 1 else f"{stem}_{joint}"
+    name = next(n for n in (stem, f"{stem}_angle", f"{stem}_angle_2") if n not in taken)
+    rate = float(np.clip(rate, 1e-3, 1e6))
+    return {"name": name, "measures": "angle", "of": joint, "noise": TRUTH_NOISE, "rate": rate}
 
 
 def at_known_angle(
@@ -88,7 +86,7 @@ def at_known_angle(
     Raises:
         EstimationError: it is not clear which joint is meant, or a number is out of bounds.
     """
-    joints = [each.name for each in rig.joints]
+    joints = [joint.name for joint in rig.joints]
     if (joint is None and len(joints) > 1) or (joint is not None and joint not in joints):
         came = "none was named" if joint is None else f"{joint!r} came"
         raise EstimationError(f"a homing angle is of one joint; name one of {', '.join(joints)} ('pip: 0 deg'); {came}")
@@ -112,11 +110,8 @@ def at_known_angle(
 
 def _with_home(rig: Rig, joint: str, std: float, rate: float) -> tuple[Rig, Sensor]:
     """Return the rig with a sensor ``home`` of where a joint is known to stand, and that sensor."""
-    raw, taken = rig.model_dump(), {sensor.name for sensor in rig.sensors}
-    stem = "home" if len(rig.joints) == 1 else f"home_{joint}"
-    name = next(n for n in (stem, f"{stem}_angle", f"{stem}_angle_2") if n not in taken)
-    home = {"name": name, "measures": "angle", "of": joint, "noise": TRUTH_NOISE}
-    home |= {"rate": float(np.clip(rate, 1e-3, 1e6)), "bias": {"value": 0.0, "std": std}}
+    home = {**_angle_sensor(rig, "home", joint, rate), "bias": {"value": 0.0, "std": std}}
+    raw = rig.model_dump()
     raw["sensors"] = [home, *raw["sensors"]]
     described = build_rig(raw, rig.name)
     return described, described.sensors[0]
@@ -131,7 +126,6 @@ def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> Adaptive
 
     Args:
         std: standard deviation of the constant offset between that angle and the joint's own [rad].
-        compiled: compile its kernel where possible.
 
     Raises:
         EstimationError: the std is out of bounds, the rig has a discrepancy, or the filter cannot run on it.
@@ -153,38 +147,34 @@ def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> Adaptive
 
 
 def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:
-    """Return the true angles; raise an error if homing has no reference, or if no time to estimate is left.
-
-    Args:
-        homing: [s].
+    """Return the true angles.
 
     Raises:
-        EstimationError: see above.
+        EstimationError: `homing` [s] has no reference, or leaves no time to estimate.
     """
     span = float(log.time[-1] - log.time[0])
     if not np.isfinite(homing) or not 0.0 < homing < span:
         raise EstimationError(
             f"homing must be longer than 0 s and shorter than the log ({span:g} s), {homing:g} s came"
         )
-    known = true_angles(log, joints)
-    if known is None:
+    truths = true_angles(log, joints)
+    if truths is None:
         raise EstimationError(f"{log.source}: homing needs the joint's angle for a while, and this log has none")
-    if not np.isfinite(known[log.time - log.time[0] < homing]).any():
+    if not np.isfinite(truths[log.time - log.time[0] < homing]).any():
         raise EstimationError(f"{log.source}: the reference has no value in the first {homing:g} s; homing needs one")
-    return known
+    return truths
 
 
-def homed(angles: Floats, known: Floats, early: Bools) -> Floats:
-    """Return angles shifted so that their mean errors over the first moments are zero: homing without a filter.
+def homed(angles: Floats, truths: Floats, early: Bools) -> Floats:
+    """Return `angles` [rad], (k, n_joints), shifted so that their mean errors over the first moments are zero.
 
     Args:
-        angles: [rad], (k, n_joints).
-        known: the reference's angles, NaN where it has none, (k, n_joints).
+        truths: the reference's angles, NaN where it has none, (k, n_joints).
         early: when it is used, (k,).
     """
     shifted = angles.copy()
     for j in range(angles.shape[1]):
-        there = early & np.isfinite(known[:, j])
-        if there.any():
-            shifted[:, j] -= np.mean(angles[there, j] - known[there, j])
+        compared = early & np.isfinite(truths[:, j])
+        if compared.any():
+            shifted[:, j] -= np.mean(angles[compared, j] - truths[compared, j])
     return shifted

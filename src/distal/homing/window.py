@@ -22,31 +22,23 @@ class Window:
 
     Args:
         runner: the filter, with the reference among its channels.
-        start: what it believes before the first sample.
+        start: its belief before the first sample.
         time: of the samples [s], (k,).
         samples: values of the channels, the reference's too, (k, n_channels).
-        known: true angles [rad], NaN where not known, (k, n_joints).
+        truths: true angles [rad], NaN where not known, (k, n_joints).
     """
 
     runner: AdaptiveFilter
     start: Belief
     time: Floats
     samples: Floats
-    known: Floats
+    truths: Floats
 
     @staticmethod
-    def of(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, known: Floats, homing: float) -> Window:
-        """Return the window of a log.
-
-        Args:
-            runner: the filter, with the reference among its channels.
-            start: what it believes before the first sample.
-            samples: values of its channels, (k, n_channels).
-            known: true angles [rad], NaN where not known, (k, n_joints).
-            homing: length of the window [s].
-        """
+    def of(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float) -> Window:
+        """Return the first `homing` s of a log, with `samples` and `truths` of all of it."""
         until = int(np.searchsorted(log.time - log.time[0], homing))
-        return Window(runner, start, log.time[:until], samples[:until], known[:until])
+        return Window(runner, start, log.time[:until], samples[:until], truths[:until])
 
     @property
     def references(self) -> dict[int, int]:
@@ -69,25 +61,16 @@ class Window:
         return samples
 
     def scan(self, carry: Floats, samples: Floats) -> Advanced | None:
-        """Return carries and outputs after each sample, None where the filter diverges.
-
-        Args:
-            carry: before the first sample.
-            samples: (k, n_channels).
-        """
+        """Return carries and outputs after each of the `samples`, begun at a `carry`; None where the filter diverges."""
         runner, size = self.runner, self.start.size
         run = runner.advanced(Belief(self.start.time, frozen(carry), size), self.time, samples)
         bounded = np.isfinite(mean_of(run.carries, size)).all() and np.isfinite(covariance_of(run.carries, size)).all()
         return run if bounded else None
 
     def errors(self, carries: Floats) -> tuple[Floats, Floats]:
-        """Return the errors of the angles, less their references' offsets, and the variances of these, (k, n_joints).
-
-        Args:
-            carries: without the reference.
-        """
-        n, nj, biases = self.start.size, self.known.shape[1], self._biases
-        errors, variances = self.known - carries[:, :nj], variances_of(carries, n)[:, :nj].copy()
+        """Return the errors of the angles, less their references' offsets, and the variances of these, (k, n_joints)."""
+        n, nj, biases = self.start.size, self.truths.shape[1], self._biases
+        errors, variances = self.truths - carries[:, :nj], variances_of(carries, n)[:, :nj].copy()
         sensors = {sensor.name: sensor for sensor in self.runner.rig.sensors_of("angle")}
         for channel, joint in self.references.items():
             name = self.runner.channels[channel]
@@ -97,36 +80,28 @@ class Window:
         return errors, variances
 
     def anchored(self, carry: Floats) -> Floats:
-        """Return a carry before the first sample whose first angles are those of the reference.
-
-        Args:
-            carry: before the first sample.
-        """
+        """Return a carry before the first sample whose first angles are those of the reference."""
         n, states = self.start.size, self.runner.states
         names, biases = self.runner.channels, self._biases
         offsets = {j: float(states.stds[biases[names[c]]]) for c, j in self.references.items() if names[c] in biases}
         carry = carry.copy()
-        whole = covariance_of(carry, n)
-        for joint, column in enumerate(self.known.T):
-            there = column[np.isfinite(column)]
-            if len(there):
-                carry[joint] = there[0]
-                whole[joint, :] = whole[:, joint] = 0.0
-                whole[joint, joint] = START_STD**2 + offsets.get(joint, 0.0) ** 2
+        covariance = covariance_of(carry, n)
+        for joint, column in enumerate(self.truths.T):
+            finite = column[np.isfinite(column)]
+            if len(finite):
+                carry[joint] = finite[0]
+                covariance[joint, :] = covariance[:, joint] = 0.0
+                covariance[joint, joint] = START_STD**2 + offsets.get(joint, 0.0) ** 2
         return carry
 
     def within(self, carry: Floats, times: float) -> bool:
         """Return whether a run without reference keeps its angles in their bands: mean e²/P of each joint at most `times`.
 
-        Args:
-            carry: before the first sample.
-            times: how much is allowed.
+        It begins at a `carry` before the first sample.
         """
         done = self.scan(self.anchored(carry), self.unaided)
         if done is None:
             return False
         errors, variances = self.errors(done[0])
-        squares = np.array(
-            [np.mean(column[np.isfinite(column)]) for column in (errors**2 / variances).T if np.isfinite(column).any()]
-        )
-        return bool(np.all(squares <= times))
+        columns = [column[np.isfinite(column)] for column in (errors**2 / variances).T]
+        return all(float(np.mean(column)) <= times for column in columns if len(column))
