@@ -39,6 +39,8 @@ def public_callables(name: str) -> list[tuple[str, object]]:
                 (f"{name}.{key}.{k}", v)
                 for k, v in vars(value).items()
                 if inspect.isfunction(v) and not k.startswith("_") and v.__module__ == name
+                # what a method of a base class takes is said there
+                if not any(k in vars(base) for base in value.__mro__[1:])
             ]
     return found
 

@@ -15,7 +15,7 @@ from distal.rig import Sensor
 
 
 def moment_of(plant: Mechanism, y: Vector) -> Moment:
-    """Return the motion that an output of a plant's kernel (`plant_function`) holds, (n_y,)."""
+    """Return the motion that an output y of a plant's kernel (`plant_function`) holds, (n_y,)."""
     n = plant.n_bodies
     return Moment(plant, y[:n], y[n : 2 * n], y[2 * n : 2 * n + plant.n_tendons], y[2 * n + plant.n_tendons :])
 

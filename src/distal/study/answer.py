@@ -163,7 +163,7 @@ def words_of(plan: Plan, name: str) -> str:
 
 
 def quantity(value: float, unit: str) -> str:
-    """Return a number in its SI unit as people write it."""
+    """Return a value in its SI unit as people write it."""
     if unit == "rad":
         return f"{degrees(value):.3g}°"
     if value == 0.0 or not unit.startswith(tuple("mNsHV")):  # kg has its prefix already

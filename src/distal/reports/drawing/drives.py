@@ -67,7 +67,7 @@ def draw_capstan(sheet: Sheet, drive: Capstan, lines: Sequence[Line], at: Point,
 
 
 def motor_half(drive: Capstan, scale: float) -> float:
-    """Return half the side of a motor's flange [in]."""
+    """Return half the side of a motor's flange [in], at a scale [in/m]."""
     return max(1.15 * scale * drive.radius.value, 0.2)
 
 
@@ -104,5 +104,5 @@ def draw_slider(
 
 
 def glyph_width(rig: Rig, scale: float) -> float:
-    """Return the width of the column of drives, without what is written beside them [in]."""
+    """Return the width of the column of drives, without what is written beside them [in], at a scale [in/m]."""
     return max(2 * motor_half(d, scale) + 0.45 if isinstance(d, Capstan) else RAIL + BADGE for d in rig.drives)

@@ -115,7 +115,7 @@ def draw_coupling(sheet: Sheet, leader: Point, follower: Point, ratio: float) ->
 def draw_joint(
     sheet: Sheet, rig: Rig, index: int, stand: Stand, scale: float, around: float, lines: Sequence[Line]
 ) -> None:
-    """Draw what turns about a joint's axis, its springs, its stops and its sensors.
+    """Draw what turns about a joint's axis, its springs, its stops and its sensors, at a scale [in/m].
 
     Args:
         around: radius at which stops and the angle's arrow stand [in].

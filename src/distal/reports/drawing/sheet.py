@@ -61,12 +61,12 @@ def width_of(text: str, size: float, bold: bool = False) -> float:
 
 
 def on_circle(centre: Point, radius: float, angle: float) -> Point:
-    """Return the point of a circle at an angle, counter-clockwise from the right [rad]."""
+    """Return the point of a circle of a radius [in] at an angle, counter-clockwise from the right [rad]."""
     return centre[0] + radius * cos(angle), centre[1] + radius * sin(angle)
 
 
 def arc(centre: Point, radius: float, start: float, end: float) -> list[Point]:
-    """Return points along an arc from one angle to another [rad]."""
+    """Return points along an arc of a radius [in] from its start to its end, angles from the right [rad]."""
     count = 2 + int(abs(end - start) / 0.06)
     return [on_circle(centre, radius, start + (end - start) * k / count) for k in range(count + 1)]
 
@@ -192,7 +192,7 @@ class Sheet:
     def disc(
         self, centre: Point, radius: float, colour: str, edge: str = INK, order: float = 2.0, **look: object
     ) -> None:
-        """Draw a circle; a higher order lies in front, and `look` are more properties of matplotlib's `Circle`."""
+        """Draw a circle of a radius [in]; a higher order lies in front, and `look` are more properties of matplotlib's `Circle`."""
         from matplotlib.patches import Circle
 
         x, y = centre

@@ -17,7 +17,7 @@ SMALL = {
 
 
 def written(value: float, si: str) -> str:
-    """Return a number in its SI unit to three digits, such as "23 N/mm", "8 mm" or "−20°"."""
+    """Return a value in its SI unit to three digits, such as "23 N/mm", "8 mm" or "−20°"."""
     if si == "rad":
         return f"{rounded(math.degrees(value))}°"
     if si in LARGE and abs(value) >= LARGE[si][0]:
@@ -41,5 +41,5 @@ def rounded(value: float) -> str:
 
 
 def interval(low: float, high: float, si: str) -> str:
-    """Return the ends of a range in their SI unit, such as "−20° … 90°"."""
+    """Return the low and the high end of a range in their SI unit, such as "−20° … 90°"."""
     return f"{written(low, si)} … {written(high, si)}"

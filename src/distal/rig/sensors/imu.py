@@ -116,7 +116,10 @@ class Imu(Measurand):
 
 
 def turned(vector: Vector, axis: Sequence[float], angle: Scalar) -> Vector:
-    """Return a vector turned about a unit axis a: v cos α + (a × v) sin α + a (a·v)(1 − cos α) (Rodrigues), (3,)."""
+    """Return a vector turned about a unit axis a by an angle α [rad], (3,) (Rodrigues).
+
+    v cos α + (a × v) sin α + a (a·v)(1 − cos α)
+    """
     a = ca.DM(list(axis))
     across = ca.cross(ca.SX(a), vector)
     return vector * ca.cos(angle) + across * ca.sin(angle) + a * ca.dot(ca.SX(a), vector) * (1 - ca.cos(angle))
