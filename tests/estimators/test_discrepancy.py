@@ -32,6 +32,21 @@ TERMS = (
 )
 
 
+@pytest.mark.parametrize(
+    ("terms", "used"),
+    [
+        (("1", "motor_angle"), (0,)),
+        (("1", "motor_torque"), (1,)),
+        (("1", "play(motor_angle)*motor_torque"), (0, 1)),
+        (("1",), ()),
+        (("1", "motor_torque", "angle(jaw)"), (1, 2)),
+    ],
+)
+def test_a_reading_counts_as_used_where_it_stands_in_a_term(terms: tuple[str, ...], used: tuple[int, ...]) -> None:
+    """Only what stands in a term is held within its range: each reading by its own name."""
+    assert made().model_copy(update={"terms": terms}).used == used
+
+
 @pytest.fixture(scope="module")
 def plain() -> Rig:
     return load_rig("capstan-joint")

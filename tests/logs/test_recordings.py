@@ -12,6 +12,7 @@ import pytest
 from distal import Log, Rig, estimate, load_scenario, read_log, scenario_rig, simulate
 from distal.errors import DistalWarning, LogError, OutputError
 from distal.logs import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimate_schema, is_recording, open_recording
+from distal.logs.recordings import _stamped
 
 TOPICS = {"x1": "/left.position[0]", "u1": "/left.effort[0]", "x2": "/right.position[0]", "u2": "/right.effort[0]"}
 
@@ -167,6 +168,16 @@ def test_a_clock_that_was_set_back_is_said(rig: Rig, tmp_path: Path) -> None:
     path = recorded(tmp_path / "back.mcap", first + second)
     with pytest.warns(DistalWarning, match=r"set back 1 times; only part 1 of 2 is read"):
         assert len(read_log(path, rig)) == 300
+
+
+def test_clocks_that_were_set_back_differently_are_refused() -> None:
+    """Parts of one topic would be paired with those of another."""
+    once = [(stamp, stamp, 1.0) for stamp in (1, 2, 3, 1, 2)]
+    never = [(stamp, stamp, 2.0) for stamp in (1, 2, 3, 4, 5)]
+    with pytest.raises(LogError, match=r"set back \(/a.x 1 times, /b.x 0 times\), so that their parts do not match"):
+        _stamped(Path("two.mcap"), {"/a.x": once, "/b.x": never})  # type: ignore[dict-item]
+    with pytest.warns(DistalWarning, match="set back 1 times; only part 1 of 2 is read"):
+        assert len(_stamped(Path("one.mcap"), {"/a.x": once, "/b.x": once})["/a.x"]) == 3  # type: ignore[dict-item]
 
 
 def test_odd_messages_are_one_line(rig: Rig, tmp_path: Path) -> None:

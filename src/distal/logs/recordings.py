@@ -162,7 +162,13 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, list[S
     parts = {column: _parts(samples) for column, samples in stamped.items()}
     if all(len(of_column) == 1 for of_column in parts.values()):
         return stamped
-    count = min(len(of_column) for of_column in parts.values())
+    counts = {len(of_column) for of_column in parts.values()}
+    if len(counts) > 1:
+        resets = ", ".join(f"{column} {len(of_column) - 1} times" for column, of_column in parts.items())
+        raise LogError(
+            f"{path}: clocks of the topics were set back ({resets}), so that their parts do not match; record again"
+        )
+    count = counts.pop()
     longest = max(range(count), key=lambda i: min(len(of_column[i]) for of_column in parts.values()))
     warnings.warn(
         f"{path}: the clock was set back {count - 1} times; only part {longest + 1} of {count} is read, the longest",

@@ -177,9 +177,9 @@ class LearnedMap(Description):
     def used(self) -> tuple[int, ...]:
         """Indices of the readings, then of the angles, that stand in some term."""
         used = {factor for term in self.terms for factor in factors(term)}
-        variables = [(form.format(name) for form in FORMS) for name in self.channels]
-        variables += [(f"angle({joint.joint})" for _ in "1") for joint in self.joints] if self.uses_angles else []
-        return tuple(i for i, names in enumerate(variables) if used.intersection(names))
+        variables = [{form.format(name) for form in FORMS} for name in self.channels]
+        variables += [{f"angle({joint.joint})"} for joint in self.joints] if self.uses_angles else []
+        return tuple(i for i, names in enumerate(variables) if used & names)
 
     @property
     def played(self) -> tuple[int, ...]:
