@@ -172,8 +172,8 @@ def test_a_clock_that_was_set_back_is_said(rig: Rig, tmp_path: Path) -> None:
 
 def test_clocks_that_were_set_back_differently_are_refused() -> None:
     """Parts of one topic would be paired with those of another."""
-    once = [(stamp, stamp, 1.0) for stamp in (1, 2, 3, 1, 2)]
-    never = [(stamp, stamp, 2.0) for stamp in (1, 2, 3, 4, 5)]
+    once = [(k * 10**9, k * 10**9, 1.0) for k in (1, 2, 3, 1, 2)]
+    never = [(k * 10**9, k * 10**9, 2.0) for k in (1, 2, 3, 4, 5)]
     with pytest.raises(LogError, match=r"set back \(/a.x 1 times, /b.x 0 times\), so that their parts do not match"):
         _stamped(Path("two.mcap"), {"/a.x": once, "/b.x": never})  # type: ignore[dict-item]
     with pytest.warns(DistalWarning, match="set back 1 times; only part 1 of 2 is read"):

@@ -192,7 +192,7 @@ class Sheet:
     def disc(
         self, centre: Point, radius: float, colour: str, edge: str = INK, order: float = 2.0, **look: object
     ) -> None:
-        """Draw a circle of a radius [in]; a higher order lies in front, and `look` are properties of matplotlib's `Circle`."""
+        """Draw a circle of a radius [in]; a higher order lies in front, `look` are properties of matplotlib's `Circle`."""
         from matplotlib.patches import Circle
 
         x, y = centre
