@@ -1,10 +1,10 @@
-"""An estimator in a control loop: it keeps one belief, takes one call per sample and makes its arrays before the first."""
+"""An estimator in a control loop: one belief, one call per sample; arrays are made before the first."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from math import inf
+from math import inf, nan
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from distal.errors import EstimationError
 from distal.estimators import (
     DEFAULT,
     LARGEST_ANGLE,
+    SHORTEST,
     Belief,
     KernelEstimator,
     check_time,
@@ -23,6 +24,8 @@ from distal.estimators import (
     wild_problem,
 )
 from distal.estimators.gaps import MOST_BRIDGES, fill, predictions
+from distal.kernels.mask import MISSING, READ
+from distal.logs import LARGEST_READING
 from distal.rig import Rig, load_rig
 
 LATEST = 1e300
@@ -58,15 +61,17 @@ class LiveEstimator:
         self._loop = runner.kernel.loop(runner.numbers)
         self._carry, self._x, self._y = self._loop.carry, self._loop.x, self._loop.y
         self._finite = np.ones(len(self._carry), dtype=bool)
-        width, self._angles = len(runner.channels), runner.angles
-        self._values, self._mask = self._x[1 : 1 + width], self._x[1 + width :]
-        self._sample = np.zeros(width)
-        self._there, self._missing = np.zeros(width, dtype=bool), np.ones(width, dtype=bool)
-        self._read = [runner.channels.index(name) for name in runner.measured]
+        self._width, self._angles, self._row = (
+            len(runner.channels),
+            runner.angles,
+            memoryview(self._x.data).cast("B").cast("d"),
+        )
+        # where the masks of what is compared stand in a row
+        self._read = [1 + self._width + runner.channels.index(name) for name in runner.measured]
         self._innovations = np.full(self._m, np.nan)
         self._begin: tuple[Floats | None, float] = (None, 0.0)
         self._time, self._samples = float("nan"), 0
-        self._bridged, self._interval = runner.bridged, runner.interval
+        self._interval = runner.interval
         own = self._carry[: self._n], self._carry[self._n : self._n * (self._n + 1)].reshape(self._n, self._n)
         # what is reported is the filter's own state, or, where a map speaks of some of it, another one beside it
         self._state, self._spread = own if not runner.report.states else (own[0].copy(), own[1].copy())
@@ -81,10 +86,9 @@ class LiveEstimator:
         """Take two samples and forget them: what is built for the first ones would make them miss their deadlines."""
         with suppress(EstimationError):
             for time in (0.0, self._interval):
-                self.step(time, np.zeros(len(self._sample)))
-        for array in (self._carry, self._x, self._y, self._sample):
+                self.step(time, np.zeros(self._width))
+        for array in (self._carry, self._x, self._y):
             array[:] = 0.0
-        self._there[:] = False
         self.reset()
 
     def step(self, time: float, sample: Floats) -> float | Floats:
@@ -99,37 +103,39 @@ class LiveEstimator:
                 wild value; the state is then unchanged. Or the filter diverged: call `reset`.
         """
         name = self._runner.name
-        problem = sample_problem(sample, self.channels) or wild_problem(sample)
+        problem = sample_problem(sample, self._runner.channels)
         if problem is not None:
             raise EstimationError(f"{name}: {problem}")
-        if (
-            not isinstance(time, (float, int, np.floating, np.integer))
-            or not -LATEST <= (time := _number(time)) <= LATEST
-        ):
+        if type(time) is not float:
+            time = _seconds(name, time)
+        if not -LATEST <= time <= LATEST:
             raise EstimationError(f"{name}: the stamp is no time: give a finite number of seconds")
+        # of a few numbers Python's own are faster than arrays
+        x, width = self._row, self._width
+        for i, reading in enumerate(sample.tolist(), 1):
+            if -LARGEST_READING <= reading <= LARGEST_READING:
+                x[i], x[i + width] = reading, READ
+            elif reading != reading:
+                x[i], x[i + width] = 0.0, MISSING
+            else:
+                raise EstimationError(f"{name}: {wild_problem(sample)}")
         if self._samples == 0:
             self._start(time, sample)
-            dt = 0.0
+            x[0], parts = 0.0, 1
         else:
-            check_time(name, self._time, time, False)
             dt = time - self._time
-        parts = predictions(dt, self._interval)
-        if parts > MOST_BRIDGES:
-            raise EstimationError(f"{name}: a gap of {dt:g} s is too long to bridge; call reset")
-        np.isfinite(sample, out=self._there)
-        np.logical_not(self._there, out=self._missing)
-        self._sample[:] = sample
-        np.copyto(self._sample, 0.0, where=self._missing)
-        self._x[0] = dt / parts
-        for rows_after in range(parts - 1, 0, -1):
-            fill(self._values, self._mask, self._sample, self._there, rows_after, self._bridged)
-            self._loop.step()
-        self._values[:] = self._sample  # as `fill` does, without the call
-        self._mask[:] = self._there
+            if dt < SHORTEST:
+                check_time(name, self._time, time, False)
+            parts = predictions(dt, self._interval)
+            if parts > MOST_BRIDGES:
+                raise EstimationError(f"{name}: a gap of {dt:g} s is too long to bridge; call reset")
+            x[0] = dt / parts
+        if parts > 1:
+            self._bridge(parts)
         self._loop.step()
-        self._time, self._samples = float(time), self._samples + 1
-        for i, k in enumerate(self._read):
-            self._innovations[i] = self._y[i] if self._there[k] else np.nan
+        self._time, self._samples = time, self._samples + 1
+        for i, mask in enumerate(self._read):
+            self._innovations[i] = self._y[i] if x[mask] else nan
         if self._runner.report.states:
             self._report()
         angles = self._joints.tolist()
@@ -140,6 +146,15 @@ class LiveEstimator:
         if not bounded:
             raise EstimationError(f"{name}: left all bounds at {time:g} s; call reset")
         return angles[0] if len(angles) == 1 else self.angles
+
+    def _bridge(self, parts: int) -> None:
+        """Cross a gap by all but the last of its predictions; the row of the sample itself stands in x after it."""
+        values, mask = self._x[1 : 1 + self._width], self._x[1 + self._width :]
+        sample, there = values.copy(), mask == READ
+        for rows_after in range(parts - 1, 0, -1):
+            fill(values, mask, sample, there, rows_after, self._runner.bridged)
+            self._loop.step()
+        fill(values, mask, sample, there)
 
     def _report(self) -> None:
         """Put what the maps say in the places of the filter's own."""
@@ -298,10 +313,12 @@ class LiveEstimator:
         return Belief(self._time, carry, self._n, self._samples, self._y.copy(), self._runner.report)
 
 
-def _number(value: float) -> float:
-    """Return a number as Python's own; one that is too large is infinite."""
+def _seconds(name: str, time: object) -> float:
+    """Return a stamp as Python's own number; one that is too large is infinite."""
+    if not isinstance(time, (float, int, np.floating, np.integer)):
+        raise EstimationError(f"{name}: the stamp is no time: give a finite number of seconds")
     try:
-        return float(value)
+        return float(time)
     except OverflowError:
         return inf
 
