@@ -35,7 +35,7 @@ def test_a_joint_just_before_its_stop_may_be_held_by_it(joint: str, away: float,
     assert stops is not None
     mean[j] = stops[end] + (1.0, -1.0)[end] * away * STD
     symbols = [ca.MX.sym("m", len(mean)), ca.MX.sym("P", *covariance.shape), ca.MX.sym("p", runner.numbers.size)]
-    (sure,) = update._sure_of_stops(states, *symbols)
+    (sure,) = update.sure_of_stops(states, *symbols)
     assert float(ca.Function("sure", symbols, [sure])(mean, covariance, runner.numbers)) == expected
 
 
@@ -51,7 +51,7 @@ def built() -> Iterator[Callable[[], AdaptiveFilter]]:
 def test_an_unsure_joint_teaches_no_numbers(
     sure: float, built: Callable[[], AdaptiveFilter], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(update, "_sure_of_stops", lambda *_: [ca.MX(sure)])
+    monkeypatch.setattr(update, "sure_of_stops", lambda *_: [ca.MX(sure)])
     runner, log = built(), moved()
     numbers = [i for i, kind in enumerate(runner.state_kinds) if kind is StateKind.PARAMETER]
     samples = samples_of(log, runner.channels)

@@ -18,6 +18,7 @@ from distal.estimators.adaptive.motion import Moved, moved
 from distal.estimators.adaptive.play import play
 from distal.estimators.adaptive.prediction import predicted, revert
 from distal.estimators.adaptive.states import StateVector
+from distal.estimators.adaptive.stops import depths_in_stops
 from distal.estimators.adaptive.update import updated
 from distal.expressions import MatrixNode, VectorNode
 from distal.kernels import Layout, carry_layout
@@ -77,13 +78,9 @@ def _bounded(states: StateVector, mean: VectorNode, covariance: MatrixNode, p: V
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
             mean[at] = ca.fmax(mean[at], lowest)  # (27)
-    names = states.context.mechanism.parameters.names
-    for j, joint in enumerate(states.context.mechanism.rig.joints):
-        if joint.stops is not None:
-            low, high = (p[names.index(f"joints.{j}.stops.{end}")] for end in ("low", "high"))
-            depth = ca.fmax(ca.fmax(mean[j] - high, low - mean[j]), 0)
-            # how deep a joint sits in its stop is known no better than the depth
-            covariance[j, j] = ca.fmax(covariance[j, j], depth * depth)  # (27b)
+    for j, depth in depths_in_stops(states, mean, p).items():
+        # how deep a joint sits in its stop is known no better than the depth
+        covariance[j, j] = ca.fmax(covariance[j, j], ca.fmax(depth, 0) ** 2)  # (27b)
 
 
 def _moving(states: StateVector, motion: Moved) -> MatrixNode:

@@ -14,13 +14,11 @@ from distal.estimators.adaptive.measurement import ROW, SLOPED, Row, Rows
 from distal.estimators.adaptive.robustness import Robustness, robust_variance
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
+from distal.estimators.adaptive.stops import sure_of_stops
 from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
 from distal.kernels.layout import Layout
 from distal.kernels.mask import is_there, share_used
-
-UNSURE = 2.0
-"""A joint that is fewer standard deviations than this before a stop may be held by it, (24b)."""
 
 SINCE = Layout(residual=1, limit=1, asymmetry=1, residual_variance=1, limit_variance=1, memory=1)
 """Changes of a row since the prior by the rows before it, variances of residual and limit by the state's (h P hᵀ, l P lᵀ),
@@ -52,7 +50,7 @@ def updated(
     tracks, x, p, nd = interval.tracks, interval.x, interval.p, states.context.n_drives
     rows = Rows.of(states).at(prior, tracks, rates, x, p)
     mean, kept, innovations, spreads = prior, list(memory), list[ScalarNode](), list[ScalarNode]()
-    sure = _sure_of_stops(states, prior, prediction.covariance, p)
+    sure = sure_of_stops(states, prior, prediction.covariance, p)
     for at in rows:
         row, slopes, moved = at.row, at.slopes, mean - prior
         by_residual, by_limit, by_asymmetry = (covariance.times(getattr(slopes, part)) for part in SLOPED)
@@ -92,28 +90,6 @@ def updated(
     measured = [k for k, at in enumerate(rows) if at.row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
     return mean, covariance.matrix(), kept, y
-
-
-def _sure_of_stops(states: StateVector, mean: VectorNode, covariance: MatrixNode, p: VectorNode) -> list[ScalarNode]:
-    """Return of each drive 0 where it is not known whether a stop holds a joint that it moves, else 1; with one joint 1."""
-    mechanism = states.context.mechanism
-    joints, names = mechanism.rig.joints, mechanism.parameters.names
-    sure = [ca.MX(1.0) for _ in joints]
-    for j, joint in enumerate(joints):
-        if joint.stops is not None and len(joints) > 1:
-            low, high = (p[names.index(f"joints.{j}.stops.{end}")] for end in ("low", "high"))
-            reach = UNSURE * ca.sqrt(covariance[j, j])
-            room = ca.fmin(high - mean[j], mean[j] - low)
-            sure[j] = 1 - ca.logic_and(room > 0, room < reach)
-    found = []
-    for drive in mechanism.rig.drives:
-        moved = {name for t in mechanism.rig.tendons if t.drive == drive.name for name in t.joints}
-        product = ca.MX(1.0)
-        for joint, own in zip(joints, sure):
-            if joint.name in moved:
-                product = product * own
-        found.append(product)
-    return found
 
 
 def comparison_function(states: StateVector, row: Row) -> ca.Function:

@@ -1,0 +1,50 @@
+"""Whether a stop holds a joint, as the filter judges it from its mean; of a kick `distal.model.stops` says it."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from distal.estimators.adaptive.states import StateVector
+from distal.expressions import MatrixNode, ScalarNode, VectorNode
+
+UNSURE = 2.0
+"""A joint that is fewer standard deviations than this before a stop may be held by it, (24b)."""
+
+
+def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dict[int, ScalarNode]:
+    """Return joint → how deep its angle is in its stop, negative before it [rad]; joints without stops are left out.
+
+    Args:
+        mean: (n,).
+        p: the kernel's parameters.
+    """
+    mechanism = states.context.mechanism
+    names, depths = mechanism.parameters.names, dict[int, ScalarNode]()
+    for j, joint in enumerate(mechanism.rig.joints):
+        if joint.stops is not None:
+            low, high = (p[names.index(f"joints.{j}.stops.{end}")] for end in ("low", "high"))
+            depths[j] = ca.fmax(mean[j] - high, low - mean[j])
+    return depths
+
+
+def sure_of_stops(states: StateVector, mean: VectorNode, covariance: MatrixNode, p: VectorNode) -> list[ScalarNode]:
+    """Return of each drive 0 where it is not known whether a stop holds a joint that it moves, else 1; with one joint 1.
+
+    Args:
+        mean: (n,).
+        covariance: (n, n).
+        p: the kernel's parameters.
+    """
+    rig = states.context.mechanism.rig
+    sure = [ca.MX(1.0) for _ in rig.joints]
+    for j, depth in depths_in_stops(states, mean, p).items():
+        if len(rig.joints) > 1:
+            sure[j] = 1 - ca.logic_and(-depth > 0, -depth < UNSURE * ca.sqrt(covariance[j, j]))
+    products = list[ScalarNode]()
+    for drive in rig.drives:
+        moved = {name for tendon in rig.tendons if tendon.drive == drive.name for name in tendon.joints}
+        product = ca.MX(1.0)
+        for joint, is_sure in zip(rig.joints, sure):
+            product = product * is_sure if joint.name in moved else product
+        products.append(product)
+    return products
