@@ -28,8 +28,8 @@ def least_eigenvalue(covariances: np.ndarray) -> float:
 
 
 def motion(rig: Rig, missing: float) -> Log:
-    """Return readings of every sensor that move, with a share of them missing."""
-    rng, count = np.random.default_rng(3), 150
+    """Return readings of every sensor that move, with a share of them missing; fewer of a rig with many joints."""
+    rng, count = np.random.default_rng(3), 150 if len(rig.joints) < 10 else 50
     rate = max(sensor.rate for sensor in rig.sensors)
     time = np.arange(count) / rate
     channels = {}

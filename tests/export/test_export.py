@@ -108,7 +108,7 @@ def test_other_rigs(name: str, single: bool, tmp_path: Path) -> None:
     described = scenario_rig(scenario)
     made = simulate(described, scenario, 2)
     write_log(made, described, tmp_path / "log.csv")
-    rows = replayed(build(c_filter(described, "adaptive", single), tmp_path, "-O2"), tmp_path / "log.csv")
+    rows = replayed(build(c_filter(described, "adaptive", single), tmp_path, "-O0"), tmp_path / "log.csv")
     known = estimate(made, described)
     tolerance = np.deg2rad(0.02) if single else 1e-9
     np.testing.assert_allclose(rows[:, 1], known.theta, atol=tolerance)
@@ -126,7 +126,7 @@ def test_kinematics(estimator: str, scenario: str, tmp_path: Path) -> None:
     described = scenario_rig(load_scenario(scenario))
     made = simulate(described, load_scenario(scenario), 2).select(slice(0, 300))
     write_log(made, described, tmp_path / "log.csv")
-    rows = replayed(build(c_filter(described, estimator), tmp_path, "-O2"), tmp_path / "log.csv")
+    rows = replayed(build(c_filter(described, estimator), tmp_path, "-O0"), tmp_path / "log.csv")
     known = estimate(made, described, estimator)
     np.testing.assert_allclose(rows[:, 1::2], known.angles, atol=1e-9)
     np.testing.assert_allclose(rows[:, 2::2], known.angle_stds, atol=1e-9)
@@ -163,7 +163,7 @@ def test_what_moves_inside(tmp_path: Path) -> None:
     scenario = build_scenario({"rig": "capstan-joint", "duration": 3.0, "drives": {"motor": {"servo": servo}}}, "servo")
     made = simulate(rig, scenario, 2)
     write_log(made, rig, tmp_path / "log.csv")
-    rows = replayed(build(c_filter(rig, "adaptive", False), tmp_path, "-O2"), tmp_path / "log.csv")
+    rows = replayed(build(c_filter(rig, "adaptive", False), tmp_path, "-O0"), tmp_path / "log.csv")
     known = estimate(made, rig)
     inside = {"backlash_motor", "creep_flexor", "sheath_extensor_0", "sheath_extensor_1", "gain_motor_torque"}
     assert inside <= set(known.state_names)
@@ -201,7 +201,7 @@ def test_springs_slack_and_counts(tmp_path: Path) -> None:
     write_log(made, described, tmp_path / "log.csv")
     again = read_log(tmp_path / "log.csv", described)
     np.testing.assert_allclose(again.channels["motor_torque"], made.channels["motor_torque"], rtol=1e-12)
-    rows = replayed(build(c_filter(described, "adaptive", False), tmp_path, "-O2"), tmp_path / "log.csv")
+    rows = replayed(build(c_filter(described, "adaptive", False), tmp_path, "-O0"), tmp_path / "log.csv")
     head, rest = (tmp_path / "log.csv").read_text().split("\n", 1)
     units = {"t": "s", "motor_angle": "count", "motor_torque": "mA"}
     said = ",".join(f"{column} [{units[column]}]" if column in units else column for column in head.split(","))
@@ -493,6 +493,6 @@ def test_an_imu(tmp_path: Path) -> None:
     rig = build_rig(tomllib.loads(rig_text("finger-2n")[0] + TABLE), "finger with an IMU")
     log = simulate(rig, load_scenario("finger", ['duration="1 s"']), 2)
     write_log(log, rig, tmp_path / "log.csv")
-    rows = replayed(build(c_filter(rig), tmp_path, "-O2"), tmp_path / "log.csv")
+    rows = replayed(build(c_filter(rig), tmp_path, "-O0"), tmp_path / "log.csv")
     result = estimate(log, rig)
     np.testing.assert_allclose(rows[:, 1:3], np.column_stack([result.angles[:, 0], result.angle_stds[:, 0]]), atol=1e-9)
