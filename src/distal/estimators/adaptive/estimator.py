@@ -113,12 +113,9 @@ class AdaptiveFilter(KernelEstimator):
                 )
 
     def _reported(self, learned: LearnedMap) -> list[int]:
-        """Return the states that a map speaks of: the joints' angles, or the torques on them."""
-        return self._torques if isinstance(learned, Contact) else list(range(len(learned.joints)))
-
-    @property
-    def _torques(self) -> list[int]:
-        """Which states are torques from outside, in the order of the joints."""
+        """Return the states that a map speaks of: the joints' angles, or the torques on them, in their order."""
+        if not isinstance(learned, Contact):
+            return list(range(len(learned.joints)))
         joints = [joint.name for joint in self._states.context.mechanism.rig.joints]
         return list(states_of(StateKind.EXTERNAL_TORQUE, joints, self.state_kinds, self.state_parts).values())
 
@@ -140,7 +137,7 @@ class AdaptiveFilter(KernelEstimator):
         values, is_present = ca.SX.sym("values", len(names)), ca.SX.sym("mask", len(names))
         sensors = {sensor.name: sensor for sensor in self.rig.sensors}
         credible = (context.credible(sensors[name], values[k]) for k, name in enumerate(names))
-        mask = ca.vertcat(*(is_present[k] * share for k, share in enumerate(credible)))
+        mask = ca.vertcat(*(is_present[k] * is_credible for k, is_credible in enumerate(credible)))
 
         def read(sensor: Sensor, otherwise: float) -> Scalar:
             k = names.index(sensor.name)

@@ -87,9 +87,13 @@ def moved(states: StateVector, count: int, mean: VectorNode, covariance: MatrixN
 def _acting(states: StateVector) -> list[int]:
     """Return which states beside the joints' motion enter the model: its parameters, torques, responses."""
     state, nj = ca.SX.sym("state", len(states)), states.context.n_joints
-    outputs = ca.vertcat(states.parameters(state), states.torques(state))
-    _, columns = ca.jacobian(outputs, state).sparsity().get_triplet()
-    return sorted({int(i) for i in columns if i >= 2 * nj})
+    changing = _changing(ca.vertcat(states.parameters(state), states.torques(state)), state)
+    return [i for i in changing if i >= 2 * nj]
+
+
+def _changing(expression: Vector, state: Vector) -> list[int]:
+    """Return which states change an expression."""
+    return sorted({int(i) for i in ca.jacobian(expression, state).sparsity().get_triplet()[1]})
 
 
 def _place_slopes(states: StateVector) -> Matrix:
@@ -145,9 +149,7 @@ def _responding(states: StateVector) -> list[int]:
         return []
     p = mechanism.parameters.symbols
     respond = ca.Function("responses", [h, p], [responses(mechanism, h, h, rebounds=False)])
-    response = respond(h, states.parameters(state))[: mechanism.n_joints, :2]
-    _, columns = ca.jacobian(ca.vec(response), state).sparsity().get_triplet()
-    return sorted({int(i) for i in columns})
+    return _changing(ca.vec(respond(h, states.parameters(state))[: mechanism.n_joints, :2]), state)
 
 
 def _substep(states: StateVector) -> ca.Function:

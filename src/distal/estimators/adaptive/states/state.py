@@ -200,11 +200,20 @@ class ZeroMean(State):
         return np.zeros(len(self.names))
 
 
-@dataclass(frozen=True)
-class OfDrive(State):
-    """A number of a drive; its name is ``QUANTITY_DRIVE``."""
+class OfPart(State):
+    """A number of a part of the rig; its name is ``QUANTITY_PART``."""
 
     quantity: ClassVar[str]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its name, (1,)."""
+        return (f"{self.quantity}_{self.part}",)
+
+
+@dataclass(frozen=True)
+class OfDrive(OfPart):
+    """A number of a drive."""
 
     context: FilterContext
     drive: int
@@ -214,17 +223,11 @@ class OfDrive(State):
         """The drive's name."""
         return self.context.mechanism.rig.drives[self.drive].name
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Its name, (1,)."""
-        return (f"{self.quantity}_{self.part}",)
-
 
 @dataclass(frozen=True)
-class OfSensor(ZeroMean):
-    """A systematic error of a sensor; its name is ``QUANTITY_SENSOR``, and it is expected to be zero."""
+class OfSensor(OfPart, ZeroMean):
+    """A systematic error of a sensor of force, tension or angle."""
 
-    quantity: ClassVar[str]
     lasting: ClassVar[bool] = True
 
     context: FilterContext
@@ -234,8 +237,3 @@ class OfSensor(ZeroMean):
     def part(self) -> str:
         """The sensor's name."""
         return self.sensor.name
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Its name, (1,)."""
-        return (f"{self.quantity}_{self.part}",)

@@ -36,15 +36,15 @@ class StateVector:
         self.state_parts = tuple(part for block in blocks for part in block.parts)
         self.means = np.concatenate([block.means for block in blocks])
         self.stds = np.concatenate([block.stds for block in blocks])
-        self.walks = np.concatenate([np.full(len(block.names), block.walk) for block in blocks])
-        self.lowest = np.concatenate([np.full(len(block.names), block.lowest) for block in blocks])
-        self.unsmoothed = tuple(i for block in blocks if not block.smoothed for i in self.indices(block))
-        lasting = [i for block in blocks if block.lasting for i in self.indices(block)]
-        self.lasting = np.isin(np.arange(len(self.names)), lasting)
-        self._considered = {i: 0.0 for block in blocks if block.considered for i in self.indices(block)}
-        self._untold = {i: 0.0 for block in blocks if block.untold for i in self.indices(block)}
+        block_of = [block for block in blocks for _ in block.names]  # of each number
+        self.walks = np.array([block.walk for block in block_of], dtype=np.float64)
+        self.lowest = np.array([block.lowest for block in block_of], dtype=np.float64)
+        self.unsmoothed = tuple(i for i, block in enumerate(block_of) if not block.smoothed)
+        self.lasting = np.array([block.lasting for block in block_of], dtype=np.bool_)
+        self._considered = {i: 0.0 for i, block in enumerate(block_of) if block.considered}
+        self._untold = {i: 0.0 for i, block in enumerate(block_of) if block.untold}
         self._parameters, self._curves, self._strains = (
-            [i for block in blocks if block.learning is learning for i in self.indices(block)]
+            [i for i, block in enumerate(block_of) if block.learning is learning]
             for learning in (Learning.SLOWLY, Learning.FROM_REFERENCES_SLOWLY, Learning.AS_CREEP)
         )
 
