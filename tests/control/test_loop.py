@@ -161,9 +161,8 @@ def test_one_scan_gives_what_calls_give(rig: Rig, feedback: str) -> None:
     """Plant, sensors, filter and PID in one kernel or one after the other: the same to rounding."""
     described = scenario(control={**PID, "deadband": "0.5 deg"}, set={})
     limited = rig.with_values({"drives.*.lag": "20 ms", "drives.left.limit": "9 N", "sensors.u1.resolution": "0.05 N"})
-    assert described.control is not None
-    arguments = limited, described, described.control, 2, 0.01, feedback
-    scanned, called = _by_scan(*arguments), _by_calls(*arguments)
+    plant = ControlledPlant(limited, described, 0.01)
+    scanned, called = _by_scan(plant, feedback, 2), _by_calls(plant, feedback, 2)
     assert scanned is not None
     np.testing.assert_allclose(scanned.time, called.time, rtol=0, atol=1e-12)
     for name in ("angles", "estimates", "stds"):
@@ -185,7 +184,7 @@ def test_a_scan_is_only_for_sensors_that_are_read_once_a_period(rig: Rig) -> Non
         ({}, 0.02),
     ):
         other = rig.with_values(changed)
-        assert _by_scan(other, described, described.control, 0, period, "encoder") is None
+        assert _by_scan(ControlledPlant(other, described, period), "encoder", 0) is None
         assert len(closed_loop(other, described, period=period, feedback="encoder").time) == round(1.0 / period)
 
 

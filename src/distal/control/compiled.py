@@ -7,21 +7,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import exp, inf
 
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.control.pid import GAINS, LOST, UNBOUNDED, gains_of, memory_layout, pid_function
+from distal.control.pid import GAINS, LOST, gains_of, memory_layout, pid_function
+from distal.control.plant import ControlledPlant, drive_numbers
 from distal.estimators import KernelEstimator
-from distal.kernels import Feed, Kernel, Layout, advance
+from distal.kernels import Feed, Kernel, Layout, advance, variances_of
 from distal.model import Mechanism
 from distal.rig import Rig
 from distal.sensors import SensorErrors
-from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
+from distal.simulation.plant import Motion, plant_function, rows_of
 from distal.simulation.readings import SENSOR, Readings, reading_function
-from distal.simulation.simulate import Prepared
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,6 @@ class LoopShape:
     """What decides the loop's kernel beside its functions.
 
     Args:
-        plant: the plant's equations.
         rig: as filters and the controller know it.
         count: the plant's sub-steps in an interval.
         intervals: of the plant in a period.
@@ -51,13 +49,11 @@ class LoopShape:
     @property
     def carry(self) -> Layout:
         """Layout of the carry."""
-        nj, nd, n = len(self.rig.joints), len(self.rig.drives), self.plant.n_bodies
-        moving = plant_function(self.plant, self.count).numel_in(0)
-        kept = 1 if self.filter is None else int(self.filter.numel_in(0))
-        assert n == nj + nd
-        return Layout(
-            plant=moving, efforts=nd, waiting=nd, filter=kept, angles=nj, stds=nj, pid=memory_layout(self.rig).size
-        )
+        nj, nd, pid = len(self.rig.joints), len(self.rig.drives), memory_layout(self.rig).size
+        plant = plant_function(self.plant, self.count).numel_in(0)
+        belief = 1 if self.filter is None else int(self.filter.numel_in(0))
+        assert self.plant.n_bodies == nj + nd
+        return Layout(plant=plant, efforts=nd, waiting=nd, filter=belief, angles=nj, stds=nj, pid=pid)
 
     @property
     def x(self) -> Layout:
@@ -92,54 +88,36 @@ def loop_kernel(shape: LoopShape) -> Kernel:
     """Return the kernel of a loop, one sample for each period."""
     carry_of, x_of, p_of, nj = shape.carry, shape.x, shape.p, len(shape.rig.joints)
     carry, x, p = ca.MX.sym("carry", carry_of.size), ca.MX.sym("x", x_of.size), ca.MX.sym("p", p_of.size)
-    before = {
-        name: carry_of.part(carry, name) for name in ("plant", "efforts", "waiting", "filter", "angles", "stds", "pid")
-    }
-    numbers = {name: p_of.part(p, name) for name in ("plant", "filter", "rig", "sensors", "gains", "drives", "general")}
+    before, numbers, sample = carry_of.parts(carry), p_of.parts(p), x_of.parts(x)
     period, tension, encoder = (numbers["general"][i] for i in range(3))
-    memory = pid_function(shape.rig, shape.controlled)(
-        before["angles"], before["stds"], before["pid"], x_of.part(x, "reference"), numbers["gains"], period, tension,
-        numbers["rig"],
-    )  # fmt: skip
+    state = (before[name] for name in ("angles", "stds", "pid"))
+    fixed = numbers["gains"], period, tension, numbers["rig"]
+    memory = pid_function(shape.rig, shape.controlled)(*state, sample["reference"], *fixed)
     asked = memory_layout(shape.rig).part(memory, "commands")
     share, low, high = (numbers["drives"][i, :].T for i in range(3))
     wanted = ca.fmin(ca.fmax(before["waiting"], low), high)
-    moving, efforts, rows = before["plant"], before["efforts"], x_of.part(x, "rows")
+    moving, efforts, rows = before["plant"], before["efforts"], sample["rows"]
     step, y, bodies = plant_function(shape.plant, shape.count), ca.MX(0), shape.plant.n_bodies
     for i in range(shape.intervals):
         efforts = efforts + share * (wanted - efforts)
         row = ca.vertcat(rows[:nj, i], rows[nj:bodies, i] + efforts, rows[bodies:, i])
         moving, y = step(moving, row, numbers["plant"])
-    read = reading_function(shape.plant)(y, numbers["sensors"], x_of.part(x, "draws"))
+    read = reading_function(shape.plant)(y, numbers["sensors"], sample["draws"])
     if shape.filter is None:
-        true, kept = y[:nj], before["filter"]
+        true, belief = y[:nj], before["filter"]
         at = ca.if_else(encoder > 0, encoder, 1)
         angles = ca.if_else(encoder > 0, ca.floor(true / at + 0.5) * at, true)
         stds = ca.MX.ones(nj) * encoder / 12**0.5
     else:
-        own = read[list(shape.read)]
-        kept, _ = shape.filter(
-            before["filter"], ca.vertcat(period, own, ca.MX.ones(len(shape.read))), numbers["filter"]
-        )
-        angles, n = kept[:nj], shape.states
-        stds = ca.sqrt(ca.fmax(kept[[n + j * (n + 1) for j in range(nj)]], 0))
+        row = ca.vertcat(period, read[list(shape.read)], ca.MX.ones(len(shape.read)))
+        belief, _ = shape.filter(before["filter"], row, numbers["filter"])
+        angles, n = belief[:nj], shape.states
+        stds = ca.sqrt(ca.fmax(belief[[n + j * (n + 1) for j in range(nj)]], 0))
     after = carry_of.joined(
-        plant=moving, efforts=efforts, waiting=asked, filter=kept, angles=angles, stds=stds, pid=memory
+        plant=moving, efforts=efforts, waiting=asked, filter=belief, angles=angles, stds=stds, pid=memory
     )
     out = shape.y.joined(plant=y, read=read, asked=asked, angles=angles, stds=stds)
     return Kernel(ca.Function("loop", [carry, x, p], [after, out], ["carry", "x", "p"], ["next", "y"]))
-
-
-def drive_numbers(rig: Rig, dt: float) -> Floats:
-    """Return of each drive the share of a command that an interval brings, and its bounds, (3, n_drives).
-
-    Args:
-        dt: length of an interval [s].
-    """
-    share = [1.0 - exp(-dt / drive.lag) if drive.lag > 0.0 else 1.0 for drive in rig.drives]
-    high = [min(inf if drive.limit is None else drive.limit, UNBOUNDED) for drive in rig.drives]
-    low = [0.0 if drive.kind == "slider" else -bound for drive, bound in zip(rig.drives, high)]
-    return np.array([share, low, high])
 
 
 @dataclass(frozen=True)
@@ -161,62 +139,52 @@ class Scanned:
     commands: Floats
 
 
-def scan_loop(
-    prepared: Prepared, errors: SensorErrors, runner: KernelEstimator | None, encoder: float, period: float
-) -> Scanned | None:
+def scan_loop(controlled: ControlledPlant, errors: SensorErrors, runner: KernelEstimator | None) -> Scanned | None:
     """Return the closed loop of a scenario's ``[control]`` by one scan; None where the angle was not always known.
 
     Args:
-        prepared: the scenario on the rig, its intervals filling the period.
         errors: of all sensors, which are read once a period.
         runner: the filter; None for encoders in the joints.
-        encoder: their step [rad].
-        period: of the controller [s].
 
     Raises:
         ScenarioError: the motion left all bounds.
     """
+    prepared, period, (carry, begin) = controlled.prepared, controlled.period, controlled.begin
     rig, plant, control = prepared.rig, prepared.plant, prepared.scenario.control
     assert control is not None
+    encoder = control.encoder_resolution
     joints, sensors = [joint.name for joint in rig.joints], [sensor.name for sensor in rig.sensors]
     intervals = round(period / prepared.dt)
     count, nj = len(prepared.inputs.effort) // intervals, len(joints)
     read = () if runner is None else tuple(sensors.index(name) for name in runner.channels)
-    controlled = tuple(joints.index(name) for name in control.joints)
+    indices = tuple(joints.index(name) for name in control.joints)
     function, states = (None, 0) if runner is None else (runner.kernel.function, len(runner.state_names))
-    shape = LoopShape(plant, rig, prepared.count, intervals, controlled, function, states, read)
-    carry, begin = at_rest(plant, prepared.inputs, prepared.start, plant_kernel(plant, prepared.count))
+    shape = LoopShape(plant, rig, prepared.count, intervals, indices, function, states, read)
     draws = errors.draws(count + 1).copy()
     first = errors.read(Readings(plant).at(begin))[0]
     if runner is None:
-        kept = np.zeros(1)
+        belief = np.zeros(1)
         angles = begin[0, :nj] if encoder == 0.0 else np.floor(begin[0, :nj] / encoder + 0.5) * encoder
         stds = np.full(nj, encoder / 12**0.5)
     else:
         sample = first[list(read)]
         row = np.concatenate([[0.0], sample, np.ones(len(read))])
-        kept = advance(runner.kernel, Feed(runner.initial(0.0, sample).carry, row, runner.numbers)).carries[0]
-        angles, stds = kept[:nj], np.sqrt(np.maximum(kept[states : states * (states + 1) : states + 1][:nj], 0.0))
-    start = np.concatenate(
-        [carry, np.zeros(2 * len(rig.drives)), kept, angles, stds, np.zeros(memory_layout(rig).size)]
-    )
+        belief = advance(runner.kernel, Feed(runner.initial(0.0, sample).carry, row, runner.numbers)).carries[0]
+        angles, stds = belief[:nj], np.sqrt(np.maximum(variances_of(belief, states)[:nj], 0.0))
+    efforts, memory = np.zeros(2 * len(rig.drives)), np.zeros(memory_layout(rig).size)
+    start = np.concatenate([carry, efforts, belief, angles, stds, memory])
     time: Floats = period * np.arange(count, dtype=np.float64)
     wanted = np.column_stack([joint.reference.at(time) for joint in control.joints.values()])
     rows = rows_of(prepared.inputs, prepared.dt)[: count * intervals].reshape(count, -1)
-    given = [plant.parameters.values, np.zeros(1) if runner is None else runner.numbers]
-    given += [Mechanism(rig).parameters.values, errors.numbers.ravel(), gains_of(control.joints).T.ravel()]
-    given += [drive_numbers(plant.rig, prepared.dt).T.ravel(), np.array([period, control.co_contraction, encoder])]
-    ys = advance(loop_kernel(shape), Feed(start, np.hstack([rows, draws[1:], wanted]), np.concatenate(given))).ys
+    parts = [plant.parameters.values, np.zeros(1) if runner is None else runner.numbers]
+    parts += [Mechanism(rig).parameters.values, errors.numbers.ravel(), gains_of(control.joints).T.ravel()]
+    parts += [drive_numbers(plant.rig, prepared.dt).T.ravel(), np.array([period, control.co_contraction, encoder])]
+    ys = advance(loop_kernel(shape), Feed(start, np.hstack([rows, draws[1:], wanted]), np.concatenate(parts))).ys
     out = {name: shape.y.view(ys, name) for name in ("plant", "read", "asked", "angles", "stds")}
     motion = Motion(plant, np.vstack([begin, out["plant"]]))
     motion.check()
-    told, unsure = np.vstack([angles, out["angles"][:-1]]), np.vstack([stds, out["stds"][:-1]])
-    if not (np.isfinite(told).all() and np.all(unsure <= LOST)):
+    estimates, stds = np.vstack([angles, out["angles"][:-1]]), np.vstack([stds, out["stds"][:-1]])
+    if not (np.isfinite(estimates).all() and np.all(stds <= LOST)):
         return None
-    return Scanned(Motion(plant, motion.y[:-1]), np.vstack([first, out["read"][:-1]]), told, unsure, out["asked"])
-
-
-@lru_cache(maxsize=8)
-def plant_kernel(plant: Mechanism, count: int) -> Kernel:
-    """Return the plant's own kernel."""
-    return Kernel(plant_function(plant, count))
+    readings = np.vstack([first, out["read"][:-1]])
+    return Scanned(Motion(plant, motion.y[:-1]), readings, estimates, stds, out["asked"])

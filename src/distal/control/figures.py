@@ -24,13 +24,13 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None, joi
     Args:
         runs: of one scenario with different feedbacks.
         path: where to save; None only returns the figure.
-        joint: which; default the first that is controlled.
+        joint: default the first that is controlled.
     """
     first = runs[0]
     name = joint or next(iter(first.references))
-    j = [one.name for one in first.rig.joints].index(name)
+    j = [part.name for part in first.rig.joints].index(name)
     reference, time = np.rad2deg(first.references[name]), first.time
-    with figure(3, 1, (6.5, 6.2), sharex=True, height_ratios=(3, 2, 2)) as (made, axes):
+    with figure(3, 1, (6.5, 6.2), sharex=True, height_ratios=(3, 2, 2)) as (drawing, axes):
         axes[0].plot(time, reference, color=BLACK, lw=1.0, dashes=(4, 2), label="reference")
         worst = []
         for k, run in enumerate(runs):
@@ -42,13 +42,12 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None, joi
             effort = next(iter(run.commands))
             # a feedback that chatters stands behind the others
             axes[2].plot(time, run.commands[effort], zorder=3 - 0.1 * k, **look)
-        told = next((k for k, run in enumerate(runs) if run.feedback not in ("encoder", "ratio")), None)
-        if told is not None:
-            run = runs[told]
-            angle, wrong = np.rad2deg(run.angles[:, j]), np.rad2deg(run.estimates[:, j] - run.angles[:, j])
-            half = BAND * np.rad2deg(run.stds[:, j])
-            axes[1].plot(time, wrong, color=SOFT, lw=0.8, label=f"error of {run.feedback} and its 95 % band")
-            axes[1].fill_between(time, wrong - half, wrong + half, color=SOFT, alpha=BAND_ALPHA, lw=0)
+        estimated = next((run for run in runs if run.feedback not in ("encoder", "ratio")), None)
+        if estimated is not None:
+            error = np.rad2deg(estimated.estimates[:, j] - estimated.angles[:, j])
+            half = BAND * np.rad2deg(estimated.stds[:, j])
+            axes[1].plot(time, error, color=SOFT, lw=0.8, label=f"error of {estimated.feedback} and its 95 % band")
+            axes[1].fill_between(time, error - half, error + half, color=SOFT, alpha=BAND_ALPHA, lw=0)
             legend_above(axes[1])
         limit = MOST_LIMIT * min(worst)
         span = float(np.ptp(reference)) or 1.0
@@ -61,5 +60,5 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None, joi
         axes[2].set_xlabel("time [s]")
         legend_above(axes[0])
     if path is not None:
-        save_figure(made, path)
-    return made
+        save_figure(drawing, path)
+    return drawing

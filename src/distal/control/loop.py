@@ -18,7 +18,7 @@ from distal.estimators import DEFAULT, ESTIMATORS, KernelEstimator, make_estimat
 from distal.logs import Log
 from distal.rig import Rig, load_rig
 from distal.run import LiveEstimator, Monitor, Reading
-from distal.simulation import Control, Scenario, load_scenario
+from distal.simulation import Scenario, load_scenario
 from distal.simulation import simulate as simulate_alone
 from distal.simulation.simulate import SIMULATED, true_motion
 from distal.units import to_si
@@ -115,8 +115,6 @@ def closed_loop(
     """Run a controller on a simulated rig; see `simulate`.
 
     Args:
-        rig: as filters know it; or a shipped rig's name, or a path.
-        scenario: what is done to it; or a shipped scenario's name, or a path.
         controller: default the PID of the scenario's ``[control]``.
         period: default that of ``[control]``.
         feedback: "encoder", "ratio" or an estimator's name; default that of ``[control]``.
@@ -127,41 +125,44 @@ def closed_loop(
     """
     scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
-    own, length = scenario.control, _period(period, scenario)
-    told = feedback or (DEFAULT if own is None else own.feedback)
+    control, length = scenario.control, _period(period, scenario)
+    feedback = feedback or (DEFAULT if control is None else control.feedback)
     if controller is not None:
-        step = ENCODER_STEP if own is None else own.encoder_resolution
-        return run_controller(ControlledPlant(rig, scenario, length), controller, told, seed, encoder_step=step)
-    if own is None:
+        step = ENCODER_STEP if control is None else control.encoder_resolution
+        return run_controller(ControlledPlant(rig, scenario, length), controller, feedback, seed, encoder_step=step)
+    if control is None:
         raise ControlError("no controller: give one, or a [control] table in the scenario")
-    _check_joints(rig, own.joints)
-    run = _by_scan(rig, scenario, own, seed, length, told) or _by_calls(rig, scenario, own, seed, length, told)
-    return replace(run, references={name: joint.reference.at(run.time) for name, joint in own.joints.items()})
+    _check_joints(rig, control.joints)
+    plant = ControlledPlant(rig, scenario, length)
+    run = _by_scan(plant, feedback, seed) or _by_calls(plant, feedback, seed)
+    return replace(run, references={name: joint.reference.at(run.time) for name, joint in control.joints.items()})
 
 
-def _by_calls(rig: Rig, scenario: Scenario, own: Control, seed: int, period: float, told: str) -> ClosedLoop:
+def _by_calls(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop:
     """Return the loop of the shipped controller, called period after period."""
-    pid, plant = PID(rig, own.joints, period, own.co_contraction), ControlledPlant(rig, scenario, period)
-    run = run_controller(plant, pid, told, seed, encoder_step=own.encoder_resolution)
+    control = plant.prepared.scenario.control
+    assert control is not None
+    pid = PID(plant.rig, control.joints, plant.period, control.co_contraction)
+    run = run_controller(plant, pid, feedback, seed, encoder_step=control.encoder_resolution)
     return replace(run, held=pid.held)
 
 
-def _by_scan(rig: Rig, scenario: Scenario, own: Control, seed: int, period: float, told: str) -> ClosedLoop | None:
+def _by_scan(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop | None:
     """Return the same from one scan; None where sensors are not all read once a period, or an angle was not known."""
-    plant = ControlledPlant(rig, scenario, period)
-    errors = plant.errors(seed)
-    runner = None if told == ENCODER else make_estimator(_estimator_name(told), rig)
+    rig, period, errors = plant.rig, plant.period, plant.errors(seed)
+    runner = None if feedback == ENCODER else make_estimator(_estimator_name(feedback), rig)
     if errors is None or not (runner is None or (isinstance(runner, KernelEstimator) and _is_plain(runner, period))):
         return None
-    found = scan_loop(plant.prepared, errors, runner, own.encoder_resolution, period)
-    if found is None:
+    scanned = scan_loop(plant, errors, runner)
+    if scanned is None:
         return None
-    time = np.round(period * np.arange(len(found.readings), dtype=np.float64), 9)
-    channels = {sensor.name: found.readings[:, k] for k, sensor in enumerate(plant.plant.rig.sensors)}
-    log = Log(time, channels, true_motion(found.motion, time, time), scenario.name or "simulation", SIMULATED)
-    commands = {drive.name: found.commands[:, i] for i, drive in enumerate(rig.drives)}
-    angles = found.motion.q[:, : len(rig.joints)]
-    return ClosedLoop(plant.rig, log, told, time, angles, found.estimates, found.stds, commands, {})
+    time = np.round(period * np.arange(len(scanned.readings), dtype=np.float64), 9)
+    channels = {sensor.name: scanned.readings[:, k] for k, sensor in enumerate(plant.plant.rig.sensors)}
+    source = plant.prepared.scenario.name or "simulation"
+    log = Log(time, channels, true_motion(scanned.motion, time, time), source, SIMULATED)
+    commands = {drive.name: scanned.commands[:, i] for i, drive in enumerate(rig.drives)}
+    angles = scanned.motion.q[:, : len(rig.joints)]
+    return ClosedLoop(rig, log, feedback, time, angles, scanned.estimates, scanned.stds, commands, {})
 
 
 def _is_plain(runner: KernelEstimator, period: float) -> bool:
@@ -175,7 +176,6 @@ def run_controller(
     """Run a controller on a plant that steps, this package's or another simulator's, until that has finished.
 
     Args:
-        controller: (time, measured, estimate) → commands by drive.
         feedback: "encoder", "ratio" or an estimator's name.
         encoder_step: of the encoder in the joint, for that feedback [rad].
 
@@ -190,7 +190,7 @@ def run_controller(
     while True:
         for stamp, values in samples:
             reading = tell(stamp, values)
-            measured |= {name: value for name, value in zip(names, values.tolist()) if value == value}
+            measured |= {name: number for name, number in zip(names, values.tolist()) if number == number}
         assert reading is not None
         asked = _called(controller, plant.time, dict(measured), reading)
         rows.append((plant.time, plant.angles, reading, asked))
@@ -198,17 +198,12 @@ def run_controller(
         waiting = dict(asked)
         if plant.finished:
             break
-    return ClosedLoop(
-        plant.rig,
-        plant.log(),
-        feedback,
-        np.array([row[0] for row in rows]),
-        np.array([row[1] for row in rows]),
-        np.array([row[2].angles for row in rows]),
-        np.array([row[2].angle_stds for row in rows]),
-        {drive.name: np.array([float(row[3].get(drive.name, 0.0)) for row in rows]) for drive in plant.rig.drives},
-        {},
-    )
+    times, angles, readings, requests = zip(*rows)
+    estimates, stds = [reading.angles for reading in readings], [reading.angle_stds for reading in readings]
+    arrays = np.array(times), np.array(angles), np.array(estimates), np.array(stds)
+    drives = [drive.name for drive in plant.rig.drives]
+    commands = {name: np.array([float(request.get(name, 0.0)) for request in requests]) for name in drives}
+    return ClosedLoop(plant.rig, plant.log(), feedback, *arrays, commands, {})
 
 
 def _called(
@@ -217,18 +212,18 @@ def _called(
     try:
         asked = controller(time, measured, reading)
     except Exception as problem:
-        said = f"{type(problem).__name__}: {problem}" if str(problem) else type(problem).__name__
-        raise ControlError(f"the controller failed at {time:g} s: {said}") from problem
+        reason = f"{type(problem).__name__}: {problem}" if str(problem) else type(problem).__name__
+        raise ControlError(f"the controller failed at {time:g} s: {reason}") from problem
     if not isinstance(asked, Mapping):
         raise ControlError(f"the controller returns commands by drive, {asked!r:.60} came at {time:g} s")
     return asked
 
 
-def _period(given: float | str | None, scenario: Scenario) -> float:
-    if given is None:
+def _period(period: float | str | None, scenario: Scenario) -> float:
+    if period is None:
         return 0.01 if scenario.control is None else scenario.control.period
     try:
-        return to_si(given, "s")
+        return to_si(period, "s")
     except ValueError as problem:
         raise ControlError(f"period: {problem}") from None
 

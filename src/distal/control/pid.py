@@ -41,13 +41,7 @@ UNBOUNDED = 1e300
 
 @dataclass(frozen=True)
 class Held:
-    """A time in which the last commands were held since the angle was not known.
-
-    Args:
-        begin: of it [s].
-        end: of it [s].
-        why: what the estimate said.
-    """
+    """A time [s] in which the last commands were held since the angle was not known, and what the estimate said of it."""
 
     begin: float
     end: float
@@ -92,11 +86,11 @@ def pid_function(rig: Rig, controlled: tuple[int, ...]) -> ca.Function:
     Canudas de Wit, Automatica 30, 1994), cut at the joint's `torque_limit`; the integral stands while it is cut. Nothing
     changes while an angle is not known.
     """
-    mechanism, nj, own = Mechanism(rig), len(rig.joints), memory_layout(rig)
-    angles, stds, memory = ca.SX.sym("angles", nj), ca.SX.sym("stds", nj), ca.SX.sym("memory", own.size)
+    mechanism, nj, layout = Mechanism(rig), len(rig.joints), memory_layout(rig)
+    angles, stds, memory = ca.SX.sym("angles", nj), ca.SX.sym("stds", nj), ca.SX.sym("memory", layout.size)
     reference, gains = ca.SX.sym("reference", len(controlled)), ca.SX.sym("gains", len(GAINS), len(controlled))
     period, tension, p = ca.SX.sym("period"), ca.SX.sym("tension"), mechanism.parameters.symbols
-    before = {name: own.part(memory, name) for name in ("integral", "speed", "last", "rests", "begun")}
+    before = layout.parts(memory)
     difference = (angles - before["last"]) / period
     speed = before["speed"] + before["begun"] * SMOOTHED * (difference - before["speed"])
     torques, integral, rests = ca.SX.zeros(nj), ca.SX(before["integral"]), ca.SX(before["rests"])
@@ -109,16 +103,16 @@ def pid_function(rig: Rig, controlled: tuple[int, ...]) -> ca.Function:
         torques[j] = ca.fmin(ca.fmax(wanted, -limit), limit)
         integral[j] += ca.if_else(torques[j] == wanted, ki * error * period, 0)
     commands = allocated(mechanism, angles, torques, tension)
-    after = own.joined(integral=integral, speed=speed, last=angles, rests=rests, begun=ca.SX(1), commands=commands)
-    kept = ca.if_else(ca.mmax(stds) <= LOST, after, memory)
+    after = layout.joined(integral=integral, speed=speed, last=angles, rests=rests, begun=ca.SX(1), commands=commands)
+    memory_after = ca.if_else(ca.mmax(stds) <= LOST, after, memory)
     arguments = [angles, stds, memory, reference, gains, period, tension, p]
-    return ca.Function("pid", arguments, [ca.densify(kept)])
+    return ca.Function("pid", arguments, [ca.densify(memory_after)])
 
 
 def gains_of(joints: Mapping[str, JointControl]) -> Floats:
     """Return the gains of some joints, (5, n), in the order of `GAINS`."""
     columns = [[getattr(joint, name) for name in GAINS] for joint in joints.values()]
-    return np.array([[UNBOUNDED if value is None else value for value in column] for column in columns]).T
+    return np.array([[UNBOUNDED if gain is None else gain for gain in column] for column in columns]).T
 
 
 class PID:
@@ -127,7 +121,6 @@ class PID:
     Without an angle, or with one that is not known, it holds its last commands and says so in `held`.
 
     Args:
-        rig: the description.
         joints: reference and gains of each joint by its name.
         period: between two calls [s].
         co_contraction: see `allocated` [N].
@@ -148,20 +141,14 @@ class PID:
         return self._layout.view(self.memory, name)
 
     def __call__(self, time: float, measured: Mapping[str, float], estimate: Reading) -> dict[str, float]:
-        """Return the drives' commands.
-
-        Args:
-            time: [s].
-            measured: by sensor; not used.
-        """
+        """Return the drives' commands at a time [s]; what is measured is not used."""
         largest = max(estimate.angle_stds, default=inf)
         if not all(isfinite(angle) for angle in estimate.angles):
             self._hold(time, f"no angle: {estimate.health}")
         elif estimate.health in UNUSABLE or not largest <= LOST:
             self._hold(time, estimate.detail or f"the angle is not known to ±{np.rad2deg(2 * LOST):.0f}°")
         else:
-            now = np.array([time])
-            wanted = [reference.at(now)[0] for reference in self._references]
+            wanted = [reference.at(np.array([time]))[0] for reference in self._references]
             (self.memory,) = self._law(estimate.angles, estimate.angle_stds, self.memory, wanted, *self._fixed)
         return dict(zip(self._drives, self.part("commands").tolist()))
 

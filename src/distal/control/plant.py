@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from math import ceil, exp, isfinite
+from collections.abc import Mapping
+from math import exp, inf, isfinite
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from distal.arrays import Floats
+from distal.control.pid import UNBOUNDED
 from distal.errors import ControlError, ScenarioError, did_you_mean
 from distal.kernels import Feed, Kernel, advance
 from distal.logs import Log
 from distal.model import Mechanism
-from distal.rig import Rig, travel_of
+from distal.rig import Rig
 from distal.sensors import SensorErrors
 from distal.simulation import Scenario
 from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
-from distal.simulation.readings import Readings
-from distal.simulation.simulate import SIMULATED, Prepared, prepare, stamps_of, true_motion
+from distal.simulation.readings import Readings, errors_by_rate
+from distal.simulation.simulate import SIMULATED, prepare, stamps_of, true_motion
 
 SHORTEST_PERIOD = 1e-4
 """No controller of a tendon is called more often [s]."""
@@ -61,8 +62,6 @@ class ControlledPlant:
     the drive's `limit`, follows with its `lag`, and no slider pushes its tendons.
 
     Args:
-        rig: as filters know it; or a shipped rig's name, or a path.
-        scenario: what else is done to it; or a shipped scenario's name, or a path.
         period: time between two commands [s].
 
     Raises:
@@ -78,45 +77,31 @@ class ControlledPlant:
             raise ControlError("the scenario has a [schedule] or [rezero], which are for distal drift; take them out")
         if period > prepared.scenario.duration:
             raise ControlError(f"period: {period:g} s is longer than the scenario, {prepared.scenario.duration:g} s")
-        self._prepared, self.period = prepared, period
-        self._plant, self._drives = prepared.plant, prepared.plant.rig.drives
+        self.prepared, self.period = prepared, period
+        self.plant, self._drives = prepared.plant, prepared.plant.rig.drives
         self._kernel = Kernel(plant_function(prepared.plant, prepared.count))
-        self._begin = at_rest(prepared.plant, prepared.inputs, prepared.start, self._kernel)
+        self.begin = at_rest(prepared.plant, prepared.inputs, prepared.start, self._kernel)
         self._per_period, self._all_rows = round(period / prepared.dt), rows_of(prepared.inputs, prepared.dt)
         self._stamps = stamps_of(prepared.plant.rig, prepared.scenario.duration)
-        self._lags: Floats = np.array([1.0 - exp(-prepared.dt / d.lag) if d.lag > 0.0 else 1.0 for d in self._drives])
-        self._lowest: Floats = np.array([0.0 if d.kind == "slider" else -(d.limit or np.inf) for d in self._drives])
-        self._highest: Floats = np.array([np.inf if d.limit is None else d.limit for d in self._drives])
+        self._shares, self._lowest, self._highest = drive_numbers(prepared.plant.rig, prepared.dt)
         self.reset()
 
     @property
     def rig(self) -> Rig:
         """The rig as filters know it."""
-        return self._prepared.rig
-
-    @property
-    def plant(self) -> Mechanism:
-        """The plant's own equations."""
-        return self._plant
-
-    @property
-    def prepared(self) -> Prepared:
-        """The scenario on the rig."""
-        return self._prepared
+        return self.prepared.rig
 
     def errors(self, seed: int) -> SensorErrors | None:
         """Return the errors of all sensors in a run; None where they are not all read once a period, at once."""
-        sensors = self._plant.rig.sensors
-        whole = len(self._all_rows) % self._per_period == 0
-        alike = all(abs(one.rate * self.period - 1.0) < 1e-9 and one.delay == one.lag == 0.0 for one in sensors)
-        if not (whole and alike and sensors):
-            return None
-        return _Rate(self._plant, sensors[0].rate, self._stamps, np.random.default_rng(seed).spawn(len(sensors))).errors
+        sensors = self.plant.rig.sensors
+        fits = len(self._all_rows) % self._per_period == 0
+        alike = all(abs(s.rate * self.period - 1.0) < 1e-9 and s.delay == s.lag == 0.0 for s in sensors)
+        return errors_by_rate(self.plant.rig, seed)[sensors[0].rate][1] if fits and alike and sensors else None
 
     @property
     def time(self) -> float:
         """Time since the start [s]."""
-        return self._done * self._prepared.dt
+        return self._done * self.prepared.dt
 
     @property
     def finished(self) -> bool:
@@ -126,19 +111,18 @@ class ControlledPlant:
     @property
     def angles(self) -> Floats:
         """True angles of the joints now [rad], (n_joints,)."""
-        return self._y[self._done, : self._plant.n_joints].copy()
+        return self._y[self._done, : self.plant.n_joints].copy()
 
     def reset(self, seed: int = 0) -> list[tuple[float, Floats]]:
         """Go back to the start and return the samples at time zero; see `step`."""
-        rig, (carry, first) = self._plant.rig, self._begin
-        self._carry: Floats = carry
+        rig, (self._carry, first) = self.plant.rig, self.begin
         self._done, self._taken = 0, 0
         self._y = np.full((len(self._all_rows) + 1, first.shape[1]), np.nan)
         self._y[0], self._rows = first[0], self._all_rows.copy()
         self._efforts: Floats = np.zeros(len(self._drives))
         self._samples = np.full((len(self._stamps), len(rig.sensors)), np.nan)
-        rngs = np.random.default_rng(seed).spawn(len(rig.sensors))
-        self._groups = [_Rate(self._plant, rate, self._stamps, rngs) for rate in {one.rate for one in rig.sensors}]
+        errors = errors_by_rate(rig, seed)
+        self._groups = [_Rate(self.plant, rate, self._stamps, *errors[rate]) for rate in errors]
         return self._read()
 
     def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
@@ -155,15 +139,15 @@ class ControlledPlant:
             raise ControlError("the scenario is over; call reset")
         wanted: Floats = np.clip(self._checked(commands), self._lowest, self._highest)
         end = min(self._done + self._per_period, len(self._rows))
-        own = slice(self._plant.n_joints, self._plant.n_bodies)
+        drives = slice(self.plant.n_joints, self.plant.n_bodies)
         for row in self._rows[self._done : end]:
-            self._efforts += self._lags * (wanted - self._efforts)
-            row[own] += self._efforts
-        feed = Feed(self._carry, self._rows[self._done : end], self._plant.parameters.values)
+            self._efforts += self._shares * (wanted - self._efforts)
+            row[drives] += self._efforts
+        feed = Feed(self._carry, self._rows[self._done : end], self.plant.parameters.values)
         carries, ys = advance(self._kernel, feed)
         self._carry, self._y[self._done + 1 : end + 1] = carries[-1], ys
         try:
-            Motion(self._plant, ys).check()
+            Motion(self.plant, ys).check()
         except ScenarioError as problem:
             pulls = ", ".join(f"{drive.name} {pull:.3g}" for drive, pull in zip(self._drives, self._efforts))
             raise ScenarioError(f"at {self.time:g} s, commands {pulls}: {problem}") from None
@@ -172,50 +156,48 @@ class ControlledPlant:
 
     def log(self) -> Log:
         """Return what the sensors have read so far, with the truth beside it."""
-        grid: Floats = self._prepared.dt * np.arange(self._done + 1, dtype=np.float64)
+        grid: Floats = self.prepared.dt * np.arange(self._done + 1, dtype=np.float64)
         stamps, values = self._stamps[: self._taken], self._samples[: self._taken]
-        truth = true_motion(Motion(self._plant, self._y[: self._done + 1]), grid, stamps)
-        channels = {sensor.name: values[:, k] for k, sensor in enumerate(self._plant.rig.sensors)}
-        return Log(stamps, channels, truth, self._prepared.scenario.name or "simulation", SIMULATED)
+        truth = true_motion(Motion(self.plant, self._y[: self._done + 1]), grid, stamps)
+        channels = {sensor.name: values[:, k] for k, sensor in enumerate(self.plant.rig.sensors)}
+        return Log(stamps, channels, truth, self.prepared.scenario.name or "simulation", SIMULATED)
 
     def _checked(self, commands: Mapping[str, float]) -> Floats:
         names = [drive.name for drive in self._drives]
         wanted = np.zeros(len(names))
-        for name, value in commands.items():
+        for name, command in commands.items():
             if name not in names:
                 raise ControlError(
                     f"the controller commands '{name}', the rig has no such drive{did_you_mean(name, names)}"
                 )
-            if not isinstance(value, (int, float, np.floating, np.integer)) or not isfinite(value):
-                raise ControlError(f"the controller's command for '{name}' at {self.time:g} s is no number: {value!r}")
-            wanted[names.index(name)] = value
+            if not isinstance(command, (int, float, np.floating, np.integer)) or not isfinite(command):
+                raise ControlError(
+                    f"the controller's command for '{name}' at {self.time:g} s is no number: {command!r}"
+                )
+            wanted[names.index(name)] = command
         return wanted
 
     def _read(self) -> list[tuple[float, Floats]]:
         """Return the samples whose stamps have come."""
         end = int(np.searchsorted(self._stamps, self.time + 1e-9, side="right"))
-        found = []
+        samples = []
         for k in range(self._taken, end):
+            stamp = float(self._stamps[k])
             for group in self._groups:
                 if group.due[k]:
-                    true = group.true(self._y[: self._done + 1], float(self._stamps[k]), self._prepared.dt)
+                    true = group.true(self._y[: self._done + 1], stamp, self.prepared.dt)
                     self._samples[k, group.at] = group.errors.read(true[None])[0]
-            found.append((float(self._stamps[k]), self._samples[k]))
+            samples.append((stamp, self._samples[k]))
         self._taken = end
-        return found
+        return samples
 
 
 class _Rate:
     """The sensors of one rate: which they are, when they are due, what they measure, and their errors."""
 
-    def __init__(self, plant: Mechanism, rate: float, stamps: Floats, rngs: Sequence[np.random.Generator]) -> None:
-        every = plant.rig.sensors
-        self.at = [k for k, sensor in enumerate(every) if sensor.rate == rate]
-        sensors = [every[k] for k in self.at]
+    def __init__(self, plant: Mechanism, rate: float, stamps: Floats, at: list[int], errors: SensorErrors) -> None:
+        self.at, self.errors, sensors = at, errors, [plant.rig.sensors[k] for k in at]
         self.due = np.isin(stamps, np.round(np.arange(0.0, stamps[-1] + 0.5 / rate, 1.0 / rate), 9))
-        self.errors = SensorErrors(
-            sensors, [travel_of(sensor, plant.rig) for sensor in sensors], [rngs[k] for k in self.at]
-        )
         self._readings = Readings(plant, sensors)
         self._delays = np.array([sensor.delay for sensor in sensors])
 
@@ -231,11 +213,9 @@ class _Rate:
         return readings
 
 
-def periods(duration: float, period: float) -> int:
-    """Return how many periods a scenario lasts.
-
-    Args:
-        duration: of the scenario [s].
-        period: of the controller [s].
-    """
-    return ceil(duration / period - 1e-9)
+def drive_numbers(rig: Rig, dt: float) -> Floats:
+    """Return of each drive the share of a command that an interval `dt` [s] brings, and its bounds, (3, n_drives)."""
+    shares = [1.0 - exp(-dt / drive.lag) if drive.lag > 0.0 else 1.0 for drive in rig.drives]
+    high = [min(inf if drive.limit is None else drive.limit, UNBOUNDED) for drive in rig.drives]
+    low = [0.0 if drive.kind == "slider" else -bound for drive, bound in zip(rig.drives, high)]
+    return np.array([shares, low, high])

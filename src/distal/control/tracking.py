@@ -26,7 +26,6 @@ class Hunting:
     """A limit cycle: a joint that goes on moving although its reference is constant.
 
     Args:
-        joint: which.
         begin: of the time looked at [s].
         end: of it [s].
         motion: from one end to the other [rad].
@@ -43,7 +42,6 @@ class Tracking:
     """How one joint keeps to its reference.
 
     Args:
-        joint: which.
         rms: of the true angle's distance from the reference [rad].
         overshoot: largest motion beyond a reference that has become constant, in the direction in which it came [rad];
             NaN where none has.
@@ -64,50 +62,39 @@ class Tracking:
 
 
 def track(run: ClosedLoop) -> tuple[Tracking, ...]:
-    """Return how each controlled joint keeps to its reference.
-
-    Args:
-        run: of a controller that has references.
-    """
+    """Return how each controlled joint that has a reference keeps to it."""
     names = [joint.name for joint in run.rig.joints]
-    effort = float(np.sqrt(np.mean([np.mean(values**2) for values in run.commands.values()])))
+    effort = float(np.sqrt(np.mean([np.mean(commands**2) for commands in run.commands.values()])))
     # a joint that another one shakes does not hunt
     still = constant_parts(run.time, *run.references.values())
-    found = []
+    trackings = []
     for name, reference in run.references.items():
         j = names.index(name)
-        angle, told = run.angles[:, j], run.estimates[:, j]
-        rests = constant_parts(run.time, reference)
-        each = [_rest(run.time, reference, angle, begin, end) for begin, end in rests]
-        wrong = told - angle
-        known = wrong[np.isfinite(wrong)]
-        found.append(
-            Tracking(
-                name,
-                rms=float(np.sqrt(np.mean((angle - reference) ** 2))),
-                overshoot=max((over for over, _ in each), default=nan),
-                settling=max((time for _, time in each), default=nan),
-                effort=effort,
-                estimate_rms=float(np.sqrt(np.mean(known**2))) if len(known) else nan,
-                hunting=tuple(_hunts(name, run.time, angle, still)),
-            )
+        angle, errors = run.angles[:, j], run.estimates[:, j] - run.angles[:, j]
+        steps = [_step(run.time, reference, angle, *part) for part in constant_parts(run.time, reference)]
+        errors = errors[np.isfinite(errors)]
+        tracking = Tracking(
+            name,
+            rms=float(np.sqrt(np.mean((angle - reference) ** 2))),
+            overshoot=max((over for over, _ in steps), default=nan),
+            settling=max((time for _, time in steps), default=nan),
+            effort=effort,
+            estimate_rms=float(np.sqrt(np.mean(errors**2))) if len(errors) else nan,
+            hunting=tuple(_hunts(name, run.time, angle, still)),
         )
-    return tuple(found)
+        trackings.append(tracking)
+    return tuple(trackings)
 
 
 def constant_parts(time: Floats, *references: Floats) -> list[tuple[int, int]]:
-    """Return begins and ends (indices, the end excluded) of the times in which references are constant for a second.
-
-    Args:
-        time: of the calls [s], (k,).
-        references: [rad], (k,) each.
-    """
-    changes = np.flatnonzero(np.any([np.abs(np.diff(each)) > 1e-9 for each in references], axis=0)) + 1
+    """Return begins and ends (indices, the end excluded) of the times in which references are constant for a second."""
+    moves = [np.abs(np.diff(reference)) > 1e-9 for reference in references]
+    changes = np.flatnonzero(np.any(moves, axis=0)) + 1
     edges = [0, *changes.tolist(), len(time)]
     return [(a, b) for a, b in pairwise(edges) if b > a and time[b - 1] - time[a] >= LONG_ENOUGH]
 
 
-def _rest(time: Floats, reference: Floats, angle: Floats, begin: int, end: int) -> tuple[float, float]:
+def _step(time: Floats, reference: Floats, angle: Floats, begin: int, end: int) -> tuple[float, float]:
     """Return overshoot [rad] and settling time [s] at a constant reference; infinite where it is not reached."""
     error = angle[begin:end] - reference[begin]
     way = np.sign(reference[begin] - (reference[begin - 1] if begin else angle[0]))
@@ -120,7 +107,7 @@ def _rest(time: Floats, reference: Floats, angle: Floats, begin: int, end: int) 
 
 
 def _hunts(name: str, time: Floats, angle: Floats, rests: list[tuple[int, int]]) -> list[Hunting]:
-    found = []
+    cycles = []
     for begin, end in rests:
         if time[end - 1] - time[begin] < FOR - 1.5 * (time[begin + 1] - time[begin]):
             continue
@@ -128,5 +115,5 @@ def _hunts(name: str, time: Floats, angle: Floats, rests: list[tuple[int, int]])
         late = np.flatnonzero(time[begin:end] >= max(time[end - 1] - FOR, time[begin] + LONG_ENOUGH)) + begin
         motion = float(np.ptp(angle[late]))
         if motion > HUNTS:
-            found.append(Hunting(name, float(time[late[0]]), float(time[end - 1]), motion))
-    return found
+            cycles.append(Hunting(name, float(time[late[0]]), float(time[end - 1]), motion))
+    return cycles

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators.channels import Channels, channels_of
+from distal.estimators.channels import channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.expressions import Scalar
 from distal.kernels import Kernel, carry_layout
 from distal.kernels.mask import is_read
-from distal.logs import Log, true_angles
+from distal.logs import Log, frozen, true_angles
 from distal.regression import (
     EXPECTED,
     Kind,
@@ -54,8 +55,7 @@ START_GROWTH, START_REACH = 10.0, 1.0
 def affine_of(rig: Rig) -> Kind:
     """Return the kind of map that gives the joints' angles from a rig's readings."""
     channels = channels_of(rig, NAME)
-    sensors = channels.proximal
-    noise = np.sqrt([variance(sensor) for sensor in sensors])
+    noise = np.sqrt([variance(sensor) for sensor in channels.proximal])
     joints = [joint.name for joint in rig.joints]
     return affine_kind(channels.names, [sensor.name for sensor in channels.positions], joints, noise)
 
@@ -75,26 +75,18 @@ def affine_samples(log: Log, rig: Rig) -> Samples:
             raise EstimationError(f"{log.source}: affine needs the sensor '{name}', which has no value in this log")
     values = np.column_stack([_held(log.channels[name]) for name in names])
     joints = [joint.name for joint in rig.joints]
-    known = true_angles(log, joints)
-    angles = np.full((len(log), len(joints)), np.nan) if known is None else known
+    truth = true_angles(log, joints)
+    angles = np.full((len(log), len(joints)), np.nan) if truth is None else truth
     started = np.isfinite(values).all(axis=1)
-    count = int(started.sum())
+    count, time = int(started.sum()), (log.time - log.time[0])[started]
     interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
-    return Samples(
-        log.source,
-        (log.time - log.time[0])[started],
-        values[started],
-        np.zeros((count, 0)),
-        angles[started],
-        np.zeros((count, len(joints))),
-        interval,
-    )
+    no_angles, no_variances = np.zeros((count, 0)), np.zeros((count, len(joints)))
+    return Samples(log.source, time, values[started], no_angles, angles[started], no_variances, interval)
 
 
 def _held(values: Floats) -> Floats:
     """Return the values, each missing one replaced by the last before it."""
-    there = np.isfinite(values)
-    last = np.maximum.accumulate(np.where(there, np.arange(len(values)), -1))
+    last = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), -1))
     return np.where(last >= 0, values[np.maximum(last, 0)], np.nan)
 
 
@@ -102,7 +94,6 @@ class AffineEstimator(KernelEstimator):
     """θ = Σ b_i φ_i of what the sensors read, from `[affine]` of the rig or a homing move; see `map_function`.
 
     Args:
-        rig: the description.
         compiled: compile its kernel where possible.
         homing: whether a homing move will follow (`after_homing`), so that no stored map is needed.
 
@@ -119,23 +110,17 @@ class AffineEstimator(KernelEstimator):
                 f"affine: [affine] of '{rig.name}' was learned from the sensors {', '.join(rig.affine.channels)}, the rig "
                 f"now has {', '.join(channels.names)}; learn it again (distal fit), or remove [affine]"
             )
-        self._compiled = compiled
-        self._setup(rig, channels, rig.affine)
+        self._compiled, self.affine, self._notes = compiled, rig.affine, tuple[str, ...]()
+        names = (*angle_names([joint.name for joint in rig.joints]), OUTSIDE)
+        super().__init__(NAME, rig, None, np.zeros(0), channels=channels, state_names=names)
+        if rig.affine is not None:
+            self._learn(rig.affine)
 
-    def _setup(
-        self,
-        rig: Rig,
-        channels: Channels,
-        affine: Affine | None,
-        kernel: Kernel | None = None,
-        notes: tuple[str, ...] = (),
-    ) -> None:
-        self.affine, self._channels, self._notes = affine, channels, notes
-        names = angle_names([joint.name for joint in rig.joints])
-        if kernel is None and affine is not None:
-            kernel = Kernel(affine_function(affine, len(channels.names)), self._compiled)
-        p = np.zeros(0) if affine is None else numbers_of(affine)
-        super().__init__(NAME, rig, kernel, p, channels=channels, state_names=(*names, OUTSIDE))
+    def _learn(self, affine: Affine) -> None:
+        """Take a map, with a new kernel where there is none yet."""
+        self.affine, self._p, self._begin = affine, frozen(numbers_of(affine)), None
+        if self._kernel is None:
+            self._kernel = Kernel(affine_function(affine, len(self.channels)), self._compiled)
 
     @one_blas_thread()
     def after_homing(self, log: Log, homing: float) -> AffineEstimator:
@@ -157,21 +142,21 @@ class AffineEstimator(KernelEstimator):
                 "affine needs; home for longer"
             )
         if self.affine is None:
-            corrected, kernel = learned_alone(window, affine_of(self.rig)), None
+            corrected = learned_alone(window, affine_of(self.rig))
             notes = tuple(f"affine: not used, {text}" for text in corrected.dropped)
         else:
-            found, off = calibrate_window(self.affine, samples, early, by_motion=True)
-            corrected, kernel = seen(found, window), self.kernel
+            calibrated, off = calibrate_window(self.affine, samples, early, by_motion=True)
+            corrected = seen(calibrated, window)
             if off > EXPECTED:
                 notes = (
                     f"affine: the homing move is {off:.1f} standard deviations from the map that the rig file has; "
                     "that map counted less",
                 )
         assert isinstance(corrected, Affine)
-        other = object.__new__(AffineEstimator)
-        other._compiled = self._compiled
-        other._setup(self.rig, self._channels, corrected, kernel, notes)
-        return other
+        taught = copy(self)
+        taught._notes = notes
+        taught._learn(corrected)
+        return taught
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
@@ -189,43 +174,34 @@ class AffineEstimator(KernelEstimator):
         return ca.Function("prior", [values, mask, p], [mean, spread, first_memory(self.affine, values, mask)])
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
-        """Return what a user should know of an estimate: how much of it was outside the learned range, and of what.
-
-        Args:
-            means: states over the log, (k, n).
-            samples: values of `channels`, (k, n_channels).
-        """
+        """Return what a user should know of an estimate: how much of it was outside the learned range, and of what."""
         far = means[:, self.state_names.index(OUTSIDE)]
         if self.affine is None or not np.any(far > NOTICED):
             return self._notes
         low, high = np.asarray(self.affine.low), np.asarray(self.affine.high)
         with np.errstate(invalid="ignore"):
             beyond = np.any((samples < low) | (samples > high), axis=0)
-        left = [name for name, there in zip(self.channels, beyond) if there]
-        what = ", ".join(left) if left else "the sensors' combination"
+        left = [name for name, is_beyond in zip(self.channels, beyond) if is_beyond]
+        causes = ", ".join(left) if left else "the sensors' combination"
         share = 100.0 * float(np.mean(far > NOTICED))
         logs = self.affine.logs
         learned = "the homing move" if logs == 0 else "the one log" if logs == 1 else f"the {logs} logs"
         note = (
-            f"affine: {share:.2g} % of the samples are outside the range of {learned} that it was learned from ({what}), "
+            f"affine: {share:.2g} % of the samples are outside the range of {learned} that it was learned from ({causes}), "
             f"by up to {float(far.max()):.2g} of half that range; the band is wider there"
         )
         return (*self._notes, note)
 
 
 def affine_function(affine: Affine, width: int) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of the estimator: its angle is the map's value, see `map_function`.
-
-    Args:
-        width: number of sensors.
-    """
+    """Return (carry, x, p) → (carry⁺, y) of the estimator: its angle is the map's value, see `map_function`."""
     nj = len(affine.joints)
     n = nj + 1
     layout = carry_layout(n, map=memory_size(affine))
     carry, x = ca.SX.sym("carry", layout.size), ca.SX.sym("x", 1 + 2 * width)
     p, no = ca.SX.sym("p", len(numbers_of(affine))), ca.SX.zeros(nj)
-    one = map_function(affine, width, [False] * width)
-    values, _, variances, far, memory = one.call([layout.part(carry, "map"), x, ca.SX.zeros(width), no, p], True)
+    function = map_function(affine, width, [False] * width)
+    values, _, variances, far, memory = function.call([layout.part(carry, "map"), x, ca.SX.zeros(width), no, p], True)
     spread = ca.diag(ca.vertcat(variances, 0))
     following = layout.joined(mean=ca.vertcat(values, far), covariance=spread, map=memory)
     return ca.Function("affine", [carry, x, p], [following, ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"])
@@ -237,17 +213,14 @@ def learned_alone(window: Samples, kind: Kind) -> LearnedMap:
     The window's residuals are correlated: N samples count as one, so k samples tell as much as k/N, and the band is that
     of Student's distribution with the k/N − n degrees of freedom that n coefficients leave.
 
-    Args:
-        window: samples of the homing move.
-
     Raises:
         EstimationError: the window has too few samples.
     """
     straight = kind.sets[0]
-    needed, there = len(straight.terms) + 2, np.isfinite(window.targets).all(axis=1)
-    if there.sum() < needed:
+    needed, count = len(straight.terms) + 2, int(np.isfinite(window.targets).all(axis=1).sum())
+    if count < needed:
         raise EstimationError(
-            f"{window.source}: the homing window has {int(there.sum())} samples with a reference, affine needs "
+            f"{window.source}: the homing window has {count} samples with a reference, affine needs "
             f"{needed} or more; home for longer, or learn from logs (distal fit)"
         )
     learned = fit_coefficients([window], kind, straight)
@@ -264,24 +237,23 @@ def start_of(affine: Affine, joint: int, readings: Mapping[str, tuple[Scalar, Sc
     Args:
         readings: channel → (first reading, 1 where there is one), symbolic.
     """
-    own, phi, known, far = affine.joints[joint], dict[str, Scalar](), ca.SX(1), ca.SX(0)
+    learned, phi, complete, far = affine.joints[joint], dict[str, Scalar](), ca.SX(1), ca.SX(0)
     for i, name in enumerate(affine.channels):
-        value, there = readings[name]
-        phi[name] = (value - affine.centre[i]) / affine.scale[i]
+        reading, mask = readings[name]
+        phi[name] = (reading - affine.centre[i]) / affine.scale[i]
         half = max((affine.high[i] - affine.low[i]) / 2, 1e-12)
-        far = ca.fmax(far, ca.fmax(affine.low[i] - value, value - affine.high[i]) / half)
-        known = ca.logic_and(known, is_read(there))
+        far = ca.fmax(far, ca.fmax(affine.low[i] - reading, reading - affine.high[i]) / half)
+        complete = ca.logic_and(complete, is_read(mask))
     # a play is where its reading is, give or take its half-width; a direction is either
     plays = {f"play({name})": (name, width) for name, width in zip(affine.channels, affine.width)}
     plain = [i for i, term in enumerate(affine.terms) if term == "1" or term in affine.channels or term in plays]
     turns = [i for i in range(len(affine.terms)) if i not in plain]
     named = [plays.get(affine.terms[i], (affine.terms[i], 0.0)) for i in plain]
     column = ca.vertcat(*(1 if name == "1" else phi[name] for name, _ in named))
-    covariance, coefficients = np.asarray(own.covariance)[np.ix_(plain, plain)], np.asarray(own.coefficients)
+    covariance, coefficients = np.asarray(learned.covariance)[np.ix_(plain, plain)], np.asarray(learned.coefficients)
     angle = ca.dot(ca.DM(coefficients[plain]), column)
-    variance_of = affine.band[joint] ** 2 * (ca.bilin(ca.DM(covariance), column, column) + own.std**2)
+    variance_of = affine.band[joint] ** 2 * (ca.bilin(ca.DM(covariance), column, column) + learned.std**2)
     widths = np.array([width for _, width in named])
     variance_of += float(np.sum(coefficients[turns] ** 2) + np.sum((coefficients[plain] * widths) ** 2) / 3.0)
-    return angle, ca.if_else(
-        ca.logic_and(known, far < START_REACH), variance_of * (1 + START_GROWTH * far) ** 2, NOWHERE
-    )
+    near = ca.logic_and(complete, far < START_REACH)
+    return angle, ca.if_else(near, variance_of * (1 + START_GROWTH * far) ** 2, NOWHERE)

@@ -66,12 +66,7 @@ class Innovation:
 
 
 def innovation(values: Floats, variances: Floats) -> Innovation:
-    """Return the innovation with its log-likelihood, −½ Σ (ν²/S + ln 2πS) over the values that are there.
-
-    Args:
-        values: measured minus predicted, NaN where missing, (m,).
-        variances: their predicted variances, (m,).
-    """
-    there = np.isfinite(values)
-    terms = values[there] ** 2 / variances[there] + np.log(2 * np.pi * variances[there])
+    """Return the innovation with its log-likelihood, −½ Σ (ν²/S + ln 2πS) over the values that are there."""
+    read = np.isfinite(values)
+    terms = values[read] ** 2 / variances[read] + np.log(2 * np.pi * variances[read])
     return Innovation(values, variances, float(-0.5 * terms.sum()))

@@ -96,11 +96,7 @@ def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = (), others: 
 
 
 def sensor_for(sensors: tuple[Sensor, ...], part: str) -> Sensor | None:
-    """Return the sensor of the drive or tendon called `part`, or None.
-
-    Args:
-        part: name of a drive or tendon.
-    """
+    """Return the sensor of the drive or tendon called `part`, or None."""
     return next((sensor for sensor in sensors if sensor.of == part), None)
 
 

@@ -49,7 +49,8 @@ def _sum(row: Floats, joints: tuple[str, ...]) -> str:
     for arm, joint in zip(1e3 * row * np.sign(row[np.argmax(np.abs(row))]), joints):
         if abs(arm) > 1e3 * SMALLEST * np.abs(row).max():
             parts.append(f"{'-' if arm < 0 else '+'} {abs(arm):.3g}·{joint}")
-    return " ".join(parts).removeprefix("+ ").replace("- ", "-", 1) if parts[0][0] == "-" else " ".join(parts)[2:]
+    text = " ".join(parts)
+    return text[2:] if text[0] == "+" else f"-{text[2:]}"
 
 
 def directions(rig: Rig, angles: Floats | None = None) -> Directions:
@@ -67,8 +68,8 @@ def directions(rig: Rig, angles: Floats | None = None) -> Directions:
     at = np.array([joint.initial.value for joint in rig.joints]) if angles is None else np.asarray(angles, dtype=float)
     jacobian, springs = (np.array(part) for part in look(np.append(at, np.zeros(mechanism.n_drives)), p.values))
     placed = {sensor.of for sensor in rig.sensors_of("position")}
-    told = {sensor.of for sensor in rig.sensors_of("tension")}
-    rows = [i for i, tendon in enumerate(rig.tendons) if tendon.drive in placed or tendon.name in told]
+    measured = {sensor.of for sensor in rig.sensors_of("tension")}
+    rows = [i for i, tendon in enumerate(rig.tendons) if tendon.drive in placed or tendon.name in measured]
     spread = mechanism.spread.full()
     arms = -jacobian[rows, : mechanism.n_joints]
     free = arms @ spread
@@ -76,20 +77,19 @@ def directions(rig: Rig, angles: Floats | None = None) -> Directions:
     rank = int(np.sum(values > SMALLEST * max(values.max(initial=0.0), 1e-300)))
     missed = (spread @ across[rank:].T).T
     missed = missed / np.maximum(np.linalg.norm(missed, axis=1, keepdims=True), 1e-300)
-    whole = spread.T @ np.diag(springs.ravel()) @ spread
+    stiffness = spread.T @ np.diag(springs.ravel()) @ spread
     held: Floats = np.zeros(0)
     if rank < free.shape[1]:
-        held = np.linalg.eigvalsh(across[rank:] @ whole @ across[rank:].T)
+        held = np.linalg.eigvalsh(across[rank:] @ stiffness @ across[rank:].T)
     names = tuple(joint.name for joint in rig.joints)
     return Directions(names, _independent(arms, rank), missed, bool(np.all(held > 0.0)))
 
 
 def _independent(arms: Floats, rank: int) -> Floats:
     """Return the first rows that are independent, as a person would choose them, (rank, n)."""
-    kept: list[Floats] = []
+    rows: list[Floats] = []
     for row in arms:
-        if len(kept) < rank and np.linalg.matrix_rank(np.array([*kept, row]), tol=SMALLEST * np.abs(arms).max()) > len(
-            kept
-        ):
-            kept.append(row)
-    return np.array(kept).reshape(len(kept), arms.shape[1])
+        if len(rows) < rank:
+            count = np.linalg.matrix_rank(np.array([*rows, row]), tol=SMALLEST * np.abs(arms).max())
+            rows += [row] if count > len(rows) else []
+    return np.array(rows).reshape(len(rows), arms.shape[1])

@@ -9,6 +9,7 @@ import casadi as ca
 from distal.estimators.channels import Channels, sensor_for
 from distal.expressions import Scalar, Vector
 from distal.kernels.mask import is_read
+from distal.model import Mechanism
 from distal.rig import Rig, gain_of
 
 CUT_OFF = 5.0
@@ -19,7 +20,6 @@ def read_drives(rig: Rig, channels: Channels, places: Vector, pulls: Vector, x: 
     """Return places and pulls of the drives after a sample, (n_drives,) each: F⁺ = U + e^{−2π f dt} (F − U), f = `CUT_OFF`.
 
     Args:
-        channels: the sensors that are read.
         places: before, (n_drives,) [m, rad].
         pulls: before, F, (n_drives,) [N, N m].
         x: the sample (dt, values, mask).
@@ -38,16 +38,9 @@ def read_drives(rig: Rig, channels: Channels, places: Vector, pulls: Vector, x: 
     return ca.vertcat(*held), ca.vertcat(*filtered)
 
 
-def first_drives(rig: Rig, channels: Channels, values: Vector, mask: Vector, nominal: Vector) -> tuple[Vector, Vector]:
-    """Return places and pulls of the drives at the first sample, (n_drives,) each; 0 and the nominal pull if missing.
-
-    Args:
-        channels: the sensors that are read.
-        values: of the channels.
-        mask: of these values.
-        nominal: pulls, (n_drives,).
-    """
-    places, pulls = [ca.SX(0) for _ in rig.drives], ca.vertsplit(nominal)
+def first_drives(rig: Rig, channels: Channels, values: Vector, mask: Vector) -> tuple[Vector, Vector]:
+    """Return places and pulls of the drives at the first sample, (n_drives,) each; 0 and the nominal pull if missing."""
+    places, pulls = [ca.SX(0) for _ in rig.drives], [ca.SX(drive.nominal_force.value) for drive in rig.drives]
     for first, sensors in ((places, channels.positions), (pulls, channels.forces)):
         for i, drive in enumerate(rig.drives):
             sensor = sensor_for(sensors, drive.name)
@@ -59,11 +52,20 @@ def first_drives(rig: Rig, channels: Channels, values: Vector, mask: Vector, nom
     return ca.vertcat(*places), ca.vertcat(*pulls)
 
 
-def tension_share(levers: Sequence[Scalar], own: Sequence[int], tendon: int) -> Scalar:
-    """Return the tension of a tendon per unit of its drive's pull, the smallest that balances it: h_i/Σ h².
+def measured_tendons(rig: Rig, channels: Channels) -> tuple[int, ...]:
+    """Return the indices of the tendons whose drive has a position sensor."""
+    drives = [sensor.of for sensor in channels.positions]
+    return tuple(i for i, tendon in enumerate(rig.tendons) if tendon.drive in drives)
 
-    Args:
-        levers: h, a tendon's displacement per displacement of its drive: 1 for a slider, side · R for a capstan.
-        own: the tendons of the drive.
-    """
-    return levers[tendon] / sum((levers[i] ** 2 for i in own), ca.SX(0))
+
+def levers_of(mechanism: Mechanism) -> list[Scalar]:
+    """Return h, each tendon's displacement per displacement of its drive: 1 for a slider, side · R for a capstan."""
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    return [ca.jacobian(mechanism.displacement(i, q), q[drive]) for i, drive in enumerate(mechanism.drive_of)]
+
+
+def tension_share(mechanism: Mechanism, levers: Sequence[Scalar], tendon: int) -> Scalar:
+    """Return the tension of a tendon per unit of its drive's pull, the smallest that balances it: h_i/Σ h²."""
+    drive = mechanism.drive_of[tendon]
+    squares = (lever**2 for lever, pulled_by in zip(levers, mechanism.drive_of) if pulled_by == drive)
+    return levers[tendon] / sum(squares, ca.SX(0))

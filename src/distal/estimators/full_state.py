@@ -55,25 +55,21 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
     mean, covariance, held = (layout.part(carry, name) for name in ("mean", "covariance", "pulls"))
     dt, values, mask = x[0], x[1 : 1 + width], x[1 + width :]
 
-    pulls = []
-    for i, drive in enumerate(mechanism.rig.drives):
-        sensor = sensor_for(channels.forces, drive.name)
-        if sensor is None:
-            pulls.append(held[i])
-        else:
-            k = channels.names.index(sensor.name)
-            pulls.append(mask[k] * values[k] + (1 - mask[k]) * held[i])
+    pulls, drives = [held[i] for i in range(nd)], [drive.name for drive in mechanism.rig.drives]
+    for sensor in channels.forces:
+        i, k = drives.index(sensor.of), channels.names.index(sensor.name)
+        pulls[i] = mask[k] * values[k] + (1 - mask[k]) * held[i]
     pull = ca.vertcat(*pulls)
     before, after = (ca.vertcat(ca.MX.zeros(nj), pulls) for pulls in (held, pull))
     q_next, v_next, slopes = tangent_step(mechanism, count)(mean[:nb], mean[nb:], before, after, dt, model)
-    update_function = _update_function(mechanism, channels, measured)
-    carried = update_function(q_next, v_next, slopes, covariance, dt, values[:m], mask[:m], model, q_u, q_x, r)
-    following = layout.joined(mean=carried[0], covariance=carried[1], pulls=pull)
-    y = ca.vertcat(carried[2], carried[3])
+    arguments = q_next, v_next, slopes, covariance, dt, values[:m], mask[:m], model, q_u, q_x, r
+    mean, covariance, innovations, variances = _update_function(mechanism, measured)(*arguments)
+    following = layout.joined(mean=mean, covariance=covariance, pulls=pull)
+    y = ca.vertcat(innovations, variances)
     return ca.Function("full_state", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
 
 
-def _update_function(mechanism: Mechanism, channels: Channels, measured: Sequence[Sensor]) -> ca.Function:
+def _update_function(mechanism: Mechanism, measured: Sequence[Sensor]) -> ca.Function:
     """Return prediction of the covariance and update as one scalar function."""
     nb, nd = mechanism.n_bodies, mechanism.n_drives
     n, m, p = 2 * nb, len(measured), mechanism.parameters.symbols
@@ -84,22 +80,15 @@ def _update_function(mechanism: Mechanism, channels: Channels, measured: Sequenc
     state = ca.vertcat(q, v)
     predicted = predict_covariance(covariance, slopes[:, :n], slopes[:, n:], q_u, q_x * dt)
     expected = expected_measurements(mechanism, measured, q, v)
-    result = update(state, predicted, values - expected, ca.jacobian(expected, state), r, mask)
-    return ca.Function(
-        "update", [q, v, slopes, covariance, dt, values, mask, p, q_u, q_x, r], ca.cse([ca.densify(e) for e in result])
-    )
+    updated = update(state, predicted, values - expected, ca.jacobian(expected, state), r, mask)
+    arguments = [q, v, slopes, covariance, dt, values, mask, p, q_u, q_x, r]
+    return ca.Function("update", arguments, ca.cse([ca.densify(part) for part in updated]))
 
 
 def expected_measurements(mechanism: Mechanism, measured: Sequence[Sensor], q: Vector, v: Vector) -> Vector:
-    """Return h(x), what position and tension sensors should read: s + bias, and T + bias.
-
-    Args:
-        q: coordinates, (n_bodies,).
-        v: velocities, (n_bodies,).
-    """
+    """Return h(x), what position and tension sensors should read: s + bias, and T + bias."""
     rig, expected = mechanism.rig, []
-    drives = [drive.name for drive in rig.drives]
-    tendons = [tendon.name for tendon in rig.tendons]
+    drives, tendons = [drive.name for drive in rig.drives], [tendon.name for tendon in rig.tendons]
     for sensor in measured:
         if sensor.measures == "position":
             body = mechanism.n_joints + drives.index(sensor.of)
@@ -114,9 +103,6 @@ class FullStateFilter(KernelEstimator):
     """An extended Kalman filter whose state is the whole mechanism's (q, v); see `full_state_function`.
 
     Args:
-        name: of the estimator.
-        rig: the description.
-        noise: its variances.
         compiled: compile its kernel where possible.
 
     Raises:
@@ -131,27 +117,18 @@ class FullStateFilter(KernelEstimator):
                 f"{name}: a coupled joint ({', '.join(coupled)}) has no state of its own here; use adaptive or elastic"
             )
         self._mechanism, self._channels, self._noise = Mechanism(rig), channels_of(rig, name), noise
-        self._count = count = substeps(self._mechanism, self._channels.interval)
-        function = full_state_function(self._mechanism, self._channels, count)
-        self._nominal = np.array([drive.nominal_force.value for drive in rig.drives])
-        p = np.concatenate(
-            [self._mechanism.parameters.values, self._nominal, noise.inputs, noise.process, noise.measurements]
-        )
-        measured = tuple(s.name for s in (*self._channels.positions, *self._channels.tensions))
-        super().__init__(
-            name,
-            rig,
-            Kernel(function, compiled),
-            p,
-            channels=self._channels,
-            state_names=state_names(rig),
-            measured=measured,
-        )
+        self._count, channels = substeps(self._mechanism, self._channels.interval), self._channels
+        kernel = Kernel(full_state_function(self._mechanism, channels, self._count), compiled)
+        nominal = [drive.nominal_force.value for drive in rig.drives]
+        parameters = self._mechanism.parameters.values
+        p = np.concatenate([parameters, nominal, noise.inputs, noise.process, noise.measurements])
+        measured = tuple(sensor.name for sensor in (*channels.positions, *channels.tensions))
+        super().__init__(name, rig, kernel, p, channels=channels, state_names=state_names(rig), measured=measured)
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample."""
         values, mask = (ca.SX.sym(name, len(self._channels.names)) for name in ("values", "mask"))
-        places, pulls = first_drives(self.rig, self._channels, values, mask, ca.SX(ca.DM(self._nominal)))
+        places, pulls = first_drives(self.rig, self._channels, values, mask)
         angles = ca.DM([joint.initial.value for joint in self.rig.joints])
         mean = ca.vertcat(angles, places, ca.SX.zeros(self._mechanism.n_bodies))
         p = ca.SX.sym("p", len(self._p))
@@ -160,8 +137,7 @@ class FullStateFilter(KernelEstimator):
 
 def state_names(rig: Rig) -> tuple[str, ...]:
     """Return the names of (q, v): angles, positions, their speeds, velocities."""
-    drives = [drive.name for drive in rig.drives]
-    joints = [joint.name for joint in rig.joints]
+    drives, joints = [drive.name for drive in rig.drives], [joint.name for joint in rig.joints]
     positions, velocities = (tuple(f"{kind}_{drive}" for drive in drives) for kind in ("position", "velocity"))
     return (*angle_names(joints), *positions, *speed_names(joints), *velocities)
 
@@ -176,12 +152,10 @@ def rig_noise(rig: Rig, name: str = "ekf") -> Noise:
         name: of the estimator, for messages.
     """
     channels, mechanism = channels_of(rig, name), Mechanism(rig)
-    inputs = []
-    for drive in rig.drives:
-        sensor = sensor_for(channels.forces, drive.name)
-        inputs.append(drive.nominal_force.std**2 if sensor is None else variance(sensor))
+    forces = [(drive, sensor_for(channels.forces, drive.name)) for drive in rig.drives]
+    inputs = [drive.nominal_force.std**2 if sensor is None else variance(sensor) for drive, sensor in forces]
     measured = (*channels.positions, *channels.tensions)
-    measurements = np.array([variance(s) + systematic_variance(s) for s in measured])
+    measurements = np.array([variance(sensor) + systematic_variance(sensor) for sensor in measured])
     initial = _initial_variances(rig, channels, mechanism)
     return Noise(np.array(inputs), np.zeros(2 * mechanism.n_bodies), measurements, initial)
 

@@ -26,14 +26,9 @@ ROUNDING = 1e-9
 
 
 def first_values(samples: Floats) -> Floats:
-    """Return the first value of each channel that is not missing, (n_channels,).
-
-    Args:
-        samples: NaN where missing, (k, n_channels).
-    """
-    there = np.isfinite(samples)
-    values: Floats = samples[there.argmax(axis=0), np.arange(samples.shape[1])]
-    return values
+    """Return the first value of each channel that is not missing, (n_channels,)."""
+    firsts: Floats = samples[np.isfinite(samples).argmax(axis=0), np.arange(samples.shape[1])]
+    return firsts
 
 
 def predictions(dt: float, interval: float) -> int:
@@ -47,25 +42,23 @@ def predictions(dt: float, interval: float) -> int:
     return max(1, ceil(parts)) if parts < 2 * MOST_BRIDGES else 2 * MOST_BRIDGES  # dt may be infinite
 
 
-def fill(values: Floats, mask: Floats, sample: Floats, there: Bools, rows_after: int = 0, bridged: int = 0) -> None:
-    """Write values and mask of one row.
+def fill(values: Floats, mask: Floats, sample: Floats, is_finite: Bools, rows_after: int = 0, bridged: int = 0) -> None:
+    """Write values and mask of one row, (n_channels,) each.
 
     Args:
-        values: to write, (n_channels,).
-        mask: to write, (n_channels,).
         sample: the sample that ends the interval, 0 where a value is missing.
-        there: where it has a value.
+        is_finite: where it has a value.
         rows_after: rows that follow in the same interval; 0 for the sample's own.
         bridged: number of channels, the first ones, that cross a gap in a straight line.
     """
     if rows_after == 0:
         values[:] = sample
-        mask[:] = there
+        mask[:] = is_finite
         return
     values[:] = 0.0
     mask[:] = MISSING
     values[:bridged] = sample[:bridged]
-    np.multiply(there[:bridged], bridge(rows_after + 1), out=mask[:bridged])
+    np.multiply(is_finite[:bridged], bridge(rows_after + 1), out=mask[:bridged])
 
 
 def rows_of(
@@ -76,17 +69,16 @@ def rows_of(
     Args:
         name: of the estimator, for messages.
         steps: intervals before the samples [s], (k,).
-        samples: NaN where missing, (k, n_channels).
         interval: nominal time between samples [s].
         bridged: number of channels, the first ones, that cross a gap in a straight line.
 
     Raises:
         EstimationError: too many predictions would be needed.
     """
-    width, there = samples.shape[1], np.isfinite(samples)
-    known = np.where(there, samples, 0.0)
+    width, is_finite = samples.shape[1], np.isfinite(samples)
+    filled = np.where(is_finite, samples, 0.0)
     if len(steps) and predictions(float(steps.max()), interval) == 1:  # no gaps, as most logs: a row for each sample
-        return np.column_stack([steps, known, there]), np.arange(len(steps))
+        return np.column_stack([steps, filled, is_finite]), np.arange(len(steps))
     parts = np.maximum(1.0, np.ceil(steps / (SPLIT * interval) - ROUNDING))
     if parts.max(initial=1.0) > MOST_BRIDGES:
         raise EstimationError(
@@ -103,9 +95,9 @@ def rows_of(
     rows = np.zeros((int(counts.sum()), 1 + 2 * width))
     rows[:, 0] = np.repeat(steps / parts, counts)
     values, masks = rows[:, 1 : 1 + width], rows[:, 1 + width :]
-    values[last], masks[last] = known, there
+    values[last], masks[last] = filled, is_finite
     for i in np.flatnonzero(counts > 1):
         for after in range(1, int(counts[i])):
             row = last[i] - after
-            fill(values[row], masks[row], known[i], there[i], after, bridged)
+            fill(values[row], masks[row], filled[i], is_finite[i], after, bridged)
     return rows, last

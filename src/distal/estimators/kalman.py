@@ -28,22 +28,17 @@ class Downdate:
     def __init__(self, covariance: MatrixNode) -> None:
         self._before = covariance
         self._gains: list[VectorNode] = []
-        self._kept: list[tuple[tuple[int, ...], VectorNode]] = []
+        self._remainders: list[tuple[list[int], VectorNode]] = []
 
     def times(self, slope: VectorNode) -> VectorNode:
-        """Return the covariance, as it is now, times a slope.
-
-        Args:
-            slope: hᵀ, (n,), sparse.
-        """
+        """Return the covariance, as it is now, times a slope hᵀ, (n,), sparse."""
         ahead = ca.mtimes(self._before, slope)
         if not slope.nnz():
             return ahead
-        for gain, (at, kept) in zip(self._gains, self._kept):
+        for gain, (at, remainder) in zip(self._gains, self._remainders):
             ahead = ca.rank1(ahead, -along(slope, gain), gain, 1)
-            own = slope[list(at)]
-            if own.nnz():
-                ahead[list(at)] += along(own, kept) * kept
+            if slope[at].nnz():
+                ahead[at] += along(slope[at], remainder) * remainder
         return ahead
 
     def take(self, gain: VectorNode, at: Sequence[int], shares: VectorNode) -> None:
@@ -54,7 +49,7 @@ class Downdate:
             at: indices of the states that do not take all of their gain.
         """
         self._gains.append(gain)
-        self._kept.append((tuple(at), gain[list(at)] * (1 - shares)))
+        self._remainders.append((list(at), gain[list(at)] * (1 - shares)))
 
     def matrix(self) -> MatrixNode:
         """Return the covariance, symmetric: products of the same two numbers are added in the same order on both sides."""
@@ -62,48 +57,31 @@ class Downdate:
             return self._before
         gains = ca.horzcat(*self._gains)
         after = ca.mac(gains, -gains.T, self._before)
-        for at in dict.fromkeys(at for at, _ in self._kept if at):
-            kept = ca.horzcat(*(each for own, each in self._kept if own == at))
-            after[list(at), list(at)] += ca.mtimes(kept, kept.T)
+        for at in dict.fromkeys(tuple(at) for at, _ in self._remainders if at):
+            remainders = ca.horzcat(*(remainder for rows, remainder in self._remainders if tuple(rows) == at))
+            after[list(at), list(at)] += ca.mtimes(remainders, remainders.T)
         return after
 
 
 def along(slope: VectorNode, values: VectorNode) -> ScalarNode:
-    """Return a slope times a vector.
-
-    Args:
-        slope: sparse, (n,).
-        values: (n,).
-    """
+    """Return a slope, (n,), sparse, times a vector, (n,)."""
     return ca.mtimes(slope.T, values) if slope.nnz() else ca.MX(0)
 
 
 def predict_covariance(
     covariance: Matrix, transition: Matrix, input_map: Matrix, input_variances: Vector, process: Vector
 ) -> Matrix:
-    """Return P⁻ = Φ P Φᵀ + G diag(q_u) Gᵀ + diag(q).
-
-    Args:
-        covariance: P, (n, n).
-        transition: Φ = ∂x⁺/∂x, (n, n).
-        input_map: G = ∂x⁺/∂u, (n, k).
-        input_variances: q_u, (k,).
-        process: q, (n,).
-    """
+    """Return P⁻ = Φ P Φᵀ + G diag(q_u) Gᵀ + diag(q), with Φ = ∂x⁺/∂x, (n, n), and G = ∂x⁺/∂u, (n, k)."""
     mapped = input_map * ca.repmat(input_variances.T, input_map.size1(), 1)
     added = ca.mtimes(mapped, input_map.T) + ca.diag(process)
-    whole = symmetric(ca.mtimes(ca.mtimes(transition, covariance), transition.T) + added)
-    return with_least(whole, ca.diag(added))
+    predicted = symmetric(ca.mtimes(ca.mtimes(transition, covariance), transition.T) + added)
+    return with_least(predicted, ca.diag(added))
 
 
 def with_least(covariance: Matrix, least: Vector) -> Matrix:
     """Return the matrix with no variance below what it is at least, (n,): rounding alone brings it there.
 
     Where one number is known 1e16 times as well as another, terms cancel to less than their rounding.
-
-    Args:
-        covariance: symmetric, (n, n).
-        least: variances, (n,).
     """
     diagonal = ca.diag(covariance)
     return covariance + ca.diag(ca.fmax(diagonal, least) - diagonal)
@@ -120,8 +98,6 @@ def update(
     is MISSING changes nothing.
 
     Args:
-        mean: x⁻, (n,).
-        covariance: P⁻, (n, n).
         residuals: z − h(x⁻), (m,).
         jacobian: H, (m, n).
         variances: R, (m,).
@@ -132,12 +108,12 @@ def update(
         row = jacobian[i, :]
         across = ca.mtimes(covariance, row.T)
         spread = ca.fmax(ca.mtimes(row, across), 0) + variances[i]
-        value = residuals[i] - ca.mtimes(row, mean - prior)
+        innovation = residuals[i] - ca.mtimes(row, mean - prior)
         gain = mask[i] * across / spread
-        mean = mean + gain * value
-        other = across - gain * (spread / 2)
-        after = symmetric(covariance - (ca.mtimes(gain, other.T) + ca.mtimes(other, gain.T)))
+        mean = mean + gain * innovation
+        change = across - gain * (spread / 2)
+        after = symmetric(covariance - (ca.mtimes(gain, change.T) + ca.mtimes(change, gain.T)))
         covariance = with_least(after, gain**2 * variances[i])  # the first term of Joseph's form is no less than zero
-        innovations.append(value)
+        innovations.append(innovation)
         spreads.append(spread)
     return mean, covariance, ca.vertcat(*innovations), ca.vertcat(*spreads)

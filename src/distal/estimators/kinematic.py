@@ -6,8 +6,7 @@ import casadi as ca
 
 from distal.estimators.channels import Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
-from distal.estimators.drive_readings import first_drives, read_drives, tension_share
-from distal.expressions import Scalar
+from distal.estimators.drive_readings import first_drives, levers_of, measured_tendons, read_drives, tension_share
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism
 from distal.rig import Rig, angle_names, tendon_angle_name
@@ -35,32 +34,18 @@ def kinematic_function(
     drives, pulls, first = (layout.part(carry, name) for name in ("places", "pulls", "first_pulls"))
     positions, filtered = read_drives(mechanism.rig, channels, drives, pulls, x)
     q = ca.vertcat(mean[:nj], positions)
-    angles = []
+    angles, levers = [], levers_of(mechanism)
     for row, tendon in enumerate(tendons):
-        drive = mechanism.drive_of[tendon] - mechanism.n_joints
-        length = lengths[row]
+        drive, length = mechanism.drive_of[tendon] - mechanism.n_joints, lengths[row]
         if elastic:
-            change = _share(mechanism, tendon) * (filtered[drive] - first[drive])
+            change = tension_share(mechanism, levers, tendon) * (filtered[drive] - first[drive])
             length += change / mechanism.parameters[f"tendons.{tendon}.stiffness"]
         angles.append(mechanism.angle_at(tendon, length, q))
-    joints = [sum(angles) / len(angles)]
+    mean, p = ca.vertcat(sum(angles) / len(angles), *angles), mechanism.parameters.symbols
     following = layout.joined(
-        mean=ca.vertcat(*joints, *angles),
-        covariance=covariance,
-        lengths=lengths,
-        places=positions,
-        pulls=filtered,
-        first_pulls=first,
+        mean=mean, covariance=covariance, lengths=lengths, places=positions, pulls=filtered, first_pulls=first
     )
-    p = mechanism.parameters.symbols
     return ca.Function("kinematic", [carry, x, p], [following, ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"])
-
-
-def _share(mechanism: Mechanism, tendon: int) -> Scalar:
-    """Return `tension_share` of a tendon."""
-    q, drive = ca.SX.sym("q", mechanism.n_bodies), mechanism.drive_of[tendon]
-    levers = [ca.jacobian(mechanism.displacement(i, q), q[d]) for i, d in enumerate(mechanism.drive_of)]
-    return tension_share(levers, [i for i, d in enumerate(mechanism.drive_of) if d == drive], tendon)
 
 
 class KinematicEstimator(KernelEstimator):
@@ -69,8 +54,6 @@ class KinematicEstimator(KernelEstimator):
     Its std knows the sensors and the initial angle only: not stretch (or, if `elastic`, not friction).
 
     Args:
-        name: of the estimator.
-        rig: the description.
         elastic: remove the stretch with the measured forces.
         compiled: compile its kernel where possible.
 
@@ -80,33 +63,29 @@ class KinematicEstimator(KernelEstimator):
 
     def __init__(self, name: str, rig: Rig, elastic: bool, compiled: bool = True) -> None:
         self._mechanism, self._channels = Mechanism(rig), channels_of(rig, name)
-        measured = [sensor.of for sensor in self._channels.positions]
-        self._tendons = tuple(i for i, tendon in enumerate(rig.tendons) if tendon.drive in measured)
-        function = kinematic_function(self._mechanism, self._channels, self._tendons, elastic)
-        p = self._mechanism.parameters
-        joints = [joint.name for joint in rig.joints]
-        names = (*angle_names(joints), *(tendon_angle_name(rig.tendons[i].name) for i in self._tendons))
-        channels = self._channels
-        super().__init__(name, rig, Kernel(function, compiled), p.values, channels=channels, state_names=names)
+        self._tendons, p = measured_tendons(rig, self._channels), self._mechanism.parameters.values
+        kernel = Kernel(kinematic_function(self._mechanism, self._channels, self._tendons, elastic), compiled)
+        angles = angle_names([joint.name for joint in rig.joints])
+        names = (*angles, *(tendon_angle_name(rig.tendons[i].name) for i in self._tendons))
+        super().__init__(name, rig, kernel, p, channels=self._channels, state_names=names)
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask, p) → (mean, covariance, memory) before the first sample."""
-        rig, channels, m = self.rig, self._channels, self._mechanism
+        rig, channels, mechanism = self.rig, self._channels, self._mechanism
         values, mask = (ca.SX.sym(name, len(channels.names)) for name in ("values", "mask"))
         initial, std = rig.joints[0].initial.value, rig.joints[0].initial.std
-        nominal = ca.SX(ca.DM([drive.nominal_force.value for drive in rig.drives]))
-        places, pulls = first_drives(rig, channels, values, mask, nominal)
-        q, p = ca.vertcat(initial, places), m.parameters.symbols
-        lengths, jacobian = m.elongations(q), m.length_jacobian(q)
+        places, pulls = first_drives(rig, channels, values, mask)
+        q, p = ca.vertcat(initial, places), mechanism.parameters.symbols
+        lengths, jacobian = mechanism.elongations(q), mechanism.length_jacobian(q)
         # one zero for all tendons: its error is shared; the sensors' errors count twice, then and now
-        own = []
+        variances = []
         for i in self._tendons:
             sensor = sensor_for(channels.positions, rig.tendons[i].drive)
             error = 0.0 if sensor is None else 2.0 * (variance(sensor) + systematic_variance(sensor))
-            own.append((jacobian[i, m.drive_of[i]] / jacobian[i, 0]) ** 2 * error)
+            variances.append((jacobian[i, mechanism.drive_of[i]] / jacobian[i, 0]) ** 2 * error)
         k = len(self._tendons)
         mixing = ca.vertcat(ca.DM.ones(1, k) / k, ca.DM.eye(k))
-        covariance = ca.mtimes([mixing, ca.diag(ca.vertcat(*own)), mixing.T]) + std**2
+        covariance = ca.mtimes([mixing, ca.diag(ca.vertcat(*variances)), mixing.T]) + std**2
         memory = ca.vertcat(lengths[list(self._tendons)], places, pulls, pulls)
-        found = [ca.SX.ones(1 + k) * initial, covariance, memory]
-        return ca.Function("prior", [values, mask, p], [ca.densify(each) for each in found])
+        prior = [ca.SX.ones(1 + k) * initial, covariance, memory]
+        return ca.Function("prior", [values, mask, p], [ca.densify(part) for part in prior])

@@ -9,7 +9,7 @@ from distal.arrays import Floats
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
-from distal.estimators.drive_readings import first_drives, read_drives, tension_share
+from distal.estimators.drive_readings import first_drives, levers_of, measured_tendons, read_drives, tension_share
 from distal.expressions import Scalar, Vector
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism, solver
@@ -36,17 +36,15 @@ def stretches(mechanism: Mechanism, pulls: Vector, elastic: bool) -> list[Scalar
 
     Args:
         pulls: of the drives, (n_drives,) [N, N m].
-        elastic: whether tendons stretch.
     """
-    p, q = mechanism.parameters, ca.SX.sym("q", mechanism.n_bodies)
-    levers = [ca.jacobian(mechanism.displacement(i, q), q[d]) for i, d in enumerate(mechanism.drive_of)]
-    found = []
-    for i, drive in enumerate(mechanism.drive_of):
-        own = [j for j in range(mechanism.n_tendons) if mechanism.drive_of[j] == drive]
-        standing = sum((levers[j] * p[f"tendons.{j}.pretension"] for j in own), ca.SX(0))
-        change = tension_share(levers, own, i) * (pulls[drive - mechanism.n_joints] - standing)
-        found.append(change / p[f"tendons.{i}.stiffness"] if elastic else ca.SX(0))
-    return found
+    p, levers, drives = mechanism.parameters, levers_of(mechanism), mechanism.drive_of
+    lengths = []
+    for i, drive in enumerate(drives):
+        tendons = [j for j in range(mechanism.n_tendons) if drives[j] == drive]
+        standing = sum((levers[j] * p[f"tendons.{j}.pretension"] for j in tendons), ca.SX(0))
+        change = tension_share(mechanism, levers, i) * (pulls[drive - mechanism.n_joints] - standing)
+        lengths.append(change / p[f"tendons.{i}.stiffness"] if elastic else ca.SX(0))
+    return lengths
 
 
 def unseen_covariance(rig: Rig) -> Floats:
@@ -79,8 +77,7 @@ def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int,
     wanted = stretches(mechanism, filtered, elastic)
     q = ca.SX.sym("q", mechanism.n_bodies)
     lengths, jacobian = mechanism.elongations(q), mechanism.length_jacobian(q)
-    few = len(tendons) < len(free)
-    rows = list(tendons)
+    few, rows = len(tendons) < len(free), list(tendons)
     look = ca.Function("lengths", [q, p.symbols], [lengths[rows], jacobian[rows, :], mechanism.passive_springs(q)])
     weights = ca.diag(ca.vertcat(*(p[f"tendons.{i}.stiffness"] * (CONSTRAINT if few else 1) for i in rows)))
     angles = carry[:nj]
@@ -99,17 +96,13 @@ def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int,
         moved = angles[free] + solve(push)
         angles = ca.mtimes(mechanism.spread, moved) + mechanism.offsets
     gain = ca.horzcat(*(solve(along[:, k]) for k in range(len(rows))))
-    spread = ca.diag(
-        ca.vertcat(
-            *(slopes[k, mechanism.drive_of[i]] ** 2 * errors[mechanism.drive_of[i] - nj] for k, i in enumerate(rows))
-        )
-    )
-    whole = ca.mtimes(mechanism.spread, gain)
-    covariance = ca.mtimes([whole, spread, whole.T]) + ca.DM(unseen_covariance(mechanism.rig))
+    bodies = [mechanism.drive_of[i] for i in rows]
+    variances = ca.vertcat(*(slopes[k, body] ** 2 * errors[body - nj] for k, body in enumerate(bodies)))
+    by_length = ca.mtimes(mechanism.spread, gain)
+    covariance = ca.mtimes([by_length, ca.diag(variances), by_length.T]) + ca.DM(unseen_covariance(mechanism.rig))
     following = layout.joined(mean=angles, covariance=covariance, places=positions, pulls=filtered)
-    return ca.Function(
-        "kinematic", [carry, x, p.symbols], [ca.cse(following), ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"]
-    )
+    outputs = [ca.cse(following), ca.SX.zeros(1)]
+    return ca.Function("kinematic", [carry, x, p.symbols], outputs, ["carry", "x", "p"], ["next", "y"])
 
 
 class ChainKinematics(KernelEstimator):
@@ -118,8 +111,6 @@ class ChainKinematics(KernelEstimator):
     Its std knows the position sensors only: not stretch (or, if `elastic`, not friction).
 
     Args:
-        name: of the estimator.
-        rig: the description.
         elastic: remove the stretch with the measured forces.
         compiled: compile its kernel where possible.
 
@@ -129,18 +120,15 @@ class ChainKinematics(KernelEstimator):
 
     def __init__(self, name: str, rig: Rig, elastic: bool, compiled: bool = True) -> None:
         self._mechanism, self._channels = Mechanism(rig), channels_of(rig, name)
-        measured = [sensor.of for sensor in self._channels.positions]
-        tendons = tuple(i for i, tendon in enumerate(rig.tendons) if tendon.drive in measured)
-        function = chain_function(self._mechanism, self._channels, tendons, elastic)
-        names, channels = angle_names([joint.name for joint in rig.joints]), self._channels
-        p = self._mechanism.parameters.values
-        super().__init__(name, rig, Kernel(function, compiled), p, channels=channels, state_names=names)
+        tendons, p = measured_tendons(rig, self._channels), self._mechanism.parameters.values
+        kernel = Kernel(chain_function(self._mechanism, self._channels, tendons, elastic), compiled)
+        names = angle_names([joint.name for joint in rig.joints])
+        super().__init__(name, rig, kernel, p, channels=self._channels, state_names=names)
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask, p) → (mean, variances, memory) before the first sample."""
         rig, channels = self.rig, self._channels
         values, mask = (ca.SX.sym(name, len(channels.names)) for name in ("values", "mask"))
-        nominal = ca.SX(ca.DM([drive.nominal_force.value for drive in rig.drives]))
-        memory = ca.vertcat(*first_drives(rig, channels, values, mask, nominal))
+        memory = ca.vertcat(*first_drives(rig, channels, values, mask))
         angles, stds = (ca.DM([getattr(joint.initial, part) for joint in rig.joints]) for part in ("value", "std"))
         return ca.Function("prior", [values, mask, ca.SX.sym("p", len(self._p))], [angles, stds**2, memory])

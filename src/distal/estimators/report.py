@@ -32,33 +32,27 @@ class Report:
 
     @classmethod
     def behind(cls, start: int, groups: Sequence[Sequence[int]]) -> Report:
-        """Return the report of several maps, whose values, gains and variances follow each other in y.
+        """Return the report of several maps, whose values, gains and variances follow each other in y from `start` on.
 
         Args:
-            start: where in y they begin.
             groups: the states of each map.
         """
-        states, places = list[int](), (list[int](), list[int](), list[int]())
+        states, parts = list[int](), (list[int](), list[int](), list[int]())
         for group in groups:
-            for part, own in enumerate(places):
-                own += range(start + part * len(group), start + (part + 1) * len(group))
+            for columns in parts:
+                columns += range(start, start + len(group))
+                start += len(group)
             states += group
-            start += 3 * len(group)
-        return cls(tuple(states), *(tuple(own) for own in places))
+        return cls(tuple(states), *map(tuple, parts))
 
     def only(self, states: Sequence[int]) -> Report:
         """Return the report of some of the states."""
-        kept = [k for k, state in enumerate(self.states) if state in states]
+        chosen = [k for k, state in enumerate(self.states) if state in states]
         parts = (self.states, self.values, self.gains, self.variances)
-        return Report(*(tuple(part[k] for k in kept) for part in parts))
+        return Report(*(tuple(part[k] for k in chosen) for part in parts))
 
     def means(self, means: Floats, ys: Floats) -> Floats:
-        """Return states as they are reported, (k, n).
-
-        Args:
-            means: the filter's own, (k, n).
-            ys: the kernel's outputs, (k, n_y).
-        """
+        """Return states as they are reported, (k, n), from the filter's own and the kernel's outputs, (k, n_y)."""
         if not self.states:
             return means
         reported = np.array(means)
@@ -66,12 +60,7 @@ class Report:
         return reported
 
     def variances_of(self, variances: Floats, ys: Floats) -> Floats:
-        """Return variances as they are reported, (k, n).
-
-        Args:
-            variances: the filter's own, (k, n).
-            ys: the kernel's outputs, (k, n_y).
-        """
+        """Return variances as they are reported, (k, n); see `means`."""
         if not self.states:
             return variances
         reported = np.array(variances)
@@ -80,12 +69,7 @@ class Report:
         return reported
 
     def covariances(self, covariances: Floats, ys: Floats) -> Floats:
-        """Return covariances as they are reported, (k, n, n).
-
-        Args:
-            covariances: the filter's own, (k, n, n).
-            ys: the kernel's outputs, (k, n_y).
-        """
+        """Return covariances as they are reported, (k, n, n); see `means`."""
         if not self.states:
             return covariances
         gains = np.ones(covariances.shape[:2])

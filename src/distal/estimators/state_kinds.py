@@ -56,8 +56,7 @@ class SaysKinds(Protocol):
 
     @property
     def state_parts(self) -> tuple[str, ...]:
-        """The part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its path
-        with names of parts."""
+        """The part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its path."""
         ...
 
 
@@ -66,12 +65,11 @@ def kinds_by_joint(names: Sequence[str], joints: Sequence[str]) -> tuple[tuple[S
 
     Args:
         names: of the states, (n,).
-        joints: names of the joints, in their order.
     """
     every = ((StateKind.ANGLE, angle_names), (StateKind.SPEED, speed_names), (StateKind.EXTERNAL_TORQUE, torque_names))
-    known = {name: (kind, joint) for kind, named in every for name, joint in zip(named(joints), joints)}
-    found = [known.get(name, (StateKind.OTHER, name)) for name in names]
-    return tuple(kind for kind, _ in found), tuple(part for _, part in found)
+    of_joints = {name: (kind, joint) for kind, named in every for name, joint in zip(named(joints), joints)}
+    kinds_and_parts = [of_joints.get(name, (StateKind.OTHER, name)) for name in names]
+    return tuple(kind for kind, _ in kinds_and_parts), tuple(part for _, part in kinds_and_parts)
 
 
 def kinds_of(runner: NamesStates) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
@@ -119,15 +117,9 @@ def state_units(runner: NamesStates) -> tuple[str, ...]:
 def states_of(
     kind: StateKind, parts: Sequence[str], state_kinds: Sequence[StateKind], state_parts: Sequence[str]
 ) -> dict[str, int]:
-    """Return part → index of its state of a kind, in the order of the parts; one that has none is left out.
-
-    Args:
-        parts: names of joints, drives, tendons or sensors.
-        state_kinds: what each state is, (n,).
-        state_parts: the part that each state is of, (n,).
-    """
-    found = {part: i for i, (each, part) in enumerate(zip(state_kinds, state_parts)) if each is kind}
-    return {part: found[part] for part in parts if part in found}
+    """Return part → index of its state of a kind, in the order of the parts; one that has none is left out."""
+    indices = {part: i for i, (state_kind, part) in enumerate(zip(state_kinds, state_parts)) if state_kind is kind}
+    return {part: indices[part] for part in parts if part in indices}
 
 
 def external_torques_of(runner: NamesStates) -> dict[str, int]:

@@ -22,27 +22,27 @@ def parts_of_plant(mechanism: Mechanism) -> tuple[Part, ...]:
 def plants_apart(
     mechanism: Mechanism, parts: tuple[Part, ...], plant: Callable[[Mechanism], ca.Function], rubbing: list[int]
 ) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of the whole, see `plant_function`, by the functions of its parts.
+    """Return (carry, x, p) → (carry⁺, y) of a plant, see `plant_function`, by the functions of its parts.
 
     Args:
         plant: equations of a part → its function.
-        rubbing: drives of the whole with friction inside their transmission.
+        rubbing: drives with friction inside their transmission.
     """
     n, nt, nj = mechanism.n_bodies, mechanism.n_tendons, mechanism.n_joints
-    whole = mechanism.parameters.names
+    names = mechanism.parameters.names
     carry, x = ca.MX.sym("carry", 2 * n + len(rubbing)), ca.MX.sym("x", 5 * n + 1)
-    p = ca.MX.sym("p", len(whole))
+    p = ca.MX.sym("p", len(names))
     carries, outputs = list[VectorNode](), list[VectorNode]()
     to_carry, to_y = list[Indices](), list[Indices]()
     for part in parts:
-        own = Mechanism(part.rig, part.own_paths(mechanism.parameters.inputs), remembers=True)
+        equations = Mechanism(part.rig, part.own_paths(mechanism.parameters.inputs), remembers=True)
         drives = np.array(part.indices["drives"], dtype=np.intp)
         bodies = np.concatenate([part.indices["joints"], nj + drives]).astype(np.intp)
-        kept = np.array([rubbing.index(d) for d in drives if d in rubbing], dtype=np.intp)
-        numbers = np.array([whole.index(part.whole_path(name)) for name in own.parameters.names], dtype=np.intp)
-        at = np.concatenate([bodies, n + bodies, 2 * n + kept])
+        frictions = np.array([rubbing.index(d) for d in drives if d in rubbing], dtype=np.intp)
+        numbers = np.array([names.index(part.whole_path(name)) for name in equations.parameters.names], dtype=np.intp)
+        at = np.concatenate([bodies, n + bodies, 2 * n + frictions])
         inputs = np.concatenate([*(k * n + bodies for k in range(5)), [5 * n]])
-        after, y = plant(own)(taken(carry, at), taken(x, inputs), taken(p, numbers))
+        after, y = plant(equations)(taken(carry, at), taken(x, inputs), taken(p, numbers))
         carries.append(after)
         outputs.append(y)
         to_carry.append(at)

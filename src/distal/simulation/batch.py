@@ -32,7 +32,6 @@ def simulate_batch(
     Scenarios of one plant run side by side, one in each vector lane. Only what is in work is in memory.
 
     Args:
-        rig: as filters know it; or a shipped rig's name, or a path.
         jobs: (scenario, seed) of each run; may be a generator.
         workers: threads; default one per core.
         progress: called with the number of runs that are done.
@@ -68,18 +67,17 @@ def _batch(rig: Rig, jobs: Iterator[Job], workers: int, progress: Callable[[int]
 class _Kernels:
     """The last plant's kernel: most batches have one plant."""
 
+    _last: tuple[Rig, int, Kernel] | None = None
+
     def __init__(self) -> None:
-        self._lock, self._known = Lock(), dict[tuple[Rig, int], Kernel]()
+        self._lock = Lock()
 
     def of(self, prepared: Prepared) -> Kernel:
-        key = (prepared.plant.rig, prepared.count)
+        plant, count = prepared.plant, prepared.count
         with self._lock:
-            for known, kernel in self._known.items():
-                if known == key:
-                    return kernel
-            kernel = Kernel(plant_function(prepared.plant, prepared.count))
-            self._known = {key: kernel}
-            return kernel
+            if self._last is None or self._last[:2] != (plant.rig, count):
+                self._last = (plant.rig, count, Kernel(plant_function(plant, count)))
+            return self._last[2]
 
 
 def _group(rig: Rig, jobs: list[Job], kernels: _Kernels) -> list[Log | Exception]:
@@ -91,27 +89,24 @@ def _group(rig: Rig, jobs: list[Job], kernels: _Kernels) -> list[Log | Exception
     which: list[int] = []
     problem: Exception | None = None
     for scenario, seed in jobs:
-        at = next((i for i, (known, _) in enumerate(distinct) if known is scenario or known == scenario), None)
+        at = next((i for i, (before, _) in enumerate(distinct) if before is scenario or before == scenario), None)
         try:
             ready = prepare(rig, scenario, seed) if at is None else distinct[at][1]
             check_open(ready.scenario)
-        except Exception as found:
-            problem = found
+        except Exception as error:
+            problem = error
             break
         if at is None:
             at = len(distinct)
             distinct.append((scenario, ready))
         which.append(at)
     motions: dict[int, Motion] = {}
+    plants = [(ready.plant.rig, ready.dt, ready.count) for _, ready in distinct]
     for i, (_, first) in enumerate(distinct):
         if i in motions:
             continue
-        alike = [
-            j
-            for j, (_, other) in enumerate(distinct)
-            if j not in motions and (other.plant.rig, other.dt, other.count) == (first.plant.rig, first.dt, first.count)
-        ]
+        alike = [j for j, plant in enumerate(plants) if j not in motions and plant == plants[i]]
         runs = [(distinct[j][1].inputs, distinct[j][1].start) for j in alike]
         motions.update(zip(alike, run_plants(first.plant, runs, first.dt, kernels.of(first))))
-    made: list[Log | Exception] = [sampled(distinct[at][1], motions[at], seed) for at, (_, seed) in zip(which, jobs)]
-    return made if problem is None else [*made, problem]
+    logs: list[Log | Exception] = [sampled(distinct[at][1], motions[at], seed) for at, (_, seed) in zip(which, jobs)]
+    return logs if problem is None else [*logs, problem]

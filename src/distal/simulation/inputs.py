@@ -10,7 +10,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import ScenarioError, did_you_mean
 from distal.model import GRAVITY, Mechanism
-from distal.simulation.scenario import CapstanServo, DriveInput, JointInput, Scenario, SliderServo
+from distal.simulation.scenario import CapstanServo, DriveInput, Hand, JointInput, Scenario, SliderServo
 from distal.units import to_si
 
 
@@ -30,67 +30,62 @@ class BodyInputs:
 
 
 def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyInputs:
-    """Return the scenario's signals at `time` [s], (n,).
-
-    Args:
-        time: start of each interval [s], (n,).
+    """Return the scenario's signals at the start of each interval [s], (n,).
 
     Raises:
         ScenarioError: the scenario names a joint or drive that the rig does not have, or pulls one in a way it cannot be.
     """
     rig = mechanism.rig
-    _known(scenario.joints, [joint.name for joint in rig.joints], "joints", "joint")
-    _known(scenario.drives, [drive.name for drive in rig.drives], "drives", "drive")
+    _check_names(scenario.joints, [joint.name for joint in rig.joints], "joints", "joint")
+    _check_names(scenario.drives, [drive.name for drive in rig.drives], "drives", "drive")
     n, bodies = len(time), mechanism.n_bodies
     inputs = BodyInputs(np.zeros((n, bodies)), np.zeros((n, bodies)), np.zeros((n, bodies, 3)))
     for i, joint in enumerate(rig.joints):
         _joint(inputs, i, scenario.joints.get(joint.name, JointInput()), time)
     for i, drive in enumerate(rig.drives):
-        given = scenario.drives.get(drive.name, DriveInput())
-        _check(given, drive.kind, f"drives.{drive.name}")
-        _drive(inputs, mechanism.n_joints + i, given, time)
+        pull = scenario.drives.get(drive.name, DriveInput())
+        _check_pull(pull, drive.kind, f"drives.{drive.name}")
+        _drive(inputs, mechanism.n_joints + i, pull, time)
     return inputs
 
 
-def _joint(inputs: BodyInputs, body: int, given: JointInput, time: Floats) -> None:
-    if given.torque is not None:
-        inputs.effort[:, body] += given.torque.at(time)
-    if given.hand is not None:
-        inputs.servo[:, body, 0] = given.hand.stiffness
-        inputs.servo[:, body, 1] = given.hand.angle.at(time)
-        inputs.servo[:, body, 2] = given.hand.damping
+def _joint(inputs: BodyInputs, body: int, load: JointInput, time: Floats) -> None:
+    if load.torque is not None:
+        inputs.effort[:, body] += load.torque.at(time)
+    if load.hand is not None:
+        _spring(inputs, body, load.hand, load.hand.angle.at(time))
 
 
-def _drive(inputs: BodyInputs, body: int, given: DriveInput, time: Floats) -> None:
-    for signal in (given.force, given.torque, given.weight):
+def _drive(inputs: BodyInputs, body: int, pull: DriveInput, time: Floats) -> None:
+    for signal in (pull.force, pull.torque, pull.weight):
         if signal is not None:
             inputs.effort[:, body] += signal.at(time)
-    if given.weight is not None:
-        inputs.added_inertia[:, body] = given.weight.at(time) / GRAVITY
-    if given.servo is not None:
-        target = given.servo.position if isinstance(given.servo, SliderServo) else given.servo.angle
-        inputs.servo[:, body, 0] = given.servo.stiffness
-        inputs.servo[:, body, 1] = target.at(time)
-        inputs.servo[:, body, 2] = given.servo.damping
+    if pull.weight is not None:
+        inputs.added_inertia[:, body] = pull.weight.at(time) / GRAVITY
+    if pull.servo is not None:
+        target = pull.servo.position if isinstance(pull.servo, SliderServo) else pull.servo.angle
+        _spring(inputs, body, pull.servo, target.at(time))
 
 
-def _check(given: DriveInput, kind: str, where: str) -> None:
-    wrong = {
-        "slider": {"torque": given.torque is not None, "servo.angle": isinstance(given.servo, CapstanServo)},
-        "capstan": {
-            "force": given.force is not None,
-            "weight": given.weight is not None,
-            "servo.position": isinstance(given.servo, SliderServo),
-        },
+def _spring(inputs: BodyInputs, body: int, spring: Hand | SliderServo | CapstanServo, target: Floats) -> None:
+    inputs.servo[:, body, 0], inputs.servo[:, body, 2] = spring.stiffness, spring.damping
+    inputs.servo[:, body, 1] = target
+
+
+def _check_pull(pull: DriveInput, kind: str, where: str) -> None:
+    slider, capstan = isinstance(pull.servo, SliderServo), isinstance(pull.servo, CapstanServo)
+    force, torque, weight = (signal is not None for signal in (pull.force, pull.torque, pull.weight))
+    allowed, refused = {
+        "slider": ("weight, force, servo.position", {"torque": torque, "servo.angle": capstan}),
+        "capstan": ("torque, servo.angle", {"force": force, "weight": weight, "servo.position": slider}),
     }[kind]
-    allowed = {"slider": "weight, force, servo.position", "capstan": "torque, servo.angle"}[kind]
-    for name, came in wrong.items():
-        if came:
+    for name, is_present in refused.items():
+        if is_present:
             raise ScenarioError(f"{where}.{name}: a {kind} cannot be pulled so; {allowed} are allowed")
 
 
-def _known(given: Iterable[str], names: list[str], where: str, kind: str) -> None:
-    for name in given:
+def _check_names(keys: Iterable[str], names: list[str], where: str, kind: str) -> None:
+    for name in keys:
         if name not in names:
             raise ScenarioError(f"{where}: the rig has no {kind} '{name}'{did_you_mean(name, names)}")
 
@@ -102,7 +97,7 @@ def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
         ScenarioError: an unknown joint, or no angle.
     """
     names = [joint.name for joint in mechanism.rig.joints]
-    _known(scenario.initial, names, "initial", "joint")
+    _check_names(scenario.initial, names, "initial", "joint")
     angles = np.array([joint.initial.value for joint in mechanism.rig.joints])
     for name, raw in scenario.initial.items():
         coupled = mechanism.rig.joints[names.index(name)].coupled

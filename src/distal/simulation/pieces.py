@@ -15,11 +15,10 @@ from distal.errors import ScenarioError, did_you_mean
 from distal.kernels import Feed, Kernel, advance
 from distal.logs import Log
 from distal.model import Mechanism
-from distal.rig import Rig, load_rig, named, travel_of
-from distal.sensors import SensorErrors
+from distal.rig import Rig, load_rig, named
 from distal.simulation.inputs import BodyInputs, body_inputs
 from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
-from distal.simulation.readings import Readings
+from distal.simulation.readings import ErrorsByRate, Readings, errors_by_rate
 from distal.simulation.scenario import Rezero, Scenario, load_scenario
 from distal.simulation.simulate import SIMULATED, prepare, true_motion
 
@@ -51,8 +50,6 @@ def simulate_pieces(rig: Rig | str | Path, scenario: Scenario | str | Path, seed
     from one piece to the next. While the scenario's ``[rezero]`` lasts, its drives' pulls replace the usual ones.
 
     Args:
-        rig: as filters know it; or a shipped rig's name, or a path.
-        scenario: what is done to it; or a shipped scenario's name, or a path.
         seed: of the sensors' errors and the random walks.
 
     Raises:
@@ -67,10 +64,11 @@ def simulate_pieces(rig: Rig | str | Path, scenario: Scenario | str | Path, seed
     prepared = prepare(rig, scenario.model_copy(update={"duration": length}), seed, period=length)
     plant, dt, steps = prepared.plant, prepared.dt, len(prepared.inputs.effort)
     scheduled = [(numbers_at(plant, path), change) for path, change in scenario.schedule.items()]
-    rezero = scenario.rezero and (scenario.rezero, _pulls(scenario, scenario.rezero))
+    rezero = scenario.rezero
+    rezeroing = scenario if rezero is None else _pulls(scenario, rezero)
     kernel = Kernel(plant_function(plant, prepared.count))
     carry, y = at_rest(plant, prepared.inputs, prepared.start, kernel)
-    walks, rng, errors = np.zeros(len(scheduled)), np.random.default_rng([seed, 1]), _errors(plant.rig, seed)
+    walks, rng, errors = np.zeros(len(scheduled)), np.random.default_rng([seed, 1]), errors_by_rate(plant.rig, seed)
     readings = Readings(plant)
     for k in range(ceil(scenario.duration / length - 1e-9)):
         begin, p = k * length, plant.parameters.values.copy()
@@ -79,8 +77,8 @@ def simulate_pieces(rig: Rig | str | Path, scenario: Scenario | str | Path, seed
             walks[i] += change.walk * sqrt(length / HOUR) * rng.normal()
         grid = begin + dt * np.arange(steps + 1, dtype=np.float64)
         inputs = body_inputs(scenario, plant, grid[:-1])
-        if rezero:
-            _replace(inputs, body_inputs(rezero[1], plant, grid[:-1]), rezero[0], plant, grid[:-1])
+        if rezero is not None:
+            _replace(inputs, body_inputs(rezeroing, plant, grid[:-1]), rezero, plant, grid[:-1])
         carries, ys = advance(kernel, Feed(carry, rows_of(inputs, dt), p))
         motion, carry, y = Motion(plant, np.vstack([y, ys])), carries[-1], ys[-1:]
         motion.check()
@@ -88,24 +86,21 @@ def simulate_pieces(rig: Rig | str | Path, scenario: Scenario | str | Path, seed
 
 
 def numbers_at(plant: Mechanism, path: str) -> list[int]:
-    """Return which of the plant's numbers a path names; ``*`` stands for all parts of a kind.
-
-    Args:
-        path: by names or indices of parts.
+    """Return which of the plant's numbers a path by names or indices of parts names; ``*`` is all parts of a kind.
 
     Raises:
         ScenarioError: none.
     """
     names = plant.parameters.names
-    known = [named(plant.rig, name) for name in names]
-    found = [
+    paths = [named(plant.rig, name) for name in names]
+    matches = [
         i
-        for i, pair in enumerate(zip(known, names))
+        for i, pair in enumerate(zip(paths, names))
         if any(name.count(".") == path.count(".") and fnmatchcase(name, path) for name in pair)
     ]
-    if not found:
-        raise ScenarioError(f"schedule: the plant has no number '{path}'{did_you_mean(path, known)}")
-    return found
+    if not matches:
+        raise ScenarioError(f"schedule: the plant has no number '{path}'{did_you_mean(path, paths)}")
+    return matches
 
 
 def _pulls(scenario: Scenario, rezero: Rezero) -> Scenario:
@@ -122,53 +117,34 @@ def _since(rezero: Rezero, time: Floats) -> Floats:
     return np.where(time >= rezero.every, np.mod(time, rezero.every), np.inf)
 
 
-def _replace(inputs: BodyInputs, other: BodyInputs, rezero: Rezero, plant: Mechanism, time: Floats) -> None:
+def _replace(inputs: BodyInputs, pulls: BodyInputs, rezero: Rezero, plant: Mechanism, time: Floats) -> None:
     """Let a rezero's pulls act while it lasts, in place."""
-    now = _since(rezero, time) < rezero.lasts
-    for i, drive in enumerate(plant.rig.drives):
-        if drive.name in rezero.drives:
-            body = plant.n_joints + i
-            for own, its in zip(
-                (inputs.effort, inputs.added_inertia, inputs.servo), (other.effort, other.added_inertia, other.servo)
-            ):
-                own[now, body] = its[now, body]
+    names = [drive.name for drive in plant.rig.drives]
+    bodies = np.array([plant.n_joints + names.index(name) for name in rezero.drives])
+    at = np.ix_(np.flatnonzero(_since(rezero, time) < rezero.lasts), bodies)
+    inputs.effort[at], inputs.added_inertia[at] = pulls.effort[at], pulls.added_inertia[at]
+    inputs.servo[at] = pulls.servo[at]
 
 
-def _errors(rig: Rig, seed: int) -> dict[float, tuple[list[int], SensorErrors]]:
-    """Return, by rate, which sensors have it and their errors."""
-    sensors, found = rig.sensors, {}
-    rngs = np.random.default_rng(seed).spawn(len(sensors))
-    for rate in sorted({sensor.rate for sensor in sensors}):
-        at = [k for k, sensor in enumerate(sensors) if sensor.rate == rate]
-        ranges = [travel_of(sensors[k], rig) for k in at]
-        found[rate] = at, SensorErrors([sensors[k] for k in at], ranges, [rngs[k] for k in at])
-    return found
-
-
-def _read(
-    motion: Motion,
-    readings: Floats,
-    grid: Floats,
-    errors: dict[float, tuple[list[int], SensorErrors]],
-    scenario: Scenario,
-) -> Piece:
+def _read(motion: Motion, readings: Floats, grid: Floats, errors: ErrorsByRate, scenario: Scenario) -> Piece:
     """Return what the sensors read in a piece, from its first stamp to before its last."""
     rig, (begin, end) = motion.plant.rig, (grid[0], grid[-1])
-    own = {rate: np.arange(ceil(begin * rate - 1e-6), ceil(end * rate - 1e-6)) / rate for rate in errors}
-    stamps = np.unique(np.round(np.concatenate(list(own.values())), 9))
+    times = {rate: np.arange(ceil(begin * rate - 1e-6), ceil(end * rate - 1e-6)) / rate for rate in errors}
+    stamps = np.unique(np.round(np.concatenate(list(times.values())), 9))
     channels = {}
     for rate, (at, of_rate) in errors.items():
-        sensors, rows = [rig.sensors[k] for k in at], np.searchsorted(stamps, np.round(own[rate], 9))
-        true = [np.interp(own[rate] - sensor.delay, grid, readings[k]) for k, sensor in zip(at, sensors)]
+        sensors, rows = [rig.sensors[k] for k in at], np.searchsorted(stamps, np.round(times[rate], 9))
+        true = [np.interp(times[rate] - sensor.delay, grid, readings[k]) for k, sensor in zip(at, sensors)]
         for sensor, read in zip(sensors, of_rate.read(np.column_stack(true)).T):
             channels[sensor.name] = np.full(len(stamps), np.nan)
             channels[sensor.name][rows] = read
-    known = np.full((len(stamps), motion.plant.n_joints), np.nan)
+    angles = np.full((len(stamps), motion.plant.n_joints), np.nan)
     if scenario.rezero is not None:
         since = _since(scenario.rezero, stamps)
-        now = (since >= scenario.rezero.lasts / 2) & (since < scenario.rezero.lasts)
-        joint = 0 if scenario.rezero.joint is None else [one.name for one in rig.joints].index(scenario.rezero.joint)
-        known[now, joint] = scenario.rezero.angle
+        late = (since >= scenario.rezero.lasts / 2) & (since < scenario.rezero.lasts)
+        name = scenario.rezero.joint
+        joint = 0 if name is None else [joint.name for joint in rig.joints].index(name)
+        angles[late, joint] = scenario.rezero.angle
     channels = {sensor.name: channels[sensor.name] for sensor in rig.sensors}
     log = Log(stamps, channels, true_motion(motion, grid, stamps), scenario.name or "simulation", SIMULATED)
-    return Piece(log, known)
+    return Piece(log, angles)

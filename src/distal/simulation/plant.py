@@ -34,12 +34,12 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     tensions = ca.Function("tensions", [q, v, mechanism.parameters.symbols], [mechanism.tensions(q, v)])
     carry = ca.MX.sym("carry", 2 * n + len(rubbing) + nx)
     x, numbers = ca.MX.sym("x", 5 * n + 1), ca.MX.sym("p", len(mechanism.parameters))
-    kept, inside = carry[2 * n : 2 * n + len(rubbing)], carry[2 * n + len(rubbing) :]
+    frictions, inside = carry[2 * n : 2 * n + len(rubbing)], carry[2 * n + len(rubbing) :]
     p = ca.vertcat(numbers[: numbers.numel() - nx], inside) if nx else numbers
     before, dt = carry[n : 2 * n], x[5 * n]
     effort, added, servo = x[:n], x[n : 2 * n], ca.reshape(x[2 * n : 5 * n], n, 3)
     friction = internal_friction(mechanism, rubbing)
-    acting = effort + friction.force(carry[:n], kept, p) if rubbing else effort
+    acting = effort + friction.force(carry[:n], frictions, p) if rubbing else effort
     q_next, v_next = step(carry[:n], before, acting, added, servo, dt, p)
     acceleration = (v_next - before) / dt
     pull = effort - added * acceleration + servo[:, 0] * (servo[:, 1] - q_next) - servo[:, 2] * v_next
@@ -47,8 +47,8 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
         inside = settled_function(mechanism)(q_next, dt, p)
         p = ca.vertcat(numbers[: numbers.numel() - nx], inside)
     y = ca.vertcat(q_next, v_next, tensions(q_next, v_next, p), pull)
-    kept = friction.follow(carry[:n], q_next, v_next, kept, p) if rubbing else kept
-    following = ca.vertcat(q_next, v_next, kept, inside)
+    frictions = friction.follow(carry[:n], q_next, v_next, frictions, p) if rubbing else frictions
+    following = ca.vertcat(q_next, v_next, frictions, inside)
     return ca.Function("plant", [carry, x, numbers], [following, y], ["carry", "x", "p"], ["next", "y"])
 
 
@@ -99,8 +99,8 @@ def longest_interval(mechanism: Mechanism) -> float:
     for i in hysteretic(mechanism):
         slopes = ca.jacobian(mechanism.stretch(i, q), q)
         square = presliding_stiffness(mechanism, i) * ca.sum2(slopes**2 / mechanism.inertias().T)
-        value = ca.Function("square", [q, p.symbols], [square])(np.zeros(mechanism.n_bodies), p.values)
-        longest = min(longest, RESOLVED / float(np.sqrt(float(value))))
+        square = ca.Function("square", [q, p.symbols], [square])(np.zeros(mechanism.n_bodies), p.values)
+        longest = min(longest, RESOLVED / float(np.sqrt(float(square))))
     return longest
 
 
@@ -122,24 +122,20 @@ def internal_friction(mechanism: Mechanism, drives: list[int]) -> InternalFricti
 
     With it, what the springs feel follows the drive's effort by the play operator that `Hysteresis` describes; the
     friction is reached within a stretch of h/k_s, a twentieth of that at which the springs alone would carry it.
-
-    Args:
-        drives: those with hysteresis.
     """
     n, p = mechanism.n_bodies, mechanism.parameters
     q, after, v = ca.SX.sym("q", n), ca.SX.sym("after", n), ca.SX.sym("v", n)
-    f = ca.SX.sym("f", len(drives))
-    forces, kept = ca.SX(n, 1), []
-    tensions = mechanism.tensions(after, v)
+    f, tensions = ca.SX.sym("f", len(drives)), mechanism.tensions(after, v)
+    forces, frictions = ca.SX(n, 1), []
     for k, i in enumerate(drives):
         stretch = mechanism.stretch(i, q)
         forces -= ca.jacobian(stretch, q).T * f[k]
-        stiffness = presliding_stiffness(mechanism, i)
         limit = mechanism.hysteresis_limit(i, after, tensions)
         moved = mechanism.stretch(i, after) - stretch
-        kept.append(ca.fmin(ca.fmax(f[k] + stiffness * moved, -limit), limit))
+        frictions.append(ca.fmin(ca.fmax(f[k] + presliding_stiffness(mechanism, i) * moved, -limit), limit))
     force = ca.Function("internal_force", [q, f, p.symbols], [ca.densify(forces)])
-    return InternalFriction(force, ca.Function("internal_friction", [q, after, v, f, p.symbols], [ca.vertcat(*kept)]))
+    follow = ca.Function("internal_friction", [q, after, v, f, p.symbols], [ca.vertcat(*frictions)])
+    return InternalFriction(force, follow)
 
 
 @dataclass(frozen=True)
@@ -147,7 +143,6 @@ class Motion:
     """The plant's motion at the start and after every interval.
 
     Args:
-        plant: its equations.
         y: what the kernel puts out, (k, n_y); see `plant_function`.
     """
 
@@ -189,12 +184,7 @@ class Motion:
 
 
 def rows_of(inputs: BodyInputs, dt: float) -> Floats:
-    """Return the samples of the plant's kernel, one for each interval.
-
-    Args:
-        inputs: what acts in each interval, k of them.
-        dt: length of an interval [s].
-    """
+    """Return the samples of the plant's kernel, one for each interval of length `dt` [s]."""
     k, n = inputs.effort.shape
     servo = inputs.servo.transpose(0, 2, 1).reshape(k, 3 * n)
     return np.hstack([inputs.effort, inputs.added_inertia, servo, np.full((k, 1), dt)])
@@ -223,12 +213,7 @@ def at_rest(
 
 
 def run_plant(mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float, count: int) -> Motion:
-    """Return the plant's motion at the start and after every interval.
-
-    Args:
-        inputs: what acts in each interval, n of them.
-        start: coordinates at rest, (n_bodies,).
-        dt: length of an interval [s].
+    """Return the plant's motion at the start and after every interval; see `run_plants`.
 
     Raises:
         ScenarioError: the motion left all bounds.
@@ -247,7 +232,6 @@ def run_plants(
 
     Args:
         runs: what acts, and coordinates at rest, of each.
-        dt: length of an interval [s].
         kernel: of `plant_function`.
         numbers: the parameters of each run's plant, (n_p,) each; default those of the mechanism.
 
@@ -291,11 +275,9 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs, force:
 
     force = resting_force(mechanism) if force is None else force
     p = mechanism.parameters.values[: len(mechanism.parameters) - len(mechanism.parameters.inside)]
-    place = np.concatenate([angles, np.zeros(mechanism.n_drives)])
-    servo = inputs.servo[0]
+    place, servo = np.concatenate([angles, np.zeros(mechanism.n_drives)]), inputs.servo[0]
 
-    for i in range(mechanism.n_joints, mechanism.n_bodies):
-        bounds = mechanism.rig.drives[i - mechanism.n_joints].stops
+    for i, drive in enumerate(mechanism.rig.drives, mechanism.n_joints):
 
         def net(position: float, body: int = i) -> float:
             place[body] = position
@@ -308,6 +290,6 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs, force:
             if reach > 1e3:
                 raise ScenarioError(f"drives.{mechanism.bodies[i].name}: no equilibrium at the start; check its pull")
         place[i] = float(brentq(net, -reach, reach, xtol=1e-12))
-        if bounds is not None:
-            place[i] = float(np.clip(place[i], *bounds))
+        if drive.stops is not None:
+            place[i] = float(np.clip(place[i], *drive.stops))
     return place

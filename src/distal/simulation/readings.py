@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -11,7 +12,8 @@ from distal.arrays import Floats
 from distal.expressions import Vector
 from distal.kernels import Layout
 from distal.model import Mechanism, Moment
-from distal.rig import Sensor
+from distal.rig import Rig, Sensor, travel_of
+from distal.sensors import SensorErrors
 
 
 def moment_of(plant: Mechanism, y: Vector) -> Moment:
@@ -24,7 +26,6 @@ class Readings:
     """What some sensors of a plant read without errors.
 
     Args:
-        plant: the plant's equations.
         sensors: default all of its rig's.
     """
 
@@ -47,16 +48,27 @@ class Readings:
         return readings
 
 
+ErrorsByRate: TypeAlias = dict[float, tuple[list[int], SensorErrors]]
+"""Rate of sensors → which of a rig's sensors have it, and their errors."""
+
+
+def errors_by_rate(rig: Rig, seed: int) -> ErrorsByRate:
+    """Return the errors of a rig's sensors in one run."""
+    sensors, errors = rig.sensors, ErrorsByRate()
+    rngs = np.random.default_rng(seed).spawn(len(sensors))
+    for rate in sorted({sensor.rate for sensor in sensors}):
+        at = [k for k, sensor in enumerate(sensors) if sensor.rate == rate]
+        ranges = [travel_of(sensors[k], rig) for k in at]
+        errors[rate] = at, SensorErrors([sensors[k] for k in at], ranges, [rngs[k] for k in at])
+    return errors
+
+
 SENSOR = Layout(gain=1, bias=1, noise=1, step=1, low=1, high=1, weights=3, phases=3)
 """Numbers of a sensor, in the order of `SensorErrors.numbers`."""
 
 
 def reading_function(plant: Mechanism) -> ca.Function:
-    """Return (y, numbers, draws) → what the sensors read, as `SensorErrors` has it.
-
-    Args:
-        plant: the plant's equations; delays of its sensors are left out.
-    """
+    """Return (y, numbers, draws) → what the sensors read, as `SensorErrors` has it, without their delays."""
     sensors = plant.rig.sensors
     y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
     numbers, draws = ca.SX.sym("numbers", SENSOR.size, len(sensors)), ca.SX.sym("draws", len(sensors))

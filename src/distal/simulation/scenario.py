@@ -93,9 +93,9 @@ class Control(Description):
             return raw
         if "joints" in raw:
             raise ValueError("joint: stands beside joints; give one of them")
-        own = {key: value for key, value in raw.items() if key in JointControl.model_fields}
-        rest = {key: value for key, value in raw.items() if key not in own and key != "joint"}
-        return {**rest, "joints": {raw["joint"]: own}}
+        of_joint = {key: raw[key] for key in raw if key in JointControl.model_fields}
+        of_loop = {key: raw[key] for key in raw if key not in of_joint and key != "joint"}
+        return {**of_loop, "joints": {raw["joint"]: of_joint}}
 
 
 class Change(Description):
@@ -161,9 +161,6 @@ def shipped_scenarios() -> tuple[str, ...]:
 
 def scenario_text(name: str | Path) -> tuple[str, Path | None]:
     """Return the text of a scenario file, and the folder it stands in (None for a shipped one).
-
-    Args:
-        name: a shipped scenario's name, or a path.
 
     Raises:
         ScenarioError: neither a shipped scenario nor a readable file.

@@ -95,9 +95,9 @@ class SignalIn:
     def _table(self, raw: Mapping[object, object]) -> Signal:
         points = {"points", "interpolation"}
         sine = {"mean", "amplitude", "frequency", "phase"}
-        known = points if "points" in raw else sine
+        allowed = points if "points" in raw else sine
         for key in raw:
-            if key not in known:
+            if key not in allowed:
                 raise UnitError(f"unknown key '{key}'{did_you_mean(str(key), points | sine)}")
         if "points" in raw:
             interpolation = raw.get("interpolation", self.interpolation)

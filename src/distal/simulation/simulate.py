@@ -31,20 +31,14 @@ SIMULATED = TruthSource(TruthKind.SIMULATION, "the simulation")
 def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0) -> Log:
     """Simulate a scenario without a controller: the part of `distal.simulate` that needs no estimator.
 
-    Args:
-        rig: as filters know it; or a shipped rig's name, or a path.
-        scenario: what is done to it; or a shipped scenario's name, or a path.
-        seed: of the sensors' errors; the same seed gives the same log.
-
     Raises:
         ScenarioError: the scenario does not fit the rig or has a controller, or the motion left all bounds.
         RigError: the plant's values are wrong.
     """
     prepared = prepare(rig, scenario, seed)
     check_open(prepared.scenario)
-    return sampled(
-        prepared, run_plant(prepared.plant, prepared.inputs, prepared.start, prepared.dt, prepared.count), seed
-    )
+    motion = run_plant(prepared.plant, prepared.inputs, prepared.start, prepared.dt, prepared.count)
+    return sampled(prepared, motion, seed)
 
 
 def check_open(scenario: Scenario) -> None:
@@ -72,7 +66,6 @@ class Prepared:
 
     Args:
         rig: as filters know it.
-        scenario: what is done to it.
         plant: the rig with the scenario's ``[plant]`` values.
         inputs: what acts in each interval.
         start: coordinates at rest, (n_bodies,).
@@ -92,12 +85,9 @@ class Prepared:
 def prepare(
     rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0, period: float | None = None
 ) -> Prepared:
-    """Return a scenario on a rig, ready to run; see `simulate`.
+    """Return a scenario on a rig, ready to run; see `simulate`. The seed is only checked.
 
     Args:
-        rig: as filters know it; or a shipped rig's name, or a path.
-        scenario: what is done to it; or a shipped scenario's name, or a path.
-        seed: of the sensors' errors, checked before the plant runs.
         period: time that whole intervals must fill [s]; default that between two samples of the fastest sensor.
 
     Raises:
@@ -120,7 +110,6 @@ def timing(plant: Mechanism, scenario: Scenario, period: float | None = None) ->
     """Return the length of an interval [s], the number of intervals, and the sub-steps of each.
 
     Args:
-        scenario: what is done to it.
         period: time that whole intervals must fill [s]; default that between two samples of the fastest sensor.
 
     Raises:
@@ -140,21 +129,13 @@ def timing(plant: Mechanism, scenario: Scenario, period: float | None = None) ->
 
 
 def intervals_of(plant: Mechanism, filled: float) -> tuple[float, int]:
-    """Return the length of an interval [s], and the sub-steps of each.
-
-    Args:
-        filled: time that whole intervals must fill [s].
-    """
+    """Return the length of an interval [s], so that whole ones fill a time [s], and the sub-steps of each."""
     dt = filled / ceil(filled / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
     return dt, max(2, 2 * substeps(plant, dt))
 
 
 def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
-    """Return what the sensors read of a motion.
-
-    Args:
-        prepared: the scenario on the rig.
-    """
+    """Return what the sensors read of a motion."""
     # several plants of one structure move together: its numbers are those of the plant itself
     motion, rig, duration = Motion(prepared.plant, motion.y), prepared.plant.rig, prepared.scenario.duration
     grid: Floats = prepared.dt * np.arange(len(motion.y), dtype=np.float64)
@@ -189,11 +170,7 @@ def true_motion(motion: Motion, grid: Floats, stamps: Floats) -> dict[str, Float
 
 
 def stamps_of(rig: Rig, duration: float) -> Floats:
-    """Return the stamps at which any of a rig's sensors is sampled [s], (k,).
-
-    Args:
-        duration: of the scenario [s].
-    """
+    """Return the stamps at which any of a rig's sensors is sampled [s], (k,)."""
     rates = {sensor.rate for sensor in rig.sensors} or {100.0}
-    each = [np.round(np.arange(0.0, duration - 1e-9, 1.0 / rate), 9) for rate in rates]
-    return np.unique(np.concatenate(each))
+    stamps = [np.round(np.arange(0.0, duration - 1e-9, 1.0 / rate), 9) for rate in rates]
+    return np.unique(np.concatenate(stamps))

@@ -39,13 +39,7 @@ SETTLING_SUBSTEPS = 8
 
 @dataclass(frozen=True)
 class FilterContext:
-    """A rig as the filter reads it.
-
-    Args:
-        mechanism: the rig's equations.
-        channels: the sensors that are read.
-        robustness: the guards.
-    """
+    """A rig as the filter reads it: its equations, the sensors that are read, and the guards."""
 
     mechanism: Mechanism
     channels: Channels
@@ -117,10 +111,7 @@ class FilterContext:
         """Return 1 where a drive could be where its sensor says, 0 where it is a wild value.
 
         Geometry is not defined at a place `MOST_TRAVELS` times the travel away, so that no later guard would stop it.
-
-        Args:
-            sensor: one of the channels; what measures no position is always credible.
-            reading: what it reads.
+        What measures no position is always credible.
         """
         if sensor.measures != "position":
             return 1
@@ -130,11 +121,7 @@ class FilterContext:
         return away <= MOST_TRAVELS * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
 
     def number(self, path: str, otherwise: float) -> Scalar:
-        """Return a number of the description: an input of the filter where it is given, else a constant.
-
-        Args:
-            otherwise: its value.
-        """
+        """Return a number of the description: an input of the filter where it is given, else the constant `otherwise`."""
         p = self.mechanism.parameters
         return p[path] if path in p.inputs else otherwise
 
@@ -154,12 +141,12 @@ class FilterContext:
     def gain_std(self, sensor: Sensor) -> float:
         """Return how unsure a sensor's gain is, as a share of it: nothing where it is an input of the filter (a fit)."""
         gain = gain_of(sensor)
-        given = f"{self.path(sensor)}.gain" in self.mechanism.parameters.inputs
-        return 0.0 if given else float(gain.filter_std / gain.value)
+        is_input = f"{self.path(sensor)}.gain" in self.mechanism.parameters.inputs
+        return 0.0 if is_input else float(gain.filter_std / gain.value)
 
     def path(self, sensor: Sensor) -> str:
         """Return the path of a sensor in the description."""
-        names = [each.name for each in self.mechanism.rig.sensors]
+        names = [sensor.name for sensor in self.mechanism.rig.sensors]
         return f"sensors.{names.index(sensor.name)}"
 
     def unmodelled(self, joint: int) -> Scalar:
@@ -174,9 +161,9 @@ class FilterContext:
         tendons = [t for t in self.mechanism.rig.tendons if t.drive == part.name]
         load = max(abs(part.nominal_force.value) / lever, sum(t.pretension.value for t in tendons), 1.0)
         constant, growing = part.friction.constant, part.friction.load
-        known = (constant.value + constant.std) / lever + (growing.value + growing.std) * load
+        limit = (constant.value + constant.std) / lever + (growing.value + growing.std) * load
         for tendon in tendons:
             if tendon.path is not None and tendon.path.nodes == 0:
                 rubs = tendon.path.friction
-                known += load * float(np.expm1((rubs.value + rubs.std) * tendon.path.wrap.value))
-        return bool(known >= self.robustness.declared_friction)
+                limit += load * float(np.expm1((rubs.value + rubs.std) * tendon.path.wrap.value))
+        return bool(limit >= self.robustness.declared_friction)

@@ -73,7 +73,6 @@ class Tracks(Generic[Expression]):
 
     Args:
         vector: (n_tracks,).
-        n_drives: number of drives.
     """
 
     def __init__(self, vector: Expression, n_drives: int) -> None:
@@ -81,11 +80,7 @@ class Tracks(Generic[Expression]):
 
     @staticmethod
     def size(n_drives: int) -> int:
-        """Return the length of the vector.
-
-        Args:
-            n_drives: number of drives.
-        """
+        """Return the length of the vector."""
         return len(TRACKED) * n_drives
 
     def __getitem__(self, drive: int) -> Drive:
@@ -98,8 +93,8 @@ class Tracks(Generic[Expression]):
         """Return one drive's numbers as a vector, `TRACKED`."""
         first, n = MEMORY * drive, self._n
         parts = self.vector[first : first + MEMORY], self.vector[MEMORY * n + drive]
-        made: Expression = ca.vertcat(*parts, self.vector[(MEMORY + 1) * n + drive])
-        return made
+        numbers: Expression = ca.vertcat(*parts, self.vector[(MEMORY + 1) * n + drive])
+        return numbers
 
     @property
     def memory(self) -> Expression:
@@ -113,11 +108,7 @@ class Tracks(Generic[Expression]):
 
 
 def remembered_place(drive: int, name: str) -> int:
-    """Return where a number of a drive stands in what is remembered of all drives, which stand one after the other.
-
-    Args:
-        name: of the number, one of `REMEMBERED`.
-    """
+    """Return where a number of a drive, one of `REMEMBERED`, stands in what is remembered of all drives in turn."""
     return MEMORY * drive + REMEMBERED.index(name)
 
 
@@ -158,20 +149,14 @@ def tracking(states: StateVector) -> ca.Function:
     context = states.context
     n, p = context.n_drives, ca.MX.sym("p", context.mechanism.parameters.symbols.numel())
     mean, memory, x = ca.MX.sym("mean", len(states)), ca.MX.sym("memory", MEMORY * n), ca.MX.sym("x", context.width)
-    told = ca.horzsplit(_readings(states)(mean, memory, x, p))
-    drives = []
+    readings = ca.horzsplit(_readings(states)(mean, memory, x, p))
+    drives = [ca.MX.zeros(len(TRACKED))] * n
     for i in range(n):
-        if context.position_sensor(i) is None:
-            drives.append(ca.MX.zeros(len(TRACKED)))
-            continue
-        judged = _judged(context, i)
-        drives.append(
-            _track(context.robustness, judged, context.joints_follow)(
-                memory[MEMORY * i : MEMORY * (i + 1)], told[i], x[0]
-            )
-        )
-    kept = [drive[:MEMORY] for drive in drives]
-    vector = ca.vertcat(*kept, *(drive[MEMORY] for drive in drives), *(drive[MEMORY + 1] for drive in drives))
+        if context.position_sensor(i) is not None:
+            track_drive = _track(context.robustness, _judged(context, i), context.joints_follow)
+            drives[i] = track_drive(memory[MEMORY * i : MEMORY * (i + 1)], readings[i], x[0])
+    bends, variances = ([drive[k] for drive in drives] for k in (MEMORY, MEMORY + 1))
+    vector = ca.vertcat(*(drive[:MEMORY] for drive in drives), *bends, *variances)
     return ca.Function("track", [mean, memory, x, p], [vector])
 
 
@@ -218,20 +203,20 @@ def _readings(states: StateVector) -> ca.Function:
 
 
 def _track(robustness: Robustness, judged: bool, follows: bool) -> ca.Function:
-    """Return (memory, told, dt) → what is known of one drive after a reading, `TRACKED`; the same for all alike.
+    """Return (memory, `READING`, dt) → what is known of one drive after a reading, `TRACKED`; the same for all alike.
 
     Args:
         judged: whether its force says if a jump is real.
         follows: whether the joints follow the drives.
     """
-    memory, told, dt = ca.SX.sym("memory", MEMORY), ca.SX.sym("told", len(READING)), ca.SX.sym("dt")
-    reading, mask, noise, dead, wandering, missing, force_mask, stiffness, variance = ca.vertsplit(told)
+    memory, readings, dt = ca.SX.sym("memory", MEMORY), ca.SX.sym("readings", len(READING)), ca.SX.sym("dt")
+    reading, mask, noise, dead, wandering, missing, force_mask, stiffness, variance = ca.vertsplit(readings)
     least = 0.0 if follows else 0.5
     evidence = ForceEvidence(missing, force_mask, stiffness, variance, least) if judged else None
     silence = Silence(dead, wandering)
     drive = track(memory, reading, mask, noise, dt, robustness=robustness, silence=silence, force_evidence=evidence)
     parts = ca.vertcat(*(getattr(drive, name) for name in TRACKED))
-    return ca.Function("drive", [memory, told, dt], [ca.cse(ca.densify(parts))])
+    return ca.Function("drive", [memory, readings, dt], [ca.cse(ca.densify(parts))])
 
 
 def track(
@@ -268,17 +253,16 @@ def track(
     judged: Scalar = ca.SX(0)
     evidence: Scalar = ca.SX(0)
     if force_evidence is not None:
-        judged = is_read(force_evidence.mask)
-        evidence = jump_evidence(
-            force_evidence.missing, force_evidence.stiffness * jump, force_evidence.variance, force_evidence.least
-        )
+        force = force_evidence
+        judged = is_read(force.mask)
+        evidence = jump_evidence(force.missing, force.stiffness * jump, force.variance, force.least)
     # (2) the chance that a jump is real: between slow samples it may have been there since the mean speed faded
     stayed = doubt + ca.fmax(dt - MOTION_TIME, 0)
     real = ca.if_else(far, chance_of_jump(robustness, stayed, evidence, judged), 1)
     # a gap is crossed in a straight line to the reading that ends it
     line = place + (reading - place) / rows_left(mask)
-    now = ca.if_else(bridged, line, ca.if_else(read, expected + real * jump, expected))
-    moved = now - place
+    reached = ca.if_else(bridged, line, ca.if_else(read, expected + real * jump, expected))
+    moved = reached - place
     # (3) mean motion; what was not seen while the reading was missing belongs to all of that time
     elapsed = ca.if_else(bridged, dt, time)
     passed = ca.if_else(elapsed > 0, elapsed, 1)
@@ -297,7 +281,7 @@ def track(
     sure = believed > 0.5
     bend = ca.if_else(sure, moved - speed * dt, 0)
     return Drive(
-        place=now,
+        place=reached,
         doubt=ca.if_else(far, doubt + dt, 0),
         speed=speed * (fade + (1 - fade) * believed) + share * (seen - speed),
         square=square + share * (seen * seen - square),

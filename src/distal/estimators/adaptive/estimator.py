@@ -53,10 +53,8 @@ class AdaptiveFilter(KernelEstimator):
     """A displacement-driven Kalman filter that estimates what is uncertain in the rig beside the joints' motion.
 
     Args:
-        rig: the description.
         compiled: compile its kernel where possible, see `Kernel`.
         robustness: the guards against a wrong model and bad sensors; default `Robustness.usual`.
-        name: of the estimator.
         references: sensors of joints' angles that are read too, while they are known (homing, fitting).
         inputs: numbers of the description that are inputs of its kernel and no states (fitting).
         resolution: largest product of sub-step and a joint's own frequency; default `RESOLUTION`, on a chain
@@ -86,24 +84,18 @@ class AdaptiveFilter(KernelEstimator):
         channels = channels_of(rig, name, references, others=True)
         guards = Robustness.usual(len(rig.joints)) if robustness is None else robustness
         self._states = _state_vector(rig, tuple(references), tuple(inputs), guards, tuple(kinds))
-        mechanism, self._resolution = self._states.context.mechanism, resolution
-        self._count = self._states.context.substeps(resolution)
+        self._resolution = resolution
         # a smoother goes back over the filter's own states
-        learned = () if trace else (rig.discrepancy if line is None else line, rig.contact)
-        self._maps = tuple(one for one in learned if one is not None)
+        maps = () if trace else (rig.discrepancy if line is None else line, rig.contact)
+        self._maps = tuple(learned for learned in maps if learned is not None)
         self._check_maps(channels)
-        numbers = [mechanism.parameters.values, *(numbers_of(one) for one in self._maps)]
-        function = self._reporting(adaptive_function(self._states, resolution, trace))
-        super().__init__(
-            name,
-            rig,
-            Kernel(function, compiled),
-            np.concatenate(numbers),
-            channels=channels,
-            state_names=self._states.names,
-            measured=tuple(sensor.name for sensor in channels.compared),
-        )
-        self.report = Report.behind(2 * len(self.measured), [self._reported(one) for one in self._maps])
+        kernel = Kernel(self._reporting(adaptive_function(self._states, resolution, trace)), compiled)
+        parameters = self._states.context.mechanism.parameters.values
+        numbers = np.concatenate([parameters, *map(numbers_of, self._maps)])
+        measured = tuple(sensor.name for sensor in channels.compared)
+        state_names = self._states.names
+        super().__init__(name, rig, kernel, numbers, channels=channels, state_names=state_names, measured=measured)
+        self.report = Report.behind(2 * len(self.measured), [self._reported(learned) for learned in self._maps])
 
     def _check_maps(self, channels: Channels) -> None:
         read = tuple(sensor.name for sensor in channels.proximal)
@@ -121,12 +113,9 @@ class AdaptiveFilter(KernelEstimator):
                 )
 
     def _reported(self, learned: LearnedMap) -> list[int]:
-        """Return the states that a map speaks of: the joints' angles, or the torques on them."""
-        return self._torques if isinstance(learned, Contact) else list(range(len(learned.joints)))
-
-    @property
-    def _torques(self) -> list[int]:
-        """Which states are torques from outside, in the order of the joints."""
+        """Return the states that a map speaks of: the joints' angles, or the torques on them, in their order."""
+        if not isinstance(learned, Contact):
+            return list(range(len(learned.joints)))
         joints = [joint.name for joint in self._states.context.mechanism.rig.joints]
         return list(states_of(StateKind.EXTERNAL_TORQUE, joints, self.state_kinds, self.state_parts).values())
 
@@ -134,7 +123,7 @@ class AdaptiveFilter(KernelEstimator):
         """Return the filter with what its maps say among its outputs; only a discrepancy is added to its own."""
         if not self._maps:
             return function
-        maps = [(one, self._reported(one), isinstance(one, Discrepancy)) for one in self._maps]
+        maps = [(learned, self._reported(learned), isinstance(learned, Discrepancy)) for learned in self._maps]
         context = self._states.context
         return reporting_function(function, maps, len(context.channels.names), self.places, context.n_joints)
 
@@ -145,9 +134,10 @@ class AdaptiveFilter(KernelEstimator):
         """
         states, context = self._states, self._states.context
         names = context.channels.names
-        values, given = ca.SX.sym("values", len(names)), ca.SX.sym("mask", len(names))
+        values, is_present = ca.SX.sym("values", len(names)), ca.SX.sym("mask", len(names))
         sensors = {sensor.name: sensor for sensor in self.rig.sensors}
-        mask = ca.vertcat(*(given[k] * context.credible(sensors[name], values[k]) for k, name in enumerate(names)))
+        credible = (context.credible(sensors[name], values[k]) for k, name in enumerate(names))
+        mask = ca.vertcat(*(is_present[k] * is_credible for k, is_credible in enumerate(credible)))
 
         def read(sensor: Sensor, otherwise: float) -> Scalar:
             k = names.index(sensor.name)
@@ -162,7 +152,7 @@ class AdaptiveFilter(KernelEstimator):
                 memory[remembered_place(i, "place")] = read(position, 0.0)
                 memory[remembered_place(i, "unknown")] = unknown
             if transmitted is not None and effort is not None:
-                at = transmitted[0]
+                at, _ = transmitted
                 mean[at] = read(effort, float(states.means[at]))
         affine = self.rig.affine
         if affine is not None and set(affine.channels) <= set(names):
@@ -187,23 +177,18 @@ class AdaptiveFilter(KernelEstimator):
         for learned in self._maps:
             memory = ca.vertcat(memory, first_memory(learned, ca.vertcat(*placed) if learned.tracked else values, mask))
         symbols, p = context.mechanism.parameters.symbols, ca.SX.sym("p", len(self._p))
-        found = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
-        return ca.Function("prior", [values, given, p], found)
+        prior = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
+        return ca.Function("prior", [values, is_present, p], prior)
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
-        """Return which directions of joint space the sensors do not see, where there are any.
-
-        Args:
-            means: states over the log, (k, n).
-            samples: values of `channels`, (k, n_channels).
-        """
+        """Return which directions of joint space the sensors do not see, where there are any."""
         return () if self.unseen is None else (self.unseen,)
 
     @cached_property
     def unseen(self) -> str | None:
         """What the sensors cannot tell of the joints, in a sentence; None where they see every direction."""
-        found = directions(self.rig)
-        return found.text if len(found.missed) and len(self.rig.joints) > 1 else None
+        seen = directions(self.rig)
+        return seen.text if len(seen.missed) and len(self.rig.joints) > 1 else None
 
     @property
     def bridged(self) -> int:
@@ -213,12 +198,12 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def discrepancy(self) -> Discrepancy | None:
         """What is added to the angle, as learned; None where nothing is."""
-        return next((one for one in self._maps if isinstance(one, Discrepancy)), None)
+        return next((learned for learned in self._maps if isinstance(learned, Discrepancy)), None)
 
     @property
     def contact(self) -> Contact | None:
         """The torque from outside, as learned; None where it is the filter's own."""
-        return next((one for one in self._maps if isinstance(one, Contact)), None)
+        return next((learned for learned in self._maps if isinstance(learned, Contact)), None)
 
     def with_map(self, learned: LearnedMap) -> AdaptiveFilter:
         """Return the same filter, kernel included, with other coefficients of the same terms of one of its maps.
@@ -226,13 +211,13 @@ class AdaptiveFilter(KernelEstimator):
         Args:
             learned: with the terms of the filter's own map of its kind.
         """
-        other = copy(self)
-        other._maps = tuple(learned if type(one) is type(learned) else one for one in self._maps)
-        assert [one.terms for one in other._maps] == [one.terms for one in self._maps]
-        count = len(self.numbers) - sum(len(numbers_of(one)) for one in self._maps)
-        other._p = frozen(np.concatenate([self.numbers[:count], *(numbers_of(one) for one in other._maps)]))
-        other._begin = None
-        return other
+        changed = copy(self)
+        changed._maps = tuple(learned if type(before) is type(learned) else before for before in self._maps)
+        assert [after.terms for after in changed._maps] == [before.terms for before in self._maps]
+        parameters = self.numbers[: len(self.parameter_names)]
+        changed._p = frozen(np.concatenate([parameters, *map(numbers_of, changed._maps)]))
+        changed._begin = None
+        return changed
 
     def of_rig(self, rig: Rig) -> AdaptiveFilter | None:
         """Return the same filter, kernel included, with the numbers of another rig; None where that needs another kernel.
@@ -248,13 +233,12 @@ class AdaptiveFilter(KernelEstimator):
         states = _state_vector(rig, tuple(references), inputs, guards, self._states.kinds)
         if _structure(states, self._resolution) != _structure(self._states, self._resolution):
             return None
-        other = copy(self)
-        for kept in ("unseen", "priors"):
-            other.__dict__.pop(kept, None)
-        count = len(self.numbers) - sum(len(numbers_of(one)) for one in self._maps)
-        other.rig, other._states, other._begin = rig, states, None
-        other._p = frozen(np.concatenate([states.context.mechanism.parameters.values, self.numbers[count:]]))
-        return other
+        changed, of_maps = copy(self), self.numbers[len(self.parameter_names) :]
+        for cached in ("unseen", "priors"):
+            changed.__dict__.pop(cached, None)
+        changed.rig, changed._states, changed._begin = rig, states, None
+        changed._p = frozen(np.concatenate([states.context.mechanism.parameters.values, of_maps]))
+        return changed
 
     @property
     def places(self) -> tuple[int | None, ...]:
@@ -268,7 +252,7 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def substeps(self) -> int:
         """Sub-steps of the joints in one interval."""
-        return self._count
+        return self._states.context.substeps(self._resolution)
 
     @property
     def state_kinds(self) -> tuple[StateKind, ...]:
@@ -289,7 +273,7 @@ class AdaptiveFilter(KernelEstimator):
     def priors(self) -> tuple[Floats, Floats]:
         """Prior means and stds of the states that are numbers of the rig, NaN for the others, (n,) each."""
         states = self._states
-        means, stds = (np.where(states.lasting, each, np.nan) for each in (states.means, states.stds))
+        means, stds = (np.where(states.lasting, moments, np.nan) for moments in (states.means, states.stds))
         return frozen(means), frozen(stds)
 
     @property
@@ -303,8 +287,7 @@ def _begin(context: FilterContext, read: Callable[[Sensor, float], Scalar]) -> B
     drives, cells = range(context.n_drives), {sensor.of: sensor for sensor in context.channels.tensions}
     positions, forces = [context.position_sensor(i) for i in drives], [context.force_sensor(i) for i in drives]
     tensions = [cells.get(tendon.name) for tendon in context.mechanism.rig.tendons]
-    return Begin(
-        [0.0 if sensor is None else read(sensor, 0.0) for sensor in positions],
-        [None if sensor is None else read(sensor, 0.0) for sensor in forces],
-        [None if sensor is None else read(sensor, 0.0) for sensor in tensions],
+    efforts, pulls = (
+        [None if sensor is None else read(sensor, 0.0) for sensor in sensors] for sensors in (forces, tensions)
     )
+    return Begin([0.0 if sensor is None else read(sensor, 0.0) for sensor in positions], efforts, pulls)

@@ -24,21 +24,16 @@ TINY_STD = 1e-12
 
 
 def follow(states: StateVector, prediction: Prediction, interval: Interval) -> None:
-    """Move everything inside to where it is at the end of an interval, in place.
-
-    Args:
-        prediction: to change.
-        interval: with its sample.
-    """
+    """Move everything inside to where it is at the end of an interval, in place."""
     state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
     tracks, x, p = interval.tracks, interval.x, interval.p
     for block in _ordered(states):
         at = states.indices(block)[0]
-        mean, row, rest = following_function(states, block)(state, covariance[at, at], tracks, x, p)
+        mean, row, added = following_function(states, block)(state, covariance[at, at], tracks, x, p)
         across = ca.mtimes(covariance, row)
-        own = ca.mtimes(row.T, across) + rest
+        variance = ca.mtimes(row.T, across) + added
         state[at] = mean
-        set_row(covariance, at, across, own)
+        set_row(covariance, at, across, variance)
         transition[at, :] = ca.mtimes(row.T, transition)
 
 
@@ -59,13 +54,13 @@ def _ordered(states: StateVector) -> list[BacklashOrSheathState | Strained]:
 
 
 def following_function(states: StateVector, block: BacklashOrSheathState | Strained) -> ca.Function:
-    """Return (state, variance, tracks, x, p) → (mean, slopes, rest) of one number inside, at the end of an interval.
+    """Return (state, variance, tracks, x, p) → (mean, slopes, added variance) of one number inside, after an interval.
 
     A play: the moments of clip(z, a, b) of a normal z (`clip_moments`). A strain: the model's, with its slopes.
     """
     context, n, nd = states.context, len(states), states.context.n_drives
     mechanism, nj, p = context.mechanism, context.n_joints, context.mechanism.parameters.symbols
-    state, own, x = ca.SX.sym("state", n), ca.SX.sym("P_z"), ca.SX.sym("x", context.width)
+    state, variance, x = ca.SX.sym("state", n), ca.SX.sym("P_z"), ca.SX.sym("x", context.width)
     vector = ca.SX.sym("tracks", Tracks.size(nd))
     tracks, q, dt = Tracks(vector, nd), ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("dt")
     places = [states.place(i, tracks[i].place, state) for i in range(nd)]
@@ -83,14 +78,14 @@ def following_function(states: StateVector, block: BacklashOrSheathState | Strai
         by_low, by_high = ca.jacobian(low, state), ca.jacobian(high, state)
         low -= CREST * _std(slopes[0], noises)
         high += CREST * _std(slopes[1], noises)
-        moments = clip_moments(low, high, state[at], ca.sqrt(ca.fmax(own, 0)) + TINY_STD)
+        moments = clip_moments(low, high, state[at], ca.sqrt(ca.fmax(variance, 0)) + TINY_STD)
         row = moments.by_low * by_low + moments.by_high * by_high
         row[0, at] += moments.by_mean
         pushed = moments.by_low * slopes[0] + moments.by_high * slopes[1]
         noise = sum((pushed[0, i] ** 2 * tracks[i].variance for i in range(nd)), ca.SX(0))
         outputs = [moments.mean, row.T, moments.rest + noise]
-    symbols = [state, own, vector, x, p]
-    return ca.Function("follow", symbols, ca.cse([ca.densify(entry) for entry in outputs]))
+    symbols = [state, variance, vector, x, p]
+    return ca.Function("follow", symbols, ca.cse([ca.densify(output) for output in outputs]))
 
 
 def _noise(states: StateVector, drive: int) -> Scalar:

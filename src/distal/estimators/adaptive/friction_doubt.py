@@ -16,7 +16,7 @@ from distal.rig import known_to_a_factor
 
 def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
     """Return joint → indices of its friction's states, for joints whose friction is known to a factor only."""
-    p, found = states.context.mechanism.parameters, dict[int, list[int]]()
+    p, doubted = states.context.mechanism.parameters, dict[int, list[int]]()
     for block in states.blocks:
         if not isinstance(block, UncertainParameter) or block.acts != "value":
             continue
@@ -25,30 +25,26 @@ def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
         if (head, part) == ("joints", "friction") and known_to_a_factor(
             p.names[at], p.values[at], p.independent_stds[at]
         ):
-            found.setdefault(int(index), []).extend(states.indices(block))
-    return found
+            doubted.setdefault(int(index), []).extend(states.indices(block))
+    return doubted
 
 
 def friction_stds(states: StateVector, q: Vector, v: Vector, mean: Vector, covariance: Matrix) -> dict[int, Scalar]:
     """Return joint → standard deviation of its friction limit by what is not known of its friction [N m].
 
     Args:
-        q: coordinates, (n_bodies,).
-        v: velocities, (n_bodies,).
         mean: of the state, symbols, (n,).
-        covariance: of its error, (n, n).
     """
     mechanism, doubted = states.context.mechanism, doubted_frictions(states)
     if not doubted:
         return {}
     pulls = mechanism.pulls(q, v)
     limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)
-    found = dict[int, Scalar]()
-    for joint, own in doubted.items():
-        symbols = ca.SX.sym("own", len(own))
-        state = ca.SX(mean)
-        state[own] = symbols
-        at = ca.substitute(limits[joint].mean, mechanism.parameters.symbols, states.parameters(state))
-        slope = ca.substitute(ca.jacobian(at, symbols), symbols, mean[own])
-        found[joint] = ca.sqrt(ca.fmax(ca.mtimes([slope, covariance[own, own], slope.T]), 0))
-    return found
+    stds = dict[int, Scalar]()
+    for joint, at in doubted.items():
+        frictions, state = ca.SX.sym("frictions", len(at)), ca.SX(mean)
+        state[at] = frictions
+        limit = ca.substitute(limits[joint].mean, mechanism.parameters.symbols, states.parameters(state))
+        slope = ca.substitute(ca.jacobian(limit, frictions), frictions, mean[at])
+        stds[joint] = ca.sqrt(ca.fmax(ca.mtimes([slope, covariance[at, at], slope.T]), 0))
+    return stds

@@ -14,7 +14,7 @@ class Interval:
     Args:
         tracks: of the drives at its end, see `Tracks`.
         memory: what is remembered of the drives' motion, from its start.
-        x: the sample.
+        x: the sample (dt, values, mask).
         p: the model's parameters.
     """
 

@@ -79,28 +79,28 @@ def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Ve
         free, expected = away_from_stops(context, i, track.place), pulls[body] + states.force(i, state)
         friction = (limits[body] + states.friction(i, state), asymmetries[body], i)
         if sensor is None:
-            known = float(drive.nominal_force.std > 0.0)
+            is_known = float(drive.nominal_force.std > 0.0)
             lasting = drive.nominal_force.std**2 * 2 * NOMINAL_TIME / ca.fmax(x[0], 1e-6)
             residual = drive.nominal_force.value - expected
-            rows.append(Row(drive.name, residual, spread + lasting, known * free, *friction, measured=False))
+            rows.append(Row(drive.name, residual, spread + lasting, is_known * free, *friction, measured=False))
             continue
-        own, mask = context.noise(sensor), context.mask(x, sensor) * free
+        noise, mask = context.noise(sensor), context.mask(x, sensor) * free
         transmitted = states.transmitted(i)
         if transmitted is not None:
             damped = dampings[body] * rates[i]
-            rows.append(Row(sensor.name, state[transmitted[0]] - (expected - damped), TIE**2 * own + spread, mask))
+            rows.append(Row(sensor.name, state[transmitted[0]] - (expected - damped), TIE**2 * noise + spread, mask))
             continue
         read = context.value(x, sensor)
         residual = read - expected - states.sensor_error(sensor, read, state)
-        rows.append(Row(sensor.name, residual, own + spread, mask, *friction))
+        rows.append(Row(sensor.name, residual, noise + spread, mask, *friction))
     tendons = [tendon.name for tendon in mechanism.rig.tendons]
     for sensor in context.channels.tensions:
         t = tendons.index(sensor.of)
         body = mechanism.drive_of[t]
-        own = context.noise(sensor) + tension_slopes[t, body] ** 2 * tracks[body - nj].variance
+        spread = context.noise(sensor) + tension_slopes[t, body] ** 2 * tracks[body - nj].variance
         read = context.value(x, sensor)
         residual = read - tensions[t] - states.sensor_error(sensor, read, state)
-        rows.append(Row(sensor.name, residual, own, context.mask(x, sensor)))
+        rows.append(Row(sensor.name, residual, spread, context.mask(x, sensor)))
     moment, unknowns = Moment(mechanism, q, v, tensions, pulls), states.unknowns(state)
     for sensor in (*context.channels.angles, *context.channels.others):
         read, trusted = context.value(x, sensor), sensor in context.channels.angles
@@ -112,11 +112,7 @@ def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Ve
 
 
 def away_from_stops(context: FilterContext, drive: int, place: Scalar) -> Scalar:
-    """Return 1 where a drive is certainly not at a stop: there the contact force is unknown, (17).
-
-    Args:
-        place: what its sensor reads.
-    """
+    """Return 1 where a drive is certainly not at a stop: there the contact force is unknown, (17)."""
     part, sensor = context.mechanism.rig.drives[drive], context.position_sensor(drive)
     if part.stops is None or sensor is None:
         return ca.SX(1)
@@ -137,13 +133,7 @@ class Slopes:
 
 @dataclass(frozen=True)
 class RowAt:
-    """A row at a state.
-
-    Args:
-        row: what is compared.
-        values: its numbers, a `ROW`.
-        slopes: of residual, limit and asymmetry.
-    """
+    """A row at a state: what is compared, its numbers (a `ROW`), and their slopes."""
 
     row: Row
     values: VectorNode
@@ -155,7 +145,6 @@ class Rows:
     """What is compared, as one function.
 
     Args:
-        rows: what is compared.
         function: (state, tracks, rates, x, p) → `ROW` and `Slopes` of each row.
     """
 
@@ -178,17 +167,9 @@ class Rows:
         return cls(rows, ca.Function("rows", arguments, ca.cse(list(outputs.values())), inputs, list(outputs)))
 
     def at(self, state: VectorNode, tracks: VectorNode, rates: VectorNode, x: VectorNode, p: VectorNode) -> list[RowAt]:
-        """Return each row with its values and slopes.
-
-        Args:
-            state: (n,).
-            tracks: of the drives, see `Tracks`.
-            rates: mean speed of each drive over the interval, (n_drives,).
-            x: the sample.
-            p: the kernel's parameters.
-        """
-        found = self.function(state=state, tracks=tracks, rates=rates, x=x, p=p)
+        """Return each row with its values and slopes; `tracks` and `rates` are as in `Moved` and `Interval`."""
+        outputs = self.function(state=state, tracks=tracks, rates=rates, x=x, p=p)
         return [
-            RowAt(row, found[f"values_{k}"], Slopes(**{part: found[f"{part}_{k}"] for part in SLOPED}))
+            RowAt(row, outputs[f"values_{k}"], Slopes(*(outputs[f"{part}_{k}"] for part in SLOPED)))
             for k, row in enumerate(self.rows)
         ]

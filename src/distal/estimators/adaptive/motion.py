@@ -32,7 +32,7 @@ class Moved:
         slopes: of θ and ω by the numbers that they move with, transposed, (numbers, 2 n_joints).
         chosen: which states are among these numbers; the drives' places come behind them.
         places: which states change a drive's place, and its slopes by these, of each drive.
-        rest: variance that an uncertain torque adds to ω beyond its slope, (n_joints,).
+        speed_variances: what an uncertain torque adds to those of ω beyond its slope, (n_joints,).
         rates: mean speed of each drive over the interval, (n_drives,).
     """
 
@@ -41,64 +41,59 @@ class Moved:
     slopes: MatrixNode
     chosen: list[int]
     places: list[tuple[list[int], VectorNode]]
-    rest: VectorNode
+    speed_variances: VectorNode
     rates: VectorNode
 
     def across(self, matrix: MatrixNode) -> MatrixNode:
-        """Return a matrix times the slopes of what the joints move with by the states, transposed, (k, numbers).
-
-        Args:
-            matrix: (k, n).
-        """
+        """Return a matrix (k, n) times the slopes of what the joints move with by the states, transposed, (k, numbers)."""
         by_place = [ca.mtimes(matrix[:, at], slopes) if at else ca.MX(matrix.size1(), 1) for at, slopes in self.places]
         return ca.horzcat(matrix[:, self.chosen], *map(ca.densify, by_place))
 
 
 def moved(states: StateVector, count: int, mean: VectorNode, covariance: MatrixNode, interval: Interval) -> Moved:
-    """Return the joints after an interval, moved by sub-steps with their slopes.
-
-    Args:
-        mean: before, (n,).
-        covariance: before, (n, n).
-        interval: with its sample.
-    """
+    """Return the joints after an interval, moved by `count` sub-steps with their slopes."""
     context, memory, tracks, x, p = states.context, interval.memory, interval.tracks, interval.x, interval.p
     nj, acting = context.n_joints, _acting(states)
     starts, rates, torques, values, *constant = _interval(states, count)(mean, covariance, memory, tracks, x, p)
     step, h = _substep(states), x[0] / count
     mechanism, numbers = context.mechanism, 2 * nj + len(acting) + context.n_drives
-    angles, speeds, own = mean[:nj], mean[nj : 2 * nj], ca.DM.eye(nj)
+    angles, speeds, coupling = mean[:nj], mean[nj : 2 * nj], ca.DM.eye(nj)
     if len(mechanism.free) < nj:
         # coupled joints are where the others say, from the start
-        own = ca.DM(nj, nj)
-        own[:, mechanism.free] = mechanism.spread
-        angles, speeds = ca.mtimes(own, angles) + mechanism.offsets, ca.mtimes(own, speeds)
+        coupling = ca.DM(nj, nj)
+        coupling[:, mechanism.free] = mechanism.spread
+        angles, speeds = ca.mtimes(coupling, angles) + mechanism.offsets, ca.mtimes(coupling, speeds)
     q, v = ca.vertcat(angles, starts), ca.vertcat(speeds, rates)
     by_angle, by_speed = (ca.DM(numbers, nj) for _ in range(2))
-    by_angle[:nj, :] = by_speed[nj : 2 * nj, :] = own.T
+    by_angle[:nj, :] = by_speed[nj : 2 * nj, :] = coupling.T
     of_angles, of_speeds = ca.MX(ca.densify(by_angle)), ca.MX(ca.densify(by_speed))
-    rest = ca.MX(ca.DM.zeros(nj))
+    speed_variances = ca.MX(ca.DM.zeros(nj))
     for _ in range(count):
         q, v, by_angle, by_speed, added_slopes, added = step(q, v, torques, h, *constant, p)
         of_speeds = ca.mac(of_angles, by_angle, ca.mac(of_speeds, by_speed, added_slopes))
         of_angles = of_angles + h * of_speeds
         if len(mechanism.free) < nj:
             of_angles = ca.mtimes(of_angles[:, mechanism.free], mechanism.spread.T)
-        rest = rest + added
+        speed_variances = speed_variances + added
     patterns, places, first = _place_slopes(states), list[tuple[list[int], VectorNode]](), 0
     for i in range(context.n_drives):
         at = [int(k) for k in patterns[i, :].sparsity().get_triplet()[1]]
         places.append((at, values[first : first + len(at)]))
         first += len(at)
-    return Moved(q[:nj], v[:nj], ca.horzcat(of_angles, of_speeds), [*range(2 * nj), *acting], places, rest, rates)
+    slopes, chosen = ca.horzcat(of_angles, of_speeds), [*range(2 * nj), *acting]
+    return Moved(q[:nj], v[:nj], slopes, chosen, places, speed_variances, rates)
 
 
 def _acting(states: StateVector) -> list[int]:
     """Return which states beside the joints' motion enter the model: its parameters, torques, responses."""
     state, nj = ca.SX.sym("state", len(states)), states.context.n_joints
-    whole = ca.vertcat(states.parameters(state), states.torques(state))
-    _, columns = ca.jacobian(whole, state).sparsity().get_triplet()
-    return sorted({int(i) for i in columns if i >= 2 * nj})
+    changing = _changing(ca.vertcat(states.parameters(state), states.torques(state)), state)
+    return [i for i in changing if i >= 2 * nj]
+
+
+def _changing(expression: Vector, state: Vector) -> list[int]:
+    """Return which states change an expression."""
+    return sorted({int(i) for i in ca.jacobian(expression, state).sparsity().get_triplet()[1]})
 
 
 def _place_slopes(states: StateVector) -> Matrix:
@@ -136,16 +131,15 @@ def _interval(states: StateVector, count: int) -> ca.Function:
         _, at = slope.sparsity().get_triplet()
         spreads.append(ca.sqrt(ca.fmax(sum((covariance[i, i] for i in at), ca.SX(0)), 0)) if at else ca.SX(0))
     nj = context.n_joints
-    here = ca.vertcat(mean[:nj], *starts), ca.vertcat(mean[nj : 2 * nj], *rates)
-    for j, std in friction_stds(states, *here, mean, covariance).items():
+    q, v = ca.vertcat(mean[:nj], *starts), ca.vertcat(mean[nj : 2 * nj], *rates)
+    for j, std in friction_stds(states, q, v, mean, covariance).items():
         spreads[j] = ca.sqrt(spreads[j] ** 2 + std**2)
     response, responding = respond(dt / count, parameters), _responding(states)
     outputs = [ca.vertcat(*starts), ca.vertcat(*rates), torques, values, ca.vertcat(*spreads), parameters, response]
     if responding:
         outputs.append(ca.jacobian(ca.vec(response[: context.n_joints, :2]), mean)[:, responding])
-    return ca.Function(
-        "interval", [mean, covariance, memory, vector, x, p], ca.cse([ca.densify(entry) for entry in outputs])
-    )
+    arguments = [mean, covariance, memory, vector, x, p]
+    return ca.Function("interval", arguments, ca.cse([ca.densify(output) for output in outputs]))
 
 
 def _responding(states: StateVector) -> list[int]:
@@ -155,9 +149,7 @@ def _responding(states: StateVector) -> list[int]:
         return []
     p = mechanism.parameters.symbols
     respond = ca.Function("responses", [h, p], [responses(mechanism, h, h, rebounds=False)])
-    own = respond(h, states.parameters(state))[: mechanism.n_joints, :2]
-    _, columns = ca.jacobian(ca.vec(own), state).sparsity().get_triplet()
-    return sorted({int(i) for i in columns})
+    return _changing(ca.vec(respond(h, states.parameters(state))[: mechanism.n_joints, :2]), state)
 
 
 def _substep(states: StateVector) -> ca.Function:
@@ -171,7 +163,7 @@ def _substep(states: StateVector) -> ca.Function:
     nb, count = mechanism.n_bodies, 2 * nj + len(acting)
     q, v, torques, spreads = (ca.SX.sym(name, k) for name, k in (("q", nb), ("v", nb), ("tau", nj), ("s_tau", nj)))
     response, h, state = ca.SX.sym("response", nb, 4), ca.SX.sym("h"), ca.SX.sym("state", len(states))
-    given = ca.SX.sym("given", p.numel())
+    rig_p = ca.SX.sym("rig_p", p.numel())
     kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), response, h, h)
     torque_slopes = ca.jacobian(states.torques(state), state)
     pushed = sorted({int(j) for j in torque_slopes.sparsity().row()})
@@ -179,7 +171,7 @@ def _substep(states: StateVector) -> ca.Function:
     along = ca.SX(nj, count + nd)
     along[:, count:] = step.by_place[:, nj:]
     if acting:
-        along[:, 2 * nj : count] += ca.mtimes(step.by_parameter, _parameter_slopes(states, given)[:, acting])
+        along[:, 2 * nj : count] += ca.mtimes(step.by_parameter, _parameter_slopes(states, rig_p)[:, acting])
         along[:, 2 * nj : count] += ca.mtimes(step.by_torque, torque_slopes[:, acting])
     arguments = [q, v, torques, h, spreads, p, response]
     responding = _responding(states)
@@ -188,11 +180,11 @@ def _substep(states: StateVector) -> ca.Function:
         at = [2 * nj + acting.index(i) for i in responding]
         along[:, at] += ca.mtimes(step.by_response, arguments[-1])
     outputs = [step.q, step.v, step.by_place[:, :nj].T, step.by_speed.T, along.T, step.rest]
-    return ca.Function("substep", [*arguments, given], ca.cse([ca.densify(entry) for entry in outputs]))
+    return ca.Function("substep", [*arguments, rig_p], ca.cse([ca.densify(output) for output in outputs]))
 
 
-def _parameter_slopes(states: StateVector, given: Vector) -> Matrix:
+def _parameter_slopes(states: StateVector, rig_p: Vector) -> Matrix:
     """Return ∂p/∂state, (n_p, n), at the rig's own parameters, (n_p,): states enter the parameters linearly."""
     p, state = states.context.mechanism.parameters, ca.SX.sym("state", len(states))
     slopes = ca.jacobian(states.parameters(state), state)
-    return ca.substitute(slopes, p.symbols, given)
+    return ca.substitute(slopes, p.symbols, rig_p)

@@ -38,44 +38,33 @@ def play(
     where it is held at a limit, it is as certain as the limit. Noise of U does not wear it down.
 
     Args:
-        prediction: to change.
         rates: mean speed of each drive over the interval, (n_drives,).
         remembered: effort, smoothed; see `smoothed_effort`.
-        interval: with its sample.
     """
     state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
     transmitted = states.transmitted(drive)
     assert transmitted is not None  # `play` is called for drives with hysteresis
     at, _ = transmitted
-    mean, row, rest, there, effort = play_function(states, drive)(
+    mean, row, added, read, effort = play_function(states, drive)(
         state, covariance[at, at], interval.tracks, rates, remembered, interval.x, interval.p
     )
     across = ca.mtimes(covariance, row)
-    own = ca.mtimes(row.T, across) + rest
+    variance_of_z = ca.mtimes(row.T, across) + added
     state[at] = mean
-    set_row(covariance, at, ca.if_else(there, across, covariance[:, at]), ca.if_else(there, own, covariance[at, at]))
-    transition[at, :] = ca.if_else(there, ca.mtimes(row.T, transition), transition[at, :])
+    across = ca.if_else(read, across, covariance[:, at])
+    set_row(covariance, at, across, ca.if_else(read, variance_of_z, covariance[at, at]))
+    transition[at, :] = ca.if_else(read, ca.mtimes(row.T, transition), transition[at, :])
     return effort
 
 
 def reading_weight(block: Transmitted) -> float:
-    """Return the weight of a new reading of a drive's effort, 1 where its noise is small against the play's limit: (14).
-
-    Args:
-        block: of what the drive transmits.
-    """
+    """Return the weight of a new reading of a drive's effort, 1 where its noise is small against the play's limit: (14)."""
     ratio = min((block.limit / CALM) ** 2 / variance(block.sensor), 1.0)
     return 2.0 * ratio / (1.0 + ratio)
 
 
 def smoothed_effort(context: FilterContext, block: Transmitted, remembered: Scalar, x: Vector) -> Scalar:
-    """Return a drive's measured effort, smoothed; 0 stands for none yet.
-
-    Args:
-        block: of what the drive transmits.
-        remembered: the last one.
-        x: the sample.
-    """
+    """Return a drive's measured effort, smoothed; 0 stands for none yet."""
     effort = context.value(x, block.sensor)
     following = remembered + reading_weight(block) * (effort - remembered)
     return ca.if_else(
@@ -84,34 +73,34 @@ def smoothed_effort(context: FilterContext, block: Transmitted, remembered: Scal
 
 
 def play_function(states: StateVector, drive: int) -> ca.Function:
-    """Return (state, variance of z, tracks, rates, effort, x, p) → (z⁺, its slopes, rest, there, effort⁺) of a play."""
+    """Return (state, variance of z, tracks, rates, effort, x, p) → (z⁺, slopes, added variance, is it read, effort⁺)."""
     context, n, nd = states.context, len(states), states.context.n_drives
     mechanism, p, nj = context.mechanism, context.mechanism.parameters.symbols, context.n_joints
     transmitted = states.transmitted(drive)
     assert transmitted is not None  # as above
     at, block = transmitted
-    state, own, vector = ca.SX.sym("state", n), ca.SX.sym("P_z"), ca.SX.sym("tracks", Tracks.size(nd))
+    state, variance_of_z, vector = ca.SX.sym("state", n), ca.SX.sym("P_z"), ca.SX.sym("tracks", Tracks.size(nd))
     rates, remembered, x = ca.SX.sym("rates", nd), ca.SX.sym("effort"), ca.SX.sym("x", context.width)
     tracks = Tracks(vector, nd)
     places = [states.place(i, tracks[i].place, state) for i in range(nd)]
     q, still = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
     limit = mechanism.hysteresis_limit(drive, q, mechanism.tensions(q, still))
-    found = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
-    held, dampings = found(ca.vertcat(state[:nj], *places), states.parameters(state))
+    limits = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
+    held, dampings = limits(ca.vertcat(state[:nj], *places), states.parameters(state))
     slope = ca.densify(ca.jacobian(held, state))
-    kept = smoothed_effort(context, block, remembered, x)
+    smoothed = smoothed_effort(context, block, remembered, x)
     # what the effort has beyond the transmission's own: the sensor's error, and the drive's damping
-    error = states.sensor_error(block.sensor, kept, state) + dampings[nj + drive] * rates[drive]
-    effort = kept - error
+    error = states.sensor_error(block.sensor, smoothed, state) + dampings[nj + drive] * rates[drive]
+    effort = smoothed - error
     share = reading_weight(block)
     left = share / (2 - share) * context.noise(block.sensor)
     held += CREST * ca.sqrt(left)
-    moments = clip_moments(effort - held, effort + held, state[at], ca.sqrt(ca.fmax(own, 0)) + TINY_STD)
+    moments = clip_moments(effort - held, effort + held, state[at], ca.sqrt(ca.fmax(variance_of_z, 0)) + TINY_STD)
     row = (moments.by_high - moments.by_low) * slope
     row[0, at] += moments.by_mean
     ends = moments.by_low + moments.by_high
     row -= ends * ca.jacobian(error, state)
-    there = is_read(context.mask(x, block.sensor))
-    outputs = [ca.if_else(there, moments.mean, state[at]), row.T, moments.rest + ends**2 * left, there, kept]
-    arguments = [state, own, vector, rates, remembered, x, p]
-    return ca.Function("play", arguments, ca.cse([ca.densify(entry) for entry in outputs]))
+    read = is_read(context.mask(x, block.sensor))
+    outputs = [ca.if_else(read, moments.mean, state[at]), row.T, moments.rest + ends**2 * left, read, smoothed]
+    arguments = [state, variance_of_z, vector, rates, remembered, x, p]
+    return ca.Function("play", arguments, ca.cse([ca.densify(output) for output in outputs]))

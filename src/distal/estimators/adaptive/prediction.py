@@ -19,19 +19,14 @@ def predicted(
     """Return mean and covariance after the joints have moved and what walks has walked: equations (10) to (12).
 
     Only angles and speeds move: the rest of the covariance stays, but for walks.
-
-    Args:
-        mean: before, (n,).
-        covariance: before, (n, n).
-        moved: the joints after the interval.
-        interval: with its sample.
     """
     context, n, x = states.context, len(states), interval.x
     nj = context.n_joints
     ahead = ca.mtimes(moved.across(covariance), moved.slopes)
     products = ca.mtimes(moved.across(ahead.T), moved.slopes)
     places = moved.slopes[len(moved.chosen) :, :]
-    corner = _corner(context)(products, places, moved.rest, interval.tracks, interval.memory, x, interval.p)
+    arguments = products, places, moved.speed_variances, interval.tracks, interval.memory, x, interval.p
+    corner = _corner(context)(*arguments)
     after = ca.MX(covariance)
     for k in range(2 * nj):
         set_row(after, k, ahead[:, k], ahead[k, k])
@@ -48,13 +43,13 @@ def predicted(
 
 
 def _corner(context: FilterContext) -> ca.Function:
-    """Return (M P Mᵀ, S_drives, rest, tracks, memory, x, p) → the covariance of angles and speeds, with what is added.
+    """Return (M P Mᵀ, S_drives, added to ω, tracks, memory, x, p) → the covariance of angles and speeds.
 
     Places err by their variances, unknown torques and unmodelled ones shake the speeds, lost places may have been followed.
     """
     nj, nd = context.n_joints, context.n_drives
     products, of_places = ca.SX.sym("products", 2 * nj, 2 * nj), ca.SX.sym("S_drives", nd, 2 * nj)
-    rest, vector = ca.SX.sym("rest", nj), ca.SX.sym("tracks", Tracks.size(nd))
+    speed_variances, vector = ca.SX.sym("speed_variances", nj), ca.SX.sym("tracks", Tracks.size(nd))
     memory, x = ca.SX.sym("memory", MEMORY * nd), ca.SX.sym("x", context.width)
     variances, corner = Tracks(vector, nd).variances, ca.SX(2 * nj, 2 * nj)
     read = [k for k in range(nd) if context.position_sensor(k) is not None]
@@ -62,17 +57,19 @@ def _corner(context: FilterContext) -> ca.Function:
     free, spread = context.mechanism.free, context.mechanism.spread
     added = (
         [followed_variance(context, j, vector, memory) + context.robustness.angle_walk**2 * x[0] for j in free],
-        [rest[j] + context.unmodelled(j) ** 2 * x[0] for j in free],
+        [speed_variances[j] + context.unmodelled(j) ** 2 * x[0] for j in free],
     )
     for i in range(2 * nj):
         for j in range(i, 2 * nj):
-            entry = products[i, j] + sum((of_places[k, i] * of_places[k, j] * variances[k] for k in read), ca.SX(0))
+            covariance = products[i, j] + sum(
+                (of_places[k, i] * of_places[k, j] * variances[k] for k in read), ca.SX(0)
+            )
             if (i < nj) == (j < nj):
-                entry += sum(
+                covariance += sum(
                     (spread[i % nj, k] * spread[j % nj, k] * added[i // nj][k] for k in range(len(free))), ca.SX(0)
                 )
-            corner[i, j] = corner[j, i] = entry
-    arguments = [products, of_places, rest, vector, memory, x, context.mechanism.parameters.symbols]
+            corner[i, j] = corner[j, i] = covariance
+    arguments = [products, of_places, speed_variances, vector, memory, x, context.mechanism.parameters.symbols]
     return ca.Function("corner", arguments, ca.cse([ca.densify(corner)]))
 
 
@@ -81,10 +78,6 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
 
     What an unknown place does within one interval is small, but it stays wrong until it is measured again: the longer
     it is missing, the more the joint has followed it. One missing sample does no harm. Equation (12).
-
-    Args:
-        tracks: of the drives, now.
-        memory: of the drives.
     """
     rig, total, drives = context.mechanism.rig, ca.SX(0), Tracks(tracks, context.n_drives)
     name = rig.joints[joint].name
@@ -105,12 +98,7 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
 
 
 def revert(states: StateVector, prediction: Prediction, interval: Interval) -> None:
-    """Let what fades fade towards zero over an interval, in place: x⁺ = f x, variance σ² (1 − f²) added. Equation (13).
-
-    Args:
-        prediction: to change.
-        interval: with its sample.
-    """
+    """Let what fades fade towards zero over an interval, in place: x⁺ = f x, variance σ² (1 − f²) added. Equation (13)."""
     sample = ca.SX.sym("x", states.context.width)
     fadings = states.fadings(sample[0])
     if not fadings:
@@ -127,13 +115,7 @@ def revert(states: StateVector, prediction: Prediction, interval: Interval) -> N
 
 
 def set_row(covariance: MatrixNode, at: int, row: VectorNode, variance: ScalarNode) -> None:
-    """Replace a row and a column of a covariance, in place.
-
-    Args:
-        covariance: (n, n).
-        row: the new one, (n, 1).
-        variance: what stands on the diagonal.
-    """
+    """Replace a row and a column of a covariance by `row`, (n, 1), with `variance` on the diagonal, in place."""
     covariance[:, at] = row
     covariance[at, :] = row.T
     covariance[at, at] = variance

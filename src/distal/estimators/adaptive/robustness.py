@@ -120,9 +120,6 @@ class Robustness:
         """Return the guards that a rig gets unless others are given.
 
         In a chain several forces depend on each joint, so that one sample of each counts more (docs/explanation/chains.md).
-
-        Args:
-            n_joints: number of joints.
         """
         if n_joints == 1:
             return cls()
@@ -193,11 +190,7 @@ def chance_of_jump(robustness: Robustness, doubt: Scalar, evidence: Scalar, judg
 
 
 def followed_share(robustness: Robustness, lost: Scalar) -> Scalar:
-    """Return how far a joint has followed a drive whose place is lost, from 0 to 1: (12).
-
-    Args:
-        lost: for how long [s].
-    """
+    """Return how far a joint has followed a drive whose place is lost for a time [s], from 0 to 1: (12)."""
     return (lost / (lost + robustness.follow_time)) ** STILL_LOST
 
 
@@ -215,12 +208,7 @@ def extra_variance(robustness: Robustness, lost: Scalar, unknown: Scalar) -> Sca
 
 
 def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar) -> Scalar:
-    """Return S' = S max(1, ν²/(c S)), c = `wild_force`: a wild force counts less the farther it is, (22).
-
-    Args:
-        variance: of the innovation, S.
-        innovation: ν.
-    """
+    """Return S' = S max(1, ν²/(c S)), c = `wild_force`: a wild force counts less the farther it is, (22)."""
     if not isfinite(robustness.wild_force):
         return variance
     return variance * ca.fmax(1, innovation**2 / (robustness.wild_force * variance))

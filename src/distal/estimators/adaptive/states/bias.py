@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.state import Fading, Learning, State
+from distal.estimators.adaptive.states.state import Fading, Learning, OfSensor, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
@@ -17,50 +18,21 @@ from distal.sensors import systematic_variance
 
 
 @dataclass(frozen=True)
-class SensorBias(State):
+class SensorBias(OfSensor):
     """b, which stays, or walks by the bias's `drift`; that of a reference of a joint's angle walks within its std.
 
     A reference's bias that walks is a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt, T = 2 σ²/drift².
     It is what the model's angle and the joint's differ by, so that a moment's reference tells less than a long one.
-
-    Args:
-        context: the rig.
-        sensor: whose bias it is.
     """
 
-    context: FilterContext
-    sensor: Sensor
-
-    @property
-    def lasting(self) -> bool:
-        """It is a number of the sensor."""
-        return True
-
-    @property
-    def kind(self) -> StateKind:
-        """An offset."""
-        return StateKind.SENSOR_BIAS
-
-    @property
-    def part(self) -> str:
-        """The sensor's name."""
-        return self.sensor.name
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """``bias_SENSOR``."""
-        return (f"bias_{self.sensor.name}",)
-
-    @property
-    def means(self) -> Floats:
-        """None is expected beyond the known offset."""
-        return np.zeros(1)
+    quantity: ClassVar[str] = "bias"
+    kind: ClassVar[StateKind] = StateKind.SENSOR_BIAS
 
     @property
     def stds(self) -> Floats:
         """Bias and linearity together."""
-        own = self.context.bias_std(self.sensor)
-        return np.array([float(np.hypot(own, np.sqrt(systematic_variance(self.sensor))))])
+        linearity = np.sqrt(systematic_variance(self.sensor))
+        return np.array([float(np.hypot(self.context.bias_std(self.sensor), linearity))])
 
     @property
     def _wanders(self) -> bool:
@@ -72,11 +44,7 @@ class SensorBias(State):
         return 0.0 if self._wanders or self.sensor.bias.drift is None else float(self.sensor.bias.drift)
 
     def fading(self, dt: Scalar) -> Fading | None:
-        """Return e^{−dt drift²/(2 σ²)} and σ of a reference that wanders, None for others.
-
-        Args:
-            dt: length of the interval [s].
-        """
+        """Return e^{−dt drift²/(2 σ²)} and σ of a reference that wanders, None for others."""
         if not self._wanders:
             return None
         path = f"{self.context.path(self.sensor)}.bias"
@@ -84,76 +52,30 @@ class SensorBias(State):
         drift = self.context.number(f"{path}.drift", self.sensor.bias.drift or 0.0)
         return Fading(ca.exp(-dt * drift**2 / (2 * std**2)), std)
 
-    def sensor_error(self, sensor: Sensor, reading: Scalar, own: Vector) -> Scalar:
-        """Return b where it is this sensor's.
-
-        Args:
-            reading: what it reads.
-            own: b.
-        """
-        return own[0] if sensor.name == self.sensor.name else 0
+    def sensor_error(self, sensor: Sensor, reading: Scalar, numbers: Vector) -> Scalar:
+        """Return b where it is this sensor's."""
+        return numbers[0] if sensor.name == self.sensor.name else 0
 
 
 @dataclass(frozen=True)
-class SensorGain(State):
-    """γ, by which share a sensor of force or tension reads too much; it stays.
+class SensorGain(OfSensor):
+    """γ, by which share a sensor of force or tension reads too much; it stays. A force tells little of it."""
 
-    Args:
-        context: the rig.
-        sensor: whose gain it is.
-    """
-
-    context: FilterContext
-    sensor: Sensor
-
-    @property
-    def lasting(self) -> bool:
-        """It is a number of the sensor."""
-        return True
-
-    @property
-    def learning(self) -> Learning:
-        """A force tells little of it."""
-        return Learning.SLOWLY
-
-    @property
-    def kind(self) -> StateKind:
-        """A gain."""
-        return StateKind.SENSOR_GAIN
-
-    @property
-    def part(self) -> str:
-        """The sensor's name."""
-        return self.sensor.name
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """``gain_SENSOR``."""
-        return (f"gain_{self.sensor.name}",)
-
-    @property
-    def means(self) -> Floats:
-        """None is expected beyond the known gain [1]."""
-        return np.zeros(1)
+    quantity: ClassVar[str] = "gain"
+    kind: ClassVar[StateKind] = StateKind.SENSOR_GAIN
+    learning: ClassVar[Learning] = Learning.SLOWLY
 
     @property
     def stds(self) -> Floats:
         """The std of its `gain`, as a share of it [1]."""
         return np.array([self.context.gain_std(self.sensor)])
 
-    def sensor_error(self, sensor: Sensor, reading: Scalar, own: Vector) -> Scalar:
-        """Return γ times the reading where it is this sensor's.
-
-        Args:
-            reading: what it reads.
-            own: γ.
-        """
-        return own[0] * reading if sensor.name == self.sensor.name else 0
+    def sensor_error(self, sensor: Sensor, reading: Scalar, numbers: Vector) -> Scalar:
+        """Return γ times the reading where it is this sensor's."""
+        return numbers[0] * reading if sensor.name == self.sensor.name else 0
 
 
 def sensor_biases(context: FilterContext) -> list[State]:
     """Return a block for the offset and one for the gain of each compared sensor that errs systematically in them."""
-    sensors = context.channels.compared
-    blocks: list[State] = [SensorBias(context, sensor) for sensor in sensors]
-    blocks += [SensorGain(context, sensor) for sensor in sensors]
+    blocks = [error(context, sensor) for error in (SensorBias, SensorGain) for sensor in context.channels.compared]
     return [block for block in blocks if block.stds[0] > 0.0]

@@ -3,34 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.state import Fading, Prior, State
+from distal.estimators.adaptive.states.state import Fading, Prior, State, ZeroMean
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import torque_names
 
 
 @dataclass(frozen=True)
-class ExternalTorque(State):
-    """τ_ext, a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt.
+class ExternalTorque(ZeroMean):
+    """τ_ext, a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt."""
 
-    Args:
-        context: the rig.
-        joint: index of the joint.
-    """
+    kind: ClassVar[StateKind] = StateKind.EXTERNAL_TORQUE
 
     context: FilterContext
     joint: int
-
-    @property
-    def kind(self) -> StateKind:
-        """A torque from outside."""
-        return StateKind.EXTERNAL_TORQUE
 
     @property
     def part(self) -> str:
@@ -41,11 +34,6 @@ class ExternalTorque(State):
     def names(self) -> tuple[str, ...]:
         """``external_torque``, with the joint's name where there are several."""
         return (torque_names([joint.name for joint in self.context.mechanism.rig.joints])[self.joint],)
-
-    @property
-    def means(self) -> Floats:
-        """None is expected, [N m]."""
-        return np.zeros(1)
 
     @property
     def stds(self) -> Floats:
@@ -61,21 +49,13 @@ class ExternalTorque(State):
         return self.context.number(f"joints.{self.joint}.external_torque.std", float(self.stds[0]))
 
     def fading(self, dt: Scalar) -> Fading:
-        """Return e^{−dt/T} and the std [N m].
-
-        Args:
-            dt: length of the interval [s].
-        """
+        """Return e^{−dt/T} and the std [N m]."""
         torque = self.context.mechanism.rig.joints[self.joint].external_torque
         return Fading(ca.exp(-dt / torque.correlation_time), self._std)
 
-    def torque(self, joint: int, own: Vector) -> Scalar:
-        """Return τ_ext where it is this joint's [N m].
-
-        Args:
-            own: τ_ext.
-        """
-        return own[0] if joint == self.joint else 0
+    def torque(self, joint: int, numbers: Vector) -> Scalar:
+        """Return τ_ext where it is this joint's [N m]."""
+        return numbers[0] if joint == self.joint else 0
 
 
 def external_torques(context: FilterContext) -> list[State]:

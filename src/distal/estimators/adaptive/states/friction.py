@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.state import State
+from distal.estimators.adaptive.states.state import OfDrive, State, ZeroMean
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
@@ -16,38 +17,17 @@ from distal.sensors import variance
 
 
 @dataclass(frozen=True)
-class UnknownFriction(State):
+class UnknownFriction(OfDrive, ZeroMean):
     """What is added to the friction limit of a drive that declares none; its size follows its force sensor's noise σ.
 
-    Args:
-        context: the rig.
-        drive: index of the drive.
-        sensor: of its force.
+    It is not smoothed: friction at one time says little of another time (docs/explanation/adaptive-guards.md).
     """
 
-    context: FilterContext
-    drive: int
+    quantity: ClassVar[str] = "friction"
+    kind: ClassVar[StateKind] = StateKind.FRICTION
+    smoothed: ClassVar[bool] = False
+
     sensor: Sensor
-
-    @property
-    def kind(self) -> StateKind:
-        """Friction that the rig does not declare."""
-        return StateKind.FRICTION
-
-    @property
-    def part(self) -> str:
-        """The drive's name."""
-        return self.context.mechanism.rig.drives[self.drive].name
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """``friction_DRIVE``."""
-        return (f"friction_{self.context.mechanism.rig.drives[self.drive].name}",)
-
-    @property
-    def means(self) -> Floats:
-        """None is expected [N, N m]."""
-        return np.zeros(1)
 
     @property
     def stds(self) -> Floats:
@@ -59,18 +39,9 @@ class UnknownFriction(State):
         """`Robustness.unknown_friction_walk` σ per √s."""
         return self.context.robustness.unknown_friction_walk * float(np.sqrt(variance(self.sensor)))
 
-    @property
-    def smoothed(self) -> bool:
-        """It is not: friction at one time says little of another time (docs/explanation/adaptive-guards.md)."""
-        return False
-
-    def friction(self, drive: int, own: Vector) -> Scalar:
-        """Return it where it is this drive's [N, N m].
-
-        Args:
-            own: the friction.
-        """
-        return own[0] if drive == self.drive else 0
+    def friction(self, drive: int, numbers: Vector) -> Scalar:
+        """Return it where it is this drive's [N, N m]."""
+        return numbers[0] if drive == self.drive else 0
 
 
 def unknown_frictions(context: FilterContext) -> list[State]:

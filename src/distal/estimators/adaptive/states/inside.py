@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.state import Begin, Learning, State
+from distal.estimators.adaptive.states.state import Begin, Learning, State, ZeroMean
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.model import Mechanism
@@ -25,13 +26,8 @@ UNKNOWN_TENSION = 10.0
 
 
 @dataclass(frozen=True)
-class Inside(State):
-    """One number of the model's `inside`: it is a parameter that moves, `following` says how.
-
-    Args:
-        context: the rig.
-        name: among the mechanism's parameters.
-    """
+class Inside(ZeroMean):
+    """One number of the model's `inside`: it is a parameter that moves (`following`) from the first reading on."""
 
     context: FilterContext
     name: str
@@ -39,8 +35,8 @@ class Inside(State):
     @property
     def _keys(self) -> tuple[str, int, str, str]:
         """Its name by keys: drives or tendons, the index among them, the part of that, and the last key."""
-        kind, index, part, *rest = self.name.split(".")
-        return kind, int(index), part, rest[-1]
+        kind, index, part, *keys = self.name.split(".")
+        return kind, int(index), part, keys[-1]
 
     @property
     def kind(self) -> StateKind:
@@ -69,13 +65,9 @@ class Inside(State):
     @property
     def names(self) -> tuple[str, ...]:
         """The path, with the names of its parts: ``backlash_DRIVE``, ``sheath_TENDON_k``, ``creep_TENDON``."""
-        word = "sheath" if self.kind is StateKind.SHEATH else self._keys[2]
-        return (f"{word}_{self.part}" + (f"_{self.point}" if self.kind is StateKind.SHEATH else ""),)
-
-    @property
-    def means(self) -> Floats:
-        """Zero; the first reading takes its place."""
-        return np.zeros(1)
+        if self.kind is StateKind.SHEATH:
+            return (f"sheath_{self.part}_{self.point}",)
+        return (f"{self._keys[2]}_{self.part}",)
 
     @property
     def stds(self) -> Floats:
@@ -86,15 +78,10 @@ class Inside(State):
         p = self.context.mechanism.parameters
         return np.array([float(ca.Function("std", [p.symbols], [begin[1]])(p.values))])
 
-    def parameters(self, own: Vector, p: Vector) -> Vector:
-        """Return the parameters with this number.
-
-        Args:
-            own: it.
-            p: the parameters so far, (n_p,).
-        """
+    def parameters(self, numbers: Vector, p: Vector) -> Vector:
+        """Return the parameters with this number."""
         changed = ca.SX(p)
-        changed[self.context.mechanism.parameters.names.index(self.name)] = own[0]
+        changed[self.context.mechanism.parameters.names.index(self.name)] = numbers[0]
         return changed
 
     def _value(self, path: str) -> Scalar:
@@ -128,26 +115,23 @@ class BacklashOrSheathState(Inside):
         p, q, tension = still.parameters, ca.SX.sym("q", still.n_bodies), ca.SX.sym("T")
         sheath, point = still.sheath(index, q), self.point
         assert sheath is not None  # it has points
-        found = still.place(q).inside[self.which]
-        slopes, joints = ca.jacobian(found, q), mechanism.rig.joints
+        position, joints = still.place(q).inside[self.which], mechanism.rig.joints
+        slopes = ca.jacobian(position, q)
         turned = sum(((slopes[0, j] * joints[j].initial.std) ** 2 for j in still.joints_of[index]), ca.SX(0))
         friction = (sheath.drawn**sheath.count - 1) * tension / sheath.stiffness
         share = (2 * point + 1) / (2 * sheath.count)
         spread = ca.sqrt(turned + (share * friction) ** 2)
-        start = ca.vertcat(*(each.initial.value for each in mechanism.rig.joints), *begin.places)
-        both = ca.Function("first", [q, tension, p.symbols], [found, spread])
-        place, unsure = both(start, _tension(mechanism, index, begin), ca.DM(p.values))
-        return place, unsure
+        start = ca.vertcat(*(joint.initial.value for joint in joints), *begin.places)
+        prior = ca.Function("first", [q, tension, p.symbols], [position, spread])
+        mean, std = prior(start, _tension(mechanism, index, begin), ca.DM(p.values))
+        return mean, std
 
 
 @dataclass(frozen=True)
 class Strained(Inside):
-    """The slow part of a tendon's stretch [m]."""
+    """The slow part of a tendon's stretch [m]; it creeps over minutes."""
 
-    @property
-    def learning(self) -> Learning:
-        """What creeps does so over minutes."""
-        return Learning.AS_CREEP
+    learning: ClassVar[Learning] = Learning.AS_CREEP
 
     @property
     def which(self) -> int:
@@ -158,30 +142,29 @@ class Strained(Inside):
         """Return what of it has come, ``settled`` of γ T/k, and how unsure that is."""
         (_, index, part, _), path = self._keys, self.name.rpartition(".")[0]
         creep: Creep = getattr(self.context.mechanism.rig.tendons[index], part)
-        share, sure = self._value(f"{path}.share"), self._std(f"{path}.share")
+        share, share_std = self._value(f"{path}.share"), self._std(f"{path}.share")
         stretch = _tension(self.context.mechanism, index, begin) / self._value(f"tendons.{index}.stiffness")
         settled = self.context.number(f"{path}.settled", creep.settled.value)
-        spread = ca.sqrt((share * creep.settled.std) ** 2 + (sure * settled) ** 2)
+        spread = ca.sqrt((share * creep.settled.std) ** 2 + (share_std * settled) ** 2)
         return settled * share * stretch, spread * stretch
 
 
 def _tension(mechanism: Mechanism, tendon: int, begin: Begin) -> Scalar:
     """Return a tendon's tension at the first sample as far as its drive tells it [N]."""
-    part, drive = mechanism.rig.tendons[tendon], mechanism.drive_of[tendon] - mechanism.n_joints
-    read, effort, capstan = begin.tensions[tendon], begin.efforts[drive], mechanism.rig.drives[drive]
-    if read is None and effort is not None:
-        lever = capstan.radius.value if capstan.kind == "capstan" else 1.0
-        shared = sum(each.drive == part.drive for each in mechanism.rig.tendons)
-        told = effort / lever / shared * (part.winding if capstan.kind == "capstan" else 1)
-        read = told + part.pretension.value * (1 - 1 / shared)
-    if read is None:
-        return part.pretension.value or abs(capstan.nominal_force.value) or UNKNOWN_TENSION
-    return ca.fmax(read, LEAST_TENSION)
+    part, index = mechanism.rig.tendons[tendon], mechanism.drive_of[tendon] - mechanism.n_joints
+    tension, effort, drive = begin.tensions[tendon], begin.efforts[index], mechanism.rig.drives[index]
+    if tension is None and effort is not None:
+        lever = drive.radius.value if drive.kind == "capstan" else 1.0
+        count = sum(neighbour.drive == part.drive for neighbour in mechanism.rig.tendons)
+        share = effort / lever / count * (part.winding if drive.kind == "capstan" else 1)
+        tension = share + part.pretension.value * (1 - 1 / count)
+    if tension is None:
+        return part.pretension.value or abs(drive.nominal_force.value) or UNKNOWN_TENSION
+    return ca.fmax(tension, LEAST_TENSION)
 
 
 def inside(context: FilterContext) -> Sequence[State]:
     """Return a block for everything that moves inside the rig."""
     mechanism = context.mechanism
-    return [BacklashOrSheathState(context, name) for name in mechanism.plays] + [
-        Strained(context, name) for name in mechanism.strains
-    ]
+    plays = [BacklashOrSheathState(context, name) for name in mechanism.plays]
+    return [*plays, *(Strained(context, name) for name in mechanism.strains)]

@@ -20,11 +20,7 @@ START_SPEED = 0.3
 
 @dataclass(frozen=True)
 class JointMotion(State):
-    """θ of all joints, then ω of all: prediction moves them by the model, see `prediction`.
-
-    Args:
-        context: the rig.
-    """
+    """θ of all joints, then ω of all: prediction moves them by the model, see `prediction`."""
 
     context: FilterContext
 
@@ -35,7 +31,8 @@ class JointMotion(State):
     @property
     def kinds(self) -> tuple[StateKind, ...]:
         """Angles, then speeds, (2 n_joints,)."""
-        return (*(StateKind.ANGLE for _ in self._joints), *(StateKind.SPEED for _ in self._joints))
+        n = len(self._joints)
+        return (StateKind.ANGLE,) * n + (StateKind.SPEED,) * n
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -60,5 +57,6 @@ class JointMotion(State):
 
     def prior(self) -> tuple[Prior, Prior]:
         """Return the same with each `initial` as a fit varies it."""
-        first = [self.context.number(f"joints.{j}.initial", each.initial.value) for j, each in enumerate(self._joints)]
-        return ca.vertcat(*first, *(0.0 for _ in self._joints)), self.stds
+        initial = [joint.initial.value for joint in self._joints]
+        angles = [self.context.number(f"joints.{j}.initial", angle) for j, angle in enumerate(initial)]
+        return ca.vertcat(*angles, *(0.0 for _ in angles)), self.stds

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -31,31 +32,16 @@ class Linearity(State):
 
     A Gaussian process over the travel with a squared-exponential spectrum: the stds of w_j fall off as exp(−(j/j₀)²/2),
     scaled so that the mean variance over the travel is that of the linearity. A bias with a std adds to the constant.
-
-    Args:
-        context: the rig.
-        drive: index of the drive.
-        sensor: of its position.
+    A posture that lasts is one place of the curve: references teach it slowly.
     """
+
+    kind: ClassVar[StateKind] = StateKind.LINEARITY
+    lasting: ClassVar[bool] = True
+    learning: ClassVar[Learning] = Learning.FROM_REFERENCES_SLOWLY
 
     context: FilterContext
     drive: int
     sensor: Sensor
-
-    @property
-    def lasting(self) -> bool:
-        """It is a number of the sensor."""
-        return True
-
-    @property
-    def learning(self) -> Learning:
-        """A posture that lasts is one place of the curve."""
-        return Learning.FROM_REFERENCES_SLOWLY
-
-    @property
-    def kind(self) -> StateKind:
-        """Weights of a curve."""
-        return StateKind.LINEARITY
 
     @property
     def part(self) -> str:
@@ -70,10 +56,9 @@ class Linearity(State):
     @property
     def means(self) -> Floats:
         """The sensor's known `curve`, else zeros [m, rad]."""
-        known = np.zeros(len(self.stds))
-        curve = getattr(self.sensor, "curve", ())[: len(known)]
-        known[: len(curve)] = curve
-        return known
+        weights, curve = np.zeros(len(self.stds)), getattr(self.sensor, "curve", ())
+        weights[: len(curve)] = curve[: len(weights)]
+        return weights
 
     @cached_property
     def stds(self) -> Floats:
@@ -91,14 +76,10 @@ class Linearity(State):
     def _travel(self) -> tuple[float, float]:
         return drive_travel(self.context.mechanism.rig, self.drive)
 
-    def place_error(self, drive: int, reading: Scalar, own: Vector) -> Scalar:
+    def place_error(self, drive: int, reading: Scalar, numbers: Vector) -> Scalar:
         """Return Σ w_j cos(π j ξ) where it is this drive's sensor [m, rad].
 
         By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ): one cosine for all (Chebyshev).
-
-        Args:
-            reading: what the sensor reads.
-            own: the weights.
         """
         count = len(self.stds)
         if drive != self.drive or count == 0:
@@ -107,14 +88,11 @@ class Linearity(State):
         terms = [ca.SX(1), ca.cos(ca.pi * ((reading - low) / (high - low)))]
         while len(terms) < count:
             terms.append(2 * terms[1] * terms[-1] - terms[-2])
-        return ca.dot(ca.vertcat(*terms[:count]), own)
+        return ca.dot(ca.vertcat(*terms[:count]), numbers)
 
 
 def linearities(context: FilterContext) -> list[State]:
     """Return a block for each position sensor that errs systematically."""
-    blocks = []
-    for i in range(context.n_drives):
-        sensor = context.position_sensor(i)
-        if sensor is not None:
-            blocks.append(Linearity(context, i, sensor))
+    sensors = ((i, context.position_sensor(i)) for i in range(context.n_drives))
+    blocks = [Linearity(context, i, sensor) for i, sensor in sensors if sensor is not None]
     return [block for block in blocks if len(block.stds)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import erf, exp, pi, sqrt
-from typing import Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -44,12 +44,11 @@ class UncertainParameter(State):
         path: of the parameter by names of parts, with ".factor" or ".deviation" behind it where the state is that.
         indices: of the parameters in the model's vector.
         acts: how it enters them.
-        mean: prior mean.
-        std: prior standard deviation.
-        walks: random walk per √s.
-        bound: the state is kept at or above this.
-        untold: whether forces and displacements do not tell it: only a joint's own angle teaches it.
     """
+
+    kind: ClassVar[StateKind] = StateKind.PARAMETER
+    lasting: ClassVar[bool] = True
+    learning: ClassVar[Learning] = Learning.SLOWLY
 
     name: str
     path: str
@@ -57,24 +56,9 @@ class UncertainParameter(State):
     acts: Acts
     mean: float
     std: float
-    walks: float
-    bound: float
+    walk: float = 0.0
+    lowest: float = -np.inf
     untold: bool = False
-
-    @property
-    def lasting(self) -> bool:
-        """It is a number of the rig."""
-        return True
-
-    @property
-    def learning(self) -> Learning:
-        """A force tells little of it."""
-        return Learning.SLOWLY
-
-    @property
-    def kind(self) -> StateKind:
-        """A number of the rig."""
-        return StateKind.PARAMETER
 
     @property
     def part(self) -> str:
@@ -96,26 +80,11 @@ class UncertainParameter(State):
         """Its prior standard deviation."""
         return np.array([self.std])
 
-    @property
-    def walk(self) -> float:
-        """Its random walk per √s."""
-        return self.walks
-
-    @property
-    def lowest(self) -> float:
-        """What it is kept above."""
-        return self.bound
-
-    def parameters(self, own: Vector, p: Vector) -> Vector:
-        """Return the parameters with this one's value, or these times their factor.
-
-        Args:
-            own: value or factor.
-            p: the parameters so far, (n_p,).
-        """
-        changed = ca.SX(p)
+    def parameters(self, numbers: Vector, p: Vector) -> Vector:
+        """Return the parameters with this one's value, or these times their factor."""
+        changed, z = ca.SX(p), numbers[0]
         for i in self.indices:
-            changed[i] = {"value": own[0], "factor": p[i] * own[0], "deviation": p[i] + own[0]}[self.acts]
+            changed[i] = {"value": z, "factor": p[i] * z, "deviation": p[i] + z}[self.acts]
         return changed
 
 
@@ -128,7 +97,7 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
     multiplied by a state of mean 1, whose std is that of its logarithm.
     """
     p, rig = context.mechanism.parameters, context.mechanism.rig
-    found, factors, deviations = list[UncertainParameter](), list[UncertainParameter](), list[UncertainParameter]()
+    values, factors, deviations = (list[UncertainParameter]() for _ in range(3))
     seen = [i for i, name in enumerate(p.names) if p.stds[i] > 0.0 and not _without_effect(context, name, p.stds[i])]
     sharing = {i for _, indices in p.shared.values() for i in indices}
 
@@ -136,14 +105,14 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         return context.robustness.parameter_walk * std if np.isnan(p.drifts[i]) else float(p.drifts[i]) / scale
 
     def factor(name: str, indices: Sequence[int], relative: float, walked: float) -> UncertainParameter:
-        first, own = p.names[indices[0]], f"{name}.factor"
-        said = f"common factor of {name}" if name in p.shared else in_words(rig, own)
+        first, path = p.names[indices[0]], f"{name}.factor"
+        words = f"common factor of {name}" if name in p.shared else in_words(rig, path)
         rough = known_to_a_factor(first, 1.0, relative)
         logarithmic = rough and number(rig, first).quantity.bound == "positive"
         mean, spread = (1.0, float(np.log1p(relative))) if logarithmic else cut_normal(1.0, relative)
         # physics that the rig lacks would teach it wrongly (docs/results/other-rigs.md, "Rigs that are hardly known")
         return UncertainParameter(
-            said, named(rig, own), tuple(indices), "factor", mean, spread, walked, SMALLEST_FACTOR, rough
+            words, named(rig, path), tuple(indices), "factor", mean, spread, walked, SMALLEST_FACTOR, rough
         )
 
     for i in seen:
@@ -153,10 +122,8 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
             if std > 0.0:
                 lowest = -(1.0 - SMALLEST_FACTOR) * value if _bounded(context, name) else -np.inf
                 walked = walk(i, std)
-                own = f"{name}.deviation"
-                deviations.append(
-                    UncertainParameter(in_words(rig, own), named(rig, own), (i,), "deviation", 0.0, std, walked, lowest)
-                )
+                words, path = in_words(rig, f"{name}.deviation"), named(rig, f"{name}.deviation")
+                deviations.append(UncertainParameter(words, path, (i,), "deviation", 0.0, std, walked, lowest))
             continue
         of_tendon = name.startswith("tendons.") and kind in ("stiffness", "damping") and value > 0.0
         if of_tendon or number(rig, name).is_rough:
@@ -171,19 +138,15 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         # where no drive pulls against another, forces are those of friction and say little of all else
         alone = context.n_drives <= context.n_joints
         untold = alone and lowest > 0.0 and known_to_a_factor(name, value, std)
-        walked = walk(i, spread)
-        found.append(
-            UncertainParameter(
-                in_words(rig, name), named(rig, name), (i,), "value", mean, spread, walked, lowest, untold
-            )
-        )
+        words, path, walked = in_words(rig, name), named(rig, name), walk(i, spread)
+        values.append(UncertainParameter(words, path, (i,), "value", mean, spread, walked, lowest, untold))
     for name, (std, indices) in p.shared.items():
         together = [i for i in indices if i in seen]
         if together:
             # where one has a std of its own, its drift is that one's
             walks = [walk(i, std, p.values[i]) for i in together if p.independent_stds[i] == 0.0]
             factors.append(factor(name, together, std, max(walks, default=context.robustness.parameter_walk * std)))
-    return found + factors + deviations
+    return values + factors + deviations
 
 
 def _bounded(context: FilterContext, name: str) -> bool:
@@ -205,12 +168,7 @@ def _without_effect(context: FilterContext, name: str, std: float) -> bool:
 
 
 def cut_normal(mean: float, std: float) -> tuple[float, float]:
-    """Return mean and standard deviation of a normal distribution cut at zero.
-
-    Args:
-        mean: of the whole normal distribution.
-        std: of it.
-    """
+    """Return mean and standard deviation of a normal distribution cut at zero, whose own are given."""
     lower = -mean / std
     if lower < -4.0:
         return mean, std

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.state import State
+from distal.estimators.adaptive.states.state import OfDrive, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import drive_travel
@@ -19,35 +20,15 @@ PLACE_WALK = 1.0
 
 
 @dataclass(frozen=True)
-class UnmeasuredPlace(State):
-    """s of a drive without a position sensor: anywhere on its travel, and it walks.
+class UnmeasuredPlace(OfDrive):
+    """s of a drive without a position sensor: anywhere on its travel, and it walks."""
 
-    Args:
-        context: the rig.
-        drive: index of the drive.
-    """
-
-    context: FilterContext
-    drive: int
+    quantity: ClassVar[str] = "position"
+    kind: ClassVar[StateKind] = StateKind.POSITION
 
     @cached_property
     def _travel(self) -> tuple[float, float]:
         return drive_travel(self.context.mechanism.rig, self.drive)
-
-    @property
-    def kind(self) -> StateKind:
-        """A place that nothing measures."""
-        return StateKind.POSITION
-
-    @property
-    def part(self) -> str:
-        """The drive's name."""
-        return self.context.mechanism.rig.drives[self.drive].name
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """``position_DRIVE``."""
-        return (f"position_{self.context.mechanism.rig.drives[self.drive].name}",)
 
     @property
     def means(self) -> Floats:
@@ -66,13 +47,9 @@ class UnmeasuredPlace(State):
         low, high = self._travel
         return (high - low) * PLACE_WALK
 
-    def place(self, drive: int, own: Vector) -> Scalar | None:
-        """Return s where it is this drive's [m, rad].
-
-        Args:
-            own: s.
-        """
-        return own[0] if drive == self.drive else None
+    def place(self, drive: int, numbers: Vector) -> Scalar | None:
+        """Return s where it is this drive's [m, rad]."""
+        return numbers[0] if drive == self.drive else None
 
 
 def unmeasured_places(context: FilterContext) -> list[State]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -15,12 +16,9 @@ from distal.rig import Parameter, measurand_of
 
 @dataclass(frozen=True)
 class UnknownOfReading(State):
-    """A number that one or several readings depend on; it stays.
+    """A number that one or several readings depend on and ask for by its name; it stays."""
 
-    Args:
-        name: of the state, by which sensors ask for it.
-        number: its value and std.
-    """
+    lasting: ClassVar[bool] = True
 
     name: str
     number: Parameter
@@ -40,18 +38,9 @@ class UnknownOfReading(State):
         """The rig's std."""
         return np.array([self.number.filter_std])
 
-    @property
-    def lasting(self) -> bool:
-        """It is a number of a sensor."""
-        return True
-
-    def unknowns(self, own: Vector) -> dict[str, Scalar]:
-        """Return the number by its name.
-
-        Args:
-            own: the number, (1,).
-        """
-        return {self.name: own[0]}
+    def unknowns(self, numbers: Vector) -> dict[str, Scalar]:
+        """Return the number by its name."""
+        return {self.name: numbers[0]}
 
 
 def unknowns_of_readings(context: FilterContext) -> list[State]:

@@ -1,8 +1,8 @@
 """What a kind of state is: a block of numbers that the filter does not know, and what they do.
 
 A block says its names, its prior, how it fades and walks, and what it adds: to the model's parameters, to the torque on
-a joint, to the place of a drive, to friction, to what a sensor reads. Each of these has the default "nothing", so that a
-kind says only what is its own. `StateVector` puts blocks side by side and adds up what they do.
+a joint, to the place of a drive, to friction, to what a sensor reads. Each of these has the default "nothing".
+`StateVector` puts blocks side by side and adds up what they do.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 
 from distal.arrays import Floats
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
@@ -69,7 +70,7 @@ class Begin:
 
 
 class State(ABC):
-    """A block of the state vector."""
+    """A block of the state vector; `numbers` are those of the block, symbolic, (k,)."""
 
     @property
     @abstractmethod
@@ -150,76 +151,89 @@ class State(ABC):
         return None
 
     def fading(self, dt: Scalar) -> Fading | None:
-        """Return how its numbers fade over an interval, None where they stay.
-
-        Args:
-            dt: length of the interval [s].
-        """
+        """Return how its numbers fade over an interval of length `dt` [s], None where they stay."""
         return None
 
-    def parameters(self, own: Vector, p: Vector) -> Vector:
+    def parameters(self, numbers: Vector, p: Vector) -> Vector:
         """Return the model's parameters with what this block says of them; it must be linear in the block.
 
         Args:
-            own: its numbers, symbolic, (k,).
             p: the parameters so far, (n_p,).
         """
         return p
 
-    def torque(self, joint: int, own: Vector) -> Scalar:
-        """Return what it adds to the torque on a joint [N m].
-
-        Args:
-            own: its numbers, symbolic, (k,).
-        """
+    def torque(self, joint: int, numbers: Vector) -> Scalar:
+        """Return what it adds to the torque on a joint [N m]."""
         return 0
 
-    def place(self, drive: int, own: Vector) -> Scalar | None:
-        """Return the place of a drive that nothing measures [m, rad], None where it does not say.
-
-        Args:
-            own: its numbers, symbolic, (k,).
-        """
+    def place(self, drive: int, numbers: Vector) -> Scalar | None:
+        """Return the place of a drive that nothing measures [m, rad], None where it does not say."""
         return None
 
-    def place_error(self, drive: int, reading: Scalar, own: Vector) -> Scalar:
-        """Return what it adds to the reading of a drive's position sensor [m, rad].
-
-        Args:
-            reading: what the sensor reads.
-            own: its numbers, symbolic, (k,).
-        """
+    def place_error(self, drive: int, reading: Scalar, numbers: Vector) -> Scalar:
+        """Return what it adds to the reading of a drive's position sensor [m, rad]."""
         return 0
 
-    def friction(self, drive: int, own: Vector) -> Scalar:
-        """Return what it adds to the friction limit of a drive [N, N m].
-
-        Args:
-            own: its numbers, symbolic, (k,).
-        """
+    def friction(self, drive: int, numbers: Vector) -> Scalar:
+        """Return what it adds to the friction limit of a drive [N, N m]."""
         return 0
 
-    def force(self, drive: int, own: Vector) -> Scalar:
-        """Return what it adds to the force that is expected at a drive [N, N m].
-
-        Args:
-            own: its numbers, symbolic, (k,).
-        """
+    def force(self, drive: int, numbers: Vector) -> Scalar:
+        """Return what it adds to the force that is expected at a drive [N, N m]."""
         return 0
 
-    def unknowns(self, own: Vector) -> dict[str, Scalar]:
-        """Return numbers that readings depend on, by name, see `Measurand.unknowns`.
-
-        Args:
-            own: its numbers, symbolic, (k,).
-        """
+    def unknowns(self, numbers: Vector) -> dict[str, Scalar]:
+        """Return numbers that readings depend on, by name, see `Measurand.unknowns`."""
         return {}
 
-    def sensor_error(self, sensor: Sensor, reading: Scalar, own: Vector) -> Scalar:
-        """Return what it adds to the reading of a sensor of force, tension or angle.
-
-        Args:
-            reading: what it reads.
-            own: its numbers, symbolic, (k,).
-        """
+    def sensor_error(self, sensor: Sensor, reading: Scalar, numbers: Vector) -> Scalar:
+        """Return what it adds to the reading of a sensor of force, tension or angle."""
         return 0
+
+
+class ZeroMean(State):
+    """A block whose numbers are expected to be zero."""
+
+    @property
+    def means(self) -> Floats:
+        """Zeros, (k,)."""
+        return np.zeros(len(self.names))
+
+
+class OfPart(State):
+    """A number of a part of the rig; its name is ``QUANTITY_PART``."""
+
+    quantity: ClassVar[str]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its name, (1,)."""
+        return (f"{self.quantity}_{self.part}",)
+
+
+@dataclass(frozen=True)
+class OfDrive(OfPart):
+    """A number of a drive."""
+
+    context: FilterContext
+    drive: int
+
+    @property
+    def part(self) -> str:
+        """The drive's name."""
+        return self.context.mechanism.rig.drives[self.drive].name
+
+
+@dataclass(frozen=True)
+class OfSensor(OfPart, ZeroMean):
+    """A systematic error of a sensor of force, tension or angle."""
+
+    lasting: ClassVar[bool] = True
+
+    context: FilterContext
+    sensor: Sensor
+
+    @property
+    def part(self) -> str:
+        """The sensor's name."""
+        return self.sensor.name

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.states.state import Fading, Prior, State
+from distal.estimators.adaptive.states.state import Fading, OfDrive, Prior, State, ZeroMean
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Hysteresis, Sensor, SliderHysteresis
@@ -18,33 +19,13 @@ from distal.sensors import variance
 
 
 @dataclass(frozen=True)
-class Transmitted(State):
-    """z, the effort that a play passes on; `play` moves it.
+class Transmitted(OfDrive):
+    """z, the effort that a play passes on; `play` moves it."""
 
-    Args:
-        context: the rig.
-        drive: index of the drive.
-        sensor: of its effort.
-    """
+    quantity: ClassVar[str] = "transmitted"
+    kind: ClassVar[StateKind] = StateKind.TRANSMITTED
 
-    context: FilterContext
-    drive: int
     sensor: Sensor
-
-    @property
-    def kind(self) -> StateKind:
-        """What a play passes on."""
-        return StateKind.TRANSMITTED
-
-    @property
-    def part(self) -> str:
-        """The drive's name."""
-        return self.context.mechanism.rig.drives[self.drive].name
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """``transmitted_DRIVE``."""
-        return (f"transmitted_{self.context.mechanism.rig.drives[self.drive].name}",)
 
     @property
     def means(self) -> Floats:
@@ -72,38 +53,14 @@ class Transmitted(State):
 
 
 @dataclass(frozen=True)
-class TransmissionError(State):
-    """What one play leaves out of a transmission: considered, since no state of the model is behind it.
+class TransmissionError(OfDrive, ZeroMean):
+    """What one play leaves out of a transmission: considered, since no state of the model is behind it."""
 
-    Args:
-        context: the rig.
-        drive: index of the drive.
-        hysteresis: its description.
-    """
+    quantity: ClassVar[str] = "transmission_error"
+    kind: ClassVar[StateKind] = StateKind.TRANSMISSION_ERROR
+    considered: ClassVar[bool] = True
 
-    context: FilterContext
-    drive: int
     hysteresis: Hysteresis | SliderHysteresis
-
-    @property
-    def kind(self) -> StateKind:
-        """What a play leaves out."""
-        return StateKind.TRANSMISSION_ERROR
-
-    @property
-    def part(self) -> str:
-        """The drive's name."""
-        return self.context.mechanism.rig.drives[self.drive].name
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """``transmission_error_DRIVE``."""
-        return (f"transmission_error_{self.context.mechanism.rig.drives[self.drive].name}",)
-
-    @property
-    def means(self) -> Floats:
-        """None is expected [N, N m]."""
-        return np.zeros(1)
 
     @property
     def stds(self) -> Floats:
@@ -118,28 +75,15 @@ class TransmissionError(State):
     def _error(self) -> Scalar:
         return self.context.number(f"drives.{self.drive}.hysteresis.error", float(self.stds[0]))
 
-    @property
-    def considered(self) -> bool:
-        """It is: its uncertainty counts, but it is never estimated."""
-        return True
-
     def fading(self, dt: Scalar) -> Fading:
-        """Return e^{−dt/T} with T = ``hysteresis.error_time``, and the std [N, N m].
-
-        Args:
-            dt: length of the interval [s].
-        """
+        """Return e^{−dt/T} with T = ``hysteresis.error_time``, and the std [N, N m]."""
         path = f"drives.{self.drive}.hysteresis"
         time = self.context.number(f"{path}.error_time", self.hysteresis.error_time)
         return Fading(ca.exp(-dt / time), self._error)
 
-    def force(self, drive: int, own: Vector) -> Scalar:
-        """Return minus the error where it is this drive's: what is transmitted lacks it [N, N m].
-
-        Args:
-            own: the error.
-        """
-        return -own[0] if drive == self.drive else 0
+    def force(self, drive: int, numbers: Vector) -> Scalar:
+        """Return minus the error where it is this drive's: what is transmitted lacks it [N, N m]."""
+        return -numbers[0] if drive == self.drive else 0
 
 
 def transmissions(context: FilterContext) -> list[State]:

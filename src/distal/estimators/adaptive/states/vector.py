@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import casadi as ca
 import numpy as np
@@ -17,10 +17,9 @@ from distal.rig import Sensor
 
 
 class StateVector:
-    """All blocks of a rig; the layout of the state follows from their order.
+    """All blocks of a rig; the layout of the state, (n,), follows from their order.
 
     Args:
-        context: the rig.
         kinds: what blocks there may be beside the joints' motion; default all.
     """
 
@@ -37,15 +36,15 @@ class StateVector:
         self.state_parts = tuple(part for block in blocks for part in block.parts)
         self.means = np.concatenate([block.means for block in blocks])
         self.stds = np.concatenate([block.stds for block in blocks])
-        self.walks = np.concatenate([np.full(len(block.names), block.walk) for block in blocks])
-        self.lowest = np.concatenate([np.full(len(block.names), block.lowest) for block in blocks])
-        self.unsmoothed = tuple(i for block in blocks if not block.smoothed for i in self.indices(block))
-        lasting = [i for block in blocks if block.lasting for i in self.indices(block)]
-        self.lasting = np.isin(np.arange(len(self.names)), lasting)
-        self._considered = {i: 0.0 for block in blocks if block.considered for i in self.indices(block)}
-        self._untold = {i: 0.0 for block in blocks if block.untold for i in self.indices(block)}
+        block_of = [block for block in blocks for _ in block.names]  # of each number
+        self.walks = np.array([block.walk for block in block_of], dtype=np.float64)
+        self.lowest = np.array([block.lowest for block in block_of], dtype=np.float64)
+        self.unsmoothed = tuple(i for i, block in enumerate(block_of) if not block.smoothed)
+        self.lasting = np.array([block.lasting for block in block_of], dtype=np.bool_)
+        self._considered = {i: 0.0 for i, block in enumerate(block_of) if block.considered}
+        self._untold = {i: 0.0 for i, block in enumerate(block_of) if block.untold}
         self._parameters, self._curves, self._strains = (
-            [i for block in blocks if block.learning is learning for i in self.indices(block)]
+            [i for i, block in enumerate(block_of) if block.learning is learning]
             for learning in (Learning.SLOWLY, Learning.FROM_REFERENCES_SLOWLY, Learning.AS_CREEP)
         )
 
@@ -87,54 +86,31 @@ class StateVector:
         return (*parameters, *(self._strains if guards.creep_learning_time > self.context.channels.interval else []))
 
     def indices(self, block: State) -> range:
-        """Return where a block's numbers stand.
+        """Return where a block's numbers stand."""
+        stretch = self._slices[id(block)]
+        return range(stretch.start, stretch.stop)
 
-        Args:
-            block: one of `blocks`.
-        """
-        own = self._slices[id(block)]
-        return range(own.start, own.stop)
-
-    def own(self, block: State, state: Vector) -> Vector:
-        """Return a block's numbers of a state.
-
-        Args:
-            block: one of `blocks`.
-            state: (n,).
-        """
-        return state[self._slices[id(block)]]
+    def _numbers(self, state: Vector) -> Iterator[tuple[State, Vector]]:
+        """Yield each block with its numbers of a state."""
+        return ((block, state[self._slices[id(block)]]) for block in self.blocks)
 
     def fadings(self, dt: Scalar) -> list[tuple[int, Fading]]:
-        """Return index and fading of every number that fades.
-
-        Args:
-            dt: length of the interval [s].
-        """
+        """Return index and fading of every number that fades over an interval of length `dt` [s]."""
         every = ((block, block.fading(dt)) for block in self.blocks)
         return [(i, fading) for block, fading in every if fading is not None for i in self.indices(block)]
 
     def parameters(self, state: Vector) -> Vector:
-        """Return the model's parameters at a state, (n_p,).
-
-        Args:
-            state: (n,).
-        """
+        """Return the model's parameters at a state, (n_p,)."""
         p = self.context.mechanism.parameters.symbols
-        for block in self.blocks:
-            p = block.parameters(self.own(block, state), p)
+        for block, numbers in self._numbers(state):
+            p = block.parameters(numbers, p)
         return p
 
     def torques(self, state: Vector) -> Vector:
-        """Return the external torque on each joint, (n_joints,) [N m].
-
-        Args:
-            state: (n,).
-        """
+        """Return the external torque on each joint, (n_joints,) [N m]."""
+        joints = range(self.context.n_joints)
         return ca.vertcat(
-            *(
-                sum((block.torque(j, self.own(block, state)) for block in self.blocks), ca.SX(0))
-                for j in range(self.context.n_joints)
-            )
+            *(sum((block.torque(j, numbers) for block, numbers in self._numbers(state)), ca.SX(0)) for j in joints)
         )
 
     def place(self, drive: int, reading: Scalar, state: Vector) -> Scalar:
@@ -142,46 +118,32 @@ class StateVector:
 
         Args:
             reading: what its sensor reads, if it has one.
-            state: (n,).
         """
-        for block in self.blocks:
-            place = block.place(drive, self.own(block, state))
+        for block, numbers in self._numbers(state):
+            place = block.place(drive, numbers)
             if place is not None:
                 return place
-        return reading - sum((b.place_error(drive, reading, self.own(b, state)) for b in self.blocks), ca.SX(0))
+        errors = (block.place_error(drive, reading, numbers) for block, numbers in self._numbers(state))
+        return reading - sum(errors, ca.SX(0))
 
     def friction(self, drive: int, state: Vector) -> Scalar:
-        """Return what is added to the friction limit of a drive [N, N m].
-
-        Args:
-            state: (n,).
-        """
-        return sum((block.friction(drive, self.own(block, state)) for block in self.blocks), ca.SX(0))
+        """Return what is added to the friction limit of a drive [N, N m]."""
+        return sum((block.friction(drive, numbers) for block, numbers in self._numbers(state)), ca.SX(0))
 
     def force(self, drive: int, state: Vector) -> Scalar:
-        """Return what is added to the force that is expected at a drive [N, N m].
-
-        Args:
-            state: (n,).
-        """
-        return sum((block.force(drive, self.own(block, state)) for block in self.blocks), ca.SX(0))
+        """Return what is added to the force that is expected at a drive [N, N m]."""
+        return sum((block.force(drive, numbers) for block, numbers in self._numbers(state)), ca.SX(0))
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, state: Vector) -> Scalar:
-        """Return what is added to the reading of a sensor of force, tension or angle.
-
-        Args:
-            reading: what it reads.
-            state: (n,).
-        """
-        return sum((block.sensor_error(sensor, reading, self.own(block, state)) for block in self.blocks), ca.SX(0))
+        """Return what is added to the reading of a sensor of force, tension or angle."""
+        errors = (block.sensor_error(sensor, reading, numbers) for block, numbers in self._numbers(state))
+        return sum(errors, ca.SX(0))
 
     def unknowns(self, state: Vector) -> dict[str, Scalar]:
-        """Return the numbers that readings depend on, by name.
-
-        Args:
-            state: (n,).
-        """
-        return {n: number for b in self.blocks for n, number in b.unknowns(self.own(b, state)).items()}
+        """Return the numbers that readings depend on, by name."""
+        return {
+            name: number for block, numbers in self._numbers(state) for name, number in block.unknowns(numbers).items()
+        }
 
     def transmitted(self, drive: int) -> tuple[int, Transmitted] | None:
         """Return index and block of what a drive's play passes on, None where it has no play."""
