@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from contextlib import suppress
+from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import casadi as ca
@@ -17,6 +18,7 @@ from distal.estimators.channels import Channels
 from distal.estimators.gaps import rows_of
 from distal.estimators.report import NOTHING_REPORTED
 from distal.estimators.samples import WILD, sample_problem, wild_problem
+from distal.estimators.state_kinds import state_units
 from distal.kernels import Advanced, Evaluation, Feed, Kernel, advance, at_samples, covariance_of, mean_of
 from distal.logs import LARGEST_READING, frozen
 from distal.rig import Rig, Role, measurand_of
@@ -240,6 +242,11 @@ class KernelEstimator:
         for i in np.flatnonzero(~(steps >= SHORTEST)):
             check_time(self.name, times[i] - steps[i], times[i], bool(i == 0 and belief.samples == 0))
         return self.rows(steps, samples)
+
+    @cached_property
+    def state_units(self) -> tuple[str, ...]:
+        """SI units of its states, (n,), looked up once: a batch asks for each log."""
+        return state_units(self)
 
     @property
     def angles(self) -> slice:

@@ -309,7 +309,7 @@ def finished(
         unseen=runner.unseen if isinstance(runner, AdaptiveFilter) else None,
         state_kinds=state_kinds,
         state_parts=state_parts,
-        state_units=state_units(runner),
+        state_units=runner.state_units if isinstance(runner, KernelEstimator) else state_units(runner),
     )
 
 
