@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 STAMP := $(VENV)/.installed-dev
 
-.PHONY: help demo test test-fast lint docs lab bench accuracy strangers reliability clean
+.PHONY: help demo test test-fast lint docs lab bench accuracy results strangers reliability clean
 
 help:
 	@echo "make demo       reproduce the paper: figures, results and a page in out/reproduce"
@@ -15,6 +15,7 @@ help:
 	@echo "make lab        the paper's rig in the browser, docs/lab.html, which the site and the demo show"
 	@echo "make bench      accuracy and speed of stepping, filters, batches, processes; the filter on a microcontroller"
 	@echo "make accuracy   rigs it was not built with; plants x scenarios x estimators x 20 seeds; fits (an hour)"
+	@echo "make results    the other tables of docs/results: exports, guards, imported models, soak, studies (hours)"
 	@echo "make strangers  rigs and logs that distal was not built with, beside release 0.1"
 	@echo "make reliability  20,000 hostile rigs, logs and stream inputs each (6 minutes)"
 	@echo "make clean      remove .venv, out and caches"
@@ -78,6 +79,19 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.derivatives
 	$(BIN)/python -m benchmarks.parts
 	$(BIN)/python -m benchmarks.sheaths
+
+results: $(STAMP)
+	$(BIN)/python -m benchmarks.csv_readers
+	$(BIN)/python -m benchmarks.exports
+	$(BIN)/python -m benchmarks.guards
+	$(BIN)/python -m benchmarks.hysteresis
+	$(BIN)/python -m benchmarks.lab
+	$(BIN)/python -m benchmarks.models
+	$(BIN)/python -m benchmarks.sensitivity
+	$(BIN)/python -m benchmarks.silent
+	$(BIN)/python -m benchmarks.smoothing
+	$(BIN)/python -m benchmarks.soak
+	$(BIN)/python -m benchmarks.study
 
 strangers: $(STAMP)
 	$(BIN)/python -m benchmarks.strangers --compare benchmarks/recorded/release-0.1.json

@@ -10,7 +10,8 @@ import numpy as np
 from distal import estimate, load_rig, simulate
 from distal.simulation import build_scenario
 
-PAGE = Path(__file__).parents[1] / "CONTRIBUTING.md"
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "CONTRIBUTING.md"
 
 
 def example() -> str:
@@ -43,3 +44,14 @@ def test_a_new_kind_of_state_finds_what_it_stands_for() -> None:
     usual = estimate(log, rig)
     assert "harness_torque" not in usual.state_names
     assert found.rms_error() < 0.5 * usual.rms_error()
+
+
+def test_each_benchmark_is_run_by_make_or_used_by_another() -> None:
+    """What nobody runs is not kept; mutants and stored estimates are commands of CONTRIBUTING.md."""
+    commands = (ROOT / "Makefile").read_text("utf-8") + (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    sources = [path for folder in ("benchmarks", "tests", "tools") for path in (ROOT / folder).rglob("*.py")]
+    code = {path: path.read_text("utf-8") for path in sources}
+    for path in sorted((ROOT / "benchmarks").glob("*.py")):
+        imported = re.compile(rf"benchmarks(\.{path.stem}| import .*\b{path.stem})\b")
+        used = any(imported.search(text) for other, text in code.items() if other != path)
+        assert used or f"benchmarks.{path.stem}" in commands or path.stem == "__init__", path.name
