@@ -43,11 +43,7 @@ def torque_fields(runner: KernelEstimator) -> list[tuple[str, str]]:
 
 
 def members(runner: KernelEstimator, name: str) -> str:
-    """Return the members of the output that are angles and torques from outside, with their standard deviations.
-
-    Args:
-        name: prefix of the filter's names.
-    """
+    """Return the members of the output that are angles and torques from outside, with their standard deviations."""
     lines, rig = [], runner.rig
     for (angle, std), joint in zip(angle_fields(rig), rig.joints):
         which = "the joint" if len(rig.joints) == 1 else comment(joint.name)
@@ -60,11 +56,7 @@ def members(runner: KernelEstimator, name: str) -> str:
 
 
 def outputs(runner: KernelEstimator, n: int) -> str:
-    """Return the lines that fill them.
-
-    Args:
-        n: number of its states.
-    """
+    """Return the lines that fill them."""
     fields = [(j, *pair) for j, pair in enumerate(angle_fields(runner.rig))]
     fields += [(runner.state_names.index(state), f, std_name(f)) for state, f in torque_fields(runner)]
     lines, report = [], runner.report

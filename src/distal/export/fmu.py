@@ -33,7 +33,6 @@ class Fmu:
     """An FMU that was written.
 
     Args:
-        exported: its filter.
         inputs: names of the sensors, in order.
         outputs: names of what it puts out, in order.
         platforms: those that it has a binary for; for any other a tool builds it from its sources.

@@ -16,20 +16,12 @@ def spoken() -> list[Health]:
 
 
 def health_codes(name: str) -> str:
-    """Return the enumeration of `spoken`.
-
-    Args:
-        name: prefix of the filter's names.
-    """
+    """Return the enumeration of `spoken`."""
     return ",\n".join(f"  {name.upper()}_HEALTH_{word.upper()} = {i}" for i, word in enumerate(spoken()))
 
 
 def health_source(runner: KernelEstimator, name: str, emitter: Emitter) -> dict[str, str]:
     """Return the C of an estimator's health, and how many numbers it remembers, as the templates are filled with them.
-
-    Args:
-        name: prefix of the filter's names.
-        emitter: which writes the function.
 
     Raises:
         ExportError: the function has no C.

@@ -25,12 +25,6 @@ class ExportedPlant:
     """A plant as C.
 
     Args:
-        name: prefix of all its names, and of its files.
-        header: text of the .h file.
-        source: text of the .c file.
-        plant: its equations.
-        sensors: names of the sensors, in order.
-        numbers: names of the parameters, in order.
         start: coordinates at rest at the start, joints first, (n_bodies,).
         first: what its kernel puts out there: coordinates, velocities, tensions, pulls, (n_y,).
         interval: time between samples [s].
@@ -58,9 +52,6 @@ def resting_pull(plant: Mechanism) -> Floats:
 
 def c_plant(rig: Rig, name: str) -> ExportedPlant:
     """Return the simulated plant of a rig as C99, in double precision.
-
-    Args:
-        rig: the description; its values are the true ones.
 
     Raises:
         ExportError: the name is no C identifier, a sensor has a delay, or the plant has no C.

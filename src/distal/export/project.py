@@ -60,10 +60,6 @@ def export_c(
 def export_files(name: str, plant: bool = False) -> tuple[str, ...]:
     """Return the names of an export's files.
 
-    Args:
-        name: prefix of all names in C.
-        plant: whether the simulated rig is among them.
-
     Raises:
         ExportError: the name is no C identifier.
     """

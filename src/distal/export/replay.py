@@ -10,11 +10,7 @@ from distal.units import unit_factor
 
 
 def replay_program(runner: KernelEstimator, name: str) -> str:
-    """Return a C program that reads a log and writes t, then angles and torques from outside with their stds.
-
-    Args:
-        name: prefix of the filter's names.
-    """
+    """Return a C program that reads a log and writes t, then angles and torques from outside with their stds."""
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
     read = [sensors[channel] for channel in runner.channels]
     columns = [runner.rig.log.time.column, *(sensor.log_column for sensor in read)]

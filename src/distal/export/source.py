@@ -24,14 +24,7 @@ class Exported:
     """A filter as C.
 
     Args:
-        name: prefix of all its names, and of its files.
-        estimator: which one.
-        rig: title of the rig.
         single: whether numbers are float.
-        header: text of the .h file.
-        source: text of the .c file.
-        channels: what is read, in order.
-        states: names of the states, in order.
         measured: channels with an innovation.
         carry: numbers in the state.
         scratch: numbers on the stack in a step.
@@ -182,11 +175,7 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
 
 
 def begun(states: int, whole: bool) -> dict[str, str]:
-    """Return what the template's beginning is filled with.
-
-    Args:
-        whole: whether the prior is a covariance, else its diagonal.
-    """
+    """Return what the template's beginning is filled with."""
     if whole:
         return {"spread": f", *spread = state->carry + {states}", "place": ""}
     row = f"  for (i = 0; i < {states}; ++i) state->carry[{states} + i * {states + 1}] = spread[i];\n"

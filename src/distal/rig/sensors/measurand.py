@@ -93,7 +93,6 @@ class Unknown:
 
     Args:
         name: as a state; sensors with the same name share it.
-        number: its value and std.
     """
 
     name: str
@@ -125,7 +124,6 @@ class Measurand(ABC):
         """Return what a sensor without errors reads [SI].
 
         Args:
-            part: index of the part that it is of.
             unknowns: values of `unknowns` by name; one that is missing has the rig's.
         """
 
