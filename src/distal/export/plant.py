@@ -81,8 +81,8 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
     names, numbers = plant.parameters.names, plant.parameters.values
     parts = round(interval / dt)
 
-    def table(values: Floats | list[float]) -> str:
-        return ", ".join(dialect.constant(float(value)) for value in values)
+    def table(numbers: Floats | list[float]) -> str:
+        return ", ".join(dialect.constant(float(number)) for number in numbers)
 
     values = {
         "name": name,
@@ -92,7 +92,7 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
         "sensors": "\n".join(
             f" *   {i}  {comment(s.name)}: {s.measures} of {comment(s.of)} [{s.si}]" for i, s in enumerate(rig.sensors)
         ),
-        "names": "\n".join(f" *   {i:3d}  {comment(one)}" for i, one in enumerate(names)),
+        "names": "\n".join(f" *   {i:3d}  {comment(parameter)}" for i, parameter in enumerate(names)),
         "n_bodies": str(n),
         "n_joints": str(plant.n_joints),
         "n_tendons": str(plant.n_tendons),

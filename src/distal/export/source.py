@@ -89,10 +89,13 @@ def c_filter(
         begin, advance = emitter.add(prior), emitter.add(step, in_place=True)
     except CodeError as problem:
         raise ExportError(f"{estimator} of '{rig.name}' has no C: {problem}") from None
-    whole = prior.numel_out(1) > len(runner.state_names)  # the covariance, else its diagonal
     cost, scratch = emitter.functions[advance].cost, sum(written.scratch for written in emitter.functions.values())
     watching = health_source(runner, name, emitter)
-    values = _values(runner, name, emitter, begin, advance) | watching | begun(len(runner.state_names), whole)
+    values = (
+        _values(runner, name, emitter, begin, advance)
+        | watching
+        | _beginning(len(runner.state_names), prior.numel_out(1))
+    )
     return Exported(
         name,
         estimator,
@@ -128,7 +131,7 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
     ]
     measured = [f" *   {i}  {c}" for i, c in enumerate(runner.measured)]
     numbers = [dialect.constant(float(x)) for x in runner.numbers]
-    reaches = [joint.travel for joint in runner.rig.joints]
+    travels = [joint.travel for joint in runner.rig.joints]
     rows = [", ".join(numbers[i : i + 6]) for i in range(0, len(numbers), 6)]
     return {
         "nan": dialect.constant(float("nan")),
@@ -148,7 +151,7 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "n_carry": str(runner.kernel.n_carry),
         "n_numbers": str(len(numbers)),
         "n_bridged": str(runner.bridged),
-        "reach": ", ".join(f"{{{dialect.constant(low)}, {dialect.constant(high)}}}" for low, high in reaches),
+        "reach": ", ".join(f"{{{dialect.constant(low)}, {dialect.constant(high)}}}" for low, high in travels),
         "anywhere": dialect.constant(ANYWHERE**2),
         "health": health_codes(name),
         "n_joints": str(len(runner.rig.joints)),
@@ -174,12 +177,16 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
     }
 
 
-def begun(states: int, whole: bool) -> dict[str, str]:
-    """Return what the template's beginning is filled with."""
-    if whole:
-        return {"spread": f", *spread = state->carry + {states}", "place": ""}
-    row = f"  for (i = 0; i < {states}; ++i) state->carry[{states} + i * {states + 1}] = spread[i];\n"
-    return {"spread": f", spread[{states}]", "place": row}
+def _beginning(n: int, spread: int) -> dict[str, str]:
+    """Return what the template's beginning is filled with, from the sizes of the state and of its prior's spread.
+
+    Args:
+        spread: n² of a covariance, n of its diagonal alone.
+    """
+    if spread > n:
+        return {"spread": f", *spread = state->carry + {n}", "place": ""}
+    row = f"  for (i = 0; i < {n}; ++i) state->carry[{n} + i * {n + 1}] = spread[i];\n"
+    return {"spread": f", spread[{n}]", "place": row}
 
 
 _HEADER = """\
