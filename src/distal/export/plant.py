@@ -130,13 +130,10 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
 
 def _errors(plant: Mechanism) -> list[list[float]]:
     """Return gain, bias, noise, step, ends of the travel and largest linearity of each sensor."""
-    rows = []
-    for sensor in plant.rig.sensors:
-        low, high = travel_of(sensor, plant.rig)
-        rows.append(
-            [gain_of(sensor).value, sensor.bias.value, sensor.noise, step_of(sensor), low, high, sensor.linearity]
-        )
-    return rows
+    return [
+        [gain_of(s).value, s.bias.value, s.noise, step_of(s), *travel_of(s, plant.rig), s.linearity]
+        for s in plant.rig.sensors
+    ]
 
 
 _HEADER = """\

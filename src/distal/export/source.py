@@ -91,11 +91,8 @@ def c_filter(
         raise ExportError(f"{estimator} of '{rig.name}' has no C: {problem}") from None
     cost, scratch = emitter.functions[advance].cost, sum(written.scratch for written in emitter.functions.values())
     watching = health_source(runner, name, emitter)
-    values = (
-        _values(runner, name, emitter, begin, advance)
-        | watching
-        | _beginning(len(runner.state_names), prior.numel_out(1))
-    )
+    values = _values(runner, name, emitter, begin, advance) | watching
+    values |= _beginning(len(runner.state_names), prior.numel_out(1))
     return Exported(
         name,
         estimator,
@@ -121,14 +118,9 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
     dialect, n, m = emitter.dialect, len(runner.state_names), len(runner.measured)
     assert isinstance(dialect, Plain)
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
-    channels = [
-        f" *   {i}  {c}: {sensors[c].measures} of {sensors[c].of} [{sensors[c].si}]"
-        for i, c in enumerate(runner.channels)
-    ]
-    states = [
-        f" *   {i:2d}  {s}{f' [{unit}]' * bool(unit)}"
-        for i, (s, unit) in enumerate(zip(runner.state_names, state_units(runner)))
-    ]
+    read = [sensors[channel] for channel in runner.channels]
+    channels = [f" *   {i}  {s.name}: {s.measures} of {s.of} [{s.si}]" for i, s in enumerate(read)]
+    states = [f"{state}{f' [{unit}]' * bool(unit)}" for state, unit in zip(runner.state_names, state_units(runner))]
     measured = [f" *   {i}  {c}" for i, c in enumerate(runner.measured)]
     numbers = [dialect.constant(float(x)) for x in runner.numbers]
     travels = [joint.travel for joint in runner.rig.joints]
@@ -141,7 +133,7 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "estimator": runner.name,
         "real": dialect.type,
         "channels": "\n".join(channels),
-        "states": "\n".join(states),
+        "states": "\n".join(f" *   {i:2d}  {state}" for i, state in enumerate(states)),
         "measured": "\n".join(measured) or " *   none",
         "n_channels": str(len(runner.channels)),
         "n_states": str(n),

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain, count
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from distal.run.offline import Run, check_bounds, finished, prepared, runner_for
 from distal.threads import one_blas_thread
 
 Skip = Callable[[str, DistalError], None]
-Arguments = ParamSpec("Arguments")
+Input = TypeVar("Input")
 Output = TypeVar("Output")
 
 
@@ -41,12 +41,9 @@ def estimate_batch(
 
     Several runs go through the compiled kernel side by side, one in each vector lane, on all cores. Logs are read when
     their turn comes, and only current logs are in memory: covariances are not kept (`Estimate.covariances` is None).
+    What `estimate` takes too means the same.
 
     Args:
-        rig: the description, or a shipped rig's name, or a path.
-        estimator: a name (see `ESTIMATORS`) or a ready one.
-        truth: where logs are read: the true angle's column.
-        homing: for how long the truth is used [s].
         workers: threads; default one per core.
         progress: called with the number of logs that are done.
         skip: called with source and error of a log that cannot be estimated; with None the error is raised.
@@ -90,8 +87,8 @@ def estimate_batch(
         @one_blas_thread()
         def work(sources: Sequence[Log | Source]) -> list[Estimate | DistalError]:
             runs = [_attempt(lambda source: prepared(load(source), runner, homing), source) for source in sources]
-            ready = iter(run_all([run for run in runs if isinstance(run, Run)]))
-            return [run if isinstance(run, DistalError) else next(ready) for run in runs]
+            answers = iter(run_all([run for run in runs if isinstance(run, Run)]))
+            return [run if isinstance(run, DistalError) else next(answers) for run in runs]
 
         for source, outcome in in_order(chain([first], sources), _side_by_side(runner), work, workers):
             report(next(done))
@@ -112,12 +109,10 @@ def _named(source: Log | Source) -> str:
     return source.source if isinstance(source, Log) else str(source) if isinstance(source, (str, Path)) else "the frame"
 
 
-def _attempt(
-    function: Callable[Arguments, Output], *args: Arguments.args, **kwargs: Arguments.kwargs
-) -> Output | DistalError:
+def _attempt(function: Callable[[Input], Output], argument: Input) -> Output | DistalError:
     """Return what a function returns, or the error that it raises."""
     try:
-        return function(*args, **kwargs)
+        return function(argument)
     except DistalError as problem:
         return problem
 

@@ -129,16 +129,14 @@ class Monitor:
         if not live.samples and not np.isfinite(sample).any():
             return self._skipped(time, "bad", "the first sample has no value at all")
         self._time = time
-        try:
-            live.step(time, sample)
-        except EstimationError:
-            # what led here may be in the belief: begin anew, with this sample
-            self._restart("the filter left all bounds")
+        for _ in range(2):  # where the belief led out of bounds, the filter begins anew, once, with this sample
             try:
                 live.step(time, sample)
+                break
             except EstimationError:
                 self._restart("the filter left all bounds")
-                return self._skipped(time, "bad", "the filter leaves all bounds with this sample")
+        else:
+            return self._skipped(time, "bad", "the filter leaves all bounds with this sample")
         if self._anew:
             problems.append(("restarted", self._anew))
             self._anew = ""
@@ -192,8 +190,8 @@ class Monitor:
 
     def _skipped(self, time: float, health: Health, detail: str = "") -> Reading:
         """Return a reading without an estimate."""
-        nothing, untouched = (nan,) * len(self._live.rig.joints), (nan,) * len(self._live.torque_names)
-        return Reading(time, nothing, nothing, health, detail, untouched, untouched)
+        angles, torques = (nan,) * len(self._live.rig.joints), (nan,) * len(self._live.torque_names)
+        return Reading(time, angles, angles, health, detail, torques, torques)
 
     def _late_or_twice(self, time: float) -> Reading | None:
         """Return a reading without an estimate where a stamp does not rise; None where it may go on."""
@@ -214,10 +212,9 @@ class Monitor:
         reached = np.clip(angles, *self._reach)
         self._live.reset(tuple(reached.tolist()) if has_angles else None, ANYWHERE)
         self._anew = why
-        watch = self._watch
-        pace = self._memory[watch.memory["pace"]].copy()
-        self._memory, self._fresh = begun(watch), True
-        self._memory[watch.memory["pace"]] = pace
+        pace, memory = self._watch.memory["pace"], begun(self._watch)
+        memory[pace] = self._memory[pace]
+        self._memory, self._fresh = memory, True
 
     def _names(self, chosen: Bools) -> str:
         return ", ".join(name for name, is_chosen in zip(self._live.channels, chosen) if is_chosen)

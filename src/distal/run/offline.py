@@ -160,7 +160,7 @@ def runner_for(
     if homing is not None:
         rig, references = with_references(rig, known_early(log, homing))
         check_homing(homing, log, [joint.name for joint in rig.joints])
-        if isinstance(estimator, str) and estimator in HOMED:
+        if estimator == "adaptive":
             return AdaptiveFilter(rig, compiled, references=references)
         if estimator == "affine":
             return AffineEstimator(rig, compiled, homing=True)
@@ -259,10 +259,6 @@ def finished(
 def priors_of(runner: Estimator) -> tuple[Floats | None, Floats | None]:
     """Return prior means and stds of the states that are constants of the rig, NaN for the others; else None."""
     return runner.priors if isinstance(runner, AdaptiveFilter) else (None, None)
-
-
-HOMED = frozenset({"adaptive"})
-"""Estimators that read a reference as a sensor; the others are shifted by their mean error."""
 
 
 def with_channel(log: Log, name: str, values: Floats) -> Log:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators import AdaptiveFilter, first_values, state_units
+from distal.estimators import AdaptiveFilter, first_values
 from distal.kernels import Feed, advance, covariance_of, mean_of, variances_of
-from distal.logs import Log, frozen, true_angles
+from distal.logs import Log
 from distal.results import Estimate
 from distal.rig import Rig
-from distal.run.offline import out_of_bounds, priors_of, samples_of
+from distal.run.offline import Run, finished, out_of_bounds, samples_of
 
 
 def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
@@ -32,8 +34,8 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     belief = runner.initial(log.time[0], first_values(samples))
     rows, last = runner.checked_rows(belief, log.time, samples)
     carries, ys = advance(runner.kernel, Feed(belief.carry, rows, runner.numbers))
-    n, m, joints = belief.size, len(runner.measured), tuple(joint.name for joint in rig.joints)
-    if len(out_of_bounds(mean_of(carries, n), variances_of(carries, n), len(joints))):
+    n, m = belief.size, len(runner.measured)
+    if len(out_of_bounds(mean_of(carries, n), variances_of(carries, n), len(rig.joints))):
         raise EstimationError(f"{log.source}: the filter left all bounds; check the units of the log and the rig")
     means, covariances = mean_of(carries, n).copy(), covariance_of(carries, n).copy()
     predicted, matrices = ys[:, 2 * m : 2 * m + n], ys[:, 2 * m + n :].reshape(-1, 2, n, n)
@@ -55,32 +57,14 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         means[k] += gain @ (means[k + 1] - predicted[k + 1])
         process = predicted_covariances[k + 1] - transition @ before @ transition.T
         left = np.eye(n) - gain @ transition
-        smoothed = left @ before @ left.T + gain @ (covariances[k + 1] + process) @ gain.T
-        covariances[k] = (smoothed + smoothed.T) / 2
+        covariance = left @ before @ left.T + gain @ (covariances[k + 1] + process) @ gain.T
+        covariances[k] = (covariance + covariance.T) / 2
     if rig.discrepancy is not None:
         correct(means, covariances, log, rig, compiled, last)
-    innovations, variances = runner.innovations_of(ys[last], samples)
-    prior_means, prior_stds = priors_of(runner)
-    return Estimate(
-        runner.name,
-        rig.name,
-        log.time,
-        runner.state_names,
-        frozen(means[last]),
-        frozen(np.einsum("kii->ki", covariances[last])),
-        runner.measured,
-        frozen(innovations),
-        frozen(variances),
-        truths=true_angles(log, joints),
-        covariances=frozen(covariances[last]),
-        joint_names=joints,
-        prior_means=prior_means,
-        prior_stds=prior_stds,
-        stamps=log.stamps,
-        state_kinds=runner.state_kinds,
-        state_parts=runner.state_parts,
-        state_units=state_units(runner),
-    )
+    spreads = np.einsum("kii->ki", covariances)
+    run, innovations = Run(log, runner, samples, belief, None), runner.innovations_of(ys[last], samples)
+    smoothed = finished(run, means[last], spreads[last], *innovations, covariances[last])
+    return replace(smoothed, notes=(), torque_truths=None, unseen=None)
 
 
 def correct(means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bool, last: NDArray[np.intp]) -> None:

@@ -68,10 +68,7 @@ class SensorErrors:
     """
 
     def __init__(
-        self,
-        sensors: Sequence[Sensor],
-        travels: Sequence[tuple[float, float]],
-        rngs: Sequence[np.random.Generator],
+        self, sensors: Sequence[Sensor], travels: Sequence[tuple[float, float]], rngs: Sequence[np.random.Generator]
     ) -> None:
         of_curves, self._rngs = zip(*(rng.spawn(2) for rng in rngs))
         self._gain = np.array([gain_of(sensor).value for sensor in sensors])

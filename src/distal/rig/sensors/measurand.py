@@ -111,13 +111,17 @@ class Measurand(ABC):
     role: ClassVar[Role]
     """What estimators do with it."""
 
-    @abstractmethod
+    si: ClassVar[str]
+    badge: ClassVar[str]
+    """Unit and letter, where they do not depend on the part."""
+
     def unit(self, part: Part) -> str:
         """Return the SI unit in which its errors are given."""
+        return self.si
 
-    @abstractmethod
     def letter(self, part: Part) -> str:
         """Return the letter of its badge in a drawing."""
+        return self.badge
 
     @abstractmethod
     def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
