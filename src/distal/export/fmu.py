@@ -131,7 +131,7 @@ def _description(rig: Rig, exported: Exported, variables: list[_Variable], token
     root = ElementTree.Element(
         "fmiModelDescription",
         fmiVersion="3.0",
-        modelName=_plain(rig.name),
+        modelName="".join(c if c.isprintable() else " " for c in rig.name),
         description="Where the joints are, from what is measured at the proximal end of the tendons",
         instantiationToken=token,
         generationTool=f"distal {__version__}",
@@ -195,10 +195,6 @@ def _attributes(variable: _Variable, reference: int) -> dict[str, str]:
 def _written(root: ElementTree.Element) -> bytes:
     ElementTree.indent(root)
     return bytes(ElementTree.tostring(root, "utf-8", xml_declaration=True))
-
-
-def _plain(text: str) -> str:
-    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def _build_description(name: str) -> bytes:

@@ -113,19 +113,9 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
         "advance": advance,
         "reading": reading,
     }
-    return ExportedPlant(
-        name,
-        filled(_HEADER, values),
-        filled(_SOURCE, values),
-        plant,
-        tuple(sensor.name for sensor in rig.sensors),
-        tuple(names),
-        start,
-        first[0],
-        interval,
-        parts,
-        count,
-    )
+    header, source = filled(_HEADER, values), filled(_SOURCE, values)
+    sensors = tuple(sensor.name for sensor in rig.sensors)
+    return ExportedPlant(name, header, source, plant, sensors, tuple(names), start, first[0], interval, parts, count)
 
 
 def _errors(plant: Mechanism) -> list[list[float]]:

@@ -44,8 +44,8 @@ def by_hour(pieces: Iterable[PieceEstimate]) -> tuple[Hour, ...]:
         for index in np.unique(of_hour):
             rows = of_hour == index
             error, half_band = errors[rows], half[rows]
-            inside = np.sum(np.abs(error) <= half_band)
-            sums[int(index)] += [error.size, np.sum(error**2), inside, np.sum(half_band)]
+            is_inside = np.abs(error) <= half_band
+            sums[int(index)] += [error.size, np.sum(error**2), np.sum(is_inside), np.sum(half_band)]
     return tuple(
         Hour(index, float(np.sqrt(square / count)), float(inside / count), float(half / count))
         for index, (count, square, inside, half) in sorted(sums.items())

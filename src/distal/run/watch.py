@@ -18,7 +18,7 @@ from distal.estimators import KernelEstimator
 from distal.expressions import Scalar, Vector
 from distal.kernels import Layout
 from distal.results import LARGE_PRIOR, SMALL
-from distal.rig import Role, Sensor, measurand_of, step_of
+from distal.rig import Role, measurand_of, step_of
 from distal.run.offline import priors_of
 from distal.run.places import FAR, place_range
 
@@ -116,7 +116,8 @@ def watch_of(runner: KernelEstimator) -> Watch:
     no_prior = np.full(len(runner.state_names), np.nan)
     means, stds = (no_prior if prior is None else prior for prior in priors_of(runner))
     watched = tuple(np.flatnonzero(np.isfinite(means) & (stds > 0.0)).tolist())
-    placed = tuple(i for i, sensor in enumerate(chosen) if measurand_of(sensor).role is Role.PLACE)
+    roles = [measurand_of(sensor).role for sensor in chosen]
+    placed = tuple(i for i, role in enumerate(roles) if role is Role.PLACE)
     n, m, k, p, joints = len(chosen), len(runner.measured), len(watched), len(placed), len(runner.rig.joints)
     memory = Layout(last=n, age=n, same=n, outside=p, ratio=m, pace=1)
     sample = Layout(
@@ -139,14 +140,14 @@ def watch_of(runner: KernelEstimator) -> Watch:
     first, dt, mask = came["first"], came["dt"], came["mask"]
     since = ca.if_else(ca.logic_and(dt > 0, dt < LONGEST_GAP), dt, interval)
     share = ca.fmin(since / MEMORY, 1)
-    # a sensor without a first value is missing from the beginning
-    overdue = _column(overdue_of(chosen))
+    # a sensor without a first value is missing from the beginning; a known angle, which homes, never is
+    overdue = _column([NEVER if role is Role.REFERENCE else OVERDUE / s.rate for s, role in zip(chosen, roles)])
     dead_after = ca.fmax(DEAD, 2 * overdue)
     age = ca.if_else(mask, 0, ca.if_else(first, 1.01 * overdue, was["age"] + dt))
     moved = ca.logic_or(first, ca.logic_and(mask, came["values"] != was["last"]))
     same = ca.if_else(moved, 0, was["same"] + dt)
     # a sensor with noise does not say the same twice for long
-    noisy = _column([s.noise > step_of(s) and measurand_of(s).role is not Role.REFERENCE for s in chosen])
+    noisy = _column([s.noise > step_of(s) and role is not Role.REFERENCE for s, role in zip(chosen, roles)])
     dead = age >= dead_after - ROUNDING
     stuck = noisy * mask * (same >= dead_after - ROUNDING)
     missing = ca.logic_and(age > overdue, ca.logic_not(dead))
@@ -192,11 +193,6 @@ WORDS: dict[str, Health] = {
     "dead": "dead",
 }
 """The word of each finding."""
-
-
-def overdue_of(sensors: Sequence[Sensor]) -> list[float]:
-    """Return after which time without a value each sensor is missing [s]; a known angle, which homes, never is."""
-    return [NEVER if measurand_of(s).role is Role.REFERENCE else OVERDUE / s.rate for s in sensors]
 
 
 def _column(numbers: Sequence[float] | Floats) -> Vector:

@@ -81,16 +81,16 @@ class SensorBase(Description):
 def _in_si(raw: Mapping[str, object], counting: Callable[[Mapping[str, object]], tuple[str, float] | None]) -> object:
     """Return a raw sensor with its errors in SI, as far as they are written in what its log counts."""
     try:
-        count_size = counting(raw)
-        gear = to_si(raw.get("gear", 1.0), "") if count_size is not None and count_size[0] == "count" else 1.0
+        scale = counting(raw)
+        gear = to_si(raw.get("gear", 1.0), "") if scale is not None and scale[0] == "count" else 1.0
     except (UnitError, ZeroDivisionError):
         # what is wrong is said of its own field; in what the errors count is not known then
         return {key: value for key, value in raw.items() if key not in ERRORS}
-    if count_size is None:
+    if scale is None:
         return raw
-    unit, size = count_size
+    unit, unit_size = scale
     if unit == "count" and raw.get("unit") in COUNTS and "resolution" not in raw:
-        raw = {**raw, "resolution": size * gear}  # it cannot tell less than one count
+        raw = {**raw, "resolution": unit_size * gear}  # it cannot tell less than one count
 
     def converted(error: object, size: float) -> object:
         if isinstance(error, Mapping):
@@ -98,7 +98,7 @@ def _in_si(raw: Mapping[str, object], counting: Callable[[Mapping[str, object]],
             return {key: converted(part, size) if key in spreads else part for key, part in error.items()}
         return _of_text(error, unit, size) if isinstance(error, str) else error
 
-    sizes = {key: size * (gear if key == "resolution" else 1.0) for key in ERRORS}
+    sizes = {key: unit_size * (gear if key == "resolution" else 1.0) for key in ERRORS}
     return {**raw, **{key: converted(raw[key], size) for key, size in sizes.items() if key in raw}}
 
 
