@@ -41,7 +41,7 @@ def estimate_batch(
 
     Several runs go through the compiled kernel side by side, one in each vector lane, on all cores. Logs are read when
     their turn comes, and only current logs are in memory: covariances are not kept (`Estimate.covariances` is None).
-    What `estimate` takes too means the same.
+    Arguments that `estimate` has too mean the same there.
 
     Args:
         workers: threads; default one per core.

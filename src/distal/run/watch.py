@@ -118,19 +118,10 @@ def watch_of(runner: KernelEstimator) -> Watch:
     watched = tuple(np.flatnonzero(np.isfinite(means) & (stds > 0.0)).tolist())
     roles = [measurand_of(sensor).role for sensor in chosen]
     placed = tuple(i for i, role in enumerate(roles) if role is Role.PLACE)
-    n, m, k, p, joints = len(chosen), len(runner.measured), len(watched), len(placed), len(runner.rig.joints)
+    n, m, j, k, p = len(chosen), len(runner.measured), len(runner.rig.joints), len(watched), len(placed)
     memory = Layout(last=n, age=n, same=n, outside=p, ratio=m, pace=1)
     sample = Layout(
-        first=1,
-        dt=1,
-        values=n,
-        mask=n,
-        stds=joints,
-        innovations=m,
-        compared=m,
-        variances=m,
-        numbers=k,
-        number_variances=k,
+        first=1, dt=1, values=n, mask=n, stds=j, innovations=m, compared=m, variances=m, numbers=k, number_variances=k
     )
     findings = Layout(
         code=1, gap=1, hurried=1, nothing=1, untested=1, unknown=1, dead=n, stuck=n, missing=n, wrong=p, large=m, left=k
