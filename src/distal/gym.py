@@ -35,7 +35,6 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
 
     Args:
         scenario: with a ``[control]`` table, whose references are what is wanted; a name, a path, or itself.
-        estimator: whose angles are observed.
         drawn: whether each reset draws a plant from the rig's stds; else the plant is the rig with its ``[plant]``.
 
     Raises:

@@ -34,7 +34,7 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("DISTAL_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("DISTAL_COMPILE", raising=False)
     find_compiler.cache_clear()
-    monkeypatch.setattr(kernel, "_said", set())
+    monkeypatch.setattr(kernel, "_warned", set())
     yield tmp_path / "cache"
     find_compiler.cache_clear()
 

@@ -9,9 +9,8 @@ from distal.errors import OutputError
 from distal.export.fields import angle_fields, comment, filled
 from distal.export.health import spoken
 from distal.export.names import c_name
-from distal.export.project import check_ours, readme
+from distal.export.project import check_ours, readme, write_files
 from distal.export.source import Exported, c_filter
-from distal.logs import write_together
 from distal.rig import Rig, Sensor, log_factor, log_unit
 from distal.version import __version__
 
@@ -43,16 +42,12 @@ def export_arduino(
     files = arduino_files(rig, exported)
     folder = Path(out)
     check_ours(folder, [file for file in files if file not in EDITED])
-    for file in (file for file in EDITED if (folder / file).is_file()):
-        if f"{name}.h" not in (folder / file).read_text(encoding="utf-8", errors="replace"):
-            raise OutputError(f"{folder / file}: is of another library than {name}; give another folder")
-        del files[file]
-    try:
-        for file in files:
-            (folder / file).parent.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise OutputError(f"{folder}: cannot be written ({problem.strerror})") from None
-    write_together({folder / file: text for file, text in files.items()})
+    for file in EDITED:
+        if (folder / file).is_file():
+            if f"{name}.h" not in (folder / file).read_text(encoding="utf-8", errors="replace"):
+                raise OutputError(f"{folder / file}: is of another library than {name}; give another folder")
+            del files[file]
+    write_files(folder, files)
     return exported
 
 
@@ -72,13 +67,13 @@ def arduino_files(rig: Rig, exported: Exported) -> dict[str, str]:
         "micros": f"{1e6 * exported.interval:.0f}",
     }
     # the readme's part on a replay is for the folder that export-c writes without this layout
-    said = readme(exported).split("## Replay")[0]
+    text = readme(exported).split("## Replay")[0]
     return {
         "library.properties": filled(_PROPERTIES, values),
         "library.json": filled(_JSON, values),
         "keywords.txt": filled(_KEYWORDS, values),
         "LICENSE": _LICENSE,
-        "README.md": said + filled(_README, values),
+        "README.md": text + filled(_README, values),
         f"src/{exported.name}.h": exported.header,
         f"src/{exported.name}.c": exported.source,
         f"examples/{SKETCH}/{SKETCH}.ino": filled(_SKETCH, values),
@@ -91,11 +86,11 @@ def _sensors(rig: Rig, exported: Exported) -> str:
     pin, analog = 2, 0
     for i, channel in enumerate(exported.channels):
         sensor = sensors[channel]
-        said = f"{comment(channel)}: {sensor.measures} of {comment(sensor.of)}"
+        meaning = f"{comment(channel)}: {sensor.measures} of {comment(sensor.of)}"
         if sensor.measures in ("position", "angle"):
             factor, why = _factor(sensor, "count", "2 * pi / 4096 of a turn" if sensor.si == "rad" else "10 um", 1e-5)
             lines += [
-                f"/* {said}: an encoder with two channels; per count [{sensor.si}]: {why} */",
+                f"/* {meaning}: an encoder with two channels; per count [{sensor.si}]: {why} */",
                 f"const {exported.name}_real PER_COUNT_{i} = {factor};",
                 f"const int A_{i} = {pin}, B_{i} = {pin + 1};",
                 f"volatile long counts_{i};",
@@ -113,7 +108,7 @@ def _sensors(rig: Rig, exported: Exported) -> str:
         else:
             factor, why = _factor(sensor, "mA", f"0.01 {sensor.si}", 1e-2)
             lines += [
-                f"/* {said}: a voltage at an analog pin; per step of the converter [{sensor.si}]: {why} */",
+                f"/* {meaning}: a voltage at an analog pin; per step of the converter [{sensor.si}]: {why} */",
                 f"const {exported.name}_real PER_STEP_{i} = {factor};",
                 f"const int ZERO_{i} = 0; /* what the pin reads without a force */",
                 "",

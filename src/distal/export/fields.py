@@ -38,16 +38,12 @@ def angle_fields(rig: Rig) -> list[tuple[str, str]]:
 
 def torque_fields(runner: KernelEstimator) -> list[tuple[str, str]]:
     """Return the states that are torques from outside, and their names in an exported filter's output."""
-    known = [runner.state_names[i] for i in external_torques_of(runner).values()]
-    return [(name, re.sub(r"[^A-Za-z0-9]", "_", name)) for name in known]
+    states = [runner.state_names[i] for i in external_torques_of(runner).values()]
+    return [(state, re.sub(r"[^A-Za-z0-9]", "_", state)) for state in states]
 
 
 def members(runner: KernelEstimator, name: str) -> str:
-    """Return the members of the output that are angles and torques from outside, with their standard deviations.
-
-    Args:
-        name: prefix of the filter's names.
-    """
+    """Return the members of the output that are angles and torques from outside, with their standard deviations."""
     lines, rig = [], runner.rig
     for (angle, std), joint in zip(angle_fields(rig), rig.joints):
         which = "the joint" if len(rig.joints) == 1 else comment(joint.name)
@@ -60,19 +56,15 @@ def members(runner: KernelEstimator, name: str) -> str:
 
 
 def outputs(runner: KernelEstimator, n: int) -> str:
-    """Return the lines that fill them.
-
-    Args:
-        n: number of its states.
-    """
+    """Return the lines that fill these members from the `n` states."""
     fields = [(j, *pair) for j, pair in enumerate(angle_fields(runner.rig))]
     fields += [(runner.state_names.index(state), f, std_name(f)) for state, f in torque_fields(runner)]
     lines, report = [], runner.report
-    for at, value, std in fields:
-        said, variance = f"state->carry[{at}]", f"state->carry[{n + at * (n + 1)}]"
+    for at, field, std in fields:
+        estimate, variance = f"state->carry[{at}]", f"state->carry[{n + at * (n + 1)}]"
         if at in report.states:  # a learned map speaks of it
             k = report.states.index(at)
             gain = f"y[{report.gains[k]}]"
-            said, variance = f"y[{report.values[k]}]", f"{gain} * {gain} * {variance} + y[{report.variances[k]}]"
-        lines += [f"    out->{value} = {said};", f"    out->{std} = root({variance});"]
+            estimate, variance = f"y[{report.values[k]}]", f"{gain} * {gain} * {variance} + y[{report.variances[k]}]"
+        lines += [f"    out->{field} = {estimate};", f"    out->{std} = root({variance});"]
     return "\n".join(lines)

@@ -33,7 +33,6 @@ class Fmu:
     """An FMU that was written.
 
     Args:
-        exported: its filter.
         inputs: names of the sensors, in order.
         outputs: names of what it puts out, in order.
         platforms: those that it has a binary for; for any other a tool builds it from its sources.
@@ -66,38 +65,34 @@ def export_fmu(rig: Rig, out: str | Path, estimator: str = "adaptive", name: str
         raise ExportError(f"{out}: an FMU is one file; give a name that ends in .fmu")
     exported = c_filter(rig, estimator, False, name)
     variables = [*_variables(rig, exported)]
-    outputs = [one for one in variables if one.causality == "output"]
+    outputs = [variable for variable in variables if variable.causality == "output"]
     # the same filter has the same token, whenever it was written
     token = "{" + str(uuid.uuid5(uuid.NAMESPACE_OID, exported.source)) + "}"
-    told = ", ".join(f"now->out.{one.field}" for one in outputs)
-    template = resources.files("distal.export").joinpath("fmi3.c").read_text(encoding="utf-8")
-    interface = filled(
-        template,
-        {
-            "name": exported.name,
-            "NAME": exported.name.upper(),
-            "n_outputs": str(len(outputs)),
-            "told": told,
-            "token": token,
-            "wild": f"{LARGEST_READING:.17g}",
-        },
-    )
+    values = {
+        "name": exported.name,
+        "NAME": exported.name.upper(),
+        "n_outputs": str(len(outputs)),
+        "told": ", ".join(f"now->out.{variable.field}" for variable in outputs),
+        "token": token,
+        "wild": f"{LARGEST_READING:.17g}",
+    }
+    interface = filled(resources.files("distal.export").joinpath("fmi3.c").read_text(encoding="utf-8"), values)
     sources = {
         f"{exported.name}.h": exported.header,
         f"{exported.name}.c": exported.source,
         f"{exported.name}_fmi3.c": interface,
     }
-    made = io.BytesIO()
+    fmu = io.BytesIO()
     binary, without = _binary(exported.name, sources)
-    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(fmu, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("modelDescription.xml", _description(rig, exported, variables, token))
         archive.writestr("sources/buildDescription.xml", _build_description(exported.name))
         for file, text in sources.items():
             archive.writestr(f"sources/{file}", text)
         if binary is not None:
             archive.writestr(f"binaries/{_tuple()}/{exported.name}{_SUFFIX[sys.platform]}", binary)
-    write_whole(out, made.getvalue())
-    names = (*(one.name for one in outputs), _free("health", exported.channels))
+    write_whole(out, fmu.getvalue())
+    names = (*(variable.name for variable in outputs), _free("health", exported.channels))
     return Fmu(exported, exported.channels, names, (_tuple(),) if binary is not None else (), without)
 
 
@@ -108,7 +103,7 @@ class _Variable:
     name: str
     causality: str
     unit: str
-    said: str
+    description: str
     field: str = ""
 
 
@@ -117,14 +112,14 @@ def _variables(rig: Rig, exported: Exported) -> Iterator[_Variable]:
     for channel in exported.channels:
         sensor = sensors[channel]
         yield _Variable(channel, "input", sensor.si, f"{sensor.measures} of {sensor.of}; NaN where missing")
-    fields = [
-        (value, joint.name, "angle", "rad") for joint, (value, _) in zip(rig.joints, angle_fields(rig), strict=True)
-    ]
+    angles = (angle for angle, _ in angle_fields(rig))
+    fields = [(angle, joint.name, "angle", "rad") for joint, angle in zip(rig.joints, angles, strict=True)]
     runner = make_estimator(exported.estimator, rig, compiled=False)
     fields += [(field, field, "torque from outside", "N m") for _, field in torque_fields(runner)]
-    for field, whose, what, unit in fields:
-        for own, said in ((field, what), (std_name(field), f"standard deviation of the error of the {what}")):
-            yield _Variable(_free(own, sensors), "output", unit, f"{said}, {whose}", own)
+    for field, part, quantity, unit in fields:
+        std = std_name(field), f"standard deviation of the error of the {quantity}"
+        for name, description in ((field, quantity), std):
+            yield _Variable(_free(name, sensors), "output", unit, f"{description}, {part}", name)
 
 
 def _free(name: str, taken: Container[str]) -> str:
@@ -136,7 +131,7 @@ def _description(rig: Rig, exported: Exported, variables: list[_Variable], token
     root = ElementTree.Element(
         "fmiModelDescription",
         fmiVersion="3.0",
-        modelName=_plain(rig.name),
+        modelName="".join(c if c.isprintable() else " " for c in rig.name),
         description="Where the joints are, from what is measured at the proximal end of the tendons",
         instantiationToken=token,
         generationTool=f"distal {__version__}",
@@ -151,42 +146,50 @@ def _description(rig: Rig, exported: Exported, variables: list[_Variable], token
         canSerializeFMUState="true",
     )
     units = ElementTree.SubElement(root, "UnitDefinitions")
-    for unit in dict.fromkeys(["s", *(one.unit for one in variables)]):
+    for unit in dict.fromkeys(["s", *(variable.unit for variable in variables)]):
         base = {key: str(power) for key, power in base_powers(unit).items()}
         ElementTree.SubElement(ElementTree.SubElement(units, "Unit", name=unit), "BaseUnit", base)
     types = ElementTree.SubElement(root, "TypeDefinitions")
     health = ElementTree.SubElement(types, "EnumerationType", name="Health")
-    for value, word in enumerate(spoken()):
-        ElementTree.SubElement(health, "Item", name=word, value=str(value), description=HEALTH[word])
+    for code, word in enumerate(spoken()):
+        ElementTree.SubElement(health, "Item", name=word, value=str(code), description=HEALTH[word])
     ElementTree.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(exported.interval))
-    model = ElementTree.SubElement(root, "ModelVariables")
+    model, names = ElementTree.SubElement(root, "ModelVariables"), {variable.name for variable in variables}
     ElementTree.SubElement(
         model,
         "Float64",
-        name=_free("time", {one.name for one in variables}),
+        name=_free("time", names),
         valueReference="0",
         causality="independent",
         variability="continuous",
         unit="s",
     )
     structure = ElementTree.SubElement(root, "ModelStructure")
-    for reference, one in enumerate(variables, 1):
-        own = {"name": one.name, "valueReference": str(reference), "causality": one.causality, "unit": one.unit}
-        own |= {"description": one.said, "variability": "continuous" if one.causality == "input" else "discrete"}
-        ElementTree.SubElement(model, "Float64", own | ({"start": "NaN"} if one.causality == "input" else {}))
-    last = {
-        "name": _free("health", {one.name for one in variables}),
-        "valueReference": str(len(variables) + 1),
-        "causality": "output",
-        "declaredType": "Health",
-    }
-    said = "whether the stream can be trusted"
-    ElementTree.SubElement(model, "Enumeration", last | {"variability": "discrete", "description": said})
-    told = [i for i, one in enumerate(variables, 1) if one.causality == "output"] + [len(variables) + 1]
+    for reference, variable in enumerate(variables, 1):
+        ElementTree.SubElement(model, "Float64", _attributes(variable, reference))
+    ElementTree.SubElement(
+        model,
+        "Enumeration",
+        name=_free("health", names),
+        valueReference=str(len(variables) + 1),
+        causality="output",
+        declaredType="Health",
+        variability="discrete",
+        description="whether the stream can be trusted",
+    )
+    references = [i for i, variable in enumerate(variables, 1) if variable.causality == "output"]
     for kind in ("Output", "InitialUnknown"):
-        for reference in told:
+        for reference in (*references, len(variables) + 1):
             ElementTree.SubElement(structure, kind, valueReference=str(reference))
     return _written(root)
+
+
+def _attributes(variable: _Variable, reference: int) -> dict[str, str]:
+    is_input = variable.causality == "input"
+    attributes = {"name": variable.name, "valueReference": str(reference), "causality": variable.causality}
+    attributes |= {"unit": variable.unit, "description": variable.description}
+    attributes |= {"variability": "continuous", "start": "NaN"} if is_input else {"variability": "discrete"}
+    return attributes
 
 
 def _written(root: ElementTree.Element) -> bytes:
@@ -194,14 +197,10 @@ def _written(root: ElementTree.Element) -> bytes:
     return bytes(ElementTree.tostring(root, "utf-8", xml_declaration=True))
 
 
-def _plain(text: str) -> str:
-    return "".join(c if c.isprintable() else " " for c in text)
-
-
 def _build_description(name: str) -> bytes:
     root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
-    how = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=name)
-    files = ElementTree.SubElement(how, "SourceFileSet", language="C99")
+    configuration = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=name)
+    files = ElementTree.SubElement(configuration, "SourceFileSet", language="C99")
     for file in (f"{name}.c", f"{name}_fmi3.c"):
         ElementTree.SubElement(files, "SourceFile", name=file)
     return _written(root)
@@ -214,8 +213,8 @@ _SYSTEMS = {"linux": "linux", "darwin": "darwin", "win32": "windows"}
 def _tuple() -> str:
     """Return this platform as FMI names it."""
     machine = platform.machine().lower()
-    own = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}.get(machine, machine)
-    return f"{own}-{_SYSTEMS.get(sys.platform, sys.platform)}"
+    architecture = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}.get(machine, machine)
+    return f"{architecture}-{_SYSTEMS.get(sys.platform, sys.platform)}"
 
 
 def _binary(name: str, sources: dict[str, str]) -> tuple[bytes | None, str]:
@@ -232,9 +231,9 @@ def _binary(name: str, sources: dict[str, str]) -> tuple[bytes | None, str]:
         flags = ["-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-fPIC", "-shared"]
         command = [*compiler.command, *flags, *files, "-lm", "-o", "made"]
         try:
-            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=300)
+            process = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=300)
         except (OSError, subprocess.SubprocessError) as problem:
             return None, f"the C compiler did not run ({type(problem).__name__})"
-        if done.returncode != 0:
-            return None, f"the C compiler failed: {(done.stderr.strip().splitlines() or ['no message'])[0]}"
+        if process.returncode != 0:
+            return None, f"the C compiler failed: {(process.stderr.strip().splitlines() or ['no message'])[0]}"
         return Path(folder, "made").read_bytes(), ""

@@ -6,7 +6,7 @@ from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import KernelEstimator
 from distal.export.fields import angle_fields, filled
-from distal.run.watch import HEALTH, Health, Watch, begun, watch_of
+from distal.run.watch import HEALTH, Health, begun, watch_of
 
 
 def spoken() -> list[Health]:
@@ -16,20 +16,12 @@ def spoken() -> list[Health]:
 
 
 def health_codes(name: str) -> str:
-    """Return the enumeration of `spoken`.
-
-    Args:
-        name: prefix of the filter's names.
-    """
+    """Return the enumeration of `spoken`."""
     return ",\n".join(f"  {name.upper()}_HEALTH_{word.upper()} = {i}" for i, word in enumerate(spoken()))
 
 
 def health_source(runner: KernelEstimator, name: str, emitter: Emitter) -> dict[str, str]:
     """Return the C of an estimator's health, and how many numbers it remembers, as the templates are filled with them.
-
-    Args:
-        name: prefix of the filter's names.
-        emitter: which writes the function.
 
     Raises:
         ExportError: the function has no C.
@@ -49,19 +41,14 @@ def health_source(runner: KernelEstimator, name: str, emitter: Emitter) -> dict[
         "n_sample": str(watch.sample.size),
         "n_findings": str(watch.findings.size),
         "n": str(len(runner.state_names)),
-        "nan": dialect.constant(float("nan")),
         "watched": ", ".join(map(str, watch.watched)) or "0",  # a list without members is not C
         "n_watched": str(len(watch.watched)),
         "stds": ", ".join(f"out->{std}" for _, std in angle_fields(runner.rig)),
         "zero": dialect.constant(0.0),
         "one": dialect.constant(1.0),
-        **_places(watch),
+        **{f"at_{part}": str(watch.sample[part].start) for part in watch.sample.names},
     }
     return {"watching": filled(_SOURCE, values), "n_memory": str(watch.memory.size)}
-
-
-def _places(watch: Watch) -> dict[str, str]:
-    return {f"at_{part}": str(watch.sample[part].start) for part in watch.sample.names}
 
 
 _SOURCE = """\

@@ -25,12 +25,6 @@ class ExportedPlant:
     """A plant as C.
 
     Args:
-        name: prefix of all its names, and of its files.
-        header: text of the .h file.
-        source: text of the .c file.
-        plant: its equations.
-        sensors: names of the sensors, in order.
-        numbers: names of the parameters, in order.
         start: coordinates at rest at the start, joints first, (n_bodies,).
         first: what its kernel puts out there: coordinates, velocities, tensions, pulls, (n_y,).
         interval: time between samples [s].
@@ -58,9 +52,6 @@ def resting_pull(plant: Mechanism) -> Floats:
 
 def c_plant(rig: Rig, name: str) -> ExportedPlant:
     """Return the simulated plant of a rig as C99, in double precision.
-
-    Args:
-        rig: the description; its values are the true ones.
 
     Raises:
         ExportError: the name is no C identifier, a sensor has a delay, or the plant has no C.
@@ -90,8 +81,8 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
     names, numbers = plant.parameters.names, plant.parameters.values
     parts = round(interval / dt)
 
-    def table(values: Floats | list[float]) -> str:
-        return ", ".join(dialect.constant(float(value)) for value in values)
+    def table(numbers: Floats | list[float]) -> str:
+        return ", ".join(dialect.constant(float(number)) for number in numbers)
 
     values = {
         "name": name,
@@ -101,7 +92,7 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
         "sensors": "\n".join(
             f" *   {i}  {comment(s.name)}: {s.measures} of {comment(s.of)} [{s.si}]" for i, s in enumerate(rig.sensors)
         ),
-        "names": "\n".join(f" *   {i:3d}  {comment(one)}" for i, one in enumerate(names)),
+        "names": "\n".join(f" *   {i:3d}  {comment(parameter)}" for i, parameter in enumerate(names)),
         "n_bodies": str(n),
         "n_joints": str(plant.n_joints),
         "n_tendons": str(plant.n_tendons),
@@ -122,30 +113,17 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
         "advance": advance,
         "reading": reading,
     }
-    return ExportedPlant(
-        name,
-        filled(_HEADER, values),
-        filled(_SOURCE, values),
-        plant,
-        tuple(sensor.name for sensor in rig.sensors),
-        tuple(names),
-        start,
-        first[0],
-        interval,
-        parts,
-        count,
-    )
+    header, source = filled(_HEADER, values), filled(_SOURCE, values)
+    sensors = tuple(sensor.name for sensor in rig.sensors)
+    return ExportedPlant(name, header, source, plant, sensors, tuple(names), start, first[0], interval, parts, count)
 
 
 def _errors(plant: Mechanism) -> list[list[float]]:
     """Return gain, bias, noise, step, ends of the travel and largest linearity of each sensor."""
-    rows = []
-    for sensor in plant.rig.sensors:
-        low, high = travel_of(sensor, plant.rig)
-        rows.append(
-            [gain_of(sensor).value, sensor.bias.value, sensor.noise, step_of(sensor), low, high, sensor.linearity]
-        )
-    return rows
+    return [
+        [gain_of(s).value, s.bias.value, s.noise, step_of(s), *travel_of(s, plant.rig), s.linearity]
+        for s in plant.rig.sensors
+    ]
 
 
 _HEADER = """\

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from distal.errors import OutputError
@@ -42,33 +42,40 @@ def export_c(
         OutputError: the folder cannot be written.
     """
     folder, name = Path(out), name if name is not None else c_name(f"{rig.name}_{estimator}")
-    check_outputs(outputs_in(folder, export_files(name, plant), "the export"))
-    check_ours(folder, export_files(name, plant))
+    names = export_files(name, plant)
+    check_outputs(outputs_in(folder, names, "the export"))
+    check_ours(folder, names)
     exported = c_filter(rig, estimator, single, name, home)
     files = project_files(exported)
     if plant:
-        made = c_plant(rig, f"{name}_plant")
-        files |= {f"{made.name}.h": made.header, f"{made.name}.c": made.source}
+        c_of_plant = c_plant(rig, f"{name}_plant")
+        files |= {f"{name}_plant.h": c_of_plant.header, f"{name}_plant.c": c_of_plant.source}
+    write_files(folder, files)
+    return exported
+
+
+def write_files(folder: Path, files: Mapping[str, str]) -> None:
+    """Write files, name → text, to a folder, all or none; folders are made where they are needed.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        for file in files:
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise OutputError(f"{folder}: cannot be written ({problem.strerror})") from None
     write_together({folder / file: text for file, text in files.items()})
-    return exported
 
 
 def export_files(name: str, plant: bool = False) -> tuple[str, ...]:
     """Return the names of an export's files.
 
-    Args:
-        name: prefix of all names in C.
-        plant: whether the simulated rig is among them.
-
     Raises:
         ExportError: the name is no C identifier.
     """
-    own = f"{checked_name(name)}.h", f"{name}.c", "replay.c", "CMakeLists.txt", "README.md"
-    return (*own, f"{name}_plant.h", f"{name}_plant.c") if plant else own
+    names = f"{checked_name(name)}.h", f"{name}.c", "replay.c", "CMakeLists.txt", "README.md"
+    return (*names, f"{name}_plant.h", f"{name}_plant.c") if plant else names
 
 
 def check_ours(folder: Path, names: Iterable[str]) -> None:
@@ -88,23 +95,15 @@ def check_ours(folder: Path, names: Iterable[str]) -> None:
 
 def project_files(exported: Exported) -> dict[str, str]:
     """Return the files of a project, name → text."""
-    texts = (
-        exported.header,
-        exported.source,
-        exported.replay,
-        _CMAKE.replace("$name$", exported.name),
-        readme(exported),
-    )
+    build_file = _CMAKE.replace("$name$", exported.name)
+    texts = exported.header, exported.source, exported.replay, build_file, readme(exported)
     return dict(zip(export_files(exported.name), texts, strict=True))
 
 
 def readme(exported: Exported) -> str:
     """Return what a user of the filter should know."""
-    kind, size = ("float", 4) if exported.single else ("double", 8)
-    calls = (
-        ", ".join(f"{count} {name}{'f' if exported.single else ''}" for name, count in exported.library.items())
-        or "none"
-    )
+    kind, size, suffix = ("float", 4, "f") if exported.single else ("double", 8, "")
+    calls = ", ".join(f"{count} {name}{suffix}" for name, count in exported.library.items())
     float_warning = (
         "\nIn float this estimator may differ from double by much more than its band: it jumps where a body goes from\n"
         "sticking to slipping. `adaptive` does not; or export it in double.\n"
@@ -126,7 +125,7 @@ def readme(exported: Exported) -> str:
             "scratch_bytes": f"{exported.scratch_bytes:,}",
             "carry": f"{exported.carry} x {size}",
             "operations": f"{exported.operations:,}",
-            "calls": calls,
+            "calls": calls or "none",
         },
     )
 

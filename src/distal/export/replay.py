@@ -10,31 +10,26 @@ from distal.units import unit_factor
 
 
 def replay_program(runner: KernelEstimator, name: str) -> str:
-    """Return a C program that reads a log and writes t, then angles and torques from outside with their stds.
-
-    Args:
-        name: prefix of the filter's names.
-    """
-    sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
+    """Return a C program that reads a log and writes t, then angles and torques from outside with their stds."""
+    sensors, time = {sensor.name: sensor for sensor in runner.rig.sensors}, runner.rig.log.time
     read = [sensors[channel] for channel in runner.channels]
-    columns = [runner.rig.log.time.column, *(sensor.log_column for sensor in read)]
-    factors = [unit_factor(runner.rig.log.time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in read)]
+    columns = [time.column, *(sensor.log_column for sensor in read)]
+    factors = [unit_factor(time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in read)]
     angles = angle_names([joint.name for joint in runner.rig.joints])
     torques = torque_fields(runner)
     units = {**dict.fromkeys(angles, "rad"), **{torque: "N m" for torque, _ in torques}}
-    names = [header(column, unit) for each, unit in units.items() for column in (each, std_name(each))]
-    read_in = [runner.rig.log.time.unit, *(log_unit(sensor) for sensor in read)]
+    names = [header(column, unit) for estimate, unit in units.items() for column in (estimate, std_name(estimate))]
+    log_units = [time.unit, *(log_unit(sensor) for sensor in read)]
     pairs = [*angle_fields(runner.rig), *((field, std_name(field)) for _, field in torques)]
-    fields = [f"(double)out.{field}" for pair in pairs for field in pair]
     values = {
         "header": ",".join([header("t", "s"), *names]),
         "format": ",".join(["%.17g"] * (1 + len(names))),
-        "fields": ", ".join(fields),
+        "fields": ", ".join(f"(double)out.{field}" for pair in pairs for field in pair),
         "wild": f"{LARGEST_READING:.17g}",
         "name": name,
         "NAME": name.upper(),
         "columns": ", ".join(c_string(column) for column in columns),
-        "headers": ", ".join(c_string(header(*pair)) for pair in zip(columns, read_in)),
+        "headers": ", ".join(c_string(header(*pair)) for pair in zip(columns, log_units)),
         # a log need not say where a joint homes
         "needed": ", ".join(["1", *(str(int(sensor.measures != "angle")) for sensor in read)]),
         "factors": ", ".join(f"{factor:.17g}" for factor in factors),

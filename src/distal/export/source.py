@@ -24,14 +24,7 @@ class Exported:
     """A filter as C.
 
     Args:
-        name: prefix of all its names, and of its files.
-        estimator: which one.
-        rig: title of the rig.
         single: whether numbers are float.
-        header: text of the .h file.
-        source: text of the .c file.
-        channels: what is read, in order.
-        states: names of the states, in order.
         measured: channels with an innovation.
         carry: numbers in the state.
         scratch: numbers on the stack in a step.
@@ -96,10 +89,10 @@ def c_filter(
         begin, advance = emitter.add(prior), emitter.add(step, in_place=True)
     except CodeError as problem:
         raise ExportError(f"{estimator} of '{rig.name}' has no C: {problem}") from None
-    whole = prior.numel_out(1) > len(runner.state_names)  # the covariance, else its diagonal
     cost, scratch = emitter.functions[advance].cost, sum(written.scratch for written in emitter.functions.values())
     watching = health_source(runner, name, emitter)
-    values = _values(runner, name, emitter, begin, advance) | watching | begun(len(runner.state_names), whole)
+    values = _values(runner, name, emitter, begin, advance) | watching
+    values |= _beginning(len(runner.state_names), prior.numel_out(1))
     return Exported(
         name,
         estimator,
@@ -125,17 +118,12 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
     dialect, n, m = emitter.dialect, len(runner.state_names), len(runner.measured)
     assert isinstance(dialect, Plain)
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
-    channels = [
-        f" *   {i}  {c}: {sensors[c].measures} of {sensors[c].of} [{sensors[c].si}]"
-        for i, c in enumerate(runner.channels)
-    ]
-    states = [
-        f" *   {i:2d}  {s}{f' [{unit}]' * bool(unit)}"
-        for i, (s, unit) in enumerate(zip(runner.state_names, state_units(runner)))
-    ]
+    read = [sensors[channel] for channel in runner.channels]
+    channels = [f" *   {i}  {s.name}: {s.measures} of {s.of} [{s.si}]" for i, s in enumerate(read)]
+    states = [f"{state}{f' [{unit}]' * bool(unit)}" for state, unit in zip(runner.state_names, state_units(runner))]
     measured = [f" *   {i}  {c}" for i, c in enumerate(runner.measured)]
     numbers = [dialect.constant(float(x)) for x in runner.numbers]
-    reaches = [joint.travel for joint in runner.rig.joints]
+    travels = [joint.travel for joint in runner.rig.joints]
     rows = [", ".join(numbers[i : i + 6]) for i in range(0, len(numbers), 6)]
     return {
         "nan": dialect.constant(float("nan")),
@@ -145,7 +133,7 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "estimator": runner.name,
         "real": dialect.type,
         "channels": "\n".join(channels),
-        "states": "\n".join(states),
+        "states": "\n".join(f" *   {i:2d}  {state}" for i, state in enumerate(states)),
         "measured": "\n".join(measured) or " *   none",
         "n_channels": str(len(runner.channels)),
         "n_states": str(n),
@@ -155,7 +143,7 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "n_carry": str(runner.kernel.n_carry),
         "n_numbers": str(len(numbers)),
         "n_bridged": str(runner.bridged),
-        "reach": ", ".join(f"{{{dialect.constant(low)}, {dialect.constant(high)}}}" for low, high in reaches),
+        "reach": ", ".join(f"{{{dialect.constant(low)}, {dialect.constant(high)}}}" for low, high in travels),
         "anywhere": dialect.constant(ANYWHERE**2),
         "health": health_codes(name),
         "n_joints": str(len(runner.rig.joints)),
@@ -181,16 +169,16 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
     }
 
 
-def begun(states: int, whole: bool) -> dict[str, str]:
-    """Return what the template's beginning is filled with.
+def _beginning(n: int, spread: int) -> dict[str, str]:
+    """Return what the template's beginning is filled with, from the sizes of the state and of its prior's spread.
 
     Args:
-        whole: whether the prior is a covariance, else its diagonal.
+        spread: n² of a covariance, n of its diagonal alone.
     """
-    if whole:
-        return {"spread": f", *spread = state->carry + {states}", "place": ""}
-    row = f"  for (i = 0; i < {states}; ++i) state->carry[{states} + i * {states + 1}] = spread[i];\n"
-    return {"spread": f", spread[{states}]", "place": row}
+    if spread > n:
+        return {"spread": f", *spread = state->carry + {n}", "place": ""}
+    row = f"  for (i = 0; i < {n}; ++i) state->carry[{n} + i * {n + 1}] = spread[i];\n"
+    return {"spread": f", spread[{n}]", "place": row}
 
 
 _HEADER = """\

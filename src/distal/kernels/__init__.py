@@ -1,7 +1,7 @@
 """Kernels: the model's functions made fast, as C built once or in CasADi's interpreter."""
 
 from distal.kernels.cache import cache_folder
-from distal.kernels.compiler import CompileError, Compiler, c_source, find_compiler
+from distal.kernels.compiler import c_source, find_compiler
 from distal.kernels.driver import advance, advance_all, at_samples
 from distal.kernels.feed import Advanced, Feed
 from distal.kernels.in_order import in_order
@@ -13,8 +13,6 @@ from distal.kernels.probe import probe
 
 __all__ = [
     "Advanced",
-    "CompileError",
-    "Compiler",
     "Evaluation",
     "Feed",
     "Indices",

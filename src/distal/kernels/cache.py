@@ -14,9 +14,9 @@ from pathlib import Path
 
 def cache_folder() -> Path:
     """Return the folder for compiled kernels: $DISTAL_CACHE, else the user's cache folder."""
-    given = os.environ.get("DISTAL_CACHE")
-    if given:
-        return Path(given).absolute()
+    folder = os.environ.get("DISTAL_CACHE")
+    if folder:
+        return Path(folder).absolute()
     try:
         home = Path.home()
     except RuntimeError:  # neither $HOME nor an entry in the list of users
@@ -29,30 +29,27 @@ def cache_folder() -> Path:
 def check_own(folder: Path) -> None:
     """Refuse a folder whose libraries somebody else may have put there: what is in it is run.
 
-    Args:
-        folder: of the cache; one that is not there yet is made for this user alone.
-
     Raises:
         PermissionError: it belongs to another user, or others can write to it.
     """
     if not hasattr(os, "geteuid"):
         return
     try:
-        found = os.stat(folder)
+        status = os.stat(folder)
     except (FileNotFoundError, NotADirectoryError):
         return
-    if found.st_uid != os.geteuid():
-        raise PermissionError(0, f"it belongs to another user (number {found.st_uid})")
-    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise PermissionError(0, f"others can write to it (mode {stat.S_IMODE(found.st_mode):o}); chmod go-w helps")
+    if status.st_uid != os.geteuid():
+        raise PermissionError(0, f"it belongs to another user (number {status.st_uid})")
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise PermissionError(0, f"others can write to it (mode {stat.S_IMODE(status.st_mode):o}); chmod go-w helps")
 
 
 def cpu() -> str:
     """Return what identifies this CPU to a compiler that builds for it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        known = [line for line in lines if line.startswith(("model name", "flags", "Features"))]
-        return platform.machine() + "".join(sorted(set(known)))
+        features = {line for line in lines if line.startswith(("model name", "flags", "Features"))}
+        return platform.machine() + "".join(sorted(features))
     except OSError:
         return platform.machine() + platform.processor()
 
@@ -61,17 +58,13 @@ def digest(*parts: str | bytes) -> str:
     """Return a hexadecimal digest of the parts."""
     sha = hashlib.sha256()
     for part in parts:
-        data = part.encode() if isinstance(part, str) else part
-        sha.update(len(data).to_bytes(8, "little") + data)
+        content = part.encode() if isinstance(part, str) else part
+        sha.update(len(content).to_bytes(8, "little") + content)
     return sha.hexdigest()
 
 
 class Cache:
-    """A folder of shared libraries; each has a note with its digest, so that a damaged one is never loaded.
-
-    Args:
-        folder: where they are kept; it is made when needed.
-    """
+    """A folder of shared libraries; each has a note with its digest, so that a damaged one is never loaded."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -95,12 +88,9 @@ class Cache:
         return tempfile.TemporaryDirectory(dir=self.folder, prefix="build-")
 
     def keep(self, key: str, built: Path) -> Path:
-        """Move a library that was built in a `work_folder` into the cache and return where it is now.
+        """Move a library that was built in a `work_folder` into the cache and return its new path.
 
-        Library and note are each put in place by a rename, the note last: a reader sees all of it or none.
-
-        Args:
-            key: what to keep it under.
+        Library and note are each renamed, the note last, so that a reader sees both or none.
 
         Raises:
             OSError: the cache cannot be written.

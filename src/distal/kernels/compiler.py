@@ -13,7 +13,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from distal.codegen import CodeError, Emitter, Plain
+from distal.codegen import CodeError, Emitter, Lanes, Plain
 from distal.kernels.cache import Cache, cache_folder, check_own, cpu, digest
 
 # no fast-math and no fused multiply-add: the same numbers as the interpreter
@@ -72,21 +72,21 @@ def find_compiler() -> Compiler | str:
     """Return the C compiler ($CC, else cc, gcc, clang), or one line that says why there is none."""
     if os.environ.get("DISTAL_COMPILE", "1") == "0":
         return SWITCHED_OFF
-    given = os.environ.get("CC")
+    wanted = os.environ.get("CC")
     try:
-        names = [shlex.split(given)] if given else [["cc"], ["gcc"], ["clang"]]
+        commands = [shlex.split(wanted)] if wanted else [["cc"], ["gcc"], ["clang"]]
     except ValueError as problem:
         return f"CC is not a command ({problem})"
-    for command in names:
+    for command in commands:
         if command and shutil.which(command[0]):
             try:
-                said = subprocess.run(
+                process = subprocess.run(
                     [*command, "--version"], capture_output=True, text=True, errors="replace", timeout=20, check=True
                 )
             except (OSError, subprocess.SubprocessError) as problem:
                 return f"the C compiler '{command[0]}' does not run ({type(problem).__name__})"
-            return Compiler(tuple(command), said.stdout.splitlines()[0] if said.stdout else command[0])
-    tried = ", ".join(command[0] if command else "$CC" for command in names)
+            return Compiler(tuple(command), process.stdout.splitlines()[0] if process.stdout else command[0])
+    tried = ", ".join(command[0] if command else "$CC" for command in commands)
     return f"no C compiler was found (tried {tried}); install gcc or clang, or set CC"
 
 
@@ -96,19 +96,23 @@ def c_source(function: ca.Function) -> str:
     Raises:
         CompileError: the function has an operation that has no C here.
     """
-    emitter = Emitter(Plain(quick=True))
+    return emitted(function, Plain(quick=True), _SCAN)
+
+
+def emitted(function: ca.Function, dialect: Plain | Lanes, loop: str, **sizes: int) -> str:
+    """Return the C of a kernel and of a loop over it, a template that names the kernel and its sizes in braces.
+
+    Raises:
+        CompileError: the function has an operation that has no C here.
+    """
+    emitter = Emitter(dialect)
     try:
         name = emitter.add(function)
     except CodeError as problem:
         raise CompileError(str(problem)) from None
-    loop = _SCAN.format(
-        name=name,
-        n_carry=function.numel_in(0),
-        n_x=function.numel_in(1),
-        n_p=function.numel_in(2),
-        n_y=function.numel_out(1),
-    )
-    return f"#include <math.h>\n{emitter.dialect.prelude(emitter.text)}\n{emitter.text}\n{loop}"
+    sizes |= {size: function.numel_in(i) for i, size in enumerate(("n_carry", "n_x", "n_p"))}
+    loop = loop.format(name=name, n_y=function.numel_out(1), **sizes)
+    return f"#include <math.h>\n{dialect.prelude(emitter.text)}\n{emitter.text}\n{loop}"
 
 
 def compiled_library(function: ca.Function) -> Path:
@@ -134,9 +138,9 @@ def compiled_source(source: str) -> Path:
         check_own(cache.folder)
     except OSError as problem:
         raise CompileError(f"the cache {cache.folder} is not used: {problem.strerror}; set DISTAL_CACHE") from None
-    found = cache.find(key)
-    if found is not None:
-        return found
+    library = cache.find(key)
+    if library is not None:
+        return library
     try:
         with cache.work_folder() as folder:
             return cache.keep(key, _build(compiler, source, Path(folder)))
@@ -157,10 +161,10 @@ def _build(compiler: Compiler, source: str, folder: Path) -> Path:
     code.write_text(source, encoding="utf-8")
     command = [*compiler.command, *FLAGS, str(code), "-o", str(library), "-lm"]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=300, check=False)
+        process = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=300, check=False)
     except (OSError, subprocess.SubprocessError) as problem:
         raise CompileError(f"the C compiler did not run ({type(problem).__name__})") from None
-    if done.returncode != 0 or not library.exists():
-        said = (done.stderr or done.stdout).strip().splitlines()
-        raise CompileError(f"the C compiler failed: {said[0] if said else f'exit code {done.returncode}'}")
+    if process.returncode != 0 or not library.exists():
+        lines = (process.stderr or process.stdout).strip().splitlines()
+        raise CompileError(f"the C compiler failed: {lines[0] if lines else f'exit code {process.returncode}'}")
     return library

@@ -30,9 +30,5 @@ def advance_all(kernel: Kernel, feeds: Sequence[Feed], keep: Sequence[int] | Non
 
 
 def at_samples(run: Advanced, last: Indices) -> Advanced:
-    """Return a run at the samples' own rows.
-
-    Args:
-        last: index of each sample's own row.
-    """
+    """Return a run at the samples' own rows."""
     return run if len(last) == len(run.ys) else Advanced(run.carries[last], run.ys[last])

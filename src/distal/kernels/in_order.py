@@ -15,11 +15,7 @@ AHEAD = 2
 
 
 def grouped(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
-    """Yield items in groups for the lanes; those that came before an error are yielded before it is raised.
-
-    Args:
-        size: of a group; the last may be smaller.
-    """
+    """Yield items in groups for the lanes; those that came before an error are yielded before it is raised."""
     group: list[Item] = []
     try:
         for item in items:
@@ -38,11 +34,7 @@ def grouped(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
 def in_order(
     items: Iterable[Item], size: int, work: Callable[[list[Item]], list[Result]], workers: int
 ) -> Iterator[tuple[Item, Result]]:
-    """Yield each item with its result, in order, with a few groups in work; what came before an error is yielded before it.
-
-    Args:
-        work: returns the results of a group.
-    """
+    """Yield each item with its result, in order; those that came before an error are yielded before it is raised."""
     groups = grouped(items, size)
     waiting: deque[tuple[list[Item], Future[list[Result]]]] = deque()
     ended: BaseException | None = None

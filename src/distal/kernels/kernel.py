@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import casadi as ca
@@ -17,7 +17,7 @@ from distal.kernels.compiler import CompileError, UnwantedError, compiled_librar
 from distal.kernels.lanes import LaneKernel
 
 Backend = Literal["compiled", "interpreted"]
-_said: set[str] = set()
+_warned: set[str] = set()
 _building = threading.Lock()
 
 
@@ -39,24 +39,14 @@ class Kernel:
         self._lanes: LaneKernel | None = None
         self._laned = not compiled  # what is not wanted counts as tried
         self._lanes_alone = compiled == "lanes"
-        self._lock = threading.Lock()  # one set of buffers: threads that share a kernel take turns
-        call = function
+        self._call = function
         if compiled is True:
             try:
-                call = self._load()
+                self._call = self._load()
             except CompileError as problem:
                 self.reason = str(problem)
                 if not isinstance(problem, UnwantedError):
                     _warn(self.reason)
-        self._carry, self._x = np.zeros(self.n_carry), np.zeros(self.n_x)
-        self._p, self._y = np.zeros(self.n_p), np.zeros(self.n_y)
-        self._next = np.zeros(self.n_carry)
-        self._buffer, self._trigger = call.buffer()
-        for i, array in enumerate((self._carry, self._x, self._p)):
-            self._buffer.set_arg(i, array.data)
-        for i, array in enumerate((self._next, self._y)):
-            self._buffer.set_res(i, array.data)
-        self._call = call
 
     def _load(self) -> ca.Function:
         name = self._interpreted.name()
@@ -79,40 +69,27 @@ class Kernel:
         return self._interpreted
 
     def scan(self, carry: Floats, xs: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """Return the carries after every sample, (n, n_carry), and the outputs, (n, n_y), in one call.
-
-        Args:
-            carry: before the first sample, (n_carry,).
-            xs: the samples, (n, n_x).
-            p: the parameters, (n_p,).
-        """
+        """Return the carries after every sample, (n, n_carry), and the outputs, (n, n_y), of samples xs, (n, n_x)."""
         xs = np.ascontiguousarray(xs, dtype=np.float64).reshape(-1, self.n_x)
         carries, ys = np.empty((len(xs), self.n_carry)), np.empty((len(xs), self.n_y))
+        start = np.ascontiguousarray(carry, dtype=np.float64).reshape(self.n_carry)
+        parameters = np.ascontiguousarray(p, dtype=np.float64).reshape(self.n_p)
         if self._scan is not None:
-            start = np.ascontiguousarray(carry, dtype=np.float64).reshape(self.n_carry)
-            held = np.ascontiguousarray(p, dtype=np.float64).reshape(self.n_p)
-            addresses = (a.ctypes.data for a in (start, xs, held, carries, ys))
-            done = self._scan(len(xs), *addresses)
+            done = self._scan(len(xs), *(array.ctypes.data for array in (start, xs, parameters, carries, ys)))
             if done != len(xs):
                 raise RuntimeError(f"kernel {self._interpreted.name()} failed at sample {done}")
             return carries, ys
-        with self._lock:
-            self._carry[:] = carry
-            self._p[:] = p
-            for k, x in enumerate(xs):
-                self._x[:] = x
-                self._trigger()
-                carries[k], ys[k] = self._next, self._y
-                self._carry[:] = self._next
+        loop = self.loop(parameters)
+        loop.carry[:] = start
+        for k, x in enumerate(xs):
+            loop.x[:] = x
+            loop.step()
+            carries[k], ys[k] = loop.carry, loop.y
         return carries, ys
 
     def loop(self, p: Floats) -> Loop:
-        """Return the kernel with a carry of its own, for one sample after the other.
-
-        Args:
-            p: the parameters, (n_p,).
-        """
-        return Loop(self._call, self.n_carry, self.n_x, np.array(p, dtype=np.float64), self.n_y)
+        """Return the kernel with a carry of its own, for one sample after the other."""
+        return Loop(self._call, np.array(p, dtype=np.float64))
 
     def lanes(self) -> LaneKernel | None:
         """Return the same kernel for several runs at once, built when first asked for; None where that cannot be."""
@@ -134,54 +111,30 @@ class Kernel:
 
 
 class Evaluation:
-    """A function of arrays to arrays, called without CasADi's own matrices; threads that share it take turns.
-
-    Args:
-        function: the CasADi function; its inputs and outputs are dense.
-    """
+    """A function of arrays to arrays, called without CasADi's own matrices; threads that share it take turns."""
 
     def __init__(self, function: ca.Function) -> None:
         self._arguments = [np.zeros(int(function.numel_in(i))) for i in range(function.n_in())]
-        self._results = [np.zeros(int(function.numel_out(i))) for i in range(function.n_out())]
-        self._buffer, self._trigger = function.buffer()
-        self._lock, self._function = threading.Lock(), function
-        for i, array in enumerate(self._arguments):
-            self._buffer.set_arg(i, array.data)
-        for i, array in enumerate(self._results):
-            self._buffer.set_res(i, array.data)
+        self._outputs = [np.zeros(int(function.numel_out(i))) for i in range(function.n_out())]
+        self._trigger, self._buffer = _attached(function, self._arguments, self._outputs)
+        self._lock = threading.Lock()
 
     def __call__(self, *arguments: object) -> list[Floats]:
-        """Return the results, each as a column.
-
-        Args:
-            arguments: arrays of numbers, each as long as its input has numbers.
-        """
+        """Return the outputs for arguments with as many numbers as the inputs have, each as a column."""
         with self._lock:
             for array, argument in zip(self._arguments, arguments):
                 array[:] = argument  # type: ignore[call-overload]
             self._trigger()
-            return [array.copy() for array in self._results]
+            return [array.copy() for array in self._outputs]
 
 
 class Loop:
-    """A kernel whose carry stays where it is: write `x`, call `step`, read `carry` and `y`. For one thread.
+    """A kernel whose carry stays where it is: write `x`, call `step`, read `carry` and `y`. For one thread."""
 
-    Args:
-        call: the function.
-        n_carry: numbers in the carry.
-        n_x: numbers in a sample.
-        p: the parameters.
-        n_y: numbers that are put out.
-    """
-
-    def __init__(self, call: ca.Function, n_carry: int, n_x: int, p: Floats, n_y: int) -> None:
-        self.carry, self.x, self.y = np.zeros(n_carry), np.zeros(n_x), np.zeros(n_y)
-        self._p, self._next = p, np.zeros(n_carry)
-        self._buffer, self._trigger = call.buffer()
-        for i, array in enumerate((self.carry, self.x, self._p)):
-            self._buffer.set_arg(i, array.data)
-        for i, array in enumerate((self._next, self.y)):
-            self._buffer.set_res(i, array.data)
+    def __init__(self, call: ca.Function, p: Floats) -> None:
+        self.carry, self.x, self._p = np.zeros(call.numel_in(0)), np.zeros(call.numel_in(1)), p
+        self._next, self.y = np.zeros(call.numel_out(0)), np.zeros(call.numel_out(1))
+        self._trigger, self._buffer = _attached(call, (self.carry, self.x, self._p), (self._next, self.y))
 
     def step(self) -> None:
         """Advance the carry by one sample."""
@@ -189,9 +142,21 @@ class Loop:
         self.carry[:] = self._next
 
 
+def _attached(
+    function: ca.Function, arguments: Sequence[Floats], outputs: Sequence[Floats]
+) -> tuple[Callable[[], None], object]:
+    """Return what evaluates a function from and into arrays, and the buffer that has to live as long."""
+    buffer, trigger = function.buffer()
+    for i, array in enumerate(arguments):
+        buffer.set_arg(i, array.data)
+    for i, array in enumerate(outputs):
+        buffer.set_res(i, array.data)
+    return trigger, buffer
+
+
 def _warn(reason: str) -> None:
     """Say once per reason and process that kernels are interpreted."""
-    if reason in _said:
+    if reason in _warned:
         return
-    _said.add(reason)
+    _warned.add(reason)
     warnings.warn(f"kernels are interpreted, about 15 times slower: {reason}", KernelWarning, stacklevel=4)

@@ -12,8 +12,8 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.codegen import CodeError, Emitter, Lanes
-from distal.kernels.compiler import CompileError, compiled_source
+from distal.codegen import Lanes
+from distal.kernels.compiler import CompileError, compiled_source, emitted
 from distal.kernels.feed import Advanced, Feed
 
 _BATCH = """
@@ -50,19 +50,16 @@ void {name}_batch(const long long* rows, const double* const* carry, const doubl
 def lanes_here() -> int:
     """Return how many numbers of double precision this processor takes at once."""
     try:
-        known = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+        features = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
-        known = ""
-    if "avx512f" in known:
+        features = ""
+    if "avx512f" in features:
         return 8
-    return 4 if "avx2" in known or platform.machine() == "x86_64" else 2
+    return 4 if "avx2" in features or platform.machine() == "x86_64" else 2
 
 
 class LaneKernel:
     """A kernel (carry, x, p) → (carry⁺, y) over several runs at once, with the same numbers as one by one.
-
-    Args:
-        function: the CasADi function.
 
     Raises:
         CompileError: there is no compiler, or it does not know vectors, or the function has no C.
@@ -72,7 +69,7 @@ class LaneKernel:
         self.lanes = lanes_here()
         self.n_carry, self.n_x, self.n_p = (int(function.numel_in(i)) for i in range(3))
         self.n_y = int(function.numel_out(1))
-        library = compiled_source(lane_source(function, self.lanes))
+        library = compiled_source(emitted(function, Lanes(self.lanes), _BATCH, lanes=self.lanes))
         try:
             batch = getattr(ctypes.CDLL(str(library)), f"{function.name()}_batch")
         except (OSError, AttributeError) as problem:
@@ -81,11 +78,10 @@ class LaneKernel:
         self._batch: Callable[..., None] = batch
 
     def scan(self, feeds: Sequence[Feed], keep: Sequence[int]) -> list[Advanced]:
-        """Return what several runs give, some numbers of the carry after every row, (k, len(keep)), and the outputs.
+        """Return what several runs give: the numbers `keep` of the carry after every row, (k, len(keep)), and the outputs.
 
         Args:
             feeds: at most `lanes` runs, which may differ in length.
-            keep: indices of the numbers of the carry that are kept.
         """
         starts = [np.ascontiguousarray(feed.carry, dtype=np.float64).reshape(self.n_carry) for feed in feeds]
         rows = [np.ascontiguousarray(feed.rows, dtype=np.float64).reshape(-1, self.n_x) for feed in feeds]
@@ -107,28 +103,3 @@ class LaneKernel:
     def _pointers(self, arrays: Sequence[Floats]) -> ctypes.Array[ctypes.c_void_p]:
         filled = [*arrays, *[arrays[0]] * (self.lanes - len(arrays))]
         return (ctypes.c_void_p * self.lanes)(*(array.ctypes.data for array in filled))
-
-
-def lane_source(function: ca.Function, lanes: int) -> str:
-    """Return the C of a kernel over several runs.
-
-    Args:
-        lanes: how many runs at once.
-
-    Raises:
-        CompileError: the function has an operation that has no C here.
-    """
-    emitter = Emitter(Lanes(lanes))
-    try:
-        name = emitter.add(function)
-    except CodeError as problem:
-        raise CompileError(str(problem)) from None
-    loop = _BATCH.format(
-        name=name,
-        lanes=lanes,
-        n_carry=function.numel_in(0),
-        n_x=function.numel_in(1),
-        n_p=function.numel_in(2),
-        n_y=function.numel_out(1),
-    )
-    return f"#include <math.h>\n{emitter.dialect.prelude(emitter.text)}\n{emitter.text}\n{loop}"

@@ -60,52 +60,28 @@ class Layout:
         return array[..., at].reshape(*array.shape[:-1], *shape)
 
     def joined(self, **parts: Expression) -> Expression:
-        """Return the column of CasADi's that has these parts.
-
-        Args:
-            parts: all of them, by name.
-        """
+        """Return the column of CasADi's that has these parts."""
         assert set(parts) == set(self._shapes), (set(parts), set(self._shapes))
         return ca.vertcat(*(ca.vec(ca.densify(parts[name])) for name in self._shapes))
 
 
 @lru_cache(maxsize=64)
 def carry_layout(states: int, **memory: int) -> Layout:
-    """Return the layout of a filter's carry: the mean, its covariance, what the filter remembers of its inputs.
-
-    Args:
-        states: number of states n.
-        memory: name → length of what is remembered.
-    """
+    """Return the layout of a filter's carry: the mean, its covariance, what the filter remembers of its inputs."""
     return Layout(mean=states, covariance=(states, states), **memory)
 
 
 def mean_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
-    """Return the mean, (…, n), of carries (…, size).
-
-    Args:
-        carry: an array.
-        states: number of states n.
-    """
+    """Return the mean, (…, n), of carries (…, size)."""
     return carry_layout(states).view(carry, "mean")
 
 
 def covariance_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
-    """Return the covariance, (…, n, n), of carries (…, size).
-
-    Args:
-        carry: an array.
-        states: number of states n.
-    """
+    """Return the covariance, (…, n, n), of carries (…, size)."""
     return carry_layout(states).view(carry, "covariance")
 
 
 def variances_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
-    """Return the variances of the states, (…, n), of carries (…, size).
-
-    Args:
-        carry: an array.
-        states: number of states n.
-    """
+    """Return the variances of the states, (…, n), of carries (…, size)."""
     variances: NDArray[Number] = np.diagonal(covariance_of(carry, states), axis1=-2, axis2=-1)
     return variances

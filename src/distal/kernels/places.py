@@ -19,11 +19,7 @@ def taken(vector: VectorNode, at: Indices) -> VectorNode:
 
 
 def placed(parts: Sequence[MatrixNode], places: Sequence[Indices], size: int) -> VectorNode:
-    """Return a vector with the numbers of parts at their places, zero elsewhere.
-
-    Args:
-        places: where the numbers of each stand.
-    """
+    """Return a vector with the numbers of parts at their places, zero elsewhere."""
     order = np.concatenate(places)
     sources = np.full(size, len(order))
     sources[order] = np.arange(len(order))

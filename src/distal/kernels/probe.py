@@ -24,5 +24,6 @@ def probe() -> tuple[Backend, str, float]:
         kernel = Kernel(function)
     inputs = np.linspace(-1.0, 1.0, 200).reshape(-1, 1)
     start, parameters = np.array([0.3, 0.0]), np.array([9.0, 0.5])
-    one, two = kernel.scan(start, inputs, parameters), Kernel(function, compiled=False).scan(start, inputs, parameters)
-    return kernel.backend, kernel.reason, float(max(np.abs(a - b).max() for a, b in zip(one, two)))
+    run = kernel.scan(start, inputs, parameters)
+    interpreted = Kernel(function, compiled=False).scan(start, inputs, parameters)
+    return kernel.backend, kernel.reason, float(max(np.abs(a - b).max() for a, b in zip(run, interpreted)))

@@ -18,7 +18,6 @@ class Part:
     """Joints that move one another, with all that pulls and measures them.
 
     Args:
-        rig: the part as a rig of its own.
         indices: kind → where each of its joints, drives, tendons and sensors stands in the whole rig.
     """
 
@@ -27,27 +26,26 @@ class Part:
 
     def whole_path(self, path: str) -> str:
         """Return the path in the whole rig of a number of the part; both have indices of parts in them."""
-        kind, _, rest = path.partition(".")
-        if kind not in self.indices:
-            return path
-        index, _, rest = rest.partition(".")
-        return f"{kind}.{self.indices[kind][int(index)]}.{rest}"
+        kind, index, keys = _split(path)
+        return f"{kind}.{self.indices[kind][int(index)]}.{keys}" if kind in self.indices else path
 
     def own_paths(self, paths: Sequence[str]) -> tuple[str, ...]:
-        """Return the paths in the part of those numbers of the whole rig that it has.
-
-        Args:
-            paths: in the whole rig, with indices.
-        """
-        found = []
+        """Return the paths in the part of those numbers of the whole rig that it has."""
+        paths_in_part = []
         for path in paths:
-            kind, _, rest = path.partition(".")
-            index, _, rest = rest.partition(".")
+            kind, index, keys = _split(path)
             if kind not in self.indices:
-                found.append(path)
+                paths_in_part.append(path)
             elif int(index) in self.indices[kind]:
-                found.append(f"{kind}.{self.indices[kind].index(int(index))}.{rest}")
-        return tuple(found)
+                paths_in_part.append(f"{kind}.{self.indices[kind].index(int(index))}.{keys}")
+        return tuple(paths_in_part)
+
+
+def _split(path: str) -> tuple[str, str, str]:
+    """Return the kind of part in a path, its index, and the keys below it."""
+    kind, _, below = path.partition(".")
+    index, _, keys = below.partition(".")
+    return kind, index, keys
 
 
 def independent_parts(rig: Rig) -> tuple[Part, ...]:
@@ -69,8 +67,10 @@ def independent_parts(rig: Rig) -> tuple[Part, ...]:
 
     for i, joint in enumerate(rig.joints):
         parent = rig.parent_of(i)
-        join([joint.name, *([joints[parent]] if parent is not None else [])])
-        join([joint.name, *([joint.coupled.joint] if joint.coupled is not None else [])])
+        if parent is not None:
+            join([joint.name, joints[parent]])
+        if joint.coupled is not None:
+            join([joint.name, joint.coupled.joint])
     for drive in rig.drives:
         join([name for tendon in rig.tendons if tendon.drive == drive.name for name in tendon.joints])
     for sharing in rig.sharing().values():
@@ -78,7 +78,7 @@ def independent_parts(rig: Rig) -> tuple[Part, ...]:
     roots = list(dict.fromkeys(root(name) for name in joints))
     if len(roots) == 1 or rig.affine is not None or rig.discrepancy is not None or rig.contact is not None:
         return (Part(rig, {kind: tuple(range(len(getattr(rig, kind)))) for kind in KINDS}),)
-    return tuple(_part(rig, [name for name in joints if root(name) == one]) for one in roots)
+    return tuple(_part(rig, [name for name in joints if root(name) == first]) for first in roots)
 
 
 def _joints_of(rig: Rig, path: str) -> list[str]:
@@ -102,11 +102,9 @@ def _part(rig: Rig, names: list[str]) -> Part:
         "drives": [rig.drives[d].name for d in drives],
     }
     sensors = [s for s, sensor in enumerate(rig.sensors) if sensor.of in measured[measurand_of(sensor).of]]
-    placed = []
-    for j in joints:
-        parent = rig.parent_of(j)
-        placed.append(rig.joints[j].model_copy(update={"parent": BASE if parent is None else rig.joints[parent].name}))
+    parents = (rig.parent_of(j) for j in joints)
+    names_of_parents = (BASE if parent is None else rig.joints[parent].name for parent in parents)
     chosen = {"joints": joints, "drives": drives, "tendons": tendons, "sensors": sensors}
     parts = {kind: tuple(getattr(rig, kind)[i] for i in indices) for kind, indices in chosen.items()}
-    parts["joints"] = tuple(placed)
+    parts["joints"] = tuple(rig.joints[j].model_copy(update={"parent": p}) for j, p in zip(joints, names_of_parents))
     return Part(rig.model_copy(update=parts), {kind: tuple(indices) for kind, indices in chosen.items()})

@@ -90,12 +90,11 @@ class Rig(Description):
         if joints is None or drives is None:
             return tendons
         for i, tendon in enumerate(tendons):
-            where = {"joint": tendon.joints, "drive": (tendon.drive,)}
-            for role, parts in (("joint", joints), ("drive", drives)):
+            for role, parts, wanted in (("joint", joints, tendon.joints), ("drive", drives, (tendon.drive,))):
                 names = [part.name for part in parts]
-                for given in where[role]:
-                    if given not in names:
-                        raise ValueError(f"{i}.{role}: no {role} is called '{given}'{did_you_mean(given, names)}")
+                for name in wanted:
+                    if name not in names:
+                        raise ValueError(f"{i}.{role}: no {role} is called '{name}'{did_you_mean(name, names)}")
         return tendons
 
     @field_validator("sensors", mode="before")
@@ -127,7 +126,7 @@ class Rig(Description):
         for channel in learned.channels:
             if channel not in sensors:
                 raise ValueError(f"channels: no sensor is called '{channel}'{did_you_mean(channel, sensors)}")
-        if [one.joint for one in learned.joints] != joints:
+        if [joint_map.joint for joint_map in learned.joints] != joints:
             raise ValueError(f"joints: one for each joint is needed ({', '.join(joints)})")
         return learned
 
@@ -163,7 +162,9 @@ class Rig(Description):
         _plays_apart(self)
         for i, joint in enumerate(self.joints):
             friction = joint.friction
-            if friction is not None and not _is_one(friction.exponent) and self.reference_load(i) <= 0.0:
+            if friction is None or (friction.exponent.value == 1.0 and friction.exponent.filter_std == 0.0):
+                continue
+            if self.reference_load(i) <= 0.0:
                 raise ValueError(
                     f"joints.{joint.name}.friction: an exponent other than 1 needs a 'reference' load "
                     "(or a preload, a pretension or a nominal_force to take it from)"
@@ -188,27 +189,26 @@ class Rig(Description):
 
     def parent_of(self, joint: int) -> int | None:
         """Return the index of the joint on whose link another sits, None for the base."""
-        given = self.joints[joint].parent
-        if given is None:
+        name = self.joints[joint].parent
+        if name is None:
             return joint - 1 if joint > 0 else None
-        return None if given == BASE else [other.name for other in self.joints].index(given)
+        return None if name == BASE else [parent.name for parent in self.joints].index(name)
 
     def sharing(self) -> dict[str, dict[str, float]]:
         """Return the shared errors: name → path of each parameter that has it → its std, as a share of the value."""
-        found: dict[str, dict[str, float]] = {}
+        stds: dict[str, dict[str, float]] = {}
         for kind in ("joints", "drives", "tendons"):
             for i, part in enumerate(getattr(self, kind)):
                 for path, parameter in parameters_below(part, f"{kind}.{i}"):
                     if parameter.shared is not None and parameter.shared.std > 0.0:
-                        found.setdefault(parameter.shared.name, {})[path] = parameter.shared.std
-        return found
+                        stds.setdefault(parameter.shared.name, {})[path] = parameter.shared.std
+        return stds
 
     def __repr__(self) -> str:
         """Return what it is in a few words; `model_dump` has all of it."""
         kinds = ("joints", "drives", "tendons", "sensors")
-        parts = [
-            f"{len(getattr(self, kind))} {kind[: -1 if len(getattr(self, kind)) == 1 else None]}" for kind in kinds
-        ]
+        counts = ((len(getattr(self, kind)), kind) for kind in kinds)
+        parts = [f"{count} {kind.removesuffix('s') if count == 1 else kind}" for count, kind in counts]
         learned = [name for name in ("affine", "discrepancy", "contact") if getattr(self, name) is not None]
         return f"Rig '{self.name}': {', '.join(parts)}" + (f"; learned: {', '.join(learned)}" if learned else "")
 
@@ -262,7 +262,7 @@ def _check_coupling(index: int, joint: Joint, before: Sequence[Joint]) -> None:
     """Refuse a coupling to nothing, and what a coupled joint cannot have."""
     if joint.coupled is None:
         return
-    free = [other.name for other in before if other.coupled is None]
+    free = [preceding.name for preceding in before if preceding.coupled is None]
     if joint.coupled.joint not in free:
         raise ValueError(
             f"{index}.coupled.joint: no free joint before it is called '{joint.coupled.joint}'"
@@ -270,13 +270,13 @@ def _check_coupling(index: int, joint: Joint, before: Sequence[Joint]) -> None:
         )
     if joint.coupled.ratio == 0.0:
         raise ValueError(f"{index}.coupled.ratio: must not be zero")
-    for name, given in (
+    for name, is_given in (
         ("stops", joint.stops is not None),
         ("backlash", joint.backlash is not None),
         ("external_torque", joint.external_torque.std > 0.0),
         ("initial", joint.initial.value != 0.0 or joint.initial.std > 0.0),
     ):
-        if given:
+        if is_given:
             raise ValueError(f"{index}.{name}: is not supported on a coupled joint; give it to '{joint.coupled.joint}'")
 
 
@@ -289,12 +289,12 @@ def _distinct(names: Sequence[str], what: str) -> None:
 def _share_alike(rig: Rig) -> None:
     """Refuse parameters that name the same shared error with different stds."""
     for name, sharing in rig.sharing().items():
-        (before, std), *others = sharing.items()
-        for path, other in others:
-            if abs(other - std) > 1e-9 * std:
+        before, std = next(iter(sharing.items()))
+        for path, other_std in sharing.items():
+            if abs(other_std - std) > 1e-9 * std:
                 raise ValueError(
                     f"{named(rig, path)}.shared: the error '{name}' is the same share of each value; "
-                    f"std {other:g} came here and {std:g} at {named(rig, before)}; make them equal, or use two names"
+                    f"std {other_std:g} came here and {std:g} at {named(rig, before)}; make them equal, or use two names"
                 )
 
 
@@ -312,16 +312,12 @@ def _plays_apart(rig: Rig) -> None:
 def parameters_below(part: Description, path: str) -> Iterator[tuple[str, Parameter]]:
     """Yield the parameters below a part, with their paths."""
     for name in type(part).model_fields:
-        value = getattr(part, name)
-        if isinstance(value, Parameter):
-            yield f"{path}.{name}", value
-        elif isinstance(value, Description):
-            yield from parameters_below(value, f"{path}.{name}")
-        elif isinstance(value, tuple):
-            for i, item in enumerate(value):
-                if isinstance(item, Description):
-                    yield from parameters_below(item, f"{path}.{name}.{i}")
-
-
-def _is_one(parameter: Parameter) -> bool:
-    return bool(parameter.value == 1.0 and parameter.filter_std == 0.0)
+        field = getattr(part, name)
+        if isinstance(field, Parameter):
+            yield f"{path}.{name}", field
+        elif isinstance(field, Description):
+            yield from parameters_below(field, f"{path}.{name}")
+        elif isinstance(field, tuple):
+            for i, member in enumerate(field):
+                if isinstance(member, Description):
+                    yield from parameters_below(member, f"{path}.{name}.{i}")

@@ -5,14 +5,13 @@ from distal.run.health import log_health
 from distal.run.hours import Hour, by_hour, plot_hours
 from distal.run.live import LiveEstimator
 from distal.run.monitor import Monitor, Reading
-from distal.run.offline import HOMED, estimate, samples_of, with_channel
+from distal.run.offline import estimate, samples_of, with_channel
 from distal.run.pieces import PieceEstimate, estimate_pieces
 from distal.run.smoothing import smooth
 from distal.run.watch import HEALTH
 
 __all__ = [
     "HEALTH",
-    "HOMED",
     "Hour",
     "LiveEstimator",
     "Monitor",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
-from itertools import chain
+from itertools import chain, count
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from distal.run.offline import Run, check_bounds, finished, prepared, runner_for
 from distal.threads import one_blas_thread
 
 Skip = Callable[[str, DistalError], None]
+Input = TypeVar("Input")
+Output = TypeVar("Output")
 
 
 def estimate_batch(
@@ -39,15 +41,10 @@ def estimate_batch(
 
     Several runs go through the compiled kernel side by side, one in each vector lane, on all cores. Logs are read when
     their turn comes, and only current logs are in memory: covariances are not kept (`Estimate.covariances` is None).
+    Arguments that `estimate` has too mean the same there.
 
     Args:
-        logs: each as `estimate` takes it; may be a generator.
-        rig: the description, or a shipped rig's name, or a path.
-        estimator: a name (see `ESTIMATORS`) or a ready one.
-        truth: where logs are read: the true angle's column.
-        homing: for how long the truth is used [s].
         workers: threads; default one per core.
-        compiled: compile kernels where possible.
         progress: called with the number of logs that are done.
         skip: called with source and error of a log that cannot be estimated; with None the error is raised.
 
@@ -62,70 +59,45 @@ def estimate_batch(
         raise EstimationError(f"workers must be a whole number from 1, {workers!r} came")
     if isinstance(logs, (Log, str, Path)) or not isinstance(logs, Iterable):
         raise EstimationError("estimate_batch takes several logs; for one there is estimate")
-    return _batch(
-        iter(logs), rig, estimator, truth, homing, workers=workers, compiled=compiled, progress=progress, skip=skip
-    )
 
+    def load(source: Log | Source) -> Log:
+        return source if isinstance(source, Log) else read_log(source, rig, truth)
 
-def _batch(
-    logs: Iterator[Log | Source],
-    rig: Rig,
-    estimator: str | Estimator,
-    truth: str | Path | None,
-    homing: float | None,
-    *,
-    workers: int,
-    compiled: bool,
-    progress: Callable[[int], None] | None,
-    skip: Skip | None,
-) -> Iterator[Estimate]:
-    def load(source: Log | Source) -> Log | DistalError:
-        try:
-            return source if isinstance(source, Log) else read_log(source, rig, truth)
-        except DistalError as problem:
-            return problem
-
-    @one_blas_thread()
-    def work(sources: Sequence[Log | Source]) -> list[Estimate | DistalError]:
-        read = [load(source) for source in sources]
-        assert runner is not None  # made before the first group is
-        runs = [one if isinstance(one, DistalError) else _ready(one, runner, homing) for one in read]
-        made = iter(run_all([run for run in runs if isinstance(run, Run)]))
-        return [run if isinstance(run, DistalError) else next(made) for run in runs]
-
-    done = 0
-
-    def refused(source: Log | Source, problem: DistalError) -> None:
+    def refuse(source: Log | Source, problem: DistalError) -> None:
         if skip is None:
             raise problem
         skip(_named(source), problem)
 
-    runner: Estimator | None = None
-    for source in logs:  # the first that can be estimated says how a reference is read
-        first = load(source)
-        try:
-            if isinstance(first, DistalError):
-                raise first
-            if homing is not None:
-                check_homing(homing, first, [joint.name for joint in rig.joints])
-        except DistalError as problem:
-            done += 1
-            if progress is not None:
-                progress(done)
-            refused(source, problem)
-            continue
-        runner, logs = runner_for(first, rig, estimator, compiled, homing), chain([first], logs)
-        break
-    if runner is None:
-        return
-    for source, result in in_order(logs, _side_by_side(runner), work, workers):
-        done += 1
-        if progress is not None:
-            progress(done)
-        if isinstance(result, Estimate):
-            yield result
+    def estimates(sources: Iterator[Log | Source]) -> Iterator[Estimate]:
+        done, report = count(1), progress or (lambda _: None)
+        for source in sources:  # the first that can be estimated says how a reference is read
+            try:
+                first = load(source)
+                if homing is not None:
+                    check_homing(homing, first, [joint.name for joint in rig.joints])
+            except DistalError as problem:
+                report(next(done))
+                refuse(source, problem)
+                continue
+            runner = runner_for(first, rig, estimator, compiled, homing)
+            break
         else:
-            refused(source, result)
+            return
+
+        @one_blas_thread()
+        def work(sources: Sequence[Log | Source]) -> list[Estimate | DistalError]:
+            runs = [_attempt(lambda source: prepared(load(source), runner, homing), source) for source in sources]
+            answers = iter(run_all([run for run in runs if isinstance(run, Run)]))
+            return [run if isinstance(run, DistalError) else next(answers) for run in runs]
+
+        for source, outcome in in_order(chain([first], sources), _side_by_side(runner), work, workers):
+            report(next(done))
+            if isinstance(outcome, Estimate):
+                yield outcome
+            else:
+                refuse(source, outcome)
+
+    return estimates(iter(logs))
 
 
 def _side_by_side(runner: Estimator) -> int:
@@ -137,9 +109,10 @@ def _named(source: Log | Source) -> str:
     return source.source if isinstance(source, Log) else str(source) if isinstance(source, (str, Path)) else "the frame"
 
 
-def _ready(log: Log, runner: Estimator, homing: float | None) -> Run | DistalError:
+def _attempt(function: Callable[[Input], Output], argument: Input) -> Output | DistalError:
+    """Return what a function returns, or the error that it raises."""
     try:
-        return prepared(log, runner, homing)
+        return function(argument)
     except DistalError as problem:
         return problem
 
@@ -157,35 +130,30 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
     kernels = {id(runner.kernel) for runner in runners if runner.has_kernel}
     # a homing move may give a run another kernel (`with_straight_line`)
     if len(runs) == 1 or len(kernels) > 1 or not isinstance(runner, KernelEstimator) or _side_by_side(runner) == 1:
-        return [_alone(run) for run in runs]
+        return [_attempt(_alone, run) for run in runs]
     n = runs[0].start.size
-    rows = []
-    for run in runs:
-        try:
-            rows.append(runner.checked_rows(run.start, run.log.time, run.samples))
-        except DistalError:
-            return [_alone(each) for each in runs]
+    try:
+        rows = [runner.checked_rows(run.start, run.log.time, run.samples) for run in runs]
+    except DistalError:
+        return [_attempt(_alone, run) for run in runs]
     keep = [*range(n), *variances_of(np.arange(n + n * n), n)]  # of each carry the mean and the variances
-    # a homing move gives each run numbers of its own
-    feeds = [Feed(run.start.carry, xs, own.numbers) for run, (xs, _), own in zip(runs, rows, runners)]
-    results: list[Estimate | DistalError] = []
+    # a homing move gives each run parameters of its own
+    feeds = [Feed(run.start.carry, xs, adapted.numbers) for run, (xs, _), adapted in zip(runs, rows, runners)]
+    estimates: list[Estimate | DistalError] = []
     for run, (_, last), driven in zip(runs, rows, advance_all(runner.kernel, feeds, keep)):
         kept, ys = at_samples(driven, last)
         means, spreads = runner.report.means(kept[:, :n], ys), runner.report.variances_of(kept[:, n:], ys)
         try:
             check_bounds(run, means, spreads)
             innovations, variances = runner.innovations_of(ys, run.samples)
-            results.append(finished(run, means, spreads, innovations, variances))
+            estimates.append(finished(run, means, spreads, innovations, variances))
         except DistalError as problem:
-            results.append(problem)
-    return results
+            estimates.append(problem)
+    return estimates
 
 
-def _alone(run: Run) -> Estimate | DistalError:
-    try:
-        means, covariances, innovations, variances = run.runner.scan(run.start, run.log.time, run.samples)
-        spreads = np.diagonal(covariances, axis1=1, axis2=2)
-        check_bounds(run, means, spreads)
-    except DistalError as problem:
-        return problem
-    return replace(finished(run, means, spreads, innovations, variances), covariances=None)
+def _alone(run: Run) -> Estimate:
+    means, covariances, innovations, variances = run.runner.scan(run.start, run.log.time, run.samples)
+    spreads = np.diagonal(covariances, axis1=1, axis2=2)
+    check_bounds(run, means, spreads)
+    return finished(run, means, spreads, innovations, variances)

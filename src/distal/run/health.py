@@ -18,8 +18,6 @@ def log_health(log: Log, rig: Rig | str | Path, estimator: str = DEFAULT, compil
 
     Args:
         log: sensors over time; a sensor that is not in the log counts as missing.
-        rig: the description, or a shipped rig's name, or a path.
-        compiled: compile its kernel where possible.
 
     Raises:
         EstimationError: the estimator cannot run on this rig.

@@ -24,8 +24,9 @@ from distal.estimators import (
     wild_problem,
 )
 from distal.estimators.gaps import MOST_BRIDGES, fill, predictions
+from distal.kernels import covariance_of, mean_of
 from distal.kernels.mask import MISSING, READ
-from distal.logs import LARGEST_READING
+from distal.logs import LARGEST_READING, frozen
 from distal.rig import Rig, load_rig
 
 LATEST = 1e300
@@ -44,7 +45,6 @@ class LiveEstimator:
     Args:
         rig: the description, or a shipped rig's name, or a path.
         estimator: a name (see `ESTIMATORS`) or a ready one that is a kernel.
-        compiled: compile its kernel where possible.
 
     Raises:
         EstimationError: the estimator cannot run on this rig.
@@ -61,20 +61,18 @@ class LiveEstimator:
         self._loop = runner.kernel.loop(runner.numbers)
         self._carry, self._x, self._y = self._loop.carry, self._loop.x, self._loop.y
         self._finite = np.ones(len(self._carry), dtype=bool)
-        self._width, self._angles, self._row = (
-            len(runner.channels),
-            runner.angles,
-            memoryview(self._x.data).cast("B").cast("d"),
-        )
+        self._width, self._angles = len(runner.channels), runner.angles
+        self._row = memoryview(self._x.data).cast("B").cast("d")
         # where the masks of what is compared stand in a row
         self._read = [1 + self._width + runner.channels.index(name) for name in runner.measured]
         self._innovations = np.full(self._m, np.nan)
         self._begin: tuple[Floats | None, float] = (None, 0.0)
-        self._time, self._samples = float("nan"), 0
+        self._time, self._samples = nan, 0
         self._interval = runner.interval
-        own = self._carry[: self._n], self._carry[self._n : self._n * (self._n + 1)].reshape(self._n, self._n)
+        mean, covariance = mean_of(self._carry, self._n), covariance_of(self._carry, self._n)
         # what is reported is the filter's own state, or, where a map speaks of some of it, another one beside it
-        self._state, self._spread = own if not runner.report.states else (own[0].copy(), own[1].copy())
+        has_map = bool(runner.report.states)
+        self._state, self._spread = (mean.copy(), covariance.copy()) if has_map else (mean, covariance)
         self._joints, self._mean, self._covariance = self._state[self._angles], _view(self._state), _view(self._spread)
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
@@ -150,11 +148,11 @@ class LiveEstimator:
     def _bridge(self, parts: int) -> None:
         """Cross a gap by all but the last of its predictions; the row of the sample itself stands in x after it."""
         values, mask = self._x[1 : 1 + self._width], self._x[1 + self._width :]
-        sample, there = values.copy(), mask == READ
+        sample, is_read = values.copy(), mask == READ
         for rows_after in range(parts - 1, 0, -1):
-            fill(values, mask, sample, there, rows_after, self._runner.bridged)
+            fill(values, mask, sample, is_read, rows_after, self._runner.bridged)
             self._loop.step()
-        fill(values, mask, sample, there)
+        fill(values, mask, sample, is_read)
 
     def _report(self) -> None:
         """Put what the maps say in the places of the filter's own."""
@@ -181,11 +179,11 @@ class LiveEstimator:
         Raises:
             EstimationError: there are more or fewer angles than joints.
         """
-        given = None if angle is None else np.atleast_1d(np.asarray(angle, dtype=np.float64))
-        if given is not None and given.shape != (self._angles.stop,):
+        angles = None if angle is None else np.atleast_1d(np.asarray(angle, dtype=np.float64))
+        if angles is not None and angles.shape != (self._angles.stop,):
             raise EstimationError(f"reset takes {self._angles.stop} angles, one for each joint, {angle!r} came")
-        self._begin = (given, angle_std)
-        self._samples, self._time = 0, float("nan")
+        self._begin = (angles, angle_std)
+        self._samples, self._time = 0, nan
         self._innovations[:] = np.nan
 
     @property
@@ -308,9 +306,7 @@ class LiveEstimator:
         """
         if self._samples == 0:
             raise EstimationError(f"{self._runner.name}: no sample was taken in yet")
-        carry = self._carry.copy()
-        carry.flags.writeable = False
-        return Belief(self._time, carry, self._n, self._samples, self._y.copy(), self._runner.report)
+        return Belief(self._time, frozen(self._carry), self._n, self._samples, self._y.copy(), self._runner.report)
 
 
 def _seconds(name: str, time: object) -> float:

@@ -71,11 +71,7 @@ class Reading:
 
 
 class Monitor:
-    """Feeds a stream to a `LiveEstimator`; no sample can make it raise an error.
-
-    Args:
-        live: the estimator.
-    """
+    """Feeds a stream to a `LiveEstimator`; no sample can make it raise an error."""
 
     def __init__(self, live: LiveEstimator) -> None:
         self._live = live
@@ -133,32 +129,25 @@ class Monitor:
         if not live.samples and not np.isfinite(sample).any():
             return self._skipped(time, "bad", "the first sample has no value at all")
         self._time = time
-        try:
-            live.step(time, sample)
-        except EstimationError:
-            # what led here may be in the belief: begin anew, with this sample
-            self._restart("the filter left all bounds")
+        for _ in range(2):  # where the belief led out of bounds, the filter begins anew, once, with this sample
             try:
                 live.step(time, sample)
+                break
             except EstimationError:
                 self._restart("the filter left all bounds")
-                return self._skipped(time, "bad", "the filter leaves all bounds with this sample")
+        else:
+            return self._skipped(time, "bad", "the filter leaves all bounds with this sample")
         if self._anew:
             problems.append(("restarted", self._anew))
             self._anew = ""
-        problems += self._found(gap if isfinite(gap) else 0.0, sample)
+        problems += self._problems(gap if isfinite(gap) else 0.0, sample)
         health, detail = max(problems, key=lambda problem: word_code(problem[0]), default=("ok", ""))
         torques, torque_stds = live.external_torques.tolist(), live.external_torque_stds.tolist()
         angles, stds = live.angles.tolist(), live.angle_stds.tolist()
         return Reading(time, tuple(angles), tuple(stds), health, detail, tuple(torques), tuple(torque_stds))
 
-    def _found(self, dt: float, sample: Floats) -> list[tuple[Health, str]]:
-        """Return what is wrong, word and detail.
-
-        Args:
-            dt: since the sample before [s].
-            sample: values of `channels`, (n_channels,).
-        """
+    def _problems(self, dt: float, sample: Floats) -> list[tuple[Health, str]]:
+        """Return what is wrong with a sample that comes `dt` [s] after the one before, as word and detail."""
         live, watch, came = self._live, self._watch, self._came
         came["mask"][:] = np.isfinite(sample)
         came["values"][:] = np.where(came["mask"], sample, 0.0)
@@ -201,8 +190,8 @@ class Monitor:
 
     def _skipped(self, time: float, health: Health, detail: str = "") -> Reading:
         """Return a reading without an estimate."""
-        nothing, untouched = (nan,) * len(self._live.rig.joints), (nan,) * len(self._live.torque_names)
-        return Reading(time, nothing, nothing, health, detail, untouched, untouched)
+        angles, torques = (nan,) * len(self._live.rig.joints), (nan,) * len(self._live.torque_names)
+        return Reading(time, angles, angles, health, detail, torques, torques)
 
     def _late_or_twice(self, time: float) -> Reading | None:
         """Return a reading without an estimate where a stamp does not rise; None where it may go on."""
@@ -219,14 +208,13 @@ class Monitor:
     def _restart(self, why: str) -> None:
         # where the joint went meanwhile is not known; a tendon's geometry has a second angle beyond what a joint can reach
         angles = self._live.angles
-        known = self._live.samples and bool(np.all(np.abs(angles) <= LARGEST_ANGLE))
+        has_angles = self._live.samples and bool(np.all(np.abs(angles) <= LARGEST_ANGLE))
         reached = np.clip(angles, *self._reach)
-        self._live.reset(tuple(reached.tolist()) if known else None, ANYWHERE)
+        self._live.reset(tuple(reached.tolist()) if has_angles else None, ANYWHERE)
         self._anew = why
-        watch = self._watch
-        pace = self._memory[watch.memory["pace"]].copy()
-        self._memory, self._fresh = begun(watch), True
-        self._memory[watch.memory["pace"]] = pace
+        pace, memory = self._watch.memory["pace"], begun(self._watch)
+        memory[pace] = self._memory[pace]
+        self._memory, self._fresh = memory, True
 
     def _names(self, chosen: Bools) -> str:
         return ", ".join(name for name, is_chosen in zip(self._live.channels, chosen) if is_chosen)

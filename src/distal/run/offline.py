@@ -38,46 +38,34 @@ from distal.rig import Rig, load_rig
 def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Floats:
     """Return the values of some channels of a log, (k, n_channels).
 
-    Args:
-        name: of the estimator, for messages.
-
     Raises:
         EstimationError: a channel is not in the log, has no value at all, or the log has fewer than two samples.
     """
     if len(log) < 2:
         raise EstimationError(f"{log.source}: {len(log)} sample came; an estimate over time needs at least two")
-    columns = []
     for channel in channels:
         if channel not in log.channels:
-            known = ", ".join(log.channels) or "none"
+            names = ", ".join(log.channels) or "none"
             raise EstimationError(
-                f"{log.source}: {name} needs the sensor '{channel}', which is not in the log (it has {known})"
+                f"{log.source}: {name} needs the sensor '{channel}', which is not in the log (it has {names})"
             )
         if not np.any(np.isfinite(log.channels[channel])):
             raise EstimationError(
                 f"{log.source}: sensor '{channel}' has no value at all; remove it from the rig, or mend the log"
             )
-        columns.append(log.channels[channel])
-    samples = np.column_stack(columns)
-    return (
-        without_wild(log, channels, samples)
-        if np.fmax.reduce(np.abs(samples), axis=None) > LARGEST_READING
-        else samples
-    )
+    samples = np.column_stack([log.channels[channel] for channel in channels])
+    has_wild = np.fmax.reduce(np.abs(samples), axis=None) > LARGEST_READING
+    return without_wild(log, channels, samples) if has_wild else samples
 
 
 def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
-    """Return the samples with wild values taken as missing, and warn of each sensor that has them.
-
-    Args:
-        samples: their values, (k, n_channels).
-    """
+    """Return the samples with wild values taken as missing, and warn of each sensor that has them."""
     wild = np.abs(samples) > LARGEST_READING
-    for channel, own in zip(channels, wild.T):
-        if own.any():
+    for channel, rows in zip(channels, wild.T):
+        if rows.any():
             warnings.warn(
-                f"{log.source}: sensor '{channel}' has {int(own.sum())} wild value{'s' if own.sum() > 1 else ''}, the "
-                f"first at {log.time[own.argmax()]:g} s, taken as missing ({WILD})",
+                f"{log.source}: sensor '{channel}' has {int(rows.sum())} wild value{'s' if rows.sum() > 1 else ''}, the "
+                f"first at {log.time[rows.argmax()]:g} s, taken as missing ({WILD})",
                 DistalWarning,
                 stacklevel=4,
             )
@@ -94,10 +82,7 @@ def estimate(
     compiled: bool = True,
     homing: float | None = None,
 ) -> Estimate:
-    """Estimate the joint angle over a log.
-
-    Offline and online are the same calls: this is `Estimator.initial` with the first value of each channel, then
-    `Estimator.step` for every sample, in one loop.
+    """Estimate the joint angle over a log: `Estimator.initial` with the first value of each channel, then `Estimator.step`.
 
     Args:
         log: sensors over time: a `Log`, the path of a CSV or Parquet file, or a polars or pandas frame (see `read_log`).
@@ -127,13 +112,12 @@ def estimate(
             f"{runner.name} takes one pass; --passes is for the filters of the paper's kind (ekf-2008, ekf)"
         )
     run = prepared(log, runner, homing)
-    runner = run.runner
     belief = run.start
-    for number in range(passes):
-        means, covariances, innovations, variances = runner.scan(belief, log.time, run.samples)
+    for _ in range(passes):
+        means, covariances, innovations, variances = run.runner.scan(belief, log.time, run.samples)
         spreads = np.diagonal(covariances, axis1=1, axis2=2)
         check_bounds(run, means, spreads)
-        if number < passes - 1:
+        if passes > 1:
             belief = with_covariance(belief, covariances[-1])
     return finished(run, means, spreads, innovations, variances, covariances)
 
@@ -143,10 +127,7 @@ class Run:
     """A log, ready for an estimator.
 
     Args:
-        log: as it came.
-        runner: the estimator.
         samples: values of its channels, (k, n_channels).
-        start: what it believes before the first sample.
         homing: for how long the truth is used [s], or None.
         notes: on how the homing move was used.
     """
@@ -157,16 +138,6 @@ class Run:
     start: Belief
     homing: float | None
     notes: tuple[str, ...] = ()
-
-    @property
-    def reads_reference(self) -> bool:
-        """Whether the estimator reads the reference as a sensor."""
-        return self.homing is not None and reads_reference(self.runner)
-
-
-def reads_reference(runner: Estimator) -> bool:
-    """Return whether an estimator reads sensors of the joints' angles."""
-    return bool(references_of(runner))
 
 
 def references_of(runner: Estimator) -> dict[str, int]:
@@ -181,12 +152,6 @@ def runner_for(
 ) -> Estimator:
     """Return the estimator to run over a log, one that reads the reference where there is homing.
 
-    Args:
-        log: the log, or one like it.
-        estimator: a name or a ready one.
-        compiled: compile kernels where possible.
-        homing: for how long the truth is used [s], or None.
-
     Raises:
         EstimationError: it is no estimator, or cannot run on this rig, or homing has no reference.
     """
@@ -195,7 +160,7 @@ def runner_for(
     if homing is not None:
         rig, references = with_references(rig, known_early(log, homing))
         check_homing(homing, log, [joint.name for joint in rig.joints])
-        if isinstance(estimator, str) and estimator in HOMED:
+        if estimator == "adaptive":
             return AdaptiveFilter(rig, compiled, references=references)
         if estimator == "affine":
             return AffineEstimator(rig, compiled, homing=True)
@@ -203,22 +168,14 @@ def runner_for(
 
 
 def known_early(log: Log, homing: float) -> Log:
-    """Return the log with the truth of only those joints that have a reference value during homing.
-
-    Args:
-        homing: for how long the truth is used [s].
-    """
+    """Return the log with the truth of only those joints that have a reference value during homing."""
     early = log.time - log.time[0] < homing
-    known = {name: values for name, values in log.truth.items() if np.isfinite(values[early]).any()}
-    return replace(log, truth=known) if known else log
+    truths = {name: angles for name, angles in log.truth.items() if np.isfinite(angles[early]).any()}
+    return replace(log, truth=truths) if truths else log
 
 
 def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
     """Return a log, ready for an estimator.
-
-    Args:
-        runner: the estimator; see `runner_for`.
-        homing: for how long the truth is used [s], or None.
 
     Raises:
         EstimationError: the log lacks a sensor.
@@ -227,24 +184,20 @@ def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
     if homing is not None:
         if isinstance(runner, AffineEstimator):
             runner = runner.after_homing(log, homing)
-        known = check_homing(homing, log, [joint.name for joint in runner.rig.joints])
+        truths = check_homing(homing, log, [joint.name for joint in runner.rig.joints])
         early = log.time - log.time[0] < homing
         for channel, joint in references_of(runner).items():
-            read = with_channel(read, channel, np.where(early, known[:, joint], np.nan))
+            read = with_channel(read, channel, np.where(early, truths[:, joint], np.nan))
     samples = samples_of(read, runner.channels, runner.name)
     start = runner.initial(log.time[0], first_values(samples))
     if homing is not None and isinstance(runner, AdaptiveFilter) and references_of(runner):
-        found = home(runner, start, log, samples, known, homing)
-        return Run(log, found.runner, found.samples, found.start, homing, found.notes)
+        adapted = home(runner, start, log, samples, truths, homing)
+        return Run(log, adapted.runner, adapted.samples, adapted.start, homing, adapted.notes)
     return Run(log, runner, samples, start, homing)
 
 
 def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
     """Raise an error if an estimate diverged.
-
-    Args:
-        means: (k, n).
-        spreads: variances, (k, n).
 
     Raises:
         EstimationError: it diverged; the message says when.
@@ -261,26 +214,18 @@ def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
 def finished(
     run: Run, means: Floats, spreads: Floats, innovations: Floats, variances: Floats, covariances: Floats | None = None
 ) -> Estimate:
-    """Return the estimate of a run.
-
-    Args:
-        means: (k, n).
-        spreads: variances of the states, (k, n).
-        innovations: (k, m).
-        variances: of the innovations, (k, m).
-        covariances: (k, n, n), or None where they are not kept.
-    """
+    """Return the estimate of a run from means and `spreads` (variances), (k, n), and innovations and variances, (k, m)."""
     log, runner = run.log, run.runner
     joints = tuple(joint.name for joint in runner.rig.joints)
-    known, torques, early = true_angles(log, joints), true_torques(log, joints), None
-    if run.homing is not None and known is not None:
+    truths, torques, references = true_angles(log, joints), true_torques(log, joints), references_of(runner)
+    if run.homing is not None and truths is not None:
         early = log.time - log.time[0] < run.homing
-        if not (run.reads_reference or isinstance(runner, AffineEstimator)):
+        if not (references or isinstance(runner, AffineEstimator)):
             means = means.copy()
-            means[:, : len(joints)] = homed(means[:, : len(joints)], known, early)
-        known = frozen(np.where(early[:, None], np.nan, known))
+            means[:, : len(joints)] = homed(means[:, : len(joints)], truths, early)
+        truths = frozen(np.where(early[:, None], np.nan, truths))
+        torques = None if torques is None else frozen(np.where(early[:, None], np.nan, torques))
     # a reference is no sensor of the estimate: what it said is in the states
-    references = references_of(runner)
     columns = [i for i, name in enumerate(runner.measured) if name not in references]
     if references:
         innovations, variances = innovations[:, columns], variances[:, columns]
@@ -296,16 +241,14 @@ def finished(
         tuple(runner.measured[i] for i in columns),
         frozen(innovations),
         frozen(variances),
-        truths=known,
+        truths=truths,
         covariances=None if covariances is None else frozen(covariances),
         joint_names=joints,
         notes=(*run.notes, *(runner.notes_of(means, run.samples) if isinstance(runner, KernelEstimator) else ())),
         prior_means=prior_means,
         prior_stds=prior_stds,
         stamps=log.stamps,
-        torque_truths=torques
-        if torques is None or early is None
-        else frozen(np.where(early[:, None], np.nan, torques)),
+        torque_truths=torques,
         unseen=runner.unseen if isinstance(runner, AdaptiveFilter) else None,
         state_kinds=state_kinds,
         state_parts=state_parts,
@@ -314,37 +257,17 @@ def finished(
 
 
 def priors_of(runner: Estimator) -> tuple[Floats | None, Floats | None]:
-    """Return prior means and stds of the states that are constants of the rig; NaN for the other states.
-
-    Args:
-        runner: the estimator; None and None where it has no such states.
-    """
-    if not isinstance(runner, AdaptiveFilter):
-        return None, None
-    return runner.priors
-
-
-HOMED = frozenset({"adaptive"})
-"""Estimators that read a reference as a sensor; the others are shifted by their mean error."""
+    """Return prior means and stds of the states that are constants of the rig, NaN for the others; else None."""
+    return runner.priors if isinstance(runner, AdaptiveFilter) else (None, None)
 
 
 def with_channel(log: Log, name: str, values: Floats) -> Log:
-    """Return the log with one more channel, or another one in its place.
-
-    Args:
-        values: SI, (k,).
-    """
+    """Return the log with one more channel [SI], or another one in its place."""
     return replace(log, channels={**log.channels, name: values})
 
 
 def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[np.intp]:
-    """Return the rows that are not finite, have a negative variance, or an angle that no joint has.
-
-    Args:
-        means: (k, n).
-        spreads: variances, (k, n).
-        n_joints: number of joints, whose angles come first.
-    """
+    """Return the rows that are not finite, have an angle that no joint has, or a negative variance in `spreads`, (k, n)."""
     angles = means[:, :n_joints]
     # one pass where all is well: sums are finite only if all terms are
     near = angles.max(initial=0.0) <= LARGEST_ANGLE and angles.min(initial=0.0) >= -LARGEST_ANGLE

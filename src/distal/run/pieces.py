@@ -22,7 +22,6 @@ class PieceEstimate:
     """What an estimator makes of one piece.
 
     Args:
-        log: the piece's.
         angles: of the joints [rad], (k, n_joints).
         angle_stds: standard deviations of their errors [rad], (k, n_joints).
         truths: true angles [rad], (k, n_joints).
@@ -40,7 +39,6 @@ def estimate_pieces(
     """Estimate the joints' angles piece after piece; the belief goes on from one to the next.
 
     Args:
-        estimator: a name, of one with a kernel.
         known_std: how well the angles are known where a piece says so [rad]; None: they are not used. Only `adaptive`
             reads them.
 

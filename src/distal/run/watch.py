@@ -18,7 +18,7 @@ from distal.estimators import KernelEstimator
 from distal.expressions import Scalar, Vector
 from distal.kernels import Layout
 from distal.results import LARGE_PRIOR, SMALL
-from distal.rig import Role, Sensor, measurand_of, step_of
+from distal.rig import Role, measurand_of, step_of
 from distal.run.offline import priors_of
 from distal.run.places import FAR, place_range
 
@@ -113,66 +113,60 @@ def watch_of(runner: KernelEstimator) -> Watch:
     """Return what is watched of an estimator."""
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
     chosen, interval = [sensors[name] for name in runner.channels], runner.interval
-    means, stds = priors_of(runner)
-    watched = tuple(i for i in range(len(runner.state_names)) if _is_number_of_rig(means, stds, i))
-    placed = tuple(i for i, sensor in enumerate(chosen) if measurand_of(sensor).role is Role.PLACE)
-    n, m, k, joints = len(chosen), len(runner.measured), len(watched), len(runner.rig.joints)
-    memory = Layout(last=n, age=n, same=n, outside=len(placed), ratio=m, pace=1)
+    no_prior = np.full(len(runner.state_names), np.nan)
+    means, stds = (no_prior if prior is None else prior for prior in priors_of(runner))
+    watched = tuple(np.flatnonzero(np.isfinite(means) & (stds > 0.0)).tolist())
+    roles = [measurand_of(sensor).role for sensor in chosen]
+    placed = tuple(i for i, role in enumerate(roles) if role is Role.PLACE)
+    n, m, j, k, p = len(chosen), len(runner.measured), len(runner.rig.joints), len(watched), len(placed)
+    memory = Layout(last=n, age=n, same=n, outside=p, ratio=m, pace=1)
     sample = Layout(
-        first=1,
-        dt=1,
-        values=n,
-        mask=n,
-        stds=joints,
-        innovations=m,
-        compared=m,
-        variances=m,
-        numbers=k,
-        number_variances=k,
+        first=1, dt=1, values=n, mask=n, stds=j, innovations=m, compared=m, variances=m, numbers=k, number_variances=k
     )
-    flags = {"gap": 1, "hurried": 1, "nothing": 1, "untested": 1, "unknown": 1}
-    findings = Layout(code=1, **flags, dead=n, stuck=n, missing=n, wrong=len(placed), large=m, left=k)
-    before, now = ca.SX.sym("memory", memory.size), ca.SX.sym("sample", sample.size)
-    was, came = memory.parts(before), sample.parts(now)
-    first, dt, there = came["first"], came["dt"], came["mask"]
+    findings = Layout(
+        code=1, gap=1, hurried=1, nothing=1, untested=1, unknown=1, dead=n, stuck=n, missing=n, wrong=p, large=m, left=k
+    )
+    before, current = ca.SX.sym("memory", memory.size), ca.SX.sym("sample", sample.size)
+    was, came = memory.parts(before), sample.parts(current)
+    first, dt, mask = came["first"], came["dt"], came["mask"]
     since = ca.if_else(ca.logic_and(dt > 0, dt < LONGEST_GAP), dt, interval)
     share = ca.fmin(since / MEMORY, 1)
-    # one that has not been there at all is missing from the beginning
-    overdue = _column(overdue_of(chosen))
+    # a sensor without a first value is missing from the beginning; a known angle, which homes, never is
+    overdue = _column([NEVER if role is Role.REFERENCE else OVERDUE / s.rate for s, role in zip(chosen, roles)])
     dead_after = ca.fmax(DEAD, 2 * overdue)
-    age = ca.if_else(there, 0, ca.if_else(first, 1.01 * overdue, was["age"] + dt))
-    moved = ca.logic_or(first, ca.logic_and(there, came["values"] != was["last"]))
+    age = ca.if_else(mask, 0, ca.if_else(first, 1.01 * overdue, was["age"] + dt))
+    moved = ca.logic_or(first, ca.logic_and(mask, came["values"] != was["last"]))
     same = ca.if_else(moved, 0, was["same"] + dt)
     # a sensor with noise does not say the same twice for long
-    noisy = _column([_is_noisy(sensor) for sensor in chosen])
+    noisy = _column([s.noise > step_of(s) and role is not Role.REFERENCE for s, role in zip(chosen, roles)])
     dead = age >= dead_after - ROUNDING
-    stuck = noisy * there * (same >= dead_after - ROUNDING)
+    stuck = noisy * mask * (same >= dead_after - ROUNDING)
     missing = ca.logic_and(age > overdue, ca.logic_not(dead))
     low, high = (_column([place_range(runner.rig, chosen[i])[end] for i in placed]) for end in (0, 1))
-    place, read = came["values"][list(placed)], there[list(placed)]
+    place, read = came["values"][list(placed)], mask[list(placed)]
     outside = was["outside"] + share * (read * ca.logic_or(place < low, place > high) - was["outside"])
     far = read * (ca.fabs(place - (low + high) / 2) > FAR * (high - low))
     wrong = ca.logic_or(outside > 0.5, far)
     square = ca.fmin(came["innovations"] ** 2 / came["variances"], CAPPED)
     ratio = was["ratio"] + ca.if_else(came["compared"], share * (square - was["ratio"]), 0)
-    prior, allowed = _priors(means, stds, watched)
+    prior, allowed = _column(means[list(watched)]), LARGE_PRIOR * _column(stds[list(watched)])
     left = ca.fabs(came["numbers"] - prior) - ca.sqrt(ca.fmax(came["number_variances"], 0)) > allowed
     weight = min(interval / MEMORY, 1.0)
     pace = was["pace"] + ca.if_else(first, 0, weight * (ca.fmin(dt / interval, 2) - was["pace"]))
-    found: dict[str, Vector] = {
+    flags: dict[str, Vector] = {
         "gap": ca.logic_and(ca.logic_not(first), dt > WAITING * interval),
         "hurried": ca.logic_and(ca.logic_not(first), pace < HURRIED),
-        "nothing": ca.logic_not(_any(there)),
+        "nothing": ca.logic_not(_any(mask)),
         "untested": ca.logic_not(_any(ratio >= SMALL)),
         "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > UNKNOWN)),
     }
-    found |= {"dead": dead, "stuck": stuck, "missing": missing, "wrong": wrong, "large": ratio > LARGE, "left": left}
-    code = reduce(ca.fmax, (word_code(word) * _any(found[name]) for name, word in WORDS.items()))
-    kept = memory.joined(
-        last=ca.if_else(there, came["values"], was["last"]), age=age, same=same, outside=outside, ratio=ratio, pace=pace
+    flags |= {"dead": dead, "stuck": stuck, "missing": missing, "wrong": wrong, "large": ratio > LARGE, "left": left}
+    code = reduce(ca.fmax, (word_code(word) * _any(flags[name]) for name, word in WORDS.items()))
+    remembered = memory.joined(
+        last=ca.if_else(mask, came["values"], was["last"]), age=age, same=same, outside=outside, ratio=ratio, pace=pace
     )
-    outputs = [kept, findings.joined(code=code, **found)]
-    function = ca.Function("judged", [before, now], ca.cse(outputs), ["memory", "sample"], ["next", "findings"])
+    outputs = [remembered, findings.joined(code=code, **flags)]
+    function = ca.Function("judged", [before, current], ca.cse(outputs), ["memory", "sample"], ["next", "findings"])
     return Watch(memory, sample, findings, placed, watched, function)
 
 
@@ -190,26 +184,6 @@ WORDS: dict[str, Health] = {
     "dead": "dead",
 }
 """The word of each finding."""
-
-
-def overdue_of(sensors: Sequence[Sensor]) -> list[float]:
-    """Return after which time without a value each sensor is missing [s]; a known angle, which homes, never is."""
-    return [NEVER if measurand_of(s).role is Role.REFERENCE else OVERDUE / s.rate for s in sensors]
-
-
-def _is_noisy(sensor: Sensor) -> bool:
-    return sensor.noise > step_of(sensor) and measurand_of(sensor).role is not Role.REFERENCE
-
-
-def _is_number_of_rig(means: Floats | None, stds: Floats | None, state: int) -> bool:
-    return means is not None and stds is not None and bool(np.isfinite(means[state]) and stds[state] > 0.0)
-
-
-def _priors(means: Floats | None, stds: Floats | None, watched: Sequence[int]) -> tuple[Vector, Vector]:
-    """Return the rig's values of the watched states, and how far an estimate may leave them."""
-    if means is None or stds is None:
-        return _column([]), _column([])
-    return _column(means[list(watched)]), LARGE_PRIOR * _column(stds[list(watched)])
 
 
 def _column(numbers: Sequence[float] | Floats) -> Vector:

@@ -36,32 +36,22 @@ class Curves:
     def drawn(
         cls, travels: Sequence[tuple[float, float]], largest: Sequence[float], rngs: Sequence[np.random.Generator]
     ) -> Curves:
-        """Draw a curve for each sensor.
-
-        Args:
-            travels: ends of the travels, n of them.
-            largest: largest magnitudes, (n,).
-            rngs: draw the curves, one for each.
-        """
+        """Draw a curve for each sensor."""
         low, high = (np.array([ends[k] for ends in travels]) for k in (0, 1))
         orders = np.arange(1, _HARMONICS + 1)
         drawn = [(rng.normal(size=_HARMONICS) / orders, rng.uniform(0.0, 2.0 * np.pi, _HARMONICS)) for rng in rngs]
-        weights, phases = (np.array([each[k] for each in drawn]) for k in (0, 1))
+        weights, phases = (np.array([curve[k] for curve in drawn]) for k in (0, 1))
         unscaled = cls(np.zeros(len(low)), np.ones(len(low)), weights, phases)
         peaks = np.abs(unscaled.at(np.linspace(0.0, 1.0, 501)[:, None] * np.ones(len(low)))).max(axis=0)
         scales = np.where(high > low, np.asarray(largest) / peaks, 0.0)
         return cls(low, np.where(high > low, high, low + 1.0), scales[:, None] * weights, phases)
 
     def at(self, x: Floats) -> Floats:
-        """Return the deviations at x, (k, n).
-
-        Args:
-            x: true values, (k, n).
-        """
+        """Return the deviations at x, (k, n)."""
         share = np.clip((x - self.low) / (self.high - self.low), 0.0, 1.0)
         orders = np.arange(1, _HARMONICS + 1)
-        found: Floats = np.sum(self.weights * np.sin(np.pi * orders * share[..., None] + self.phases), axis=-1)
-        return found
+        deviations: Floats = np.sum(self.weights * np.sin(np.pi * orders * share[..., None] + self.phases), axis=-1)
+        return deviations
 
 
 AHEAD = 256
@@ -78,10 +68,7 @@ class SensorErrors:
     """
 
     def __init__(
-        self,
-        sensors: Sequence[Sensor],
-        travels: Sequence[tuple[float, float]],
-        rngs: Sequence[np.random.Generator],
+        self, sensors: Sequence[Sensor], travels: Sequence[tuple[float, float]], rngs: Sequence[np.random.Generator]
     ) -> None:
         of_curves, self._rngs = zip(*(rng.spawn(2) for rng in rngs))
         self._gain = np.array([gain_of(sensor).value for sensor in sensors])
@@ -120,13 +107,7 @@ class SensorErrors:
 
 
 def measure(sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.random.Generator) -> Floats:
-    """Return what a sensor reads of a whole run, see `SensorErrors`.
-
-    Args:
-        true: what there is to measure, SI, (n,).
-        travel: ends of the travel over which the linearity is defined.
-        rng: draws the curve and the noise.
-    """
+    """Return what a sensor reads of a whole run, see `SensorErrors`."""
     return SensorErrors([sensor], [travel], [rng]).read(true[:, None])[:, 0]
 
 

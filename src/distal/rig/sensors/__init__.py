@@ -1,11 +1,10 @@
 """Sensors: what is measured, with which errors, and where a log holds it; a kind of sensor is a file."""
 
-from distal.rig.sensors.base import COUNTS, SensorBase
+from distal.rig.sensors.base import COUNTS
 from distal.rig.sensors.conversion import gain_of, log_factor, log_unit, step_of
 from distal.rig.sensors.measurand import Measurand, Motion, Role
 from distal.rig.sensors.position import drive_travel
 from distal.rig.sensors.registry import (
-    MEASURANDS,
     MEASURED,
     REFERENCES,
     UNITS,
@@ -19,7 +18,6 @@ from distal.rig.sensors.registry import (
 
 __all__ = [
     "COUNTS",
-    "MEASURANDS",
     "MEASURED",
     "REFERENCES",
     "UNITS",
@@ -27,7 +25,6 @@ __all__ = [
     "Motion",
     "Role",
     "Sensor",
-    "SensorBase",
     "checked_parts",
     "drive_travel",
     "gain_of",

@@ -6,21 +6,14 @@ from collections.abc import Mapping
 
 from distal.expressions import Scalar
 from distal.rig.sensors.base import SensorBase
-from distal.rig.sensors.measurand import Measurand, Motion, Part, Parts, Role
+from distal.rig.sensors.measurand import Measurand, Motion, Parts, Role
 
 
 class Angle(Measurand):
     """θ of a joint [rad]."""
 
     name, of, role = "angle", "joints", Role.REFERENCE
-
-    def unit(self, part: Part) -> str:
-        """Return rad."""
-        return "rad"
-
-    def letter(self, part: Part) -> str:
-        """Return θ."""
-        return "θ"
+    si, badge = "rad", "θ"
 
     def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
         """Return the angle."""

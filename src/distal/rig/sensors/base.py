@@ -81,32 +81,33 @@ class SensorBase(Description):
 def _in_si(raw: Mapping[str, object], counting: Callable[[Mapping[str, object]], tuple[str, float] | None]) -> object:
     """Return a raw sensor with its errors in SI, as far as they are written in what its log counts."""
     try:
-        known = counting(raw)
-        gear = to_si(raw.get("gear", 1.0), "") if known is not None and known[0] == "count" else 1.0
+        scale = counting(raw)
+        gear = to_si(raw.get("gear", 1.0), "") if scale is not None and scale[0] == "count" else 1.0
     except (UnitError, ZeroDivisionError):
         # what is wrong is said of its own field; in what the errors count is not known then
         return {key: value for key, value in raw.items() if key not in ERRORS}
-    if known is None:
+    if scale is None:
         return raw
-    if known[0] == "count" and raw.get("unit") in COUNTS and "resolution" not in raw:
-        raw = {**raw, "resolution": known[1] * gear}  # it cannot tell less than one count
+    unit, unit_size = scale
+    if unit == "count" and raw.get("unit") in COUNTS and "resolution" not in raw:
+        raw = {**raw, "resolution": unit_size * gear}  # it cannot tell less than one count
 
-    def converted(value: object, size: float) -> object:
-        if isinstance(value, Mapping):
+    def converted(error: object, size: float) -> object:
+        if isinstance(error, Mapping):
             spreads = ("value", "std", "drift")
-            return {key: converted(part, size) if key in spreads else part for key, part in value.items()}
-        return _of_text(value, known[0], size) if isinstance(value, str) else value
+            return {key: converted(part, size) if key in spreads else part for key, part in error.items()}
+        return _of_text(error, unit, size) if isinstance(error, str) else error
 
-    sizes = {key: known[1] * (gear if key == "resolution" else 1.0) for key in ERRORS}
+    sizes = {key: unit_size * (gear if key == "resolution" else 1.0) for key in ERRORS}
     return {**raw, **{key: converted(raw[key], size) for key, size in sizes.items() if key in raw}}
 
 
 def _of_text(text: str, unit: str, size: float) -> object:
     """Return what a text such as ``2 count`` or ``20 mA`` stands for; a text in another unit as it is."""
-    number, _, rest = text.strip().rpartition(" ")
+    number, _, suffix = text.strip().rpartition(" ")
     try:
         if unit == "count":
-            return to_si(number.strip(), "") * size if rest in COUNTS else text
+            return to_si(number.strip(), "") * size if suffix in COUNTS else text
         return to_si(text, unit) * size
     except UnitError:
         return text

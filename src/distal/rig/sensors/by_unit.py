@@ -13,20 +13,24 @@ from distal.rig.sensors.base import COUNTS, SensorBase
 from distal.units import to_si
 
 Gear = Annotated[float, In("", "positive")]
+Metres = Annotated[float, In("m", "nonnegative")]
+Radians = Annotated[float, In("rad", "nonnegative")]
+Newtons = Annotated[float, In("N", "nonnegative")]
+NewtonMetres = Annotated[float, In("N m", "nonnegative")]
+Curve = Annotated[
+    tuple[float, ...],
+    Field(max_length=6, description="known systematic deviation: weights of cos(π j ξ), j = 0.., over the travel [SI]"),
+]
 
 
 class LengthSensor(SensorBase):
     """A sensor of a displacement [m]."""
 
     si: Literal["m"]
-    noise: Annotated[float, In("m", "nonnegative")] = Field(0.0, description="standard deviation, random error")
-    linearity: Annotated[float, In("m", "nonnegative")] = Field(
-        0.0, description="largest systematic deviation over the travel, a smooth curve"
-    )
-    curve: tuple[float, ...] = Field(
-        (), max_length=6, description="known systematic deviation: weights of cos(π j ξ), j = 0.., over the travel [SI]"
-    )
-    resolution: Annotated[float, In("m", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
+    noise: Metres = Field(0.0, description="standard deviation, random error")
+    linearity: Metres = Field(0.0, description="largest systematic deviation over the travel, a smooth curve")
+    curve: Curve = ()
+    resolution: Metres = Field(0.0, description="quantisation step; 0 = none")
     bias: Annotated[Parameter, In("m", drifts=False)] = Field(Parameter(value=0.0), description="constant offset")
 
 
@@ -38,14 +42,10 @@ class AngleSensor(SensorBase):
         None, description='counts of the encoder in one turn of its own shaft, after quadrature; with unit = "count"'
     )
     gear: Gear = Field(1.0, description="turns of the encoder for one turn of what it measures (motor for capstan)")
-    noise: Annotated[float, In("rad", "nonnegative")] = Field(0.0, description="standard deviation, random error")
-    linearity: Annotated[float, In("rad", "nonnegative")] = Field(
-        0.0, description="largest systematic deviation over the travel, a smooth curve"
-    )
-    curve: tuple[float, ...] = Field(
-        (), max_length=6, description="known systematic deviation: weights of cos(π j ξ), j = 0.., over the travel [SI]"
-    )
-    resolution: Annotated[float, In("rad", "nonnegative")] = Field(
+    noise: Radians = Field(0.0, description="standard deviation, random error")
+    linearity: Radians = Field(0.0, description="largest systematic deviation over the travel, a smooth curve")
+    curve: Curve = ()
+    resolution: Radians = Field(
         0.0,
         description="quantisation step of the sensor's own shaft, before the gear, in counts as in degrees; 0 = none. "
         "Noise, linearity and bias in degrees are those behind the gear",
@@ -69,11 +69,9 @@ class ForceSensor(SensorBase):
     """A sensor of a force or tension [N]."""
 
     si: Literal["N"]
-    noise: Annotated[float, In("N", "nonnegative")] = Field(0.0, description="standard deviation, random error")
-    linearity: Annotated[float, In("N", "nonnegative")] = Field(
-        0.0, description="largest systematic deviation over the range, a smooth curve"
-    )
-    resolution: Annotated[float, In("N", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
+    noise: Newtons = Field(0.0, description="standard deviation, random error")
+    linearity: Newtons = Field(0.0, description="largest systematic deviation over the range, a smooth curve")
+    resolution: Newtons = Field(0.0, description="quantisation step; 0 = none")
     bias: Annotated[Parameter, In("N")] = Field(Parameter(value=0.0), description="constant offset")
     gain: Annotated[Parameter, In("", "positive", drifts=False)] = Field(
         Parameter(value=1.0), description="what it reads for one newton, beside its offset"
@@ -93,11 +91,9 @@ class TorqueSensor(SensorBase):
     gear: Gear = Field(
         1.0, description="motor turns for one turn of the capstan; it applies to torque_constant_motor only"
     )
-    noise: Annotated[float, In("N m", "nonnegative")] = Field(0.0, description="standard deviation, random error")
-    linearity: Annotated[float, In("N m", "nonnegative")] = Field(
-        0.0, description="largest systematic deviation over the range, a smooth curve"
-    )
-    resolution: Annotated[float, In("N m", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
+    noise: NewtonMetres = Field(0.0, description="standard deviation, random error")
+    linearity: NewtonMetres = Field(0.0, description="largest systematic deviation over the range, a smooth curve")
+    resolution: NewtonMetres = Field(0.0, description="quantisation step; 0 = none")
     bias: Annotated[Parameter, In("N m")] = Field(Parameter(value=0.0), description="constant offset")
     gain: Annotated[Parameter, In("", "positive", drifts=False)] = Field(
         Parameter(value=1.0), description="what it reads for one newton metre, beside its offset"

@@ -23,9 +23,6 @@ def step_of(sensor: Sensor) -> float:
 def log_factor(sensor: Sensor) -> float:
     """Return by what a log's numbers are multiplied to be SI, its sign left out.
 
-    Args:
-        sensor: whose unit, and torque constant where it has one, say so.
-
     Raises:
         UnitError: the unit is unknown or has the wrong dimension.
     """

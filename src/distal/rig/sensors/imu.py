@@ -15,7 +15,7 @@ from pydantic import Field
 from distal.expressions import Scalar, Vector
 from distal.rig.quantities import In, Parameter
 from distal.rig.sensors.base import SensorBase
-from distal.rig.sensors.measurand import Measurand, Motion, Part, Parts, Role, Unknown
+from distal.rig.sensors.measurand import Measurand, Motion, Parts, Role, Unknown
 
 NUMBERS = {f"{kind}_{axis}": unit for kind, unit in (("rate", "rad/s"), ("force", "m/s^2")) for axis in "xyz"}
 """What it gives, and the unit of each."""
@@ -61,17 +61,10 @@ class Imu(Measurand):
     """Rᵀ ω and −Rᵀ g of a link, with R the turn by the mounting angle about the joint's axis."""
 
     name, of, role = "imu", "joints", Role.COMPARED
-
-    def unit(self, part: Part) -> str:
-        """Return rad/s; the numbers of an accelerometer say so themselves."""
-        return "rad/s"
-
-    def letter(self, part: Part) -> str:
-        """Return ω."""
-        return "ω"
+    si, badge = "rad/s", "ω"  # the numbers of an accelerometer have their own unit
 
     def numbers(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
-        """Return a sensor for each of its numbers, all six or those that the table names; one that is single as it is.
+        """Return a sensor for each of its numbers, all six or those that the table names.
 
         Raises:
             ValueError: it names what an IMU has not.

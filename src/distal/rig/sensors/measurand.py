@@ -93,7 +93,6 @@ class Unknown:
 
     Args:
         name: as a state; sensors with the same name share it.
-        number: its value and std.
     """
 
     name: str
@@ -112,20 +111,23 @@ class Measurand(ABC):
     role: ClassVar[Role]
     """What estimators do with it."""
 
-    @abstractmethod
+    si: ClassVar[str]
+    badge: ClassVar[str]
+    """Unit and letter, where they do not depend on the part."""
+
     def unit(self, part: Part) -> str:
         """Return the SI unit in which its errors are given."""
+        return self.si
 
-    @abstractmethod
     def letter(self, part: Part) -> str:
         """Return the letter of its badge in a drawing."""
+        return self.badge
 
     @abstractmethod
     def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
         """Return what a sensor without errors reads [SI].
 
         Args:
-            part: index of the part that it is of.
             unknowns: values of `unknowns` by name; one that is missing has the rig's.
         """
 

@@ -40,10 +40,6 @@ MEASURED = {of: tuple(n for n, kind in MEASURANDS.items() if kind.of == of) for 
 def checked_parts(raw: object, index: int, parts: Mapping[str, Sequence[Part]]) -> list[Mapping[str, object]]:
     """Return a raw table as sensors of one number each, with the SI unit of each.
 
-    Args:
-        index: of the table, for messages.
-        parts: the rig's drives, tendons and joints.
-
     Raises:
         ValueError: it names no part, or one that cannot be measured so.
     """
@@ -86,11 +82,12 @@ def one_number_each(tables: Sequence[object]) -> list[object]:
 
 def _elsewhere(of: object, kind: Measurand, parts: Mapping[str, Sequence[Part]], names: list[str]) -> str:
     """Return a hint where a sensor's part is of another kind, else names that may be meant."""
-    for own, measurands in MEASURED.items():
-        if of in [part.name for part in parts[own]]:
+    for kind_of_part, measurands in MEASURED.items():
+        if of in [part.name for part in parts[kind_of_part]]:
             allowed = " or ".join(f"'{name}'" for name in measurands)
-            hint = "; the torque of a capstan's motor is its force" if (own, kind.name) == ("drives", "torque") else ""
-            return f", it is one of the {own}: measures must be {allowed}{hint}"
+            is_motor = (kind_of_part, kind.name) == ("drives", "torque")
+            hint = "; the torque of a capstan's motor is its force" if is_motor else ""
+            return f", it is one of the {kind_of_part}: measures must be {allowed}{hint}"
     return did_you_mean(str(of), names)
 
 

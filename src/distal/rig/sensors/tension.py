@@ -7,21 +7,14 @@ from collections.abc import Mapping
 from distal.expressions import Scalar
 from distal.rig.sensors.base import SensorBase
 from distal.rig.sensors.force import largest_effort
-from distal.rig.sensors.measurand import Measurand, Motion, Part, Parts, Role
+from distal.rig.sensors.measurand import Measurand, Motion, Parts, Role
 
 
 class Tension(Measurand):
     """T of a tendon, at the joint's end of its path [N]."""
 
     name, of, role = "tension", "tendons", Role.TENSION
-
-    def unit(self, part: Part) -> str:
-        """Return N."""
-        return "N"
-
-    def letter(self, part: Part) -> str:
-        """Return T."""
-        return "T"
+    si, badge = "N", "T"
 
     def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
         """Return the tension."""

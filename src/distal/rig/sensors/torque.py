@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from distal.expressions import Scalar
 from distal.rig.sensors.base import SensorBase
-from distal.rig.sensors.measurand import Measurand, Motion, Part, Parts, Role
+from distal.rig.sensors.measurand import Measurand, Motion, Parts, Role
 
 WIDEST = 3.0
 """A torque from outside is within so many of its standard deviations."""
@@ -19,14 +19,7 @@ class Torque(Measurand):
     """τ_ext on a joint [N m]."""
 
     name, of, role = "torque", "joints", Role.REFERENCE
-
-    def unit(self, part: Part) -> str:
-        """Return N m."""
-        return "N m"
-
-    def letter(self, part: Part) -> str:
-        """Return τ."""
-        return "τ"
+    si, badge = "N m", "τ"
 
     def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
         """Return the torque."""
