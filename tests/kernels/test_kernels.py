@@ -202,3 +202,10 @@ def test_threads_may_share_a_kernel() -> None:
         for one, other in zip(alone, together):
             np.testing.assert_array_equal(one[0], other[0])
             np.testing.assert_array_equal(one[1], other[1])
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_loop_takes_as_many_parameters_as_there_are(compiled: bool) -> None:
+    """Compiled code would read beyond the end of a vector that is too short."""
+    with pytest.raises(ValueError, match="reshape"):
+        Kernel(small_function(), compiled).loop(np.zeros(0))

@@ -180,3 +180,16 @@ def test_where_hardly_anything_is_known_the_band_holds(name: str) -> None:
     smoothed = smooth(simulate(rig, scenario, 1).select(slice(0, 600)), rig)
     assert smoothed.inside_band() > 0.9
     assert (smoothed.theta_std >= 0.0).all()
+
+
+def test_it_says_what_a_filtered_estimate_says() -> None:
+    """True torques and directions that no sensor sees are those of the same log."""
+    rig = load_rig("finger-underactuated")
+    servo = {"angle": {"mean": 0.002, "amplitude": 0.002, "frequency": 1.0}, "stiffness": 5000.0, "damping": 50.0}
+    description = {"rig": "finger-underactuated", "duration": 0.5, "drives": {"flexor": {"servo": servo}}}
+    log = simulate(rig, build_scenario(description, "closes"), 1)
+    smoothed, filtered = smooth(log, rig, compiled=False), estimate(log, rig, compiled=False)
+    assert filtered.unseen is not None
+    assert smoothed.unseen == filtered.unseen
+    assert filtered.torque_truths is not None
+    np.testing.assert_array_equal(smoothed.torque_truths, filtered.torque_truths)

@@ -89,7 +89,7 @@ class Kernel:
 
     def loop(self, p: Floats) -> Loop:
         """Return the kernel with a carry of its own, for one sample after the other."""
-        return Loop(self._call, np.array(p, dtype=np.float64))
+        return Loop(self._call, np.array(p, dtype=np.float64).reshape(self.n_p))
 
     def lanes(self) -> LaneKernel | None:
         """Return the same kernel for several runs at once, built when first asked for; None where that cannot be."""

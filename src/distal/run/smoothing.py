@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,8 +61,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         correct(means, covariances, log, rig, compiled, last)
     spreads = np.einsum("kii->ki", covariances)
     run, innovations = Run(log, runner, samples, belief, None), runner.innovations_of(ys[last], samples)
-    smoothed = finished(run, means[last], spreads[last], *innovations, covariances[last])
-    return replace(smoothed, notes=(), torque_truths=None, unseen=None)
+    return finished(run, means[last], spreads[last], *innovations, covariances[last])
 
 
 def correct(means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bool, last: NDArray[np.intp]) -> None:
