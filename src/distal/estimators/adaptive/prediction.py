@@ -48,7 +48,7 @@ def predicted(
 
 
 def _corner(context: FilterContext) -> ca.Function:
-    """Return (M P Mᵀ, S_drives, rest, tracks, memory, x, p) → the covariance of angles and speeds, with what is added.
+    """Return (Φ P Φᵀ, S_drives, rest, tracks, memory, x, p) → the covariance of angles and speeds, with what is added.
 
     Places err by their variances, unknown torques and unmodelled ones shake the speeds, lost places may have been followed.
     """
@@ -105,7 +105,7 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
 
 
 def revert(states: StateVector, prediction: Prediction, interval: Interval) -> None:
-    """Let what fades fade towards zero over an interval, in place: x⁺ = f x, variance σ² (1 − f²) added. Equation (13).
+    """Let what fades fade towards zero over an interval, in place: x_i⁺ = f_i x_i, variance σ_i² (1 − f_i²) added. Equation (13).
 
     Args:
         prediction: to change.

@@ -53,7 +53,7 @@ class Robustness:
     persistence_alone: float = 0.05
     """docs/results/guards.md"""
     bend_share: float = 0.12
-    """a parabola misses 1/8 of its second difference; docs/explanation/adaptive.md, equation (6)"""
+    """a parabola misses 1/8 of its second difference; docs/reference/adaptive-equations.md, equation (6)"""
     follow_time: float = 0.05
     """docs/results/guards.md: without it the band is too narrow where samples are missing"""
     followed_variance: float = 20.0
@@ -215,7 +215,7 @@ def extra_variance(robustness: Robustness, lost: Scalar, unknown: Scalar) -> Sca
 
 
 def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar) -> Scalar:
-    """Return S' = S max(1, ν²/(c S)), c = `wild_force`: a wild force counts less the farther it is, (22).
+    """Return S' = S max(1, ν²/(9 S)), 9 being `wild_force`: a wild force counts less the farther it is, (23).
 
     Args:
         variance: of the innovation, S.

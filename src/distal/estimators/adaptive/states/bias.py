@@ -20,7 +20,7 @@ from distal.sensors import systematic_variance
 class SensorBias(State):
     """b, which stays, or walks by the bias's `drift`; that of a reference of a joint's angle walks within its std.
 
-    A reference's bias that walks is a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt, T = 2 σ²/drift².
+    A reference's bias that walks is a first-order Gauss–Markov process: e^{−dt/T_i} of it is left after dt, T_i = 2 σ_i²/drift².
     It is what the model's angle and the joint's differ by, so that a moment's reference tells less than a long one.
 
     Args:
@@ -72,7 +72,7 @@ class SensorBias(State):
         return 0.0 if self._wanders or self.sensor.bias.drift is None else float(self.sensor.bias.drift)
 
     def fading(self, dt: Scalar) -> Fading | None:
-        """Return e^{−dt drift²/(2 σ²)} and σ of a reference that wanders, None for others.
+        """Return e^{−dt drift²/(2 σ_i²)} and σ_i of a reference that wanders, None for others.
 
         Args:
             dt: length of the interval [s].
@@ -96,7 +96,7 @@ class SensorBias(State):
 
 @dataclass(frozen=True)
 class SensorGain(State):
-    """γ, by which share a sensor of force or tension reads too much; it stays.
+    """By which share a sensor of force or tension reads too much; it stays.
 
     Args:
         context: the rig.
@@ -142,11 +142,11 @@ class SensorGain(State):
         return np.array([self.context.gain_std(self.sensor)])
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, own: Vector) -> Scalar:
-        """Return γ times the reading where it is this sensor's.
+        """Return that share times the reading where it is this sensor's.
 
         Args:
             reading: what it reads.
-            own: γ.
+            own: that share, (1,).
         """
         return own[0] * reading if sensor.name == self.sensor.name else 0
 

@@ -17,7 +17,7 @@ from distal.rig import torque_names
 
 @dataclass(frozen=True)
 class ExternalTorque(State):
-    """τ_ext, a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt.
+    """τ_ext, a first-order Gauss–Markov process: e^{−dt/T_i} of it is left after dt.
 
     Args:
         context: the rig.
@@ -61,7 +61,7 @@ class ExternalTorque(State):
         return self.context.number(f"joints.{self.joint}.external_torque.std", float(self.stds[0]))
 
     def fading(self, dt: Scalar) -> Fading:
-        """Return e^{−dt/T} and the std [N m].
+        """Return e^{−dt/T_i} and the std [N m].
 
         Args:
             dt: length of the interval [s].

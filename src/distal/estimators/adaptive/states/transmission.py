@@ -124,7 +124,7 @@ class TransmissionError(State):
         return True
 
     def fading(self, dt: Scalar) -> Fading:
-        """Return e^{−dt/T} with T = ``hysteresis.error_time``, and the std [N, N m].
+        """Return e^{−dt/T_i}, T_i being ``hysteresis.error_time``, and the std [N, N m].
 
         Args:
             dt: length of the interval [s].
