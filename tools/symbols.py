@@ -33,12 +33,12 @@ LETTER = f"A-Za-z{GREEK}ℓ"
 ACCENT = "\u0300-\u036f"
 SIGNS = "₀-₉₊₋"
 SYMBOL = re.compile(
-    rf"(?<![{LETTER}{ACCENT}0-9_.'’])(dt|[{LETTER}])([{ACCENT}]*)('*)((?:_[{LETTER}{ACCENT}0-9]+|[{SIGNS}]+)?)"
+    rf"(?<![{LETTER}{ACCENT}_.'’])(dt|[{LETTER}])([{ACCENT}]*)('*)((?:_[{LETTER}{ACCENT}0-9]+|[{SIGNS}]+)?)"
     rf"(?![{LETTER}{ACCENT}0-9_'’])"
 )
-OPERATOR = re.compile(rf"[ΣΠ]_[{LETTER}{{]+(?=[ (]|$)|Σ|(?<=e)\^")
-POWER = re.compile(r"\be(?=\^|[⁰¹²³⁴-⁹⁻])")
-"""The base of the exponential function is no symbol of the filter."""
+OPERATOR = re.compile(rf"[ΣΠ]_[{LETTER}{{]+(?=[ (]|$)|Σ")
+POWER = re.compile(r"\be(?=\^|[⁰¹²³⁴-⁹⁻])|(?<=\d)e(?=-?\d)")
+"""The base of the exponential function, and powers of ten, are no symbols of the filter."""
 
 DEFINED_AFTER = re.compile(r"(?:^|[,;:(.]|\b(?:with|and|by|is))\s*$")
 """What stands before a definition; after "if" or "where" an equation is a condition."""

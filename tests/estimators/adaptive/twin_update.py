@@ -1,4 +1,4 @@
-"""Sections 6 and 7 of docs/reference/adaptive-equations.md for the naive twin: what is compared, stick and slip, the update."""
+"""Sections 6 and 7 of docs/reference/adaptive-equations.md for the naive twin: rows, stick and slip, the update."""
 
 from __future__ import annotations
 

@@ -34,8 +34,9 @@ def play(
 ) -> ScalarNode:
     """Let what a drive transmits follow the measured effort by its play, in place; return the effort to remember.
 
-    x_z⁺ = mean of clip(x_z, U − B_d ṡ − H, U − B_d ṡ + H) of a normal x_z (`clip_moments`): where it is free, it and its uncertainty stay;
-    where it is held at a limit, it is as certain as the limit. Noise of U does not wear it down.
+    x_z⁺ = mean of clip(x_z, U − B_d ṡ − H, U − B_d ṡ + H) of a normal x_z (`clip_moments`): where it is
+    free, it and its uncertainty stay; where it is held at a limit, it is as certain as the
+    limit. Noise of U does not wear it down.
 
     Args:
         prediction: to change.

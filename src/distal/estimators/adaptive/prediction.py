@@ -105,7 +105,7 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
 
 
 def revert(states: StateVector, prediction: Prediction, interval: Interval) -> None:
-    """Let what fades fade towards zero over an interval, in place: x_i⁺ = f_i x_i, variance σ_i² (1 − f_i²) added. Equation (13).
+    """Let what fades fade towards zero over an interval, in place: x_i⁺ = f_i x_i, variance σ_i² (1 − f_i²) added: (13).
 
     Args:
         prediction: to change.

@@ -21,8 +21,8 @@ from distal.kernels.layout import Layout
 from distal.kernels.mask import is_there, share_used
 
 SINCE = Layout(residual=1, limit=1, asymmetry=1, residual_variance=1, limit_variance=1, memory=1)
-"""Changes of a row since the prior by the rows before it, variances of residual and limit by the state's (r_x P r_xᵀ, l_x P l_xᵀ),
-and what is remembered of the drive."""
+"""Changes of a row since the prior by the rows before it, variances of residual and limit by the state's (r_x P r_xᵀ,
+l_x P l_xᵀ), and what is remembered of the drive."""
 
 SMALLEST_VARIANCE = 1e-30
 """A row that tells nothing has no variance (a drive without a force sensor, its tendons slack): 0/0 is 0, in float too."""

@@ -18,10 +18,11 @@ from distal.sensors import systematic_variance
 
 @dataclass(frozen=True)
 class SensorBias(State):
-    """b, which stays, or walks by the bias's `drift`; that of a reference of a joint's angle walks within its std.
+    """A bias, which stays, or walks by its `drift`; that of a reference of a joint's angle walks within its std.
 
-    A reference's bias that walks is a first-order Gauss–Markov process: e^{−dt/T_i} of it is left after dt, T_i = 2 σ_i²/drift².
-    It is what the model's angle and the joint's differ by, so that a moment's reference tells less than a long one.
+    A reference's bias that walks is a first-order Gauss–Markov process: e^{−dt/T_i} of it is left after dt,
+    T_i = 2 σ_i²/drift². It is what the model's angle and the joint's differ by, so that a moment's reference tells
+    less than a long one.
 
     Args:
         context: the rig.
