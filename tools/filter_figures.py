@@ -103,7 +103,9 @@ def spoiled(log: Log, **readings: tuple[int, float]) -> Log:
 
 
 def band(axes: Axes, time: Floats, middle: Floats, half: Floats, colour: str, label: str) -> None:
-    """Shade a 95 % band."""
+    """Shade a 95 % band, of a long log at every fifth sample."""
+    if len(time) > 1000:
+        time, middle, half = time[::5], middle[::5], half[::5]
     axes.fill_between(time, middle - half, middle + half, color=colour, alpha=BAND_ALPHA, lw=0, label=label)
 
 
@@ -117,7 +119,7 @@ def idea() -> Figure:
             look = {"color": COLOURS[i], "ls": DASHES[i], "lw": 1.3}
             axes[0].plot(t, 1e3 * log.channels[f"x{i + 1}"], label=f"{side} drive", **look)
         force, expected = log.channels["u1"], log.channels["u1"] - result.innovations[:, 0]
-        axes[1].plot(t, force, ".", color=SOFT, ms=2, label="measured, left drive")
+        axes[1].plot(t[::4], force[::4], ".", color=SOFT, ms=2.5, label="measured, left drive (every fourth)")
         axes[1].plot(t, expected, color=BLUE, lw=1.1, label="expected from the predicted state")
         angle, half = np.rad2deg(result.angles[:, 0]), np.rad2deg(BAND * result.angle_stds[:, 0])
         axes[2].plot(t, true, color=BLACK, lw=1.6, label="true")
@@ -259,7 +261,7 @@ def friction() -> Figure:
         axes[0].set_xlabel("time [s]")
         axes[0].set_ylabel("d, κ [1]")
         axes[0].set_xlim(0, 7)
-        sticks, later = kappa > 0.5, t > 1.0
+        sticks, later = kappa > 0.5, (t > 1.0) & (np.arange(len(t)) % 2 == 0)
         axes[1].plot(d[later & ~sticks], residual[later & ~sticks], ".", color=BLUE, ms=3, label="slips")
         axes[1].plot(d[later & sticks], residual[later & sticks], "x", color=RED, ms=4, label="sticks")
         size = float(np.median(limit[later]))
@@ -329,14 +331,14 @@ def smoother() -> Figure:
     for values in channels.values():
         values[gone] = np.nan
     log, t = replace(log, channels=channels), log.time
-    truth = np.rad2deg(log.truth["theta"])
+    truth, shown = np.rad2deg(log.truth["theta"]), (t > 3.5) & (t < 9)
     with figure(2, 1, (6.5, 4.2), sharex=True, sharey=True) as (made, axes):
         for one, result, colour, text in zip(
             axes, (estimate(log, rig), smooth(log, rig)), (RED, BLUE), ("filtered", "smoothed")
         ):
             error, half = np.rad2deg(result.angles[:, 0]) - truth, BAND * np.rad2deg(result.angle_stds[:, 0])
-            one.plot(t, error, color=colour, lw=1.2, label=text)
-            band(one, t, 0 * t, half, colour, "95 % band")
+            one.plot(t[shown], error[shown], color=colour, lw=1.2, label=text)
+            band(one, t[shown], 0 * t[shown], half[shown], colour, "95 % band")
             one.axvspan(6, 6.2, color=SOFT, alpha=0.12, lw=0, label="no readings")
             one.set_ylabel("error of the\nangle [°]")
             legend_above(one)
