@@ -18,11 +18,11 @@ from distal.run.offline import Run, finished, out_of_bounds, samples_of
 def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     """Return the estimate of `adaptive` smoothed backwards over the log (Rauch, Tung and Striebel, AIAA Journal 3, 1965).
 
-    C = P_k Φᵀ (P⁻_{k+1})⁻¹, x^s_k = x_k + C (x^s_{k+1} − x⁻_{k+1}), and, as a sum of what cannot be negative,
-    P^s_k = (I − C Φ) P_k (I − C Φ)ᵀ + C (P^s_{k+1} + Q) Cᵀ with Q = P⁻_{k+1} − Φ P_k Φᵀ: (28) of
-    docs/explanation/adaptive-guards.md. Φ is the whole transition of the filter's own predictions: joints, what fades,
-    plays, bridges of gaps. Rows of C are zero for states that are guards of the filter (`State.smoothed`), and rows and
-    columns for those that take a share of the gain (`StateVector.slow`); P^s holds for any C.
+    G = P_k Φᵀ (P⁻_{k+1})⁻¹, x^s_k = x_k + G (x^s_{k+1} − x⁻_{k+1}), and, as a sum of what cannot be negative,
+    P^s_k = (I − G Φ) P_k (I − G Φ)ᵀ + G (P^s_{k+1} + Q) Gᵀ with Q = P⁻_{k+1} − Φ P_k Φᵀ: (28) of
+    docs/reference/adaptive-equations.md. Φ is the whole transition of the filter's own predictions: joints, what fades,
+    plays, bridges of gaps. Rows of G are zero for states that are guards of the filter (`State.smoothed`), and rows and
+    columns for those that take a share of the gain (`StateVector.slow`); P^s holds for any G.
 
     Raises:
         EstimationError: the log lacks a sensor, or the sensors do not suffice.

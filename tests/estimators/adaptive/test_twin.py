@@ -1,4 +1,4 @@
-"""The adaptive filter against its naive twin, sample by sample: it follows docs/explanation/adaptive.md."""
+"""The adaptive filter against its naive twin, sample by sample: it follows docs/reference/adaptive-equations.md."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def test_gaps_and_missing_values_without_guards(name: str) -> None:
 
 
 def test_the_guards_have_the_numbers_of_the_paper() -> None:
-    """The twin takes them from `Robustness`, so that they are compared with docs/explanation/adaptive.md here."""
+    """The twin takes them from `Robustness`, so that they are compared with docs/reference/adaptive-equations.md here."""
     paper = Robustness(
         wild_displacement=6.0,  # (1)
         real_jump=0.1,  # (2)

@@ -1,4 +1,4 @@
-"""Where the filter of release 0.1 did not do what docs/explanation/adaptive.md says."""
+"""Where the filter of release 0.1 did not do what docs/reference/adaptive-equations.md says."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Predictions and transitions for a smoother, against the twin: docs/explanation/adaptive-guards.md, section 9."""
+"""Predictions and transitions for a smoother, against the twin: docs/reference/adaptive-equations.md, section 9."""
 
 from __future__ import annotations
 

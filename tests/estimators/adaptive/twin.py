@@ -1,7 +1,8 @@
-"""A naive twin of the adaptive filter in NumPy, written from docs/explanation/adaptive*.md alone: loops, full matrices.
+"""A naive twin of the adaptive filter in NumPy, written from docs/reference/adaptive-equations.md
+and docs/explanation/adaptive-state.md alone: loops, full matrices.
 
-It takes one sub-step and its slopes from `distal.model`, through `twin_model`. Numbers in brackets are the equations
-of docs/explanation/adaptive.md. `taken` counts which branches were gone through, so that a test can say what it has seen.
+It takes one sub-step and its slopes from `distal.model`, through `twin_model`. Numbers in brackets are those
+equations. `taken` counts which branches were gone through, so that a test can say what it has seen.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class DriveMemory:
     u: float = 0.0
     t: float = 0.0
     effort: float = 0.0  # Ū
-    direction: float = 0.0  # y
+    direction: float = 0.0  # t_c
     residual: float = 0.0  # r̄
 
 
@@ -67,7 +68,7 @@ class Sample:
 
 
 class Twin:
-    """The filter of docs/explanation/adaptive.md for a rig and a set of guards."""
+    """The filter of docs/reference/adaptive-equations.md for a rig and a set of guards."""
 
     def __init__(self, rig: Rig, guards: Robustness, references: tuple[Any, ...] = ()) -> None:
         self.rig, self.guards, self.taken = rig, guards, Counter[str]()
@@ -148,7 +149,7 @@ class Twin:
         self.prior_stds = stds
 
     def play_at_rest(self, drive: int) -> float:
-        """h₀: the play's limit at pre-tension with the joints at `initial`."""
+        """H₀: the play's limit at pre-tension with the joints at `initial`."""
         part = self.rig.drives[drive]
         own = [i for i, t in enumerate(self.rig.tendons) if t.drive == part.name]
         radius = part.radius.value if part.kind == "capstan" else 1.0
@@ -231,7 +232,7 @@ class Twin:
         return tracked
 
     def chance(self, i: int, d: DriveMemory, dt: float, jump: float, z: Floats, mask: Floats) -> tuple[float, bool]:
-        """P of (2), and whether a force judged it."""
+        """Π of (2), and whether a force judged it."""
         guards, force = self.guards, self.force_of[i]
         judged = force is not None and mask[self.channels.index(force)] > 0
         odds = log(guards.real_jump / (1 - guards.real_jump))
@@ -262,7 +263,7 @@ class Twin:
         return 1 / (1 + exp(-odds)), bool(judged)
 
     def error_at(self, i: int, s: float) -> tuple[float, Floats]:
-        """E(s) of a drive's position sensor at the mean, and its slope in x."""
+        """ε(s) of a drive's position sensor at the mean, and its slope in x."""
         slope, sensor = np.zeros(self.n), self.position_of[i]
         index = self.positions.index(sensor)
         low, high = travel_of(self.rig, i)
@@ -328,7 +329,7 @@ class Twin:
         return self.guards.unmodelled * np.array([j.unmodelled for j in self.rig.joints])
 
     def followed(self, tracked: list[Tracked]) -> Floats:
-        """f_θ of (12)."""
+        """V_θ of (12)."""
         found = np.zeros(self.n_j)
         for i, drive in enumerate(self.rig.drives):
             if self.position_of[i] is None:

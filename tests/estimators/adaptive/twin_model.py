@@ -30,7 +30,7 @@ class TwinModel:
     def __init__(self, rig: Rig, mechanism: Mechanism, states: list[State], interval: float) -> None:
         self.mechanism, self.states = mechanism, states
         self.n, self.n_j, self.n_d = len(states), mechanism.n_joints, mechanism.n_drives
-        # n sub-steps: 2.5 ms, or 0.6/ω_j where that is shorter, 50 at most
+        # n sub-steps: 2.5 ms, or 0.6/ω₀ where that is shorter, 50 at most
         self.substeps = min(max(1, int(np.ceil(interval / min(2.5e-3, 0.6 / joint_frequency(mechanism))))), 50)
         self.x, self.s, self.rates = ca.SX.sym("x", self.n), ca.SX.sym("s", self.n_d), ca.SX.sym("rates", self.n_d)
         self.parameters = self._parameters()
@@ -91,7 +91,7 @@ class TwinModel:
         outputs = [moved[: self.n_j], speeds[: self.n_j], ca.vertcat(*remaining)]
         by_x, by_s = [ca.jacobian(e, of) for e in self._with_parameters(slope) for of in (self.x, self.s)]
         outputs = [*self._with_parameters(*outputs), by_x, by_s]
-        # the std b σ_τ + 1e-9 is put in last: it is no function of x
+        # the std b_F σ_τ + 1e-9 is put in last: it is no function of x
         spread = self._with_parameters(ca.vertcat(*b))[0] * sigma + 1e-9
         outputs = [ca.substitute(entry, std, spread) for entry in outputs]
         return ca.Function("substep", [self.x, self.s, self.rates, h, sigma], outputs)
@@ -174,11 +174,11 @@ class TwinModel:
         return [float(value) for value in self.clip_function(low, high, mean, std)]
 
     def damping_of(self, drive: int, x: Floats) -> float:
-        """B of a drive at the mean."""
+        """B_d of a drive at the mean."""
         return float(self.damping_function(x)[0][drive])
 
     def damping_slope_of(self, drive: int, x: Floats) -> Floats:
-        """∂B/∂x of a drive."""
+        """∂B_d/∂x of a drive."""
         return np.array(self.damping_function(x)[1].full())[drive]
 
 

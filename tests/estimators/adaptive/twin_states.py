@@ -28,7 +28,7 @@ class State:
     of: int = 0  # index of its joint, drive, parameter or sensor (position or compared)
     order: int = 0  # j of a bend of a linearity
     walk: float = 0.0  # per √s
-    fade_rate: float = 0.0  # f = e^{−rate dt}
+    fade_rate: float = 0.0  # 1/T_i
     lowest: float = -inf
     considered: bool = False
     untold: bool = False  # only a joint's own angle teaches it
@@ -114,7 +114,7 @@ def states_of(rig: Rig, mechanism: Mechanism, guards: Robustness, references: tu
             states.append(state)
     for i, drive in enumerate(rig.drives):
         if drive.hysteresis is not None and sensor_at(forces, drive) is not None:
-            # its prior is the first reading ± √(h₀²/3 + σ²): filled in by the twin, which has h₀
+            # its prior is the first reading ± √(H₀²/3 + σ²): filled in by the twin, which has H₀
             states.append(State(f"transmitted_{drive.name}", "transmitted", 0.0, 0.0, i))
     for i, drive in enumerate(rig.drives):
         if drive.hysteresis is not None and drive.hysteresis.error > 0 and sensor_at(forces, drive) is not None:
@@ -203,7 +203,7 @@ def linearity_of(sensor: Any, index: int) -> list[State]:
     if sensor.linearity == 0 and sensor.bias.filter_std == 0:
         return []
     weights = [exp(-((j / 3) ** 2) / 2) for j in range(6)]
-    # c²(1 + ½ Σ e^{−(j/3)²}) = (0.6 L)²
+    # c_L² (1 + ½ Σ e^{−(j/3)²}) = (0.6 L)²
     c = LINEARITY_SHARE * sensor.linearity / sqrt(1 + 0.5 * sum(w * w for w in weights[1:]))
     curve = [*sensor.curve, *(6 - len(sensor.curve)) * [0.0]]
     states = []

@@ -1,4 +1,4 @@
-"""Sections 6 and 7 of docs/explanation/adaptive.md for the naive twin: what is compared, stick and slip, the update."""
+"""Sections 6 and 7 of docs/reference/adaptive-equations.md for the naive twin: rows, stick and slip, the update."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def near_stop(twin: Twin, i: int, s: float) -> bool:
 def friction_of(
     twin: Twin, row: Row, r: float, limit: float, asymmetry: float, dt: float, tracked: list[Tracked]
 ) -> tuple[float, float, float, float, bool]:
-    """ν, R', β, γ, and whether the row counts: stick and slip, (18) to (21)."""
+    """ν, R', c_l, c_a, and whether the row counts: stick and slip, (18) to (21)."""
     if not row.friction:
         return r, row.variance, 0.0, 0.0, row.counts
     i, guards = row.drive, twin.guards

@@ -1,4 +1,4 @@
-"""The adaptive filter: docs/explanation/adaptive.md is its algorithm, `filter` the whole of it on one page."""
+"""The adaptive filter: docs/reference/adaptive-equations.md has its equations, `filter` the whole of it on one page."""
 
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.estimator import AdaptiveFilter

@@ -126,7 +126,7 @@ class FilterContext:
         return p[path] if path in p.inputs else otherwise
 
     def noise(self, sensor: Sensor) -> Scalar:
-        """Return the variance of a sensor's random error, σ² + Δ²/12."""
+        """Return the variance of a sensor's random error, noise² + resolution²/12."""
         sigma = self.number(f"{self.path(sensor)}.noise", sensor.noise)
         return sigma * sigma + step_of(sensor) ** 2 / 12.0
 

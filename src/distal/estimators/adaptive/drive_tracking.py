@@ -34,7 +34,7 @@ WANDERING = 1.0
 """Where no reading comes back, a drive's place becomes unknown by a usual one (`UNKNOWN_PLACE`) in this time [s]."""
 
 LEAST_DOUBT = 0.25
-"""A jump that no force judges leaves the place in doubt by at least this share of (1 − P) times the jump squared [1]."""
+"""A jump that no force judges leaves the place in doubt by at least this share of (1 − Π) times the jump squared [1]."""
 
 MEMORY = len(REMEMBERED)
 """How many numbers are remembered of each drive."""
@@ -232,7 +232,7 @@ def track(
 ) -> Drive:
     """Return a drive after a reading; one that is missing is bridged by the mean speed, which fades.
 
-    A reading that is far from where the mean speed leads is a real jump with a chance P, else wild: its force says so
+    A reading that is far from where the mean speed leads is a real jump with a chance Π, else wild: its force says so
     where it has one, and the longer it stays, the likelier it is real. The place is the mean of both, with their variance.
 
     Args:

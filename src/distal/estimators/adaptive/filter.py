@@ -1,4 +1,4 @@
-"""The adaptive filter, whole: an interval, then a sample. The equations are those of docs/explanation/adaptive.md.
+"""The adaptive filter, whole: an interval, then a sample. The equations are those of docs/reference/adaptive-equations.md.
 
 The carry is the mean, the covariance, what is remembered of each drive's motion, and of each drive's force.
 """

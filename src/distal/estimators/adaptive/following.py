@@ -1,6 +1,6 @@
 """Let what moves inside the rig follow the bodies over an interval: plays are pushed by their bounds, tendons creep. (15b)
 
-docs/explanation/adaptive.md, section 5, "Plays inside the rig".
+docs/reference/adaptive-equations.md, section 5, "Plays inside the rig".
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def _ordered(states: StateVector) -> list[BacklashOrSheathState | Strained]:
 def following_function(states: StateVector, block: BacklashOrSheathState | Strained) -> ca.Function:
     """Return (state, variance, tracks, x, p) → (mean, slopes, added variance) of one number inside, after an interval.
 
-    A play: the moments of clip(z, a, b) of a normal z (`clip_moments`). A strain: the model's, with its slopes.
+    A play: the moments of clip(x_i, x_min, x_max) of a normal x_i (`clip_moments`). A strain: the model's, with its slopes.
     """
     context, n, nd = states.context, len(states), states.context.n_drives
     mechanism, nj, p = context.mechanism, context.n_joints, context.mechanism.parameters.symbols

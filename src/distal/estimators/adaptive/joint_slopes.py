@@ -95,7 +95,10 @@ def _joint_by_joint(
 def _all_at_once(
     context: FilterContext, kick: Kick, torques: Vector, stds: Vector, pushed: Sequence[int], doubted: Sequence[int]
 ) -> Moving:
-    """Return the same of a chain: slopes of an implicit equation, A dω⁺ = −∂(A ω⁺ + h f − r) for the joints that slip."""
+    """Return the same of a chain: slopes of an implicit equation, for the joints that slip.
+
+    Z dω⁺ = −∂(Z ω⁺ + h τ_f − b_z).
+    """
     mechanism, nj = context.mechanism, context.n_joints
     kicked = kicked_chain(mechanism, kick, rebounds=False, settles=context.joints_settle)
     count, length, free = len(mechanism.free), kick.length, mechanism.free

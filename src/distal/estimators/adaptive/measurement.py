@@ -59,7 +59,7 @@ class Row:
 
 
 def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Vector, x: Vector) -> list[Row]:
-    """Return what is compared: U = Σ T ∂ℓ/∂s + b ṡ + friction of each drive, measured tensions, a reference's angle.
+    """Return what is compared: U = Σ T ∂ℓ/∂s + B_d ṡ + friction of each drive, measured tensions, a reference's angle.
 
     Args:
         state: symbolic, (n,).

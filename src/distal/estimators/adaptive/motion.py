@@ -143,7 +143,7 @@ def _interval(states: StateVector, count: int) -> ca.Function:
 
 
 def _responding(states: StateVector) -> list[int]:
-    """Return which states change the responses a and b of a joint: its inertia and damping act through them alone."""
+    """Return which states change the responses a_ω and b_F of a joint: its inertia and damping act through them alone."""
     mechanism, state, h = states.context.mechanism, ca.SX.sym("state", len(states)), ca.SX.sym("h")
     if mechanism.chain is not None or states.context.joints_settle:
         return []

@@ -15,13 +15,13 @@ from distal.model import clip_moments
 from distal.sensors import variance
 
 CALM = 8.0
-"""A play's effort is smoothed until its noise is below the limit over this: docs/explanation/adaptive.md, (14)."""
+"""A play's effort is smoothed until its noise is below the limit over this: docs/reference/adaptive-equations.md, (14)."""
 
 CREST = 2.0
 """A play is moved by the crests of the noise: its limits are wider by this many of its standard deviations."""
 
 TINY_STD = 1e-9
-"""Added to the standard deviation of z, so that its moments stay finite where it is certain [N, N m]."""
+"""Added to the standard deviation of x_z, so that its moments stay finite where it is certain [N, N m]."""
 
 
 def play(
@@ -34,8 +34,9 @@ def play(
 ) -> ScalarNode:
     """Let what a drive transmits follow the measured effort by its play, in place; return the effort to remember.
 
-    z⁺ = clip(z, U − b ṡ − h, U − b ṡ + h) of a normal z (`clip_moments`): where it is free, it and its uncertainty stay;
-    where it is held at a limit, it is as certain as the limit. Noise of U does not wear it down.
+    x_z⁺ = mean of clip(x_z, U − B_d ṡ − H, U − B_d ṡ + H) of a normal x_z (`clip_moments`): where it is
+    free, it and its uncertainty stay; where it is held at a limit, it is as certain as the
+    limit. Noise of U does not wear it down.
 
     Args:
         rates: mean speed of each drive over the interval, (n_drives,).

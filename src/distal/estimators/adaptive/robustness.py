@@ -53,7 +53,7 @@ class Robustness:
     persistence_alone: float = 0.05
     """docs/results/guards.md"""
     bend_share: float = 0.12
-    """a parabola misses 1/8 of its second difference; docs/explanation/adaptive.md, equation (6)"""
+    """a parabola misses 1/8 of its second difference; docs/reference/adaptive-equations.md, equation (6)"""
     follow_time: float = 0.05
     """docs/results/guards.md: without it the band is too narrow where samples are missing"""
     followed_variance: float = 20.0

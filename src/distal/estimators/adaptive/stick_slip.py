@@ -43,16 +43,16 @@ STICK_STD = 0.42
 
 @dataclass(frozen=True)
 class Comparison:
-    """How a force is compared. With slopes h of the residual, l of the limit and a of its asymmetry, the slope of what is
-    expected is −h + β l + γ a.
+    """How a force is compared. With slopes r_x of the residual, l_x of the limit and a_x of its asymmetry, the slope of
+    what is expected is −r_x + c_l l_x + c_a a_x.
 
     Args:
         innovation: measured minus expected.
         variance: of the innovation without the state's.
         memory: what is remembered of the drive: its mean residual where the rig declares friction, else its last clear
             direction times the time since then [s].
-        by_limit: β.
-        by_asymmetry: γ.
+        by_limit: c_l.
+        by_asymmetry: c_a.
         counts: 1 where its innovation belongs to a likelihood: a guess at the friction of a drive that hardly moves does
             not, since its variance is part of the guess.
     """
@@ -74,8 +74,8 @@ class Residual:
         limit: friction limit, the mean of both directions.
         asymmetry: by how much it is larger against motion to +, and smaller against motion to −.
         variance: of the sensor and of the drive's place.
-        limit_variance: of the limit by the state's, l P lᵀ.
-        value_variance: of the residual by the state's, h P hᵀ.
+        limit_variance: of the limit by the state's, l_x P l_xᵀ.
+        value_variance: of the residual by the state's, r_x P r_xᵀ.
         memory: what is remembered of the drive's force.
         mask: of the force, see `distal.kernels.mask`.
     """

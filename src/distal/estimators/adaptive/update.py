@@ -21,8 +21,8 @@ from distal.kernels.layout import Layout
 from distal.kernels.mask import is_there, share_used
 
 SINCE = Layout(residual=1, limit=1, asymmetry=1, residual_variance=1, limit_variance=1, memory=1)
-"""Changes of a row since the prior by the rows before it, variances of residual and limit by the state's (h P hᵀ, l P lᵀ),
-and what is remembered of the drive."""
+"""Changes of a row since the prior by the rows before it, variances of residual and limit by the state's (r_x P r_xᵀ,
+l_x P l_xᵀ), and what is remembered of the drive."""
 
 SMALLEST_VARIANCE = 1e-30
 """A row that tells nothing has no variance (a drive without a force sensor, its tendons slack): 0/0 is 0, in float too."""
@@ -37,8 +37,8 @@ def updated(
 ) -> tuple[VectorNode, MatrixNode, list[ScalarNode], VectorNode]:
     """Return mean, covariance, what is remembered of each drive's force, and (innovations, variances) after a sample.
 
-    For each row with slope a of what is expected: ν, S = a P aᵀ + R, S' by `robust_variance`, x⁺ = x + P aᵀ ν/S',
-    P⁺ = P − P aᵀ a P/S', but where states take a share of the gain only: equations (22) to (26).
+    For each row with slope A of what is expected: ν, S = A P Aᵀ + R', S' by `robust_variance`, m⁺ = m + P Aᵀ ν/S',
+    P⁺ = P − P Aᵀ A P/S', but where states take a share of the gain only: equations (22) to (26).
 
     Args:
         prediction: for the sample; it is not changed.

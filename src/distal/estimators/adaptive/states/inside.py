@@ -139,7 +139,7 @@ class Strained(Inside):
         return self.context.mechanism.strains.index(self.name)
 
     def first(self, begin: Begin) -> tuple[Scalar, Scalar]:
-        """Return what of it has come, ``settled`` of γ T/k, and how unsure that is."""
+        """Return what of it has come, ``settled`` of γ T/k_t, and how unsure that is."""
         (_, index, part, _), path = self._keys, self.name.rpartition(".")[0]
         creep: Creep = getattr(self.context.mechanism.rig.tendons[index], part)
         share, share_std = self._value(f"{path}.share"), self._std(f"{path}.share")

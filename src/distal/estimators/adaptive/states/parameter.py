@@ -34,10 +34,10 @@ Acts = Literal["value", "factor", "deviation"]
 
 @dataclass(frozen=True)
 class UncertainParameter(State):
-    """One parameter, or what several err by together: p_i = value_i (1 + σ z) + σ_i ε_i.
+    """One parameter, or what several err by together: value times factor, plus deviation.
 
-    A stiffness or damping of a tendon is a factor even where it is alone; 1 + σ z is a state "… factor", and σ_i ε_i,
-    where there is both, one "… deviation".
+    A stiffness or damping of a tendon is a factor even where it is alone; the factor is a state "… factor", and the
+    deviation, where there is both, one "… deviation".
 
     Args:
         name: of the state, in words.

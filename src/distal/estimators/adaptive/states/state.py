@@ -43,11 +43,11 @@ class Learning(Enum):
 
 @dataclass(frozen=True)
 class Fading:
-    """How a state fades towards zero over an interval: x⁺ = f x + noise of variance σ² (1 − f²).
+    """How a state fades towards zero over an interval: x_i⁺ = f_i x_i + noise of variance σ_i² (1 − f_i²).
 
     Args:
         factor: what is left of it, f.
-        std: standard deviation that it has after a long time, σ.
+        std: standard deviation that it has after a long time, σ_i.
     """
 
     factor: Scalar
