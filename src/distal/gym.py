@@ -80,11 +80,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
         return self._observed(self._plant.reset(errors)), {}
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, object]]:
-        """Go on by one period of the scenario's ``[control]``.
-
-        Args:
-            action: share of each drive's limit, (n_drives,).
-        """
+        """Go on by one period of the scenario's ``[control]``; an action is the share of each drive's limit."""
         pulls = np.asarray(action, dtype=np.float64) * self._largest
         commands = {drive.name: float(pull) for drive, pull in zip(self._rig.drives, pulls)}
         observation = self._observed(self._plant.step(commands))

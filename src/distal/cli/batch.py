@@ -155,11 +155,7 @@ def _make(out: Path) -> None:
 def simulate_many(
     rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path, settings: list[str], *, truth: bool = True
 ) -> None:
-    """Simulate a scenario with seeds from `seed` on, and write each log to a folder.
-
-    Args:
-        settings: options that `distal estimate` needs.
-    """
+    """Simulate a scenario with seeds from `seed` on, and write each log to a folder; `settings` are for the hint."""
     from distal.logs import write_log
     from distal.simulation import simulate_batch
 

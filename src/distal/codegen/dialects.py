@@ -40,11 +40,7 @@ class Dialect(Protocol):
         """Return a number as C, for use in a table of constants."""
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
-        """Return the C of one operation.
-
-        Raises:
-            CodeError: there is none.
-        """
+        """Return the C of one operation, or raise a `CodeError`."""
 
 
 ALWAYS_INLINE = "inline __attribute__((always_inline)) "
@@ -100,11 +96,7 @@ class Plain:
     entry = constant
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
-        """Return the C of one operation.
-
-        Raises:
-            CodeError: there is none.
-        """
+        """Return the C of one operation, or raise a `CodeError`."""
         suffix = "f" if self.single else ""
         if operation in _PLAIN:
             return _PLAIN[operation].format(a=a, b=b, truth=f"({self.type})", f=suffix)
@@ -165,12 +157,9 @@ VECTORED = {"fabs", "fmin", "fmax"}
 
 @dataclass(frozen=True)
 class Lanes:
-    """C of several runs side by side, with GCC's and Clang's vector types.
+    """C of `count` runs side by side, a power of two, with GCC's and Clang's vector types.
 
     Each operation is the same as for one number, so the results are too, to the last bit.
-
-    Args:
-        count: how many, a power of two.
     """
 
     count: int
@@ -196,11 +185,7 @@ class Lanes:
         return "{" + ", ".join([text] * self.count) + "}"
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
-        """Return the C of one operation.
-
-        Raises:
-            CodeError: there is none.
-        """
+        """Return the C of one operation, or raise a `CodeError`."""
         if operation in _LANES:
             return _LANES[operation].format(a=a, b=b, truth="ones", f="")
         if operation in CALLED:

@@ -36,16 +36,12 @@ class LabModule:
 
 
 def check_ziglang() -> None:
-    """Refuse to begin where ziglang is not installed.
-
-    Raises:
-        ExportError: see above.
-    """
+    """Raise an `ExportError` where ziglang is not installed."""
     if importlib.util.find_spec("ziglang") is None:
         raise ExportError(NEEDS)
 
 
-def lab_module(rig: Rig, estimator: str = "adaptive") -> LabModule:
+def lab_module(rig: Rig, estimator: str) -> LabModule:
     """Return plant, sensors and filters of a rig as a WebAssembly module; the plant begins with the rig's values.
 
     Raises:

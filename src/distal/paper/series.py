@@ -169,7 +169,7 @@ def hung_weights(log: Log, scenario: Scenario) -> Log:
     return replace(log, channels=channels)
 
 
-def all_runs(advance: Callable[[], None] = lambda: None) -> Iterator[Run]:
+def all_runs(advance: Callable[[], None]) -> Iterator[Run]:
     """Yield every run of the reproduction; `advance` is called after each test of a plant."""
     for plant in PLANTS:
         for series in (*SERIES_1, *SERIES_2):

@@ -64,11 +64,7 @@ def chain_script() -> str:
 
 
 def chain_shape(rig: Rig, most: float) -> dict[str, object]:
-    """Return what `chain_script` draws of a rig: its joints, its tendons, how it is seen, and colours.
-
-    Args:
-        most: tension at the end of the scale of colours [N].
-    """
+    """Return what `chain_script` draws of a rig, up to the tension `most` at the end of the scale of colours [N]."""
     parents = [-1 if (parent := rig.parent_of(j)) is None else parent for j in range(len(rig.joints))]
     return {
         "joints": [

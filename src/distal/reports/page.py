@@ -65,11 +65,7 @@ def paragraph(text: str) -> str:
 
 
 def svg_of(figure: Figure, description: str = "") -> str:
-    """Return a figure as an SVG element.
-
-    Args:
-        description: what it shows, for those who cannot see it.
-    """
+    """Return a figure as an SVG element, with a description for those who cannot see it."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()

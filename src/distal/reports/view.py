@@ -42,10 +42,7 @@ PAGE = {"scrollZoom": True, "displaylogo": False, "responsive": True}
 
 
 def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, sentences: Sequence[str] = ()) -> Path:
-    """Write one self-contained HTML file on an estimate, and return where it is; nothing is fetched when it is opened.
-
-    Args:
-        sentences: lines of text above the curves, such as those of `distal.diagnose`.
+    """Write one self-contained HTML file on an estimate, with sentences above the curves, and return where it is.
 
     Raises:
         OutputError: plotly is not installed, or the file cannot be written.
@@ -119,11 +116,7 @@ def _summary(estimate: Estimate) -> str:
 
 
 def check_plotly() -> None:
-    """Refuse to begin where plotly is not installed.
-
-    Raises:
-        OutputError: see above.
-    """
+    """Raise an `OutputError` where plotly is not installed."""
     try:
         import plotly  # noqa: F401
     except ImportError:

@@ -181,10 +181,7 @@ class Estimate:
         return columns[:, 0]
 
     def state(self, name: str) -> Floats:
-        """Return a state over time, (k,).
-
-        Args:
-            name: one of `state_names`; of a number of the rig also its path, as in ``--set``.
+        """Return a state over time, (k,), by its name of `state_names`, or a number of the rig by its path.
 
         Raises:
             EstimationError: there is no such state.
@@ -322,14 +319,8 @@ class Estimate:
     def columns(self, unit: str = "rad", *, every: bool = False) -> dict[str, NDArray[np.generic]]:
         """Return header → values: ``t [s]``, the angles with their ``_std``, and the external torques on the joints.
 
-        Where the log has dates ``stamp [ns]`` comes after the time.
-
-        Args:
-            unit: of angles: "rad" or "deg".
-            every: all states with their standard deviations, instead.
-
-        Raises:
-            EstimationError: the unit is neither.
+        Where the log has dates ``stamp [ns]`` comes after the time. Angles are in the unit, "rad" or "deg"; with `every`
+        all states are there with their standard deviations, instead.
         """
         if unit not in ANGLE_UNITS:
             raise EstimationError(f"unit '{unit}': angles are written in {' or '.join(ANGLE_UNITS)}")

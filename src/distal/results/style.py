@@ -24,14 +24,8 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 BAND_ALPHA = 0.2
 """Opacity of a shaded band."""
 
-DASHES: tuple[object, ...] = (
-    "-",
-    (0, (5, 1.5)),
-    (0, (1.5, 1)),
-    (0, (5, 1, 1, 1)),
-    (0, (8, 2)),
-    (0, (3, 1, 1, 1, 1, 1)),
-)
+_GAPS = ((5, 1.5), (1.5, 1), (5, 1, 1, 1), (8, 2), (3, 1, 1, 1, 1, 1))
+DASHES: tuple[object, ...] = ("-", *((0, gaps) for gaps in _GAPS))
 WHITE, PALE, FAINT, SOFT, INK, BLACK = "#FFFFFF", "#EEF1F4", "#D0D7DE", "#57606A", "#1B1F24", "#000000"
 """From paper to ink: bodies, grids, what stands back, text; black is for what is true."""
 

@@ -32,11 +32,7 @@ LABEL = "study.json"
 
 @dataclass(frozen=True)
 class Folder:
-    """Where a study's rows and its answer are.
-
-    Args:
-        texts: columns that hold text.
-    """
+    """Where a study's rows and its answer are; `texts` are the columns that hold text."""
 
     path: Path
     texts: frozenset[str]
