@@ -98,6 +98,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
             self._values = np.where(np.isfinite(values), values, self._values)
             self._reading = self._monitor.take(stamp, values[self._fed])
         parts = [self._values[self._read], self._reading.angles, self._reading.angle_stds, [*self._targets().values()]]
-        numbers = np.concatenate([np.asarray(part) for part in parts])
-        observation: Observation = np.nan_to_num(numbers).astype(np.float32)
+        observation: Observation = np.nan_to_num(np.concatenate([np.asarray(part) for part in parts])).astype(
+            np.float32
+        )
         return observation

@@ -15,9 +15,9 @@ from distal.paper.figures import CAPTIONS, FIGURES, SUMMARY, draw_figure
 from distal.paper.positioned import CAPTION, POSITIONED, positioned, positioned_text
 from distal.paper.reasons import EKF_NOTE, REASONS, SEARCH_NOTE
 from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Plant, Run, all_runs
-from distal.reports import make_folder, rig_svg, svg_of
+from distal.reports import rig_svg, svg_of
 from distal.reports.page import heading, html_table, page, paragraph, picture
-from distal.results import figure_bytes
+from distal.results import figure_bytes, make_folder
 from distal.rig import load_rig
 
 ESTIMATORS = ("inextensible", "simulation", "ekf-2008", "observed friction", "ekf", "adaptive")

@@ -11,9 +11,9 @@ import numpy as np
 from distal.fitting import Fit, Observability, Score, observability
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
-from distal.reports.page import heading, html_table, make_folder, page, paragraph, picture, svg_of
+from distal.reports.page import heading, html_table, page, paragraph, picture, svg_of
 from distal.reports.rig_drawing import rig_svg
-from distal.results import Estimate
+from distal.results import Estimate, make_folder
 from distal.rig import named
 from distal.run import estimate
 

@@ -64,11 +64,7 @@ _STYLE = f"""<style>
 
 
 def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, folder: Path) -> Path:
-    """Write the answer of a study as ``index.html`` and ``answer.json`` to a folder, and return where the page is.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
+    """Write the answer of a study as ``index.html`` and ``answer.json`` to a folder, and return where the page is."""
     asked, title = plan.study.requirement, plan.study.name or plan.rig.name
     lead = (
         f"{len(space):,} designs, {plan.study.seeds} rigs as built of each, in {', '.join(plan.study.scenarios)}. "

@@ -147,29 +147,17 @@ class Estimate:
 
     @property
     def theta(self) -> Floats:
-        """Angle of the one joint [rad], (k,).
-
-        Raises:
-            EstimationError: there are several.
-        """
+        """Angle of the one joint [rad], (k,); an `EstimationError` where there are several."""
         return self._only(self.angles, "theta", "angles")
 
     @property
     def theta_std(self) -> Floats:
-        """Standard deviation of its error [rad], (k,).
-
-        Raises:
-            EstimationError: there are several joints.
-        """
+        """Standard deviation of its error [rad], (k,)."""
         return self._only(self.angle_stds, "theta_std", "angle_stds")
 
     @property
     def truth(self) -> Floats | None:
-        """True angle of the one joint [rad], (k,), where it is known, else None.
-
-        Raises:
-            EstimationError: there are several joints.
-        """
+        """True angle of the one joint [rad], (k,), where it is known, else None."""
         return None if self.truths is None else self._only(self.truths, "truth", "truths")
 
     def _only(self, columns: Floats, name: str, several: str) -> Floats:
@@ -223,11 +211,7 @@ class Estimate:
 
     @property
     def external_torque_stds(self) -> Floats:
-        """Standard deviations of their errors [N m], (k, n_joints).
-
-        Raises:
-            EstimationError: as `external_torques`.
-        """
+        """Standard deviations of their errors [N m], (k, n_joints)."""
         return np.sqrt(self.variances[:, self._torque_states()])
 
     @property
@@ -241,11 +225,7 @@ class Estimate:
 
     @property
     def external_torque_std(self) -> Floats:
-        """Standard deviation of its error [N m], (k,).
-
-        Raises:
-            EstimationError: as `external_torque`.
-        """
+        """Standard deviation of its error [N m], (k,)."""
         return self._only(self.external_torque_stds, "external_torque_std", "external_torque_stds")
 
     def _torque_states(self) -> list[int]:
@@ -263,9 +243,6 @@ class Estimate:
 
         Between two contacts the torque has fallen below half of that limit. With 5 there was no false contact in ten
         minutes (`python -m benchmarks.strangers contact`).
-
-        Raises:
-            EstimationError: as `external_torques`.
         """
         ratio = np.abs(self.external_torques[:, joint]) / np.maximum(self.external_torque_stds[:, joint], 1e-300)
         onsets, touched = list[float](), False
@@ -339,19 +316,11 @@ class Estimate:
         return columns
 
     def to_polars(self, unit: str = "rad", *, every: bool = False) -> polars.DataFrame:
-        """Return the `columns` as a polars frame.
-
-        Raises:
-            DistalError: polars is not installed.
-        """
+        """Return the `columns` as a frame of polars, which must be installed."""
         return polars_frame(self.columns(unit, every=every))
 
     def to_pandas(self, unit: str = "rad", *, every: bool = False) -> pandas.DataFrame:
-        """Return the `columns` as a pandas frame.
-
-        Raises:
-            DistalError: pandas is not installed.
-        """
+        """Return the `columns` as a frame of pandas, which must be installed."""
         return pandas_frame(self.columns(unit, every=every))
 
     def plot(self, path: str | Path | None = None, **options: Unpack[PlotOptions]) -> Figure:

@@ -121,11 +121,7 @@ def _across(drawing: Figure, axes: Sequence[Axes], row: int, columns: int) -> Ax
 
 
 def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of panels as they are.
-
-    Raises:
-        OutputError: one is not of `PANELS`.
-    """
+    """Return the names of panels as they are, if all are of `PANELS`."""
     for panel in panels:
         if panel not in PANELS:
             raise OutputError(f"a plot has no panel '{panel}'{did_you_mean(panel, PANELS)}")
@@ -249,14 +245,12 @@ def _truth_of(estimate: Curves, joint: int) -> Floats | None:
 def _error(estimate: Curves, joint: int) -> Floats:
     """Return a joint's error [°], NaN where its truth is not known."""
     truth = _truth_of(estimate, joint)
-    error: Floats = np.rad2deg(estimate.angles[:, joint] - (np.nan if truth is None else truth))
-    return error
+    return np.rad2deg(estimate.angles[:, joint] - (np.nan if truth is None else truth))
 
 
 def _half_width(estimate: Curves, joint: int) -> Floats:
     """Return the half-width of a joint's 95 % band [°]."""
-    half: Floats = np.rad2deg(BAND * estimate.angle_stds[:, joint])
-    return half
+    return np.rad2deg(BAND * estimate.angle_stds[:, joint])
 
 
 def draw_estimate(

@@ -88,32 +88,30 @@ def plain(text: str) -> str:
 
 
 def plot_kind(path: str | Path) -> str:
-    """Return the format that a plot's file name asks for.
-
-    Raises:
-        OutputError: it is none of png, svg and pdf.
-    """
+    """Return the format that a plot's file name asks for: png, svg or pdf, else an `OutputError`."""
     kind = Path(path).suffix.lower().lstrip(".")
     if kind not in ("png", "svg", "pdf"):
         raise OutputError(f"{path}: a plot cannot be '{kind}'; .png, .svg and .pdf are allowed")
     return kind
 
 
-def save_figure(drawing: Figure, path: str | Path) -> None:
-    """Write a figure whole or not at all, in the format of its suffix.
+def make_folder(path: str | Path) -> Path:
+    """Return the folder, made if need be, or raise an `OutputError`."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise OutputError(f"{folder}: cannot be made ({problem.strerror or problem})") from None
+    return folder
 
-    Raises:
-        OutputError: the format is unknown or the file cannot be written.
-    """
+
+def save_figure(drawing: Figure, path: str | Path) -> None:
+    """Write a figure whole or not at all, in the format of its suffix."""
     write_whole(path, figure_bytes(drawing, path))
 
 
 def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
-    """Return a figure as the file that `path` will hold, in the format of its suffix.
-
-    Raises:
-        OutputError: the format is unknown.
-    """
+    """Return a figure as the file that `path` will hold, in the format of its suffix."""
     kind, buffer = plot_kind(path), io.BytesIO()
     # no dates inside, so that the same results give the same file
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)

@@ -196,11 +196,7 @@ def space_of(plan: Plan) -> Space:
 
 
 def rig_of(rig: Rig, design: Design) -> Rig:
-    """Return the rig of a design, without the sensors that it leaves out.
-
-    Raises:
-        RigError: the values are wrong.
-    """
+    """Return the rig of a design, without the sensors that it leaves out."""
     off = {path.partition(".")[2] for path, setting in design.items() if setting is False}
     numbers = {path: setting for path, setting in design.items() if not isinstance(setting, (bool, str))}
     changed = rig.with_values(numbers) if numbers else rig
