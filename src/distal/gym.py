@@ -79,11 +79,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
         return self._observed(self._plant.reset(errors)), {}
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, object]]:
-        """Go on by one period of the scenario's ``[control]``.
-
-        Args:
-            action: share of each drive's limit, (n_drives,).
-        """
+        """Go on by one period of the scenario's ``[control]``; an action is the share of each drive's limit."""
         pulls = np.asarray(action, dtype=np.float64) * self._largest
         commands = {drive.name: float(pull) for drive, pull in zip(self._rig.drives, pulls)}
         observation = self._observed(self._plant.step(commands))
@@ -101,6 +97,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
             self._values = np.where(np.isfinite(values), values, self._values)
             self._reading = self._monitor.take(stamp, values[self._fed])
         parts = [self._values[self._read], self._reading.angles, self._reading.angle_stds, [*self._targets().values()]]
-        numbers = np.concatenate([np.asarray(part) for part in parts])
-        observation: Observation = np.nan_to_num(numbers).astype(np.float32)
+        observation: Observation = np.nan_to_num(np.concatenate([np.asarray(part) for part in parts])).astype(
+            np.float32
+        )
         return observation

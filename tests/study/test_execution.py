@@ -220,3 +220,19 @@ def test_dask_workers_that_die_and_come_late_give_the_same_rows(whole: Columns, 
         assert late
     folder.gather()
     assert_same(folder.read(), whole)
+
+
+def test_other_processes_of_the_caller_go_on() -> None:
+    from multiprocessing import get_context
+
+    from distal.study.execution import _by_processes
+
+    child = get_context("spawn").Process(target=time.sleep, args=(60.0,))
+    child.start()
+    try:
+        assert list(_by_processes(small(), [], 2)) == []
+        child.join(0.3)
+        assert child.is_alive()
+    finally:
+        child.terminate()
+        child.join()

@@ -65,13 +65,13 @@ def estimate_many(
     from distal.diagnosis import diagnose_estimate
     from distal.estimators import ESTIMATORS
     from distal.logs import write_columns
-    from distal.results import BAND
+    from distal.results import BAND, make_folder
     from distal.run import estimate_batch
 
     if estimator not in ESTIMATORS:
         raise EstimationError(f"unknown estimator '{estimator}'{did_you_mean(estimator, ESTIMATORS)}")
     if out is not None:
-        _make(out)
+        make_folder(out)
     failed: dict[Path, str] = {}
 
     def skip(source: str, problem: DistalError) -> None:
@@ -105,11 +105,7 @@ def estimate_many(
 
 
 def estimates_of(logs: list[Path], out: Path | None) -> list[Output]:
-    """Return the estimate's file of each log.
-
-    Raises:
-        OutputError: a log came twice, two estimates would have one name, or the folder is named like a file.
-    """
+    """Return the estimate's file of each log."""
     if len({os.path.realpath(path) for path in logs}) < len(logs):
         raise OutputError("a log came more than once; give each once")
     if out is None:
@@ -129,11 +125,7 @@ def runs_of(seed: int, runs: int) -> dict[int, str]:
 
 
 def logs_of(seed: int, runs: int, out: Path) -> list[Output]:
-    """Return the file of each run of a simulation.
-
-    Raises:
-        OutputError: the folder is named like a file.
-    """
+    """Return the file of each run of a simulation."""
     _check_folder(out, "with --runs")
     return to_folder("--out", out, runs_of(seed, runs).values())
 
@@ -145,25 +137,15 @@ def _check_folder(out: Path, when: str) -> None:
         raise OutputError(f"{out}: is a file, or named like one; {when}, --out is a folder")
 
 
-def _make(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise OutputError(f"{out}: cannot be made ({problem.strerror})") from None
-
-
 def simulate_many(
     rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path, settings: list[str], *, truth: bool = True
 ) -> None:
-    """Simulate a scenario with seeds from `seed` on, and write each log to a folder.
-
-    Args:
-        settings: options that `distal estimate` needs.
-    """
+    """Simulate a scenario with seeds from `seed` on, and write each log to a folder; `settings` are for the hint."""
     from distal.logs import write_log
+    from distal.results import make_folder
     from distal.simulation import simulate_batch
 
-    _make(out)
+    make_folder(out)
     names = runs_of(seed, runs)
     with progress_bar("simulating", runs) as advance:
         logs = simulate_batch(rig, ((scenario, number) for number in names), progress=advance)

@@ -96,6 +96,7 @@ def estimate_command(
     from distal.logs import file_of, read_log, true_angles, write_together
     from distal.results import ANGLE_UNITS, PANELS, check_panels, plot_kind
     from distal.rig import load_rig
+    from distal.run import smooth as smoothed
 
     if out is None and (unit != "rad" or every):
         raise EstimationError(f"{'--all' if every else '--unit'} is about the file of --out, which is not given")
@@ -126,7 +127,9 @@ def estimate_command(
         log, description = _at_home(log, description, homing_angle, home)
     results, failed = _estimates(log, description, names, passes, home, comparing=estimator is None, is_known=is_known)
     if smooth:
-        results.insert(0, _smoothed(log, description, home))
+        if home is not None:
+            raise EstimationError("--smooth uses the whole log and --homing its beginning; give one of them")
+        results.insert(0, smoothed(log, description))
     files: dict[Path, bytes | str] = {}
     if out is not None:
         files[out] = file_of(results[0].columns(unit, every=every), out)
@@ -211,14 +214,6 @@ def _estimates(
             _compare(results, failed)
         raise lost
     return results, failed
-
-
-def _smoothed(log: Log, rig: Rig, home: float | None) -> Estimate:
-    from distal.run import smooth
-
-    if home is not None:
-        raise EstimationError("--smooth uses the whole log and --homing its beginning; give one of them")
-    return smooth(log, rig)
 
 
 def _picture(log: Log, rig: Rig, drawn: list[Estimate], panels: tuple[str, ...], path: Path) -> bytes:

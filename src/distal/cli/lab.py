@@ -11,7 +11,7 @@ from typer import Option
 
 from distal.cli.console import say
 from distal.cli.options import EstimatorOption, RigArgument, SetOption
-from distal.cli.outputs import check_outputs, to_file
+from distal.cli.outputs import check_outputs, to_page
 
 
 def lab_command(
@@ -23,13 +23,10 @@ def lab_command(
     set_: SetOption = None,
 ) -> None:
     """Write a page in which the rig moves and is estimated: change what is true, and see when an encoder is needed."""
-    from distal.errors import OutputError
     from distal.lab import check_ziglang, lab_page
     from distal.rig import load_rig
 
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise OutputError(f"{out}: the page is HTML; give a name that ends in .html")
-    check_outputs(to_file("--out", out), rig=rig)
+    check_outputs(to_page("--out", out), rig=rig)
     described = load_rig(rig, set_ or ())
     check_ziglang()
     settings = (f"--set {shlex.quote(setting)}" for setting in set_ or ())

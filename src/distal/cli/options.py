@@ -105,11 +105,7 @@ def _in_si(text: str, unit: str) -> float:
 
 
 def angle(text: str) -> tuple[float, float]:
-    """Return an angle and its std, given as ``-40 deg``, ``0 deg ± 1 deg`` or ``0 deg +- 1 deg`` [rad].
-
-    Raises:
-        UnitError: it is no angle.
-    """
+    """Return an angle and its std, given as ``-40 deg``, ``0 deg ± 1 deg`` or ``0 deg +- 1 deg`` [rad]."""
     from distal.errors import UnitError
 
     parts = [part.strip() for part in re.split(r"±|\+-|\+/-", text)]
@@ -120,19 +116,11 @@ def angle(text: str) -> tuple[float, float]:
 
 
 def joint_angle(text: str) -> tuple[str | None, tuple[float, float]]:
-    """Return the joint, None if none is named, and its angle with std: ``pip: 0 deg ± 1 deg`` or ``0 deg`` (see `angle`).
-
-    Raises:
-        UnitError: it is no angle.
-    """
+    """Return the joint, None if none is named, and its `angle` with std: ``pip: 0 deg ± 1 deg`` or ``0 deg``."""
     name, colon, place = text.partition(":")
     return (name.strip(), angle(place)) if colon else (None, angle(text))
 
 
 def seconds(text: str | None) -> float | None:
-    """Return a time given as ``3s``, ``200 ms`` or a bare number [s], None where none is given.
-
-    Raises:
-        UnitError: it is no time.
-    """
+    """Return a time given as ``3s``, ``200 ms`` or a bare number [s], None where none is given."""
     return None if text is None else _in_si(text, "s")

@@ -9,6 +9,8 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from distal.errors import OutputError
+
 if TYPE_CHECKING:
     from distal.logs import Output
 
@@ -21,6 +23,13 @@ def to_file(option: str, path: Path | None) -> list[Output]:
     from distal.logs import Output
 
     return [] if path is None else [Output(path, option)]
+
+
+def to_page(option: str, path: Path | None) -> list[Output]:
+    """Return the page that an option asks for, if it was given."""
+    if path is not None and path.suffix.lower() not in (".html", ".htm"):
+        raise OutputError(f"{path}: the page is HTML; give a name that ends in .html")
+    return to_file(option, path)
 
 
 def to_folder(option: str, folder: Path | None, names: Iterable[str]) -> list[Output]:
@@ -46,9 +55,6 @@ def check_outputs(
         scenario: a shipped scenario's name or a path.
         truth: a column's name or a path.
         stdin: whether standard input is read.
-
-    Raises:
-        OutputError: see `distal.logs.check_outputs`.
     """
     from distal import logs as files
     from distal.rig import shipped_rigs

@@ -21,7 +21,7 @@ from distal.cli.options import (
     seconds,
     settings,
 )
-from distal.cli.outputs import check_outputs, to_file
+from distal.cli.outputs import check_outputs, to_page
 
 
 def view_command(
@@ -41,16 +41,13 @@ def view_command(
 ) -> None:
     """Estimate over a log and show it in the browser: zoom with the wheel, point at a curve to read it."""
     from distal.diagnosis import diagnose
-    from distal.errors import OutputError
     from distal.logs import read_log
     from distal.reports import check_plotly, view_page
     from distal.rig import load_rig
     from distal.run import estimate
 
     check_plotly()
-    if out is not None and out.suffix.lower() not in (".html", ".htm"):
-        raise OutputError(f"{out}: the page is HTML; give a name that ends in .html")
-    check_outputs(to_file("--out", out), logs=[log], rig=rig, truth=truth)
+    check_outputs(to_page("--out", out), logs=[log], rig=rig, truth=truth)
     description = load_rig(rig, settings(set_, repeated))
     samples, home = read_log(log, description, truth), seconds(homing)
     result = estimate(samples, description, estimator, homing=home)

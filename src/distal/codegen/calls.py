@@ -7,11 +7,7 @@ from distal.codegen.workspace import Step, Workspace
 
 
 def call(work: Workspace, step: Step) -> list[str]:
-    """Write a call of another function.
-
-    Raises:
-        CodeError: the called function has an operation that has no C here.
-    """
+    """Write a call of another function."""
     called = step.node.which_function()
     written = work.written(called, False)
     work.cost.add(written.cost)

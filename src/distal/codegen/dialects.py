@@ -1,6 +1,7 @@
 """How numbers and operations are written in C: double, float, or several runs side by side in vector lanes.
 
-A dialect knows nothing of functions, memory or loops. A new one (fixed-point numbers, say) is one more class here.
+A dialect knows nothing of functions, memory or loops. A new one (fixed-point numbers, say) is one more class here, with
+the same methods.
 """
 
 from __future__ import annotations
@@ -8,44 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from math import copysign, isfinite
-from typing import Protocol
 
 import casadi as ca
 
 from distal.codegen.operations import BINARY, CALLED, FORMS, no_such_operation
-
-
-class Dialect(Protocol):
-    """What the writers ask of a dialect."""
-
-    @property
-    def type(self) -> str:
-        """Name of the type of a number."""
-
-    @property
-    def pairs_sines(self) -> bool:
-        """Whether the sine and the cosine of one angle are computed by one call, ``v_sincos``."""
-
-    @property
-    def inline(self) -> str:
-        """What stands before a function that functions of scalars call."""
-
-    def prelude(self, text: str) -> str:
-        """Return the C that the operations need before the first function."""
-
-    def constant(self, value: float) -> str:
-        """Return a number as C, for use in an expression."""
-
-    def entry(self, value: float) -> str:
-        """Return a number as C, for use in a table of constants."""
-
-    def operation(self, operation: int, a: str, b: str = "") -> str:
-        """Return the C of one operation.
-
-        Raises:
-            CodeError: there is none.
-        """
-
 
 ALWAYS_INLINE = "inline __attribute__((always_inline)) "
 """Before a function whose code a compiler shall put wherever it is called."""
@@ -72,7 +39,7 @@ class Plain:
 
     single: bool = False
     quick: bool = False
-    pairs_sines = False  # the compiler of plain C pairs them itself
+    pairs_sines = False  # by one call of v_sincos: the compiler of plain C pairs them itself
 
     @property
     def inline(self) -> str:
@@ -100,11 +67,7 @@ class Plain:
     entry = constant
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
-        """Return the C of one operation.
-
-        Raises:
-            CodeError: there is none.
-        """
+        """Return the C of one operation, or raise a `CodeError`."""
         suffix = "f" if self.single else ""
         if operation in _PLAIN:
             return _PLAIN[operation].format(a=a, b=b, truth=f"({self.type})", f=suffix)
@@ -165,12 +128,9 @@ VECTORED = {"fabs", "fmin", "fmax"}
 
 @dataclass(frozen=True)
 class Lanes:
-    """C of several runs side by side, with GCC's and Clang's vector types.
+    """C of `count` runs side by side, a power of two, with GCC's and Clang's vector types.
 
     Each operation is the same as for one number, so the results are too, to the last bit.
-
-    Args:
-        count: how many, a power of two.
     """
 
     count: int
@@ -196,13 +156,13 @@ class Lanes:
         return "{" + ", ".join([text] * self.count) + "}"
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
-        """Return the C of one operation.
-
-        Raises:
-            CodeError: there is none.
-        """
+        """Return the C of one operation, or raise a `CodeError`."""
         if operation in _LANES:
             return _LANES[operation].format(a=a, b=b, truth="ones", f="")
         if operation in CALLED:
             return f"v_{CALLED[operation]}({f'{a}, {b}' if operation in BINARY else a})"
         raise no_such_operation(operation)
+
+
+Dialect = Plain | Lanes
+"""What the writers ask for the C of numbers and operations, and for what stands before the first function."""

@@ -8,11 +8,7 @@ from distal.codegen.workspace import Step, Workspace
 
 
 def elementwise(work: Workspace, step: Step) -> list[str]:
-    """Write an operation of scalars for each element.
-
-    Raises:
-        CodeError: the operation has no C here.
-    """
+    """Write an operation of scalars for each element."""
     n = int(step.node.nnz())
     work.cost.operations += n
     to = work.placement.over_an_input(step.k, n)

@@ -17,14 +17,10 @@ LARGEST_COPIED = 400
 
 
 class Emitter:
-    """Writes CasADi functions as static C functions, each once, and those with the same text once too.
+    """Writes CasADi functions as static C functions, each once, and those with the same text once too."""
 
-    Args:
-        index: type of tables of indices.
-    """
-
-    def __init__(self, dialect: Dialect, index: str = "unsigned short") -> None:
-        self.dialect, self._index = dialect, index
+    def __init__(self, dialect: Dialect) -> None:
+        self.dialect = dialect
         self.functions: dict[str, Written] = {}
         self._names: dict[tuple[int, bool], str] = {}
         self._taken: set[str] = set()
@@ -44,8 +40,7 @@ class Emitter:
     def add(self, function: ca.Function, in_place: bool = False) -> str:
         """Write a function, of scalars (SX) or of matrices (MX), and those that it calls; return its name in C.
 
-        Args:
-            in_place: the first input and the first output are one array, ``state``, that is changed.
+        In place, the first input and the first output are one array, ``state``, that is changed.
 
         Raises:
             CodeError: it has an operation that has no C here, or its state cannot be changed in place.
@@ -62,7 +57,7 @@ class Emitter:
         if function.is_a("SXFunction"):
             written = write_scalars(function, name, in_place, self.dialect, self._called)
         else:
-            written = write_matrices(function, name, in_place, self.dialect, self._index, self._written)
+            written = write_matrices(function, name, in_place, self.dialect, self._written)
         self._alive.append(function)
         # parts of a rig that are built alike are one function, called with the numbers of each
         alike = self._alike.setdefault(written.text.replace(f" {name}(", " (", 1), name)

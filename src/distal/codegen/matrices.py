@@ -36,19 +36,10 @@ WRITERS: dict[int, Writer] = {
 
 
 def write_matrices(
-    function: ca.Function, name: str, in_place: bool, dialect: Dialect, index: str, written: WriteFunction
+    function: ca.Function, name: str, in_place: bool, dialect: Dialect, written: WriteFunction
 ) -> Written:
-    """Return a function of matrices (MX) as C.
-
-    Args:
-        in_place: the first input and the first output are one array.
-        index: type of tables of indices.
-        written: writes the functions that are called.
-
-    Raises:
-        CodeError: it has an operation that has no C here.
-    """
-    flow, memory = Dataflow(function, in_place), Memory(dialect, index)
+    """Return a function of matrices (MX) as C, where `written` writes those that it calls."""
+    flow, memory = Dataflow(function, in_place), Memory(dialect)
     work = Workspace(flow, memory, Placement(flow, memory), written, in_place)
     lines = list[str]()
     state: list[tuple[Value, int]] = []

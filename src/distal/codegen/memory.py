@@ -18,8 +18,8 @@ from distal.codegen.operations import CodeError
 UNROLLED = 3
 """Copies and element-wise operations of at most so many numbers are written one by one."""
 
-INDICES = {"unsigned char": 255, "unsigned short": 65_535, "int": 2_147_483_647}
-"""Types that tables of indices may have, and the largest index that each holds."""
+INDEX, LARGEST_INDEX = "unsigned short", 65_535
+"""Type of tables of indices, and the largest index that it holds."""
 
 _MARK = re.compile(r"«([AEI])(\d+):(\d+):([^»]*)»")
 """A place in scratch before it is laid out: an address, a number, a number by an index; block, offset, index."""
@@ -123,14 +123,10 @@ class Scratch:
 
 
 class Tables:
-    """Constants and indices of one function, each list of them once.
+    """Constants and indices of one function, each list of them once."""
 
-    Args:
-        index: type of indices, one of `INDICES`.
-    """
-
-    def __init__(self, dialect: Dialect, index: str) -> None:
-        self._dialect, self._index = dialect, index
+    def __init__(self, dialect: Dialect) -> None:
+        self._dialect = dialect
         self._names: dict[tuple[str, str], str] = {}
         self.lines: list[str] = []
 
@@ -139,16 +135,10 @@ class Tables:
         return self._table("c", self._dialect.type, [self._dialect.entry(number) for number in numbers])
 
     def indices(self, numbers: list[int]) -> str:
-        """Return the name of a table of indices.
-
-        Raises:
-            CodeError: the type of indices does not hold them.
-        """
-        if numbers and max(numbers) > INDICES[self._index]:
-            raise CodeError(
-                f"an index of {max(numbers)} does not fit into '{self._index}'; matrices that large have no C"
-            )
-        return self._table("t", self._index, [str(number) for number in numbers])
+        """Return the name of a table of indices, where their type holds them."""
+        if numbers and max(numbers) > LARGEST_INDEX:
+            raise CodeError(f"an index of {max(numbers)} does not fit into '{INDEX}'; matrices that large have no C")
+        return self._table("t", INDEX, [str(number) for number in numbers])
 
     def _table(self, letter: str, kind: str, entries: list[str]) -> str:
         body = f"[{len(entries)}] = {{{', '.join(entries)}}};"
@@ -160,15 +150,11 @@ class Tables:
 
 
 class Memory:
-    """The C that reaches a value, wherever it lies.
+    """The C that reaches a value, wherever it lies."""
 
-    Args:
-        index: type of tables of indices, one of `INDICES`.
-    """
-
-    def __init__(self, dialect: Dialect, index: str) -> None:
+    def __init__(self, dialect: Dialect) -> None:
         self.dialect = dialect
-        self.tables = Tables(dialect, index)
+        self.tables = Tables(dialect)
         self.scratch = Scratch()
 
     def address(self, value: Value) -> str:

@@ -25,26 +25,11 @@ FORMS = {
 """Operations that C writes alike for numbers and for vectors: {truth} makes a number of a condition, {f} ends a literal."""
 
 _LIBRARY = (
-    *(
-        "sqrt",
-        "exp",
-        "log",
-        "sin",
-        "cos",
-        "tan",
-        "asin",
-        "acos",
-        "atan",
-        "atan2",
-        "sinh",
-        "cosh",
-        "tanh",
-        "floor",
-        "ceil",
-    ),
-    *("fabs", "fmin", "fmax", "pow", "copysign", "expm1", "log1p", "hypot", "erf"),
+    "sqrt exp log sin cos tan asin acos atan atan2 sinh cosh tanh floor ceil "
+    "fabs fmin fmax pow copysign expm1 log1p hypot erf"
 )
-CALLED: dict[int, str] = {getattr(ca, f"OP_{name.upper()}"): name for name in _LIBRARY} | {ca.OP_CONSTPOW: "pow"}
+CALLED: dict[int, str] = {getattr(ca, f"OP_{name.upper()}"): name for name in _LIBRARY.split()}
+CALLED[ca.OP_CONSTPOW] = "pow"
 """Operations that are functions of C's library."""
 
 INLINE = frozenset([ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX, ca.OP_SQRT, ca.OP_COPYSIGN])

@@ -26,11 +26,7 @@ UNROLLED_SUM = 9
 
 
 def product(work: Workspace, step: Step) -> list[str]:
-    """Write z + x y, dense or with one sparse factor.
-
-    Raises:
-        CodeError: z is sparse, or both x and y are.
-    """
+    """Write z + x y, dense or with one sparse factor."""
     z, x, y = (step.node.dep(i) for i in range(3))
     if not z.is_dense():
         raise CodeError("a sparse product has no C here")

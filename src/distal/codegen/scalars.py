@@ -13,14 +13,9 @@ from distal.codegen.workspace import Cost, WriteFunction, Written
 def write_scalars(
     function: ca.Function, name: str, in_place: bool, dialect: Dialect, written: WriteFunction
 ) -> Written:
-    """Return a function of scalars (SX) as C.
+    """Return a function of scalars (SX) as C, where `written` writes those that it calls.
 
-    Args:
-        in_place: the first input and the first output are one array: it is read at once and written last.
-        written: writes the functions that are called.
-
-    Raises:
-        CodeError: it has an operation that has no C here.
+    In place, the first input and the first output are one array: it is read at once and written last.
     """
     arrays: dict[tuple[str, ...], str] = {}
     lines, new_state, names, cost = list[str](), list[str](), dict[int, str](), Cost()

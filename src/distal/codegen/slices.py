@@ -34,11 +34,7 @@ def shape(work: Workspace, step: Step) -> list[str]:
 
 
 def transpose(work: Workspace, step: Step) -> list[str]:
-    """Write a transpose; a row is a column.
-
-    Raises:
-        CodeError: a sparse matrix.
-    """
+    """Write the transpose of a dense matrix; a row is a column."""
     (value,), node = step.inputs, step.node
     rows, columns = node.size1(), node.size2()
     if rows == 1 or columns == 1:
@@ -54,11 +50,7 @@ def transpose(work: Workspace, step: Step) -> list[str]:
 
 
 def get(work: Workspace, step: Step) -> list[str]:
-    """Write a slice: neighbours are a view, others are gathered.
-
-    Raises:
-        CodeError: a slice with structural zeros.
-    """
+    """Write a slice: neighbours are a view, others are gathered."""
     value, at, memory = step.inputs[0], _mapping(step), work.memory
     if len(at) <= 1 or _even(at) == 1:
         return _seen(work, step, value.part(at[0] if at else 0, len(at)))
@@ -68,11 +60,7 @@ def get(work: Workspace, step: Step) -> list[str]:
 
 
 def put(work: Workspace, step: Step) -> list[str]:
-    """Write numbers, or add them, into a slice of a value.
-
-    Raises:
-        CodeError: a slice with structural zeros.
-    """
+    """Write numbers, or add them, into a slice of a value."""
     values, at, memory = step.inputs[1], _mapping(step), work.memory
     adds = step.operation == ca.OP_ADDNONZEROS
     sign = "+=" if adds else "="
@@ -83,11 +71,7 @@ def put(work: Workspace, step: Step) -> list[str]:
 
 
 def join(work: Workspace, step: Step) -> list[str]:
-    """Put values side by side, or columns on top of each other.
-
-    Raises:
-        CodeError: matrices on top of each other.
-    """
+    """Put values side by side, or columns on top of each other."""
     if step.node.size2() > 1 and step.operation == ca.OP_VERTCAT:
         raise CodeError("matrices on top of each other have no C here")
     to = work.placement.new(step.k, step.makes[0], int(step.node.nnz()))
@@ -99,11 +83,7 @@ def join(work: Workspace, step: Step) -> list[str]:
 
 
 def split(work: Workspace, step: Step) -> list[str]:
-    """See pieces of a value, one after the other.
-
-    Raises:
-        CodeError: matrices that lie on top of each other.
-    """
+    """See pieces of a value, one after the other."""
     if step.operation == ca.OP_VERTSPLIT and step.node.dep(0).size2() > 1:
         raise CodeError("matrices on top of each other have no C here")
     offset, node = 0, step.node

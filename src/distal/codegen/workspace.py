@@ -16,12 +16,7 @@ from distal.expressions import MatrixNode
 
 @dataclass
 class Cost:
-    """What a function takes.
-
-    Args:
-        operations: arithmetic operations, those of called functions included.
-        library: calls of the mathematics library, by name.
-    """
+    """Arithmetic operations of a function, those of called ones included, and calls of the mathematics library by name."""
 
     operations: int = 0
     library: Counter[str] = field(default_factory=Counter)
@@ -66,12 +61,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Workspace:
-    """One function of matrices on its way to C.
-
-    Args:
-        written: writes the functions that are called.
-        in_place: the first input and the first output are one array, ``state``.
-    """
+    """One function of matrices on its way to C; `written` writes those that it calls, `in_place` is as for `Dataflow`."""
 
     flow: Dataflow
     memory: Memory

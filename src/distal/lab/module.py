@@ -16,8 +16,6 @@ from distal.export.fields import angle_fields, filled, torque_fields
 from distal.export.plant import ExportedPlant, c_plant
 from distal.rig import Rig, std_name
 
-NEEDS = "the lab is compiled to WebAssembly by ziglang; pip install '.[lab]'"
-
 
 @dataclass(frozen=True)
 class LabModule:
@@ -36,16 +34,12 @@ class LabModule:
 
 
 def check_ziglang() -> None:
-    """Refuse to begin where ziglang is not installed.
-
-    Raises:
-        ExportError: see above.
-    """
+    """Raise an `ExportError` where ziglang is not installed."""
     if importlib.util.find_spec("ziglang") is None:
-        raise ExportError(NEEDS)
+        raise ExportError("the lab is compiled to WebAssembly by ziglang; pip install '.[lab]'")
 
 
-def lab_module(rig: Rig, estimator: str = "adaptive") -> LabModule:
+def lab_module(rig: Rig, estimator: str) -> LabModule:
     """Return plant, sensors and filters of a rig as a WebAssembly module; the plant begins with the rig's values.
 
     Raises:

@@ -44,6 +44,20 @@ FACTORS = {
 
 LABELS = {"friction": "friction", "stiffness": "tendon stiffness", "pretension": "pre-tension", "arm": "moment arms"}
 
+EXPERIMENTS = {
+    "As described": "Everything is as the rig file says: the band is as wide as what the file leaves unknown.",
+    "Friction × 3": "Friction holds the joint back while the tendons stretch. The filter learns how much, if its prior "
+    "allows it.",
+    "Soft tendons": "Tendons half as stiff stretch twice as far: that is what inextensible tendons leave out.",
+    "Hang a load on": "A constant torque pulls the joint. If the rig file allows no torque from outside, the filter takes "
+    "it for friction or for something else.",
+    "Wrong moment arms": "Arms 10 % larger than in the file: no sensor at the motors can tell. Where the file says that "
+    "they are known better, the band is too narrow. Then a reference is needed once, to fit.",
+    "Unplug a sensor": "The first sensor is dead. After half a second the health says so, and the band grows: what the "
+    "sensor told is not known any more.",
+}
+"""What to look at in an experiment."""
+
 SWING = 0.5
 """A joint without stops swings so far to both sides [rad]."""
 
@@ -57,9 +71,7 @@ STIFF = 20.0
 def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: str = "RIG") -> Path:
     """Write the lab of a rig as one HTML file, and return where it is; nothing is fetched when it is opened.
 
-    Args:
-        rig: the description: what the filter believes, and what is true until a slider is moved.
-        source: how the rig is called on the command line, with what is set in it.
+    The rig is what the filter believes, and what is true until a slider is moved; `source` is its name for a command.
 
     Raises:
         ExportError: ziglang is not installed or failed, or the plant or the filter has no C.
@@ -240,40 +252,14 @@ def _slider(
 
 def _experiments(constants: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
     """Return what can be tried with a rig: a name, the settings, and what to look at."""
-    experiments: list[tuple[str, dict[str, Any], str]] = [
-        (
-            "As described",
-            {},
-            "Everything is as the rig file says: the band is as wide as what the file leaves unknown.",
-        ),
-        (
-            "Friction × 3",
-            {"friction": 1.585},
-            "Friction holds the joint back while the tendons stretch. The filter learns how much, if its prior allows it.",
-        ),
-        (
-            "Soft tendons",
-            {"stiffness": -1},
-            "Tendons half as stiff stretch twice as far: that is what inextensible tendons leave out.",
-        ),
-        (
-            "Hang a load on",
-            {"load": 0.6 * constants["loadMost"]},
-            "A constant torque pulls the joint. If the rig file allows no torque from outside, the filter takes it for "
-            "friction or for something else.",
-        ),
-        (
-            "Wrong moment arms",
-            {"arm": 0.1375},
-            "Arms 10 % larger than in the file: no sensor at the motors can tell. Where the file says that they are known "
-            "better, the band is too narrow. Then a reference is needed once, to fit.",
-        ),
-        (
-            "Unplug a sensor",
-            {"dead": constants["read"][:1]},
-            "The first sensor is dead. After half a second the health says so, and the band grows: what the sensor told is "
-            "not known any more.",
-        ),
-    ]
+    settings: dict[str, dict[str, Any]] = {
+        "As described": {},
+        "Friction × 3": {"friction": 1.585},
+        "Soft tendons": {"stiffness": -1},
+        "Hang a load on": {"load": 0.6 * constants["loadMost"]},
+        "Wrong moment arms": {"arm": 0.1375},
+        "Unplug a sensor": {"dead": constants["read"][:1]},
+    }
     factors = constants["factors"]
-    return [experiment for experiment in experiments if all(factors.get(name, [0]) for name in experiment[1])]
+    possible = [name for name, changes in settings.items() if all(factors.get(key, [0]) for key in changes)]
+    return [(name, settings[name], EXPERIMENTS[name]) for name in possible]

@@ -162,12 +162,7 @@ def _c4(runs: Sequence[Run]) -> tuple[float, ...]:
 
 
 def hidden_motion(theta: Floats, position: Floats, within: float = 1e-4) -> float:
-    """Return the largest change of θ [rad] over any stretch of time in which the slider stays within `within` [m].
-
-    Args:
-        theta: joint angle [rad], (n,).
-        position: of the slider [m], (n,).
-    """
+    """Return the largest change of `theta` [rad], (n,), while the slider's `position` [m], (n,), stays `within` [m]."""
     largest, start = 0.0, 0
     for end in range(len(theta)):
         while np.ptp(position[start : end + 1]) > within:

@@ -13,8 +13,7 @@ import numpy as np
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import statements
 from distal.paper.search import READINGS, UNKNOWNS, Search
-from distal.reports import make_folder
-from distal.results import BLACK, COLOURS, PALE, figure, figure_bytes
+from distal.results import BLACK, COLOURS, PALE, figure, figure_bytes, make_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,11 +23,7 @@ SEARCH_FILES = ("search.png", "search.svg", "search.json")
 
 
 def write_search(search: Search, out: str | Path) -> None:
-    """Write a search's map and its numbers to a folder, which is made if need be.
-
-    Raises:
-        OutputError: the folder or a file cannot be written.
-    """
+    """Write a search's map and its numbers to a folder, which is made if need be."""
     check_outputs(outputs_in(out, SEARCH_FILES, "the search"))
     folder, drawn = make_folder(out), draw_map(search)
     files: dict[Path, bytes | str] = {folder / name: figure_bytes(drawn, folder / name) for name in SEARCH_FILES[:2]}

@@ -15,9 +15,9 @@ from distal.paper.figures import CAPTIONS, FIGURES, SUMMARY, draw_figure
 from distal.paper.positioned import CAPTION, POSITIONED, positioned, positioned_text
 from distal.paper.reasons import EKF_NOTE, REASONS, SEARCH_NOTE
 from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Plant, Run, all_runs
-from distal.reports import make_folder, rig_svg, svg_of
+from distal.reports import rig_svg, svg_of
 from distal.reports.page import heading, html_table, page, paragraph, picture
-from distal.results import figure_bytes
+from distal.results import figure_bytes, make_folder
 from distal.rig import load_rig
 
 ESTIMATORS = ("inextensible", "simulation", "ekf-2008", "observed friction", "ekf", "adaptive")
@@ -35,18 +35,14 @@ REFERENCE = (
 )
 
 
-def reproduce(
-    out: str | Path, advance: Callable[[], None] = lambda: None, lab: str | Path | None = None
-) -> tuple[tuple[Claim, ...], list[Run]]:
+def reproduce(out: Path, advance: Callable[[], None], lab: Path | None) -> tuple[tuple[Claim, ...], list[Run]]:
     """Simulate and filter the paper's two series, and write the figures, ``results.json`` and ``index.html``.
+
+    Return the paper's statements C1 to C12, and the runs on which they were measured.
 
     Args:
         advance: called `distal.paper.series.series_count` times, after each closed loop, then after each figure.
         lab: a page of `distal lab`, to stand beside the page and be linked from it.
-
-    Returns:
-        claims: the paper's statements C1 to C12, measured.
-        runs: what they were measured on.
 
     Raises:
         OutputError: the folder or a file cannot be written, or the lab cannot be read.
@@ -54,7 +50,7 @@ def reproduce(
     written = REPRODUCTION_FILES if lab is None else (*REPRODUCTION_FILES, LAB)
     check_outputs(outputs_in(out, written, "the reproduction"))
     try:
-        moving = None if lab is None else Path(lab).read_bytes()
+        moving = None if lab is None else lab.read_bytes()
     except OSError as problem:
         raise OutputError(f"{lab}: cannot be read ({problem.strerror}); distal lab writes one") from None
     folder, runs = make_folder(out), list(all_runs(advance))

@@ -20,7 +20,7 @@ CAPTION = (
 )
 
 
-def positioned(advance: Callable[[], None] = lambda: None) -> list[ClosedLoop]:
+def positioned(advance: Callable[[], None]) -> list[ClosedLoop]:
     """Return the closed loops of the link with each feedback; `advance` is called after each."""
     scenario, runs = load_scenario(SCENARIO), []
     rig = scenario_rig(scenario)

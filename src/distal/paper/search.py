@@ -61,21 +61,14 @@ NEEDED = ("series-1-soft", "series-1", "series-2", "series-2-high")
 """The tests that statements are about."""
 
 
-def plant_of(values: Floats, reading: str, name: str = "drawn") -> Plant:
-    """Return the plant with some values of the unknowns.
-
-    Args:
-        values: in the order and units of `UNKNOWNS`, (6,).
-        reading: of the inextensible estimate, one of `READINGS`.
-    """
+def plant_of(values: Floats, reading: str) -> Plant:
+    """Return the plant with `values` of the `UNKNOWNS`, (6,), and a reading of the inextensible estimate (`READINGS`)."""
     constant, load, *joint, turned = (float(value) for value in values)
     changed: dict[str, object] = {}
     for i in (0, 1):
-        changed[f"drives.{i}.friction.constant"] = constant
-        changed[f"drives.{i}.friction.load"] = load
-    for parameter, number in zip(("exponent", "reference", "preload"), joint):
-        changed[f"joints.0.friction.{parameter}"] = number
-    return Plant(name, changed, float(np.deg2rad(turned)), reading == "x/r")
+        changed |= {f"drives.{i}.friction.constant": constant, f"drives.{i}.friction.load": load}
+    changed |= zip((f"joints.0.friction.{part}" for part in ("exponent", "reference", "preload")), joint)
+    return Plant("drawn", changed, float(np.deg2rad(turned)), reading == "x/r")
 
 
 def margins_of(plant: Plant) -> Floats:
@@ -136,18 +129,18 @@ class Search:
         return [(i, j) for i, j in pairs if not (held[:, i] & held[:, j]).any()]
 
 
-def search(advance: Callable[[int], None] = lambda _: None, workers: int | None = None) -> Search:
+def search(advance: Callable[[int], None]) -> Search:
     """Return which statements hold on plants drawn over the unknowns' ranges, then closer and closer to the best.
 
     Sobol's sequence covers the ranges; each later round draws in boxes around the best plants so far.
-    `advance` is called with the number of plants that are done. The default is one process per core.
+    `advance` is called with the number of plants that are done.
     """
     from scipy.stats import qmc
 
     low, high = (np.array([getattr(unknown, end) for unknown in UNKNOWNS]) for end in ("low", "high"))
     tried = Search(np.empty((0, len(UNKNOWNS))), np.empty(0, dtype=int), np.empty((0, len(statements()))))
     done = 0
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         for number, (count, width) in enumerate(zip(DRAWN, NEAR)):
             unit = qmc.Sobol(len(UNKNOWNS), seed=2008 + number).random(count)
             if number == 0:

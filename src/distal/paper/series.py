@@ -67,10 +67,11 @@ class Plant:
 def observed_values() -> dict[str, object]:
     """Return what the shipped rig `paper-2008-observed` has beyond Table 1: its friction, by path."""
     rig = load_rig("paper-2008-observed")
-    values: dict[str, object] = {}
-    for i, drive in enumerate(rig.drives):
-        values[f"drives.{i}.friction.constant"] = drive.friction.constant.value
-        values[f"drives.{i}.friction.load"] = drive.friction.load.value
+    values: dict[str, object] = {
+        f"drives.{i}.friction.{part}": getattr(drive.friction, part).value
+        for i, drive in enumerate(rig.drives)
+        for part in ("constant", "load")
+    }
     friction = rig.joints[0].friction
     for name in ("preload", "exponent", "reference"):
         value = getattr(friction, name)
@@ -169,7 +170,7 @@ def hung_weights(log: Log, scenario: Scenario) -> Log:
     return replace(log, channels=channels)
 
 
-def all_runs(advance: Callable[[], None] = lambda: None) -> Iterator[Run]:
+def all_runs(advance: Callable[[], None]) -> Iterator[Run]:
     """Yield every run of the reproduction; `advance` is called after each test of a plant."""
     for plant in PLANTS:
         for series in (*SERIES_1, *SERIES_2):

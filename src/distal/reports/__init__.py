@@ -1,7 +1,7 @@
 """Reports: figures and pages that a person would want to read."""
 
 from distal.reports.fitting import FIT_PAGES, fit_report
-from distal.reports.page import make_folder, svg_of
+from distal.reports.page import svg_of
 from distal.reports.rig_drawing import draw_rig, rig_svg
 from distal.reports.study import study_report
 from distal.reports.view import check_plotly, view_page
@@ -11,7 +11,6 @@ __all__ = [
     "check_plotly",
     "draw_rig",
     "fit_report",
-    "make_folder",
     "rig_svg",
     "study_report",
     "svg_of",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
@@ -11,9 +11,9 @@ import numpy as np
 from distal.fitting import Fit, Observability, Score, observability
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
-from distal.reports.page import heading, html_table, make_folder, page, paragraph, picture, svg_of
+from distal.reports.page import heading, html_table, page, paragraph, picture, svg_of
 from distal.reports.rig_drawing import rig_svg
-from distal.results import Estimate
+from distal.results import Estimate, make_folder
 from distal.rig import named
 from distal.run import estimate
 
@@ -24,27 +24,17 @@ MOST_PAIRS = 20
 """So many correlated pairs are named."""
 
 FIT_PAGES = ("index.html",)
-"""Files that `fit_report` writes."""
 
 
-def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path, advance: Callable[[], None] = lambda: None) -> Path:
-    """Write one self-contained page on a fit, ``index.html``, and return where it is.
-
-    Args:
-        out: folder, made if need be.
-        advance: called after each of 2 len(logs) + 2 steps.
+def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
+    """Write one self-contained page on a fit, ``index.html``, to a folder, made if need be; return where it is.
 
     Raises:
         OutputError: the folder or the page cannot be written.
     """
     check_outputs(outputs_in(out, FIT_PAGES, "the report"))
     folder = make_folder(out)
-    before, after = [], []
-    for log in logs:
-        before.append(estimate(log, fit.start, homing=fit.homing))
-        advance()
-        after.append(estimate(log, fit.rig, homing=fit.homing))
-        advance()
+    before, after = ([estimate(log, rig, homing=fit.homing) for log in logs] for rig in (fit.start, fit.rig))
     parts = [
         picture(rig_svg(fit.rig), "The rig as fitted, to scale; circles are its sensors."),
         *_doubts(fit),
@@ -64,10 +54,8 @@ def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path, advance: Callable
         paragraph("Median and the middle 80 % of the errors. A curve that is not flat is physics that the rig lacks."),
         picture(svg_of(draw_residuals(logs, before, after, fit.rig)), "Errors of all logs, before and after the fit."),
     ]
-    advance()
     longest = max(logs, key=len)
     parts += _seen(longest, observability(longest, fit.rig, homing=fit.homing))
-    advance()
     use = "" if fit.homing is None else f" A reference is used for the first {fit.homing:g} s, then only compared with."
     lead = (
         f"{fit.samples} samples of {len(fit.logs)} log{'s' if len(fit.logs) > 1 else ''} ({fit.duration:.0f} s), "

@@ -76,12 +76,9 @@ def draw_residuals(logs: Sequence[Log], before: Sequence[Estimate], after: Seque
 
 
 def _residuals(truth: Floats | None, estimate: Estimate, joint: int) -> Floats:
-    residuals: Floats
     if truth is not None:
-        residuals = np.rad2deg(estimate.angles[:, joint] - truth[:, joint])
-    else:
-        residuals = estimate.innovations[:, 0] / np.sqrt(estimate.innovation_variances[:, 0])
-    return residuals
+        return np.rad2deg(estimate.angles[:, joint] - truth[:, joint])
+    return estimate.innovations[:, 0] / np.sqrt(estimate.innovation_variances[:, 0])
 
 
 def _smooth_speed(time: Floats, angle: Floats) -> Floats:
@@ -89,8 +86,7 @@ def _smooth_speed(time: Floats, angle: Floats) -> Floats:
     is_finite = np.isfinite(angle)
     filled = np.interp(time, time[is_finite], angle[is_finite]) if is_finite.any() else np.zeros_like(time)
     half = 0.05
-    speed: Floats = (np.interp(time + half, time, filled) - np.interp(time - half, time, filled)) / (2 * half)
-    return speed
+    return (np.interp(time + half, time, filled) - np.interp(time - half, time, filled)) / (2 * half)
 
 
 def _draw_binned(axes: Axes, x: Floats, y: Floats, index: int, name: str) -> None:

@@ -11,7 +11,7 @@ from distal.arrays import Floats
 from distal.logs import Log
 from distal.reports.page import script_with
 from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, FAINT, INK, SOFT, WHITE, Estimate, from_start
-from distal.rig import Rig, Tendon
+from distal.rig import Rig
 
 MOST_FRAMES = 6_000
 """Of a longer log every second, third, … sample is a frame."""
@@ -64,18 +64,18 @@ def chain_script() -> str:
 
 
 def chain_shape(rig: Rig, most: float) -> dict[str, object]:
-    """Return what `chain_script` draws of a rig: its joints, its tendons, how it is seen, and colours.
-
-    Args:
-        most: tension at the end of the scale of colours [N].
-    """
+    """Return what `chain_script` draws of a rig, up to the tension `most` at the end of the scale of colours [N]."""
+    index = {joint.name: j for j, joint in enumerate(rig.joints)}
     parents = [-1 if (parent := rig.parent_of(j)) is None else parent for j in range(len(rig.joints))]
     return {
         "joints": [
             {"parent": parent, "offset": joint.offset, "axis": joint.axis, "link": list(link)}
             for parent, joint, link in zip(parents, rig.joints, _links(rig))
         ],
-        "tendons": [{"name": tendon.name, "crossings": _crossings(rig, tendon)} for tendon in rig.tendons],
+        "tendons": [
+            {"name": tendon.name, "crossings": sorted((index[name], float(arm)) for name, arm in tendon.arms().items())}
+            for tendon in rig.tendons
+        ],
         "most": most,
         "ramp": CIVIDIS,
         "view": _view(rig),
@@ -142,12 +142,6 @@ def _view(rig: Rig) -> tuple[tuple[float, ...], ...]:
     return tuple(map(float, right)), tuple(map(float, up))
 
 
-def _crossings(rig: Rig, tendon: Tendon) -> list[tuple[int, float]]:
-    """Return the joints that a tendon crosses, with its arms at zero [m]."""
-    names = [joint.name for joint in rig.joints]
-    return sorted((names.index(name), float(arm)) for name, arm in tendon.arms().items())
-
-
 def _tensions(rig: Rig, log: Log) -> list[Floats | None]:
     """Return the measured tension of each tendon [N], None where there is none."""
     drives = {drive.name: drive for drive in rig.drives}
@@ -167,14 +161,12 @@ def _tensions(rig: Rig, log: Log) -> list[Floats | None]:
 
 
 def _unit(vector: Floats) -> Floats:
-    unit: Floats = vector / np.linalg.norm(vector)
-    return unit
+    return vector / np.linalg.norm(vector)
 
 
 def _across(vector: Floats, axis: Floats) -> Floats:
     """Return the part of a vector that is perpendicular to an axis."""
-    across: Floats = vector - (vector @ axis) * axis
-    return across
+    return vector - (vector @ axis) * axis
 
 
 def _numbers(column: Floats, digits: int) -> list[float | None]:

@@ -6,10 +6,8 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from distal.errors import OutputError
 from distal.results import BAD, FAINT, GOOD, INK, SOFT, WHITE
 
 if TYPE_CHECKING:
@@ -65,11 +63,7 @@ def paragraph(text: str) -> str:
 
 
 def svg_of(figure: Figure, description: str = "") -> str:
-    """Return a figure as an SVG element.
-
-    Args:
-        description: what it shows, for those who cannot see it.
-    """
+    """Return a figure as an SVG element, with a description for those who cannot see it."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
@@ -99,17 +93,3 @@ def script_with(name: str, table: Mapping[str, object], script: str) -> str:
     """Return a script with the numbers that it reads, as JSON in an element of some name."""
     packed = json.dumps(table, separators=(",", ":")).replace("<", "\\u003c")
     return f"<script type='application/json' id='{name}'>{packed}</script>\n<script>{script}</script>"
-
-
-def make_folder(path: str | Path) -> Path:
-    """Return the folder, made if need be.
-
-    Raises:
-        OutputError: it cannot be made.
-    """
-    folder = Path(path)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise OutputError(f"{folder}: cannot be made ({problem.strerror or problem})") from None
-    return folder

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.logs import write_together
-from distal.reports.page import heading, html_table, page, paragraph, picture
+from distal.reports.page import heading, html_table, page, paragraph, picture, script_with
 from distal.reports.rig_drawing import rig_svg
 from distal.results import BLACK, COLOURS, FAINT, INK, SOFT, WHITE
 from distal.study import Axis, Plan, Space
@@ -64,14 +64,7 @@ _STYLE = f"""<style>
 
 
 def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, folder: Path) -> Path:
-    """Write the answer of a study as ``index.html`` and ``answer.json``, and return where the page is.
-
-    Args:
-        folder: it must exist.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
+    """Write the answer of a study as ``index.html`` and ``answer.json`` to a folder, and return where the page is."""
     asked, title = plan.study.requirement, plan.study.name or plan.rig.name
     lead = (
         f"{len(space):,} designs, {plan.study.seeds} rigs as built of each, in {', '.join(plan.study.scenarios)}. "
@@ -103,9 +96,8 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         "cells": CELLS,
         **_chosen(answer.influences, points),
     }
-    packed = json.dumps(charts, separators=(",", ":"), ensure_ascii=False).replace("</", "<\\/")
     script = resources.files("distal.reports").joinpath("study_page.js").read_text(encoding="utf-8")
-    parts.append(f"<script type='application/json' id='study-data'>{packed}</script>\n<script>\n{script}</script>")
+    parts.append(script_with("study-data", charts, script))
     tables = json.dumps(asdict(answer), indent=2, ensure_ascii=False) + "\n"
     write_together({folder / "index.html": page(title, lead, parts), folder / "answer.json": tables})
     return folder / "index.html"

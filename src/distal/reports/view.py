@@ -35,17 +35,12 @@ GAP = 28
 FILL = "rgba({}, {}, {}, {})".format(*(int(COLOURS[0][k : k + 2], 16) for k in (1, 3, 5)), BAND_ALPHA)
 """Of the band."""
 
-NEEDS = "an interactive page needs plotly; pip install '.[view]'"
-
 PAGE = {"scrollZoom": True, "displaylogo": False, "responsive": True}
 """How a page behaves: the wheel zooms."""
 
 
 def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, sentences: Sequence[str] = ()) -> Path:
-    """Write one self-contained HTML file on an estimate, and return where it is; nothing is fetched when it is opened.
-
-    Args:
-        sentences: lines of text above the curves, such as those of `distal.diagnose`.
+    """Write one self-contained HTML file on an estimate, with sentences above the curves, and return where it is.
 
     Raises:
         OutputError: plotly is not installed, or the file cannot be written.
@@ -103,31 +98,25 @@ def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, sentence
 
 def _summary(estimate: Estimate) -> str:
     """Return a table with a row for each joint: range, band, and error where the truth is known."""
-    rows = []
-    for row in estimate.summary():
-        error, inside = row["RMS error [deg]"], row["inside band"]
-        rows.append(
-            [
-                escape(str(row["joint"])),
-                f"{row['least [deg]']:.2f}° to {row['greatest [deg]']:.2f}°",
-                f"±{row['median band [deg]']:.2f}°",
-                "" if error is None else f"{error:.2f}°",
-                "" if inside is None else f"{100 * inside:.0f} %",
-            ]
-        )
+    rows = [
+        [
+            escape(row["joint"]),
+            f"{row['least [deg]']:.2f}° to {row['greatest [deg]']:.2f}°",
+            f"±{row['median band [deg]']:.2f}°",
+            "" if row["RMS error [deg]"] is None else f"{row['RMS error [deg]']:.2f}°",
+            "" if row["inside band"] is None else f"{100 * row['inside band']:.0f} %",
+        ]
+        for row in estimate.summary()
+    ]
     return html_table(["joint", "angle", "95 % band, median", "RMS error", "inside"], rows, range(1, 5))
 
 
 def check_plotly() -> None:
-    """Refuse to begin where plotly is not installed.
-
-    Raises:
-        OutputError: see above.
-    """
+    """Raise an `OutputError` where plotly is not installed."""
     try:
         import plotly  # noqa: F401
     except ImportError:
-        raise OutputError(NEEDS) from None
+        raise OutputError("an interactive page needs plotly; pip install '.[view]'") from None
 
 
 def _text(text: str) -> str:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Protocol
 
 from distal.arrays import Floats
+from distal.regression import NORMAL
 
-BAND = 1.959963984540054
+BAND = NORMAL
 """Half-width of a 95 % band in standard deviations."""
 
 

@@ -147,29 +147,17 @@ class Estimate:
 
     @property
     def theta(self) -> Floats:
-        """Angle of the one joint [rad], (k,).
-
-        Raises:
-            EstimationError: there are several.
-        """
+        """Angle of the one joint [rad], (k,); an `EstimationError` where there are several."""
         return self._only(self.angles, "theta", "angles")
 
     @property
     def theta_std(self) -> Floats:
-        """Standard deviation of its error [rad], (k,).
-
-        Raises:
-            EstimationError: there are several joints.
-        """
+        """Standard deviation of its error [rad], (k,)."""
         return self._only(self.angle_stds, "theta_std", "angle_stds")
 
     @property
     def truth(self) -> Floats | None:
-        """True angle of the one joint [rad], (k,), where it is known, else None.
-
-        Raises:
-            EstimationError: there are several joints.
-        """
+        """True angle of the one joint [rad], (k,), where it is known, else None."""
         return None if self.truths is None else self._only(self.truths, "truth", "truths")
 
     def _only(self, columns: Floats, name: str, several: str) -> Floats:
@@ -181,10 +169,7 @@ class Estimate:
         return columns[:, 0]
 
     def state(self, name: str) -> Floats:
-        """Return a state over time, (k,).
-
-        Args:
-            name: one of `state_names`; of a number of the rig also its path, as in ``--set``.
+        """Return a state over time, (k,), by its name of `state_names`, or a number of the rig by its path.
 
         Raises:
             EstimationError: there is no such state.
@@ -226,11 +211,7 @@ class Estimate:
 
     @property
     def external_torque_stds(self) -> Floats:
-        """Standard deviations of their errors [N m], (k, n_joints).
-
-        Raises:
-            EstimationError: as `external_torques`.
-        """
+        """Standard deviations of their errors [N m], (k, n_joints)."""
         return np.sqrt(self.variances[:, self._torque_states()])
 
     @property
@@ -244,11 +225,7 @@ class Estimate:
 
     @property
     def external_torque_std(self) -> Floats:
-        """Standard deviation of its error [N m], (k,).
-
-        Raises:
-            EstimationError: as `external_torque`.
-        """
+        """Standard deviation of its error [N m], (k,)."""
         return self._only(self.external_torque_stds, "external_torque_std", "external_torque_stds")
 
     def _torque_states(self) -> list[int]:
@@ -266,9 +243,6 @@ class Estimate:
 
         Between two contacts the torque has fallen below half of that limit. With 5 there was no false contact in ten
         minutes (`python -m benchmarks.strangers contact`).
-
-        Raises:
-            EstimationError: as `external_torques`.
         """
         ratio = np.abs(self.external_torques[:, joint]) / np.maximum(self.external_torque_stds[:, joint], 1e-300)
         onsets, touched = list[float](), False
@@ -322,14 +296,8 @@ class Estimate:
     def columns(self, unit: str = "rad", *, every: bool = False) -> dict[str, NDArray[np.generic]]:
         """Return header → values: ``t [s]``, the angles with their ``_std``, and the external torques on the joints.
 
-        Where the log has dates ``stamp [ns]`` comes after the time.
-
-        Args:
-            unit: of angles: "rad" or "deg".
-            every: all states with their standard deviations, instead.
-
-        Raises:
-            EstimationError: the unit is neither.
+        Where the log has dates ``stamp [ns]`` comes after the time. Angles are in the unit, "rad" or "deg"; with `every`
+        all states are there with their standard deviations, instead.
         """
         if unit not in ANGLE_UNITS:
             raise EstimationError(f"unit '{unit}': angles are written in {' or '.join(ANGLE_UNITS)}")
@@ -348,19 +316,11 @@ class Estimate:
         return columns
 
     def to_polars(self, unit: str = "rad", *, every: bool = False) -> polars.DataFrame:
-        """Return the `columns` as a polars frame.
-
-        Raises:
-            DistalError: polars is not installed.
-        """
+        """Return the `columns` as a frame of polars, which must be installed."""
         return polars_frame(self.columns(unit, every=every))
 
     def to_pandas(self, unit: str = "rad", *, every: bool = False) -> pandas.DataFrame:
-        """Return the `columns` as a pandas frame.
-
-        Raises:
-            DistalError: pandas is not installed.
-        """
+        """Return the `columns` as a frame of pandas, which must be installed."""
         return pandas_frame(self.columns(unit, every=every))
 
     def plot(self, path: str | Path | None = None, **options: Unpack[PlotOptions]) -> Figure:

@@ -121,11 +121,7 @@ def _across(drawing: Figure, axes: Sequence[Axes], row: int, columns: int) -> Ax
 
 
 def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of panels as they are.
-
-    Raises:
-        OutputError: one is not of `PANELS`.
-    """
+    """Return the names of panels as they are, if all are of `PANELS`."""
     for panel in panels:
         if panel not in PANELS:
             raise OutputError(f"a plot has no panel '{panel}'{did_you_mean(panel, PANELS)}")
@@ -166,7 +162,7 @@ def _draw_joint(
     axes: Sequence[Axes], estimates: Sequence[Curves], joint: int, bands: bool, below: str, several: bool
 ) -> None:
     """Draw one joint: angles above, errors or the width of the band below. Of several, the first one has the legend."""
-    top, truth = axes[0], truth_of(estimates[0], joint)
+    top, truth = axes[0], _truth_of(estimates[0], joint)
     entries: list[tuple[Artist, str]] = []
     if truth is not None:
         (line,) = top.plot(from_start(estimates[0].time), np.rad2deg(truth), color=BLACK, linewidth=1.6)
@@ -179,7 +175,7 @@ def _draw_joint(
     if joint == 0:
         legend_above(top, entries, most=2 if several else 4)
     if below == "errors":
-        draw_errors(axes[1], estimates, joint, bands)
+        _draw_errors(axes[1], estimates, joint, bands)
     elif below == "bands":
         for i, estimate in enumerate(estimates):
             axes[1].plot(from_start(estimate.time), _half_width(estimate, joint), linewidth=1.0, **curve_style(i))
@@ -187,7 +183,7 @@ def _draw_joint(
         axes[1].set_ylabel("95 % band ± [°]")
 
 
-def draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int = 0, bands: bool = True) -> None:
+def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int, bands: bool) -> None:
     """Draw a joint's errors with the bands about zero; a short event does not flatten the others."""
     curves = []
     for i, estimate in enumerate(estimates):
@@ -198,15 +194,13 @@ def draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int = 0, bands: 
         curves.append((estimate.estimator, time, error))
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     axes.set_ylabel("error [°]")
-    limit_errors(axes, curves, _half_width(estimates[0], joint) if bands else np.zeros(1))
+    _limit_errors(axes, curves, _half_width(estimates[0], joint) if bands else np.zeros(1))
 
 
-def limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half: Floats) -> None:
-    """Choose the limits of an error axis so that `SHARE` of the time fills it, and mark what is beyond.
+def _limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half: Floats) -> None:
+    """Choose the limits of an axis of errors so that `SHARE` of the time fills it, and mark what is beyond.
 
-    Args:
-        errors: name, times [s] and errors [°] of each curve.
-        half: half-width of the first one's band; where it is much wider than the errors it runs out of the picture.
+    Half of the first curve's band runs out of the picture where it is much wider than the errors.
     """
     sizes = [np.abs(error[np.isfinite(error)]) for _, _, error in errors]
     if not any(len(size) for size in sizes):
@@ -241,7 +235,7 @@ def _usual(size: Floats) -> float:
     return 1.3 * usual if largest > SHORT * usual else 1.1 * max(largest, 0.02)
 
 
-def truth_of(estimate: Curves, joint: int) -> Floats | None:
+def _truth_of(estimate: Curves, joint: int) -> Floats | None:
     """Return a joint's true angle [rad], (k,), None where it is nowhere known."""
     if estimate.truths is None or not np.isfinite(estimate.truths[:, joint]).any():
         return None
@@ -250,15 +244,13 @@ def truth_of(estimate: Curves, joint: int) -> Floats | None:
 
 def _error(estimate: Curves, joint: int) -> Floats:
     """Return a joint's error [°], NaN where its truth is not known."""
-    truth = truth_of(estimate, joint)
-    error: Floats = np.rad2deg(estimate.angles[:, joint] - (np.nan if truth is None else truth))
-    return error
+    truth = _truth_of(estimate, joint)
+    return np.rad2deg(estimate.angles[:, joint] - (np.nan if truth is None else truth))
 
 
 def _half_width(estimate: Curves, joint: int) -> Floats:
     """Return the half-width of a joint's 95 % band [°]."""
-    half: Floats = np.rad2deg(BAND * estimate.angle_stds[:, joint])
-    return half
+    return np.rad2deg(BAND * estimate.angle_stds[:, joint])
 
 
 def draw_estimate(
@@ -282,7 +274,7 @@ def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> A
 def _limit_angles(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
     """Keep the curves readable where a band is much wider than they are: it then runs out of the picture."""
     curves = [np.rad2deg(estimate.angles[:, joint]) for estimate in estimates]
-    truth = truth_of(estimates[0], joint)
+    truth = _truth_of(estimates[0], joint)
     curves += [] if truth is None else [np.rad2deg(truth)]
     lowest, highest = (float(f([f(curve) for curve in curves])) for f in (np.nanmin, np.nanmax))
     low, high = axes.get_ylim()

@@ -24,14 +24,8 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 BAND_ALPHA = 0.2
 """Opacity of a shaded band."""
 
-DASHES: tuple[object, ...] = (
-    "-",
-    (0, (5, 1.5)),
-    (0, (1.5, 1)),
-    (0, (5, 1, 1, 1)),
-    (0, (8, 2)),
-    (0, (3, 1, 1, 1, 1, 1)),
-)
+_GAPS = ((5, 1.5), (1.5, 1), (5, 1, 1, 1), (8, 2), (3, 1, 1, 1, 1, 1))
+DASHES: tuple[object, ...] = ("-", *((0, gaps) for gaps in _GAPS))
 WHITE, PALE, FAINT, SOFT, INK, BLACK = "#FFFFFF", "#EEF1F4", "#D0D7DE", "#57606A", "#1B1F24", "#000000"
 """From paper to ink: bodies, grids, what stands back, text; black is for what is true."""
 
@@ -94,32 +88,30 @@ def plain(text: str) -> str:
 
 
 def plot_kind(path: str | Path) -> str:
-    """Return the format that a plot's file name asks for.
-
-    Raises:
-        OutputError: it is none of png, svg and pdf.
-    """
+    """Return the format that a plot's file name asks for: png, svg or pdf, else an `OutputError`."""
     kind = Path(path).suffix.lower().lstrip(".")
     if kind not in ("png", "svg", "pdf"):
         raise OutputError(f"{path}: a plot cannot be '{kind}'; .png, .svg and .pdf are allowed")
     return kind
 
 
-def save_figure(drawing: Figure, path: str | Path) -> None:
-    """Write a figure whole or not at all, in the format of its suffix.
+def make_folder(path: str | Path) -> Path:
+    """Return the folder, made if need be, or raise an `OutputError`."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise OutputError(f"{folder}: cannot be made ({problem.strerror or problem})") from None
+    return folder
 
-    Raises:
-        OutputError: the format is unknown or the file cannot be written.
-    """
+
+def save_figure(drawing: Figure, path: str | Path) -> None:
+    """Write a figure whole or not at all, in the format of its suffix."""
     write_whole(path, figure_bytes(drawing, path))
 
 
 def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
-    """Return a figure as the file that `path` will hold, in the format of its suffix.
-
-    Raises:
-        OutputError: the format is unknown.
-    """
+    """Return a figure as the file that `path` will hold, in the format of its suffix."""
     kind, buffer = plot_kind(path), io.BytesIO()
     # no dates inside, so that the same results give the same file
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)

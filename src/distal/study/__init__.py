@@ -1,18 +1,16 @@
 """Design studies: many designs, rigs as built of each, and what they say of a requirement."""
 
-from distal.study.description import Plan, Requirement, Study, load_study, plan_of, shipped_studies
+from distal.study.description import Plan, Study, load_study, plan_of, shipped_studies
 from distal.study.execution import run_study
-from distal.study.space import Axis, Space, axes_of, space_of
+from distal.study.space import Axis, Space, space_of
 from distal.study.storage import Folder, open_folder
 
 __all__ = [
     "Axis",
     "Folder",
     "Plan",
-    "Requirement",
     "Space",
     "Study",
-    "axes_of",
     "load_study",
     "open_folder",
     "plan_of",

@@ -57,12 +57,7 @@ class Proportion:
 
 @dataclass(frozen=True)
 class Influence:
-    """How much of the variance of the RMS error one number alone explains: its first-order Sobol index.
-
-    Args:
-        name: of the column.
-        half: half-width of the 95 % interval of the index.
-    """
+    """How much of the variance of the RMS error one column alone explains: first-order Sobol index ± `half` (95 %)."""
 
     name: str
     words: str
@@ -173,10 +168,9 @@ def quantity(value: float, unit: str) -> str:
 
 
 def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tuple[Influence, ...]:
-    """Return which numbers matter, most first: first-order Sobol indices by RBD-FAST (Tarantola et al., 2006; SALib).
+    """Return which numbers matter for the `rms` error of rigs [°], (n,), most first.
 
-    Args:
-        rms: RMS error of each rig [°], (n,).
+    They are first-order Sobol indices by RBD-FAST (Tarantola et al., 2006; SALib).
     """
     try:
         with warnings.catch_warnings():

@@ -79,11 +79,7 @@ class Study(Description):
 
 @dataclass(frozen=True)
 class Plan:
-    """A study with all that it names, so that it can be sent to other computers.
-
-    Args:
-        rig: with the values of the study's ``set``.
-    """
+    """A study with all that it names, to be sent to other computers; the rig has the values of the study's ``set``."""
 
     study: Study
     rig: Rig
@@ -108,10 +104,7 @@ def shipped_studies() -> tuple[str, ...]:
 
 
 def load_study(name: str | Path) -> Plan:
-    """Load a study by name or from a TOML file, with its rig and its scenarios.
-
-    Args:
-        name: a shipped study's name (see `shipped_studies`) or a path.
+    """Load a study by a shipped study's name (see `shipped_studies`) or from a TOML file, with rig and scenarios.
 
     Raises:
         StudyError: it is unknown, cannot be read, or its description is wrong.
@@ -128,10 +121,7 @@ def load_study(name: str | Path) -> Plan:
 
 
 def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | None = None) -> Plan:
-    """Check a raw study and load what it names.
-
-    Args:
-        beside: the folder to which paths are relative; None for shipped names only and paths as they are.
+    """Check a raw study and load what it names; paths are relative to the folder `beside`, if there is one.
 
     Raises:
         StudyError: something is wrong; one line that says where, what came and what is allowed.

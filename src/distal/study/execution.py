@@ -85,7 +85,7 @@ def _by_processes(plan: Plan, chunks: Sequence[Chunk], workers: int) -> Iterator
             "same command goes on, with fewer --workers if memory was short"
         ) from None
     finally:
-        for process in multiprocessing.active_children():
+        for process in list(pool._processes.values()):  # of this pool alone: the caller may have others
             process.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
 

@@ -34,10 +34,7 @@ class Kernels:
         """Return the adaptive filter of a rig, with the kernel of the first rig of a study that has its structure.
 
         What a kernel has as constants is that of the rig that it was made of: which one must not depend on what a
-        process has done before.
-
-        Args:
-            rigs: those of the study in their order.
+        process has done before, so `rigs` are those of the study in their order.
         """
         shape = _shape(rig)
         filters, untried = self.filters.setdefault((family, shape), ([], rigs))

@@ -45,23 +45,16 @@ def draws_of(rig: Rig) -> tuple[Draw, ...]:
 
 
 def scores(draws: Sequence[Draw], seed: Sequence[int]) -> dict[str, float]:
-    """Return how many standard deviations each draw is off; a draw's number depends on its name and the seed alone.
-
-    Args:
-        seed: whole numbers that say which rig this is.
-    """
+    """Return how many standard deviations each draw is off; a draw's number depends on its name and the seed alone."""
     keys = ([*seed, crc32(draw.name.encode())] for draw in draws)
     return {draw.name: float(np.random.default_rng(key).normal()) for draw, key in zip(draws, keys)}
 
 
 def built_values(rig: Rig, draws: Sequence[Draw], score: Mapping[str, float]) -> dict[str, float]:
-    """Return path → value of a rig as built.
+    """Return path → value of a rig as built, where `score` says how many standard deviations each draw is off.
 
     p = value (1 + σ z) + σ_own ε; what cannot be negative is drawn from the normal distribution cut at zero, and what is
     known to a factor only from the log-normal one, as filters take them.
-
-    Args:
-        score: how many standard deviations each is off.
     """
     values: dict[str, float] = {}
     for draw in sorted(draws, key=lambda draw: not draw.common):

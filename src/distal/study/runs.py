@@ -54,11 +54,7 @@ BUILT = "built: "
 
 @dataclass(frozen=True)
 class Task:
-    """One run of a study: a design and its index, and the index of a scenario.
-
-    Args:
-        seed: which rig as built; `NOMINAL` for the rig as described.
-    """
+    """One run of a study: a design and its index, which rig as built (or `NOMINAL`), and the index of a scenario."""
 
     index: int
     design: Design

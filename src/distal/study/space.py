@@ -61,15 +61,6 @@ class Axis:
         return self.low + share * (self.high - self.low)
 
 
-def axes_of(plan: Plan) -> tuple[Axis, ...]:
-    """Return what varies in a study, in the order of its file.
-
-    Raises:
-        StudyError: a path leads nowhere, a range is empty, or a value is wrong.
-    """
-    return tuple(_axis(plan.rig, path, raw) for path, raw in plan.study.vary.items())
-
-
 def _axis(rig: Rig, path: str, raw: object) -> Axis:
     sensors = [sensor.name for sensor in rig.sensors]
     if path in (ESTIMATOR, FEEDBACK):
@@ -144,11 +135,7 @@ def _range(path: str, raw: Mapping[str, object], unit: str) -> Axis:
 
 @dataclass(frozen=True)
 class Space:
-    """All designs of a study.
-
-    Args:
-        shares: of each design, how far along each axis it is, (n, n_axes).
-    """
+    """All designs of a study: `shares` says how far along each axis each design is, (n, n_axes)."""
 
     axes: tuple[Axis, ...]
     shares: Floats
@@ -183,7 +170,7 @@ def space_of(plan: Plan) -> Space:
     """
     from scipy.stats import qmc
 
-    study, axes = plan.study, axes_of(plan)
+    study, axes = plan.study, tuple(_axis(plan.rig, path, raw) for path, raw in plan.study.vary.items())
     if FEEDBACK in study.vary and all(scenario.control is None for scenario in plan.scenarios):
         raise StudyError(f"vary.{FEEDBACK}: no scenario of the study has a [control] table; estimator is what may vary")
     for axis in axes:
@@ -209,11 +196,7 @@ def space_of(plan: Plan) -> Space:
 
 
 def rig_of(rig: Rig, design: Design) -> Rig:
-    """Return the rig of a design, without the sensors that it leaves out.
-
-    Raises:
-        RigError: the values are wrong.
-    """
+    """Return the rig of a design, without the sensors that it leaves out."""
     off = {path.partition(".")[2] for path, setting in design.items() if setting is False}
     numbers = {path: setting for path, setting in design.items() if not isinstance(setting, (bool, str))}
     changed = rig.with_values(numbers) if numbers else rig

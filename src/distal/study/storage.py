@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import OutputError, StudyError
+from distal.errors import StudyError
 from distal.logs import write_whole
+from distal.results import make_folder
 from distal.study.description import Plan
 from distal.study.runs import BUILT, Rows
 from distal.study.space import ESTIMATOR, FEEDBACK
@@ -24,19 +25,13 @@ if TYPE_CHECKING:
 
 Columns = dict[str, NDArray[np.generic]]
 
-NEEDS = "a study's rows are Parquet, which needs pyarrow; pip install '.[study]'"
-
 LABEL = "study.json"
 """Which study a folder is of."""
 
 
 @dataclass(frozen=True)
 class Folder:
-    """Where a study's rows and its answer are.
-
-    Args:
-        texts: columns that hold text.
-    """
+    """Where a study's rows and its answer are; `texts` are the columns that hold text."""
 
     path: Path
     texts: frozenset[str]
@@ -47,11 +42,7 @@ class Folder:
         return {int(match[1]) for match in matches if match}
 
     def write(self, chunk: int, rows: Rows) -> None:
-        """Write the rows of a chunk.
-
-        Raises:
-            OutputError: they cannot be written; what was there stays.
-        """
+        """Write the rows of a chunk."""
         write_whole(self.path / "rows" / f"{chunk:06d}.parquet", _bytes(self._table(rows)))
 
     def _table(self, rows: Rows) -> pyarrow.Table:
@@ -62,11 +53,7 @@ class Folder:
         return pa.table({name: pa.array(cells, kinds.get(name, pa.float64())) for name, cells in rows.items()})
 
     def gather(self) -> Path:
-        """Write all rows into one file, ``rows.parquet``, by design, seed and scenario, and return where it is.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """Write all rows into one file, ``rows.parquet``, by design, seed and scenario, and return where it is."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -111,12 +98,8 @@ def open_folder(plan: Plan, path: str | Path) -> Folder:
     try:
         import pyarrow  # noqa: F401
     except ImportError:
-        raise StudyError(NEEDS) from None
-    folder = Path(path)
-    try:
-        (folder / "rows").mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise OutputError(f"{folder}: cannot be made ({problem.strerror or problem})") from None
+        raise StudyError("a study's rows are Parquet, which needs pyarrow; pip install '.[study]'") from None
+    folder = make_folder(Path(path) / "rows").parent
     label = folder / LABEL
     texts = {"scenario", "problem"} | {ESTIMATOR, FEEDBACK} & plan.study.vary.keys()
     if label.exists():

@@ -34,11 +34,7 @@ NOISE = 0.1
 
 @dataclass(frozen=True)
 class Option:
-    """Something that could be done, and the rig with it.
-
-    Args:
-        homing: for how long the angle is known at the start [s], or None.
-    """
+    """Something that could be done, the rig with it, and for how long the angle is known at the start [s], or None."""
 
     words: str
     rig: Rig
@@ -71,9 +67,6 @@ def suggestions(
 
     Options that change nothing are equal in rank: a band or an error by less than `SAME`, or an error by less than twice
     the standard error of the difference between the same plants with and without the option.
-
-    Args:
-        progress: called with how many options are done, and of how many.
 
     Raises:
         StudyError: the estimator of the study has no covariance to go by, or the rig cannot be estimated.

@@ -54,12 +54,7 @@ def _columns(rig: Rig) -> tuple[float, list[float]]:
 
 
 def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
-    """Write the moment arms as a table, and return the corner right and below it.
-
-    Args:
-        arms: (n_tendons, n_joints) [m].
-        at: corner left and above [in].
-    """
+    """Write `arms`, (n_tendons, n_joints) [m], as a table below and right of a corner; return the opposite corner."""
     first, widths = _columns(rig)
     sheet.write((at[0], at[1] - 0.08), "Moment arms at zero [mm]; + pulls to +θ", bold=True)
     top, right = at[1] - 0.3, at[0] + first + sum(widths)

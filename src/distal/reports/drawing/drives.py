@@ -11,7 +11,7 @@ from math import pi
 
 from distal.reports.drawing.sensors import sensor_lines, sensors_of_part
 from distal.reports.drawing.sheet import BADGE, Line, Point, Sheet, arc
-from distal.reports.drawing.units import interval, rounded, written
+from distal.reports.drawing.units import rounded, written
 from distal.results import FAINT, INK, PALE, SOFT, WHITE
 from distal.rig import Capstan, Rig, Slider
 
@@ -34,20 +34,14 @@ def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[Line]:
         gears = {getattr(sensor, "gear", 1.0) for sensor in sensors_of_part(rig, drive)} - {1.0}
         lines += [Line(f"gear {rounded(gear)} : 1") for gear in sorted(gears)]
     if drive.stops is not None:
-        lines.append(Line(f"stops {interval(*drive.stops, unit)}"))
+        lines.append(Line(f"stops {' … '.join(written(stop, unit) for stop in drive.stops)}"))
     if drive.backlash is not None:
         lines.append(Line(f"backlash {written(drive.backlash.width.value, unit)}"))
     return [*lines, *sensor_lines(rig, drive)]
 
 
 def draw_capstan(sheet: Sheet, drive: Capstan, lines: Sequence[Line], at: Point, scale: float, way: int) -> None:
-    """Draw a motor seen along its shaft, with its spool in front.
-
-    Args:
-        at: centre [in].
-        scale: [in/m].
-        way: +1 where a positive angle turns counter-clockwise on paper.
-    """
+    """Draw a motor seen along its shaft, at a scale [in/m]; `way` is +1 where a positive angle turns counter-clockwise."""
     from matplotlib.patches import FancyBboxPatch
 
     half = motor_half(drive, scale)
@@ -74,12 +68,9 @@ def motor_half(drive: Capstan, scale: float) -> float:
 def draw_slider(
     sheet: Sheet, drive: Slider, lines: Sequence[Line], right: Point, lanes: Sequence[float], scale: float
 ) -> float:
-    """Draw a carriage on its rail, pulled from the left, and return where its tendons begin [in].
+    """Draw a carriage on its rail, pulled from the left, at a scale [in/m], and return where its tendons begin [in].
 
-    Args:
-        right: right end of the rail [in].
-        lanes: heights of its tendons [in].
-        scale: [in/m].
+    The rail ends at `right`; `lanes` are the heights of the tendons [in].
     """
     x, y = right
     left = x - RAIL

@@ -84,11 +84,7 @@ def axis_name(axis: tuple[float, float, float]) -> str:
 
 
 def draw_link(sheet: Sheet, stand: Stand, ends: Sequence[Point]) -> None:
-    """Draw the link that a joint turns.
-
-    Args:
-        ends: the joints on it, or its tip [in].
-    """
+    """Draw the link that a joint turns, to its ends: the joints on it, or its tip."""
     for end in ends:
         sheet.bar([stand.centre, end], PALE if stand.described else WHITE, LINK, order=1.0)
     if stand.mass_at is None:
@@ -115,11 +111,7 @@ def draw_coupling(sheet: Sheet, leader: Point, follower: Point, ratio: float) ->
 def draw_joint(
     sheet: Sheet, rig: Rig, index: int, stand: Stand, scale: float, around: float, lines: Sequence[Line]
 ) -> None:
-    """Draw what turns about a joint's axis, its springs, its stops and its sensors, at a scale [in/m].
-
-    Args:
-        around: radius at which stops and the angle's arrow stand [in].
-    """
+    """Draw what turns about a joint's axis, its springs and sensors, at a scale [in/m]; stops stand `around` it [in]."""
     joint, centre = rig.joints[index], stand.centre
     _draw_wheels(sheet, rig, joint, stand, scale)
     axle = scale * joint.friction.radius.value if joint.friction is not None else 0.0

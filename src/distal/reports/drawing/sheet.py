@@ -128,11 +128,7 @@ class Sheet:
         self.axes.text(*at, plain(text), **look, path_effects=effects)
 
     def write_near(self, at: Point, away: Point, text: str) -> None:
-        """Write a label beside a point, further away from it where other text stands already.
-
-        Args:
-            away: direction from the part that is labelled, a unit vector.
-        """
+        """Write a label beside a point, further away from it, by a unit vector, where other text stands already."""
         ha = "left" if away[0] > 0.35 else "right" if away[0] < -0.35 else "center"
         place = at
         for step in range(40):
@@ -162,24 +158,13 @@ class Sheet:
                 self.badge(at, letter)
 
     def line(self, points: Sequence[Point], colour: str = INK, width: float = 0.8, **look: object) -> None:
-        """Draw a line through points.
-
-        Args:
-            width: [pt].
-            look: more properties of matplotlib's `Line2D`.
-        """
+        """Draw a line of some width [pt] through points; `look` are properties of matplotlib's `Line2D`."""
         self.reserve(*points)
         xs, ys = zip(*points)
         self.axes.plot(xs, ys, color=colour, lw=width, **{"solid_joinstyle": "round", "dash_capstyle": "butt", **look})
 
     def bar(self, points: Sequence[Point], colour: str, width: float, order: float) -> None:
-        """Draw a bar with round ends and a thin edge.
-
-        Args:
-            points: through which its middle goes.
-            width: [pt].
-            order: what is higher lies in front.
-        """
+        """Draw a bar of some width [pt] with round ends and a thin edge; a higher order lies in front."""
         self.line(points, SOFT, width + 1.2, solid_capstyle="round", zorder=order)
         self.line(points, colour, width, solid_capstyle="round", zorder=order + 0.05)
 

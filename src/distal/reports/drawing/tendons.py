@@ -22,12 +22,7 @@ SPRING = 0.46
 
 
 def wheels(rig: Rig, stands: Sequence[Stand], scale: float) -> list[list[Wheel]]:
-    """Return the circles and pins that each tendon goes past, from the base outwards [in].
-
-    Args:
-        stands: [in].
-        scale: [in/m].
-    """
+    """Return the circles and pins that each tendon goes past, from the base outwards [in], at a scale [in/m]."""
     names = [joint.name for joint in rig.joints]
     taken: dict[tuple[int, int, int], int] = {}
     past = []

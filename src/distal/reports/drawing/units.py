@@ -38,8 +38,3 @@ def rounded(value: float) -> str:
         text = f"{value:.{digits}f}"
         text = text.rstrip("0").rstrip(".") if "." in text else text
     return text.replace("-", "−")
-
-
-def interval(low: float, high: float, si: str) -> str:
-    """Return the low and the high end of a range in their SI unit, such as "−20° … 90°"."""
-    return f"{written(low, si)} … {written(high, si)}"
