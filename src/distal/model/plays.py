@@ -75,8 +75,7 @@ class Sheath:
 
     Args:
         stiffness: of the whole cable, k [N/m].
-        drawn: e^{μβ/N} as it is drawn in.
-        let_out: the same as it is let out.
+        drawn: e^{μβ/N} as it is drawn in, `let_out` the same as it is let out.
         count: number of points, N.
         stiffening: a [1/m] of the whole cable, None for a linear spring; see `stretched`.
         pretension: tension about which it stiffens [N].

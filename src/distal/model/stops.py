@@ -77,10 +77,7 @@ class Stop:
     restitution when hit, and fully implicit when pressed.
 
     Args:
-        low: x_L.
-        high: x_H.
-        stiffness: k_s.
-        damping: b_s.
+        low: x_L, `high` is x_H; `stiffness` is k_s, `damping` b_s.
         rebound: coefficient of restitution e, 0 for none.
         implicitness: share α of the coming drift at which the spring is taken.
     """

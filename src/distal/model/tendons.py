@@ -26,11 +26,9 @@ class Body:
 
 @dataclass(frozen=True)
 class Place:
-    """Where what moves inside a rig is, and what the tendons are tied to.
+    """Coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad, m], and what moves inside.
 
-    Args:
-        q: coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad, m].
-        inside: places of the far sides of drives' backlashes, then of the points in sheaths, (n_inside,) [rad, m].
+    These are places of the far sides of drives' backlashes, then of the points in sheaths, (n_inside,) [rad, m].
     """
 
     q: Vector
@@ -39,12 +37,9 @@ class Place:
 
 @dataclass(frozen=True)
 class Pulls:
-    """What tendons do.
+    """Tensions of tendons at the joint and at the drive, the same but for a sheath between, (n_tendons,) [N].
 
-    Args:
-        joint: their tensions at the joint, (n_tendons,) [N].
-        drive: their tensions at the drive, the same but for a sheath between, (n_tendons,) [N].
-        forces: on the bodies, −(∂ℓ/∂q)ᵀ T, (n_bodies,).
+    The `forces` are those on the bodies, −(∂ℓ/∂q)ᵀ T, (n_bodies,).
     """
 
     joint: Vector
@@ -119,11 +114,7 @@ class Tendons:
         return jacobian(q, p)
 
     def place(self, q: Vector, settled: bool = False) -> Place:
-        """Return where what moves inside comes to rest as the bodies have come to q.
-
-        Args:
-            settled: it has come to rest already: what is remembered is where it is.
-        """
+        """Return where what moves inside comes to rest as the bodies have come to q; where `settled`, it has already."""
         remembered = [self.parameters[name] for name in self.plays] if self.remembers else None
         points = None if remembered is None else remembered[self._first_point :]
         tied, far_sides = self._tied(q, remembered, points, settled)

@@ -36,32 +36,22 @@ class Curves:
     def drawn(
         cls, travels: Sequence[tuple[float, float]], largest: Sequence[float], rngs: Sequence[np.random.Generator]
     ) -> Curves:
-        """Draw a curve for each sensor.
-
-        Args:
-            travels: ends of the travels, n of them.
-            largest: largest magnitudes, (n,).
-            rngs: draw the curves, one for each.
-        """
+        """Draw a curve for each sensor by its own generator, over its travel and of its `largest` magnitude, (n,)."""
         low, high = (np.array([ends[k] for ends in travels]) for k in (0, 1))
         orders = np.arange(1, _HARMONICS + 1)
         drawn = [(rng.normal(size=_HARMONICS) / orders, rng.uniform(0.0, 2.0 * np.pi, _HARMONICS)) for rng in rngs]
-        weights, phases = (np.array([each[k] for each in drawn]) for k in (0, 1))
+        weights, phases = (np.array(parts) for parts in zip(*drawn))
         unscaled = cls(np.zeros(len(low)), np.ones(len(low)), weights, phases)
         peaks = np.abs(unscaled.at(np.linspace(0.0, 1.0, 501)[:, None] * np.ones(len(low)))).max(axis=0)
         scales = np.where(high > low, np.asarray(largest) / peaks, 0.0)
         return cls(low, np.where(high > low, high, low + 1.0), scales[:, None] * weights, phases)
 
     def at(self, x: Floats) -> Floats:
-        """Return the deviations at x, (k, n).
-
-        Args:
-            x: true values, (k, n).
-        """
+        """Return the deviations at true values x, (k, n)."""
         share = np.clip((x - self.low) / (self.high - self.low), 0.0, 1.0)
         orders = np.arange(1, _HARMONICS + 1)
-        found: Floats = np.sum(self.weights * np.sin(np.pi * orders * share[..., None] + self.phases), axis=-1)
-        return found
+        deviations: Floats = np.sum(self.weights * np.sin(np.pi * orders * share[..., None] + self.phases), axis=-1)
+        return deviations
 
 
 AHEAD = 256
@@ -69,19 +59,13 @@ AHEAD = 256
 
 
 class SensorErrors:
-    """The errors of some sensors in one run, however few of their samples come at a time.
+    """The errors of n sensors in one run, however few of their samples come at a time.
 
-    Args:
-        sensors: their descriptions, n of them.
-        travels: ends of the travels over which their linearities are defined.
-        rngs: draw curves and noise, one for each; the same draws are made whatever is switched off.
+    Linearities are defined over `travels`; one of `rngs` for each draws curve and noise, the same whatever is switched off.
     """
 
     def __init__(
-        self,
-        sensors: Sequence[Sensor],
-        travels: Sequence[tuple[float, float]],
-        rngs: Sequence[np.random.Generator],
+        self, sensors: Sequence[Sensor], travels: Sequence[tuple[float, float]], rngs: Sequence[np.random.Generator]
     ) -> None:
         of_curves, self._rngs = zip(*(rng.spawn(2) for rng in rngs))
         self._gain = np.array([gain_of(sensor).value for sensor in sensors])
@@ -106,10 +90,9 @@ class SensorErrors:
         return self._drawn[:count]
 
     def read(self, true: Floats) -> Floats:
-        """Return what the sensors read: gain times true value, plus linearity, bias and noise, rounded to the resolution.
+        """Return what the sensors read of the next true values in time [SI], (k, n).
 
-        Args:
-            true: what there is to measure, SI, the next samples in time, (k, n).
+        That is the gain times the true value, plus linearity, bias and noise, rounded to the resolution.
         """
         read: Floats = self._gain * true + self._bias + self._curves.at(true) + self._noise * self.draws(len(true))
         self._drawn = self._drawn[len(true) :]
@@ -120,13 +103,7 @@ class SensorErrors:
 
 
 def measure(sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.random.Generator) -> Floats:
-    """Return what a sensor reads of a whole run, see `SensorErrors`.
-
-    Args:
-        true: what there is to measure, SI, (n,).
-        travel: ends of the travel over which the linearity is defined.
-        rng: draws the curve and the noise.
-    """
+    """Return what a sensor reads of a whole run, (n,), of `true` values [SI] over a `travel`; see `SensorErrors`."""
     return SensorErrors([sensor], [travel], [rng]).read(true[:, None])[:, 0]
 
 
@@ -136,10 +113,7 @@ def variance(sensor: Sensor) -> float:
 
 
 LINEARITY_STD = 0.6
-"""Standard deviation of a linearity curve over places and curves, as a share of its largest magnitude.
-
-Measured over many curves by ``tests/sensors/test_errors.py``.
-"""
+"""Std of a linearity curve over places and curves, as a share of its largest magnitude (tests/sensors/test_errors.py)."""
 
 
 def systematic_variance(sensor: Sensor) -> float:
