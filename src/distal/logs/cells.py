@@ -75,13 +75,10 @@ class Cells:
             raise LogError(f"{self.path}: has a header but no rows")
 
 
-def in_memory(
-    columns: Mapping[str, Column], path: Path, first_row: int = 0, names: Iterable[str] | None = None
-) -> Cells:
-    """Return a table of columns that are in memory; `names` are those of all columns that the file has, if it has more."""
+def in_memory(columns: Mapping[str, Column], path: Path, first_row: int, names: Iterable[str]) -> Cells:
+    """Return a table of columns that are in memory; `names` are those of all columns that the file has."""
     rows = len(next(iter(columns.values()), ()))
-    every = tuple(columns if names is None else names)
-    return Cells(lambda wanted: [[columns[name] for name in wanted]], path, first_row, every, rows)
+    return Cells(lambda wanted: [[columns[name] for name in wanted]], path, first_row, tuple(names), rows)
 
 
 def numbers_of(column: Column, path: Path, name: str, first_row: int) -> Floats:

@@ -62,11 +62,7 @@ def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
 
 
 def time_factor(rig: Rig, unit: str | None, source: str) -> float:
-    """Return the factor that turns a log's stamps into seconds.
-
-    The `unit` is the header's, which counts where the rig has the default one. A `LogError` says where it is none of time,
-    or not the rig's.
-    """
+    """Return the factor that turns a log's stamps into seconds; as in `factor_of`, the header may give their `unit`."""
     factor = unit_factor(rig.log.time.unit, "s")
     if unit is None:
         return factor

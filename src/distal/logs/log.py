@@ -105,7 +105,8 @@ class Log:
 
     def select(self, rows: slice | NDArray[np.intp] | Bools) -> Log:
         """Return the log of some rows, which are a slice, indices or a mask, in rising order."""
-        channels, truth = ({key: values[rows] for key, values in of.items()} for of in (self.channels, self.truth))
+        channels = {name: values[rows] for name, values in self.channels.items()}
+        truth = {name: values[rows] for name, values in self.truth.items()}
         stamps = None if self.stamps is None else self.stamps[rows]
         return Log(self.time[rows], channels, truth, self.source, self.truth_source, stamps)
 

@@ -36,11 +36,7 @@ class MessageReader:
         self._sample = np.zeros(len(channels))
 
     def header(self, line: str) -> None:
-        """Take the header of a CSV stream: names, with or without units, between commas, semicolons or tabs.
-
-        Raises:
-            LogError: the time column or all sensors are missing, or a name is there twice.
-        """
+        """Take the header of a CSV stream: names, with or without units, none twice, between commas, semicolons or tabs."""
         self._separator = max(",;\t", key=line.count)
         names = self._cells(line)
         name, count = Counter(names).most_common(1)[0]

@@ -29,7 +29,7 @@ Reader = Callable[[], float]
 class MujocoRecorder:
     """What the sensors of a rig read in a simulation, a row at a time; see `from_mujoco`."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float = 1.0) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float) -> None:
         self._model, self._data, self._rig = model, data, rig
         # after a step MuJoCo's lengths and forces are those before it: they are computed anew, beside the user's
         self._now = now = mujoco_module().MjData(model)

@@ -175,8 +175,8 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, list[S
 def _in_cycles(stamped: dict[str, list[Stamped]], topic_of: dict[str, str]) -> dict[str, list[Stamped]]:
     """Return the same with one stamp for all joints of a cycle, where a driver publishes each in a message of its own.
 
-    A cycle of a topic begins with a joint that the last one has already, or half an interval after it began. Columns that
-    name an element have a `topic_of` theirs.
+    A cycle of a topic begins with a joint that the last one has already, or half an interval after it began. Of
+    columns that name an element, `topic_of` has the topic.
     """
     moved = dict(stamped)
     for topic in sorted(set(topic_of.values())):

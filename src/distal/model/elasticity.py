@@ -48,9 +48,9 @@ def extension_torque(
 ) -> Scalar:
     """Return −F dL/dθ of a spring between two points [N m]: L² = r² + R² − 2 r R cos x, dL/dθ = r R sin x/L.
 
-    F = max(preload + k (L − free length), 0), as an extension spring with initial tension pulls. It is x = θ − line angle
-    [rad] `away`; its coils open at `free_length` [m] with `preload` [N], its `stiffness` is k [N/m]; r = `radius` is that
-    of the link's point about the axis, R = `distance` that of the base's [m].
+    F = max(preload + k (L − free length), 0), as an extension spring with initial tension pulls: its coils open at
+    `free_length` [m] with `preload` [N], `stiffness` is k [N/m]. The angle x = θ − line angle [rad] is `away`; `radius` r
+    and `distance` R are from the axis to the link's and to the base's point [m].
     """
     length = ca.sqrt(ca.fmax(radius**2 + distance**2 - 2 * radius * distance * ca.cos(away), SHORTEST**2))
     force = ca.fmax(preload + stiffness * (length - free_length), 0)

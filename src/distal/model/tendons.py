@@ -10,7 +10,7 @@ import casadi as ca
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model.elasticity import stretched
 from distal.model.parameters import Parameters
-from distal.model.plays import CREEPS, Bounds, Pull, Sheath, balanced, gap, plays_of, strains_of
+from distal.model.plays import Bounds, Pull, Sheath, balanced, gap, plays_of
 from distal.rig import Meeting, Polynomial, Rig, Size
 
 
@@ -61,7 +61,8 @@ class Tendons:
 
     def __init__(self, rig: Rig, inputs: Sequence[str] = (), remembers: bool = False) -> None:
         self.rig, self.remembers = rig, remembers
-        self.plays, self.strains = plays_of(rig), strains_of(rig)
+        self.plays = plays_of(rig)
+        self.strains = tuple(f"{path}.strain" for i in range(len(rig.tendons)) for path in self.creeps(i))
         self._first_point = sum(drive.backlash is not None for drive in rig.drives)  # points in sheaths come last
         self.parameters = Parameters(rig, inputs, (*self.plays, *self.strains) if remembers else ())
         self.bodies = tuple(
@@ -303,9 +304,9 @@ class Tendons:
         return elongated
 
     def creeps(self, tendon: int) -> list[str]:
-        """Return the paths of a tendon's creeps."""
+        """Return the paths of a tendon's slow stretches."""
         part = self.rig.tendons[tendon]
-        return [f"tendons.{tendon}.{name}" for name in CREEPS if getattr(part, name) is not None]
+        return [f"tendons.{tendon}.{name}" for name in ("creep", "slow_creep") if getattr(part, name) is not None]
 
     def crept(self, q: Vector, dt: Scalar) -> list[Scalar]:
         """Return all `strains` after an interval at q, [m]: c⁺ = λ c + (1 − λ) γ/(1 + γ) (T/k + c), λ = e^{−(1 + γ) dt/τ}.

@@ -21,10 +21,8 @@ class Curves:
     travel is `largest`; beyond the ends a curve keeps the value that it has there.
 
     Args:
-        low: lower ends of the travels, (n,).
-        high: upper ends, (n,); a sensor has no curve where they are not above the lower ones.
-        weights: scale · a_j/j, (n, 3).
-        phases: φ_j, (n, 3).
+        low: lower ends of the travels, (n,), `high` the upper ones; where they are not above them, there is no curve.
+        weights: scale · a_j/j, (n, 3); `phases` are φ_j.
     """
 
     low: Floats
