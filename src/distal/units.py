@@ -39,10 +39,7 @@ def _registry() -> pint.UnitRegistry[float]:
 
 @lru_cache(maxsize=4096)
 def unit_factor(unit: str, si: str) -> float:
-    """Return the factor that turns a number in `unit` into SI.
-
-    Args:
-        si: the SI unit of the wanted dimension, e.g. ``"m"``; ``""`` for a plain number.
+    """Return the factor from a `unit` to the SI unit `si` of the wanted dimension, e.g. ``"m"``; ``""`` for a plain number.
 
     Raises:
         UnitError: the unit is unknown, has an offset, or its dimension is not that of `si`.
@@ -91,11 +88,8 @@ def _is_plain(unit: str) -> bool:
 def to_si(value: object, si: str) -> float:
     """Return `value` as a float in SI: a bare number is SI already, text such as ``"9.53 mm"`` a number and a unit.
 
-    Args:
-        si: the SI unit of the wanted dimension; ``""`` for a plain number.
-
     Raises:
-        UnitError: it is neither, is not finite, has a decimal comma or ±, or has the wrong unit.
+        UnitError: it is neither, is not finite, has a decimal comma or ±, or its unit is none like `si`.
     """
     example = f"a number in SI ({si}) or text like '0.1 {si}'" if si else "a plain number"
     if isinstance(value, (bool, complex)) or not isinstance(value, (Real, str)):

@@ -8,12 +8,12 @@ from distal.logs.headers import header
 from distal.logs.log import LARGEST_READING, Log, frozen
 from distal.logs.memory import MEMORY_VARIABLE, size_of
 from distal.logs.messages import MessageReader
-from distal.logs.mujoco_recorder import MujocoRecorder, from_mujoco
+from distal.logs.mujoco_recorder import from_mujoco
 from distal.logs.output import write_together, write_whole
 from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimate_schema
 from distal.logs.recordings import is_recording, open_recording
-from distal.logs.sources import Frame, Source
-from distal.logs.tables import Table, open_table, read_table, table_of
+from distal.logs.sources import Source
+from distal.logs.tables import open_table, read_table, table_of
 from distal.logs.targets import Output, check_outputs, outputs_in, shown
 from distal.logs.true_columns import true_angles, true_torques
 from distal.logs.truth import FROM_SENSOR, TruthKind, TruthSource
@@ -25,14 +25,11 @@ __all__ = [
     "MEMORY_VARIABLE",
     "SAMPLE_TOPIC",
     "TABLES",
-    "Frame",
     "Log",
     "MessageReader",
-    "MujocoRecorder",
     "Output",
     "Recorder",
     "Source",
-    "Table",
     "TruthKind",
     "TruthSource",
     "check_format",

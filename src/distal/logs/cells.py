@@ -30,7 +30,6 @@ class Cells:
         blocks: names of columns → their cells, some rows after the others: a long text is never taken apart as a whole.
         first_row: row number of the first value in the file, as an editor counts.
         names: of all its columns; without units where they were asked for so.
-        rows: number of rows.
         units: name → unit, of those whose header says it beside the name that was asked for.
     """
 
@@ -58,11 +57,7 @@ class Cells:
         return parts[0] if len(parts) == 1 else list(chain.from_iterable(parts))
 
     def numbers(self, names: Sequence[str]) -> dict[str, Floats]:
-        """Return columns as numbers, NaN where a cell is missing.
-
-        Raises:
-            LogError: a cell is no finite number.
-        """
+        """Return columns as numbers, NaN where a cell is missing; a `LogError` says where one is no finite number."""
         parts: dict[str, list[Floats]] = {name: [] for name in names}
         row = self.first_row
         for columns in self.blocks(names) if names else ():
@@ -80,25 +75,14 @@ class Cells:
             raise LogError(f"{self.path}: has a header but no rows")
 
 
-def in_memory(
-    columns: Mapping[str, Column], path: Path, first_row: int = 0, names: Iterable[str] | None = None
-) -> Cells:
-    """Return a table of columns that are in memory.
-
-    Args:
-        names: of all columns that the file has; None: of those.
-    """
+def in_memory(columns: Mapping[str, Column], path: Path, first_row: int, names: Iterable[str]) -> Cells:
+    """Return a table of columns that are in memory; `names` are those of all columns that the file has."""
     rows = len(next(iter(columns.values()), ()))
-    every = tuple(columns if names is None else names)
-    return Cells(lambda wanted: [[columns[name] for name in wanted]], path, first_row, every, rows)
+    return Cells(lambda wanted: [[columns[name] for name in wanted]], path, first_row, tuple(names), rows)
 
 
 def numbers_of(column: Column, path: Path, name: str, first_row: int) -> Floats:
-    """Return a column as numbers, NaN where a cell is missing.
-
-    Raises:
-        LogError: a cell is no finite number.
-    """
+    """Return a column as numbers, NaN where a cell is missing; a `LogError` says where one is no finite number."""
     if isinstance(column, list):
         values = _plain_numbers(column)
         if values is None:

@@ -54,14 +54,11 @@ RAW = (0, 1, 2, 3, 4, 5)
 
 
 def da_vinci_grasper(folder: str | Path | None = None) -> tuple[Path, ...]:
-    """Return the paths of 12 logs of a da Vinci grasper (CSV), fetched where they are not there yet.
+    """Return the paths of 12 logs of a da Vinci grasper (CSV) in a folder, by default the user's cache, or fetch them.
 
     Run XY: X = motion frequency class, Y = resistive torque class; 20 s each. Columns are those that the shipped rig
     ``da-vinci-grasper`` names. Where $DISTAL_DATA is set, the logs are taken from its folder ``da_vinci_grasper`` and
     nothing is fetched.
-
-    Args:
-        folder: where to keep them; default the user's cache.
 
     Raises:
         LogError: they cannot be fetched, or are not what they were when distal was made.
@@ -106,11 +103,7 @@ def _fetched(run: str, folder: Path) -> str:
 
 
 def counts_of(text: str) -> NDArray[np.int64]:
-    """Return stamps [ms] and counts of every fifth row of a raw file, (n, 6); lines that begin with % are comments.
-
-    Raises:
-        LogError: it is not such a file.
-    """
+    """Return stamps [ms] and counts of every fifth row of a raw file, (n, 6); lines that begin with % are comments."""
     lines = [line for line in text.splitlines() if line and not line.startswith("%")]
     try:
         rows = np.array([[float(cell) for cell in line.split(",")[:6]] for line in lines[::5]])

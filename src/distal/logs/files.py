@@ -231,8 +231,7 @@ def _doubts_of_stops(log: Log, sensor: Sensor, values: Floats, stops: tuple[floa
 def write_log(log: Log, rig: Rig, path: str | Path) -> None:
     """Write a log as `read_log` reads it: the rig's columns and units, then the truth as ``true_…`` in SI.
 
-    Args:
-        path: CSV, or Parquet by its ending.
+    The file is CSV, or Parquet by the ending of its path.
 
     Raises:
         OutputError: it cannot be written.
@@ -246,30 +245,18 @@ def write_log(log: Log, rig: Rig, path: str | Path) -> None:
 
 
 def write_columns(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> None:
-    """Write columns as CSV, or as Parquet by the ending of the path; NaN is an empty cell in CSV.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
+    """Write columns as CSV, or as Parquet by the ending of the path; NaN is an empty cell in CSV."""
     write_whole(path, file_of(columns, path))
 
 
 def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> bytes:
-    """Return `columns` as the file that `path` will hold, in the format of its ending.
-
-    Raises:
-        OutputError: a package for that is missing.
-    """
+    """Return `columns` as the file that `path` will hold, in the format of its ending; see `check_format`."""
     check_format(path)
     return (format_of(path).write or write_csv)(columns)
 
 
 def check_format(path: str | Path) -> None:
-    """Refuse a path for columns whose format cannot be written here.
-
-    Raises:
-        OutputError: a package for that is missing.
-    """
+    """Raise an `OutputError` where a package is missing that writes columns in the format of a path."""
     package = format_of(path).package
     if package is not None and find_spec(package[0]) is None:
         raise OutputError(f"{path}: needs the package {package[0]} (pip install '.[{package[1]}]'); or write CSV")

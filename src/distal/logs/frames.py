@@ -18,27 +18,20 @@ if TYPE_CHECKING:
 
 
 def pandas_frame(columns: Mapping[str, NDArray[np.generic]]) -> pandas.DataFrame:
-    """Return the columns as a pandas frame.
-
-    Raises:
-        DistalError: pandas is not installed.
-    """
+    """Return the columns as a pandas frame."""
     copies = {name: np.array(column) for name, column in columns.items()}
     frame: pandas.DataFrame = _library("pandas").DataFrame(copies)
     return frame
 
 
 def polars_frame(columns: Mapping[str, NDArray[np.generic]]) -> polars.DataFrame:
-    """Return the columns as a polars frame.
-
-    Raises:
-        DistalError: polars is not installed.
-    """
+    """Return the columns as a polars frame."""
     frame: polars.DataFrame = _library("polars").DataFrame(dict(columns))
     return frame
 
 
 def _library(name: str) -> ModuleType:
+    """Return a library's module, or raise a `DistalError` that says how to install it."""
     try:
         return import_module(name)
     except ImportError:

@@ -29,11 +29,7 @@ def needed(text: str, columns: Collection[str] | None) -> bool:
 
 
 def units_of(headers: Sequence[str], wanted: Collection[str], source: str) -> dict[str, tuple[str, str]]:
-    """Return wanted name → its header and unit, for columns whose header is not the name alone.
-
-    Raises:
-        LogError: a column is there with two units.
-    """
+    """Return wanted name → its header and unit, for columns whose header is not the name alone; none may have two."""
     units: dict[str, tuple[str, str]] = {}
     for text in headers:
         name, unit = name_and_unit(text)
@@ -48,11 +44,8 @@ def units_of(headers: Sequence[str], wanted: Collection[str], source: str) -> di
 def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
     """Return the factor that turns a column's numbers into SI, without the sensor's sign.
 
-    Args:
-        unit: in the header, or None; it counts where the rig gives the sensor no unit.
-
-    Raises:
-        LogError: the header's unit is not one of what the sensor measures, or not that of the rig.
+    The `unit` is the header's, which counts where the rig gives the sensor none. A `LogError` says where it is not one of
+    what the sensor measures, or not the rig's.
     """
     if unit is None:
         return log_factor(sensor)
@@ -69,14 +62,7 @@ def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
 
 
 def time_factor(rig: Rig, unit: str | None, source: str) -> float:
-    """Return the factor that turns a log's stamps into seconds.
-
-    Args:
-        unit: in the header, or None; it counts where the rig has the default unit.
-
-    Raises:
-        LogError: the header's unit is not a unit of time, or not that of the rig.
-    """
+    """Return the factor that turns a log's stamps into seconds; as in `factor_of`, the header may give their `unit`."""
     factor = unit_factor(rig.log.time.unit, "s")
     if unit is None:
         return factor
@@ -89,11 +75,7 @@ def time_factor(rig: Rig, unit: str | None, source: str) -> float:
 
 
 def scale(unit: str | None, si: str, place: str) -> float:
-    """Return the factor from a header's unit to the SI unit of a dimension, 1 where the header has no unit.
-
-    Raises:
-        LogError: it has another dimension, or is unknown.
-    """
+    """Return the factor from a header's unit to the SI unit of its dimension, 1 where the header has no unit."""
     if unit is None:
         return 1.0
     try:

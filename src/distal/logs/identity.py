@@ -14,11 +14,7 @@ Key = tuple[int | str, ...]
 
 
 def file_key(place: str | Path | int) -> Key | None:
-    """Return what all names of one file have in common, also of one that is not there yet; None for a device.
-
-    Args:
-        place: a path, or a file descriptor.
-    """
+    """Return what all names of a path or file descriptor have in common, also before it is there; None for a device."""
     try:
         status = os.stat(place)
     except (OSError, ValueError):

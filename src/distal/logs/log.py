@@ -104,11 +104,7 @@ class Log:
         return [(float(self.time[i]), float(self.time[i + 1])) for i in long]
 
     def select(self, rows: slice | NDArray[np.intp] | Bools) -> Log:
-        """Return the log of some rows.
-
-        Args:
-            rows: a slice, indices or a mask, in rising order.
-        """
+        """Return the log of some rows, which are a slice, indices or a mask, in rising order."""
         channels = {name: values[rows] for name, values in self.channels.items()}
         truth = {name: values[rows] for name, values in self.truth.items()}
         stamps = None if self.stamps is None else self.stamps[rows]
@@ -119,28 +115,18 @@ class Log:
         return {"t": self.time, **self.channels, **{f"true_{name}": values for name, values in self.truth.items()}}
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return the `columns` as a pandas frame.
-
-        Raises:
-            DistalError: pandas is not installed.
-        """
+        """Return the `columns` as a pandas frame, if pandas is installed."""
         return pandas_frame(self.columns())
 
     def to_polars(self) -> polars.DataFrame:
-        """Return the `columns` as a polars frame.
-
-        Raises:
-            DistalError: polars is not installed.
-        """
+        """Return the `columns` as a polars frame, if polars is installed."""
         return polars_frame(self.columns())
 
 
 def check_stamps(time: Floats, source: str, first_row: int | None = None) -> None:
-    """Raise a `LogError` where a stamp is not finite, repeats or goes back, naming row, stamp and the one before.
+    """Raise a `LogError` where a stamp of `time` [s], (n,), is not finite, repeats or goes back.
 
-    Args:
-        time: stamps [s], (n,).
-        first_row: row number of the first stamp in its file; None counts samples from 0.
+    It names the stamp and its row, counted from `first_row` in the file; without it samples are counted from 0.
     """
     place, offset = ("sample", 0) if first_row is None else ("row", first_row)
     bad = np.flatnonzero(~np.isfinite(time))

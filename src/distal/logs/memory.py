@@ -17,11 +17,7 @@ MEMORY_VARIABLE = "DISTAL_MAX_MEMORY"
 
 
 def memory_limit() -> int:
-    """Return how many bytes reading one log may take: $DISTAL_MAX_MEMORY, else `MOST`.
-
-    Raises:
-        LogError: the variable holds no size.
-    """
+    """Return how many bytes reading one log may take: $DISTAL_MAX_MEMORY, which must hold a size, else `MOST`."""
     limit = os.environ.get(MEMORY_VARIABLE)
     try:
         return size_of(limit) if limit else MOST
@@ -30,11 +26,7 @@ def memory_limit() -> int:
 
 
 def size_of(text: str) -> int:
-    """Return a size typed as ``8 GB`` or ``500 MB`` [bytes]; a bare number is in bytes.
-
-    Raises:
-        UnitError: it is no size, or less than a megabyte.
-    """
+    """Return a size typed as ``8 GB`` or ``500 MB`` [bytes]; a bare number is in bytes. A megabyte is the least."""
     try:
         size = to_si(float(text), "byte")
     except ValueError:

@@ -23,12 +23,7 @@ STAMPS = ("timestamp", "ts", "time", "t")
 
 
 class MessageReader:
-    """Turns messages into stamps and samples, SI.
-
-    Args:
-        rig: its sensors name the columns and their units.
-        channels: the sensors in a sample, in order.
-    """
+    """Turns messages into stamps and samples, SI; the rig names columns and units, `channels` the sensors in a sample."""
 
     def __init__(self, rig: Rig, channels: Sequence[str]) -> None:
         sensors = {sensor.name: sensor for sensor in rig.sensors}
@@ -41,14 +36,7 @@ class MessageReader:
         self._sample = np.zeros(len(channels))
 
     def header(self, line: str) -> None:
-        """Take the header of a CSV stream.
-
-        Args:
-            line: names, with or without units, separated by commas, semicolons or tabs.
-
-        Raises:
-            LogError: the time column or all sensors are missing, or a name is there twice.
-        """
+        """Take the header of a CSV stream: names, with or without units, none twice, between commas, semicolons or tabs."""
         self._separator = max(",;\t", key=line.count)
         names = self._cells(line)
         name, count = Counter(names).most_common(1)[0]
@@ -85,11 +73,7 @@ class MessageReader:
             raise LogError(f"the line is no CSV ({problem})") from None
 
     def csv(self, line: str) -> tuple[float, Floats]:
-        """Return stamp and sample of a CSV line; the array is used again by the next call.
-
-        Raises:
-            LogError: it has not as many cells as the header, or a cell is no number.
-        """
+        """Return stamp and sample of a CSV line as long as the header; the array is used again by the next call."""
         assert self._at is not None
         cells = self._cells(line)
         if len(cells) != self._width:
@@ -101,11 +85,7 @@ class MessageReader:
         return time * self._time_factor, self._sample
 
     def json(self, text: str | bytes) -> tuple[float, Floats]:
-        """Return stamp and sample of a JSON object; nested ones are named with dots or slashes.
-
-        Raises:
-            LogError: it is none, or lacks a stamp.
-        """
+        """Return stamp and sample of a JSON object; nested ones are named with dots or slashes."""
         try:
             message = json.loads(text)
         except (ValueError, RecursionError) as problem:
@@ -130,11 +110,7 @@ class MessageReader:
 
 
 def find(message: object, path: str) -> object:
-    """Return a member of nested JSON objects and arrays, ``motors/left.force`` or ``position[0]``; None if it is not there.
-
-    Args:
-        path: its name, or names with dots or slashes between them.
-    """
+    """Return a member of nested JSON objects and arrays, ``motors/left.force`` or ``position[0]``; None if not there."""
     while isinstance(message, dict):
         if path in message:
             return message[path]
@@ -160,11 +136,7 @@ def _is_index(part: str) -> bool:
 
 
 def number_of(cell: object, name: str) -> float:
-    """Return a cell or a member as a number, NaN where it is missing.
-
-    Raises:
-        LogError: it is none.
-    """
+    """Return a cell or a member as a number, NaN where it is missing; a `LogError` says that it is none."""
     if cell is None or (isinstance(cell, str) and cell.strip().lower() in MISSING):
         return nan
     if isinstance(cell, (bool, dict, list)) or (isinstance(cell, str) and "_" in cell):

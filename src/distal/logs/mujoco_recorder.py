@@ -27,13 +27,9 @@ Reader = Callable[[], float]
 
 
 class MujocoRecorder:
-    """What the sensors of a rig read in a simulation, a row at a time; see `from_mujoco`.
+    """What the sensors of a rig read in a simulation, a row at a time; see `from_mujoco`."""
 
-    Raises:
-        LogError: the model lacks a joint of the rig.
-    """
-
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float = 1.0) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float) -> None:
         self._model, self._data, self._rig = model, data, rig
         # after a step MuJoCo's lengths and forces are those before it: they are computed anew, beside the user's
         self._now = now = mujoco_module().MjData(model)
@@ -94,11 +90,7 @@ class MujocoRecorder:
         self._truth.append([read() for read in self._angles.values()])
 
     def log(self) -> Log:
-        """Return what was recorded so far, with the joints' angles as truth.
-
-        Raises:
-            LogError: nothing was recorded.
-        """
+        """Return what was recorded so far, with the joints' angles as truth; nothing is a `LogError`."""
         if not self._times:
             raise LogError("nothing was recorded; call record() after each step of the simulation")
         columns = dict(zip(self._readers, np.array(self._rows).T))

@@ -13,11 +13,7 @@ from distal.logs.targets import shown
 
 
 def check_writable(path: Path) -> None:
-    """Refuse a place where a file cannot be written.
-
-    Raises:
-        OutputError: it is a folder, or its folder does not exist.
-    """
+    """Raise an `OutputError` where a path is a folder, or its folder does not exist."""
     if os.path.isdir(path):
         raise OutputError(f"{path}: is a folder; give the name of a file")
     if not os.path.isdir(path.parent):
@@ -25,15 +21,7 @@ def check_writable(path: Path) -> None:
 
 
 def write_whole(path: str | Path, data: bytes | str) -> None:
-    """Write a file through a temporary one beside it, so that a failure leaves the old file unchanged.
-
-    Args:
-        path: where; its folder must exist.
-        data: text is written as UTF-8.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
+    """Write a file through a temporary one beside it: a failure leaves the old one unchanged. See `write_together`."""
     write_together({Path(path): data})
 
 
@@ -41,10 +29,7 @@ def write_together(files: Mapping[Path, bytes | str]) -> None:
     """Write several files that belong together: all of them, or none, so that the old files stay.
 
     Every file is first written beside its place. They are moved in only after the last one is complete; if a move
-    fails, those before it are moved back.
-
-    Args:
-        files: path → content; folders must exist, text is written as UTF-8.
+    fails, those before it are moved back. Folders must exist; text is written as UTF-8.
 
     Raises:
         OutputError: one of them cannot be written.

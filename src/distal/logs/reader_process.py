@@ -1,7 +1,6 @@
-"""Binary logs are read in a process of their own: a damaged file can end that process, not the caller's.
+"""Binary logs are read by compiled code in a process of its own: a damaged file may end that process, not the caller's.
 
-A reader of Parquet or of compressed messages is compiled code; a changed byte may make it abort, or ask for all memory.
-The process that reads has a limit on its memory, and is used again for the next file.
+It has a limit on its memory, and is used again for the next file.
 """
 
 from __future__ import annotations
@@ -29,27 +28,23 @@ _LOCK = Lock()
 
 
 def table_by_process(path: Path, columns: Sequence[str] | None) -> Cells:
-    """Return what the format's own reader does, read in a process of its own; `columns` of None reads all.
-
-    Raises:
-        LogError: it cannot be read, is damaged, or takes too much memory.
-    """
+    """Return what the format's own reader does, read in a process of its own; `columns` of None reads all."""
     names, held_columns = _asked({"path": str(path), "columns": None if columns is None else [*columns]})
     return in_memory(held_columns, path, 1, names)
 
 
 def recording_by_process(path: Path, columns: Sequence[str], time: str, unit: float) -> tuple[Cells, Column]:
-    """Return the table and the stamps of `open_recording`, read in a process of its own; `unit` is in seconds.
-
-    Raises:
-        LogError: it cannot be read, is damaged, or takes too much memory.
-    """
+    """Return the table and the stamps of `open_recording`, read in a process of its own; `unit` is in seconds."""
     names, recorded = _asked({"path": str(path), "columns": [*columns], "time": time, "unit": unit})
     return in_memory(recorded, path, 0, names), recorded[STAMPS]
 
 
 def _asked(request: Request) -> tuple[list[str], dict[str, Column]]:
-    """Return the names of all columns and those that were read; what the reader warns of is warned of here."""
+    """Return the names of all columns and those that were read; what the reader warns of is warned of here.
+
+    Raises:
+        LogError: it cannot be read, is damaged, or takes too much memory.
+    """
     path = request["path"]
     try:
         path.encode()
@@ -101,11 +96,7 @@ class _Reader:
         atexit.register(self.end)
 
     def ask(self, request: Request) -> tuple[Answer, bytes]:
-        """Return the answer and the table that comes with it; the process ends where it cannot answer.
-
-        Raises:
-            LogError: reading ended the process.
-        """
+        """Return the answer and the table that comes with it; where reading ends the process, that is a `LogError`."""
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None

@@ -11,6 +11,7 @@ from typing import Any
 
 from distal.errors import OutputError
 from distal.logs.output import check_writable
+from distal.logs.stamps import LATEST
 from distal.rig import angle_names, std_name
 
 SAMPLE_TOPIC, ESTIMATE_TOPIC = "distal/sample", "distal/estimate"
@@ -55,11 +56,7 @@ def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[
 class Recorder:
     """Writes an MCAP file; it stands in its place once it is closed, whole. Without a message, what stood there stays.
 
-    Args:
-        torques: names of the torques from outside that are estimated.
-
-    Raises:
-        OutputError: it cannot be written, or the package mcap is missing.
+    The torques from outside that are estimated are given by their names. An `OutputError` says why it cannot be written.
     """
 
     def __init__(self, path: Path, joints: Sequence[str] = ("joint",), torques: Sequence[str] = ()) -> None:
@@ -89,18 +86,9 @@ class Recorder:
         self._count, self._samples = 0, 0
 
     def add(self, topic: str, time: float, message: Mapping[str, object]) -> None:
-        """Write a message.
-
-        Args:
-            topic: `SAMPLE_TOPIC` or `ESTIMATE_TOPIC`.
-            time: stamp [s].
-            message: its members; a number that is not finite becomes null.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """Write a message of `SAMPLE_TOPIC` or `ESTIMATE_TOPIC` at `time` [s]; numbers that are not finite become null."""
         clean = {k: None if isinstance(v, float) and not isfinite(v) else v for k, v in message.items()}
-        stamp = max(0, round(time * 1e9)) if isfinite(time) and abs(time) < 9e9 else 0
+        stamp = max(0, round(time * 1e9)) if isfinite(time) and abs(time) < LATEST else 0
         self._count += 1
         try:
             self._writer.add_message(self._channels[topic], stamp, json.dumps(clean).encode(), stamp, self._count)
@@ -109,11 +97,7 @@ class Recorder:
         self._samples += topic == SAMPLE_TOPIC
 
     def close(self) -> bool:
-        """Finish the file and put it in its place; return whether there was anything to record.
-
-        Raises:
-            OutputError: it cannot be written; what there is of it is beside its place.
-        """
+        """Finish the file and put it in its place; return whether there was anything to record."""
         try:
             self._writer.finish()
             self._file.close()

@@ -16,15 +16,13 @@ from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError, did_you_mean
 from distal.logs.formats import Message, format_of
 from distal.logs.messages import number_of
+from distal.logs.stamps import LATEST
 
 NEAR = 0.1
 """Messages whose stamps differ by less than this share of the busiest topic's interval are one row."""
 
 SET_BACK = 1_000_000_000
 """A clock whose stamps go back by more than this was set back [ns]."""
-
-LATEST = 9.0e9
-"""No stamp is later than this [s]: a stamp in another unit is."""
 
 Read = Callable[[str], object]
 
@@ -112,11 +110,7 @@ def _named(column: str) -> tuple[str, str]:
 
 
 def element(read: Read, field: str) -> object:
-    """Return a field of a message; of ``[left_wrist].position`` the element whose place in the message's ``name`` that is.
-
-    Args:
-        read: gives a field, None where it is not there.
-    """
+    """Return a field of a message; of ``[left_wrist].position`` the element whose place in ``name`` has that text."""
     match = re.fullmatch(r"\[([^\[\]]+)\]\.(.+)", field)
     if match is None:
         return read(field)
@@ -181,10 +175,8 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, list[S
 def _in_cycles(stamped: dict[str, list[Stamped]], topic_of: dict[str, str]) -> dict[str, list[Stamped]]:
     """Return the same with one stamp for all joints of a cycle, where a driver publishes each in a message of its own.
 
-    A cycle of a topic begins with a joint that the last one has already, or half an interval after it began.
-
-    Args:
-        topic_of: column → topic of columns that name an element.
+    A cycle of a topic begins with a joint that the last one has already, or half an interval after it began. Of
+    columns that name an element, `topic_of` has the topic.
     """
     moved = dict(stamped)
     for topic in sorted(set(topic_of.values())):

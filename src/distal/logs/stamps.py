@@ -31,11 +31,9 @@ UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 
 @dataclass(frozen=True)
 class Clock:
-    """Time of the samples of a log.
+    """Time of the samples of a log [s], (k,), and where they are dates their stamps since 1970 [ns], (k,).
 
-    Args:
-        time: [s], (k,): from the first sample on where the stamps are dates, else as they are.
-        stamps: since 1970 [ns], (k,), where they are dates, else None.
+    The time then counts from the first sample on.
     """
 
     time: Floats
@@ -56,13 +54,8 @@ class Clock:
 def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     """Return the time of a table's rows.
 
-    Dates counted in another unit than the rig says are recognised by their size: 1.8e18 can only be nanoseconds.
-
-    Args:
-        unit: in which the rig says that numbers are [s].
-
-    Raises:
-        LogError: a stamp is missing or is none, or is of no time at all.
+    Dates counted in another `unit` than the rig says [s] are recognised by their size: 1.8e18 can only be nanoseconds. A
+    `LogError` says which stamp is missing or is none, or is of no time at all.
     """
     column, path, first_row = cells.column(name), cells.path, cells.first_row
     if isinstance(column, list):

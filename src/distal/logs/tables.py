@@ -21,13 +21,7 @@ from distal.logs.targets import shown
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of a file, all read as numbers.
-
-    Args:
-        columns: name → values, NaN where missing.
-        first_row: row number of the first value in the file, as an editor counts.
-        units: name → unit, of those whose header says it beside the name.
-    """
+    """Columns of a file, all read as numbers, NaN where missing; first row and units are those of its `Cells`."""
 
     source: str
     columns: dict[str, Floats]
@@ -35,11 +29,7 @@ class Table:
     units: Mapping[str, str] = field(default_factory=dict)
 
     def in_si(self, name: str, si: str) -> Floats:
-        """Return a column in SI by the unit in its header; unchanged where the header has no unit.
-
-        Raises:
-            LogError: the header's unit has another dimension, or is unknown.
-        """
+        """Return a column in SI by the unit in its header; unchanged where the header has no unit."""
         unit = self.units.get(name)
         return self.columns[name] * scale(unit, si, f"{self.source}: column '{header(name, unit or '')}'")
 
@@ -67,8 +57,6 @@ def open_table(path: Source, columns: Sequence[str] | None = None, index_name: s
             allows that.
         index_name: where a pandas frame lacks this column, its index of dates is taken.
 
-    Raises:
-        LogError: it cannot be read, or is neither.
     """
     cells = _opened(path, columns, index_name)
     return cells.without_units(units_of(cells.names, columns or (), str(cells.path)))
@@ -113,15 +101,7 @@ def _column(column: Any) -> Column:
 
 
 def table_of(cells: Cells, wanted: Sequence[str] | None, optional: Iterable[str] = ()) -> Table:
-    """Return columns of an open table as numbers; see `read_table`.
-
-    Args:
-        wanted: columns that must be there; None takes all.
-        optional: columns that are taken where they are there.
-
-    Raises:
-        LogError: a column is missing or does not hold numbers, or there is no row.
-    """
+    """Return the `wanted` columns of an open table as numbers, and those `optional` ones that it has; see `read_table`."""
     names = list(cells.names) if wanted is None else [*wanted, *(c for c in optional if c in cells.names)]
     cells.check(names)
     return Table(str(cells.path), cells.numbers(list(dict.fromkeys(names))), cells.first_row, cells.units)

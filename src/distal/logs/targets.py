@@ -20,12 +20,7 @@ ROOM = 10
 
 @dataclass(frozen=True)
 class Output:
-    """A file that will be written.
-
-    Args:
-        by: what asks for it, e.g. ``--out``.
-        folder: that is made if need be, and in which the file stands; None where the file's folder must be there.
-    """
+    """A file that will be written, `by` what asks for it (``--out``); a `folder` for it is made if need be."""
 
     path: Path
     by: str

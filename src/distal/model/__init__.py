@@ -6,7 +6,6 @@ from distal.model.friction import Limit, capstan_limit, clip_moments, free_respo
 from distal.model.intervals import interval_step
 from distal.model.mechanism import GRAVITY, Mechanism
 from distal.model.motion import Moment
-from distal.model.parameters import Parameters
 from distal.model.stepping import (
     RESOLUTION,
     Kick,
@@ -30,7 +29,6 @@ __all__ = [
     "Limit",
     "Mechanism",
     "Moment",
-    "Parameters",
     "Slip",
     "capstan_limit",
     "clip_moments",

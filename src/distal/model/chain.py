@@ -69,11 +69,7 @@ class Chain:
         return matrix
 
     def torques(self, q: Vector, v: Vector, acceleration: Vector) -> Vector:
-        """Return M(q) q̈ + c(q, v) + g(q) of the links, (n_joints,) [N m], by recursive Newton–Euler.
-
-        Args:
-            acceleration: q̈, (n_joints,) [rad/s²].
-        """
+        """Return M(q) q̈ + c(q, v) + g(q) of the links at an acceleration q̈ [rad/s²], (n_joints,) [N m]: Newton–Euler."""
         n, turned = len(self._rig.joints), self._frames.rotations(q)
         resting = (ca.SX(3, 1), ca.SX(3, 1), -self._frames.gravity())
         spins = self._frames.carried(turned, v)

@@ -30,8 +30,7 @@ class Loads:
     Args:
         force: F, all but inertia, damping, friction and stops [N m].
         implicit: D, damping that is taken implicitly [N m s/rad].
-        up: friction limits against + motion [N m].
-        down: against − motion [N m].
+        up: friction limits against + motion, `down` those against − motion [N m].
         stiffness: K of the taut tendons and springs, taken implicitly, (n_joints, n_joints) [N m/rad]; None for none.
     """
 
@@ -58,10 +57,8 @@ class Kicked:
     Args:
         q: angles of all joints, (n_joints,) [rad]; v are their speeds [rad/s].
         slip: of the free joints, as `contacts`.
-        matrix: A with the stops in it, (n_free, n_free).
-        load: r with the stops in it, (n_free,).
-        up: friction impulses against + motion, (n_free,).
-        down: against − motion, (n_free,).
+        matrix: A with the stops in it, (n_free, n_free); `load` is r with them, (n_free,).
+        up: friction impulses against + motion, `down` those against − motion, (n_free,).
     """
 
     q: Vector

@@ -48,15 +48,9 @@ def extension_torque(
 ) -> Scalar:
     """Return −F dL/dθ of a spring between two points [N m]: L² = r² + R² − 2 r R cos x, dL/dθ = r R sin x/L.
 
-    F = max(preload + k (L − free length), 0), as an extension spring with initial tension pulls.
-
-    Args:
-        away: x = θ − line angle [rad].
-        stiffness: k [N/m].
-        free_length: length at which its coils open [m].
-        radius: r, from the axis to the link's point [m].
-        distance: R, from the axis to the base's point [m].
-        preload: force at which its coils open [N].
+    F = max(preload + k (L − free length), 0), as an extension spring with initial tension pulls: its coils open at
+    `free_length` [m] with `preload` [N], `stiffness` is k [N/m]. The angle x = θ − line angle [rad] is `away`; `radius` r
+    and `distance` R are from the axis to the link's and to the base's point [m].
     """
     length = ca.sqrt(ca.fmax(radius**2 + distance**2 - 2 * radius * distance * ca.cos(away), SHORTEST**2))
     force = ca.fmax(preload + stiffness * (length - free_length), 0)

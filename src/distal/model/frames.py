@@ -16,12 +16,7 @@ from distal.rig import Rig
 
 
 def rotation(axis: Sequence[float], angle: Scalar) -> Matrix:
-    """Return the matrix of a rotation about a unit axis, (3, 3): R = a aᵀ + cos θ (1 − a aᵀ) + sin θ [a×] (Rodrigues).
-
-    Args:
-        axis: unit vector.
-        angle: θ [rad].
-    """
+    """Return the matrix R = a aᵀ + cos θ (1 − a aᵀ) + sin θ [a×] of a turn about a unit `axis` by an `angle` θ, (3, 3)."""
     a = np.asarray(axis)
     along = np.outer(a, a)
     cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
@@ -29,12 +24,7 @@ def rotation(axis: Sequence[float], angle: Scalar) -> Matrix:
 
 
 class Frames:
-    """The frames of a rig's links as a tree.
-
-    Args:
-        rig: the description.
-        parameters: its numbers, symbolic.
-    """
+    """The frames of a rig's links as a tree. Joint angles q [rad] and their speeds v [rad/s] are (n_joints,)."""
 
     def __init__(self, rig: Rig, parameters: Parameters) -> None:
         self.rig, self._p = rig, parameters
@@ -45,19 +35,13 @@ class Frames:
         return ca.vertcat(*(self._p[f"{path}.{k}"] for k in range(3)))
 
     def rotations(self, q: Vector) -> list[Matrix]:
-        """Return how each frame is turned in its parent's, (3, 3) each.
-
-        Args:
-            q: joint angles, (n_joints,) [rad].
-        """
+        """Return how each frame is turned in its parent's at q, (3, 3) each."""
         return [rotation(joint.axis, q[i]) for i, joint in enumerate(self.rig.joints)]
 
     def carried(self, turned: Sequence[Matrix], v: Vector) -> list[Vector]:
         """Return the angular velocity that each link has from those before it, in its own frame, (3,) each [rad/s].
 
-        Args:
-            turned: as `rotations` returns it.
-            v: speeds of the joints, (n_joints,) [rad/s].
+        They are `turned` as `rotations` has it, with speeds v.
         """
         spins = list[Vector]()
         for i, parent in enumerate(self.parents):
@@ -66,21 +50,12 @@ class Frames:
         return spins
 
     def turning(self, q: Vector, v: Vector) -> list[Vector]:
-        """Return the angular velocity of each link in its own frame, (3,) each [rad/s].
-
-        Args:
-            q: joint angles, (n_joints,) [rad].
-            v: their speeds, (n_joints,) [rad/s].
-        """
+        """Return the angular velocity of each link at q and v in its own frame, (3,) each [rad/s]."""
         spins = self.carried(self.rotations(q), v)
         return [spin + self._axis(i) * v[i] for i, spin in enumerate(spins)]
 
     def falling(self, q: Vector) -> list[Vector]:
-        """Return the acceleration of free fall in the frame of each link, (3,) each [m/s²].
-
-        Args:
-            q: joint angles, (n_joints,) [rad].
-        """
+        """Return the acceleration of free fall in the frame of each link at q, (3,) each [m/s²]."""
         turned, falls = self.rotations(q), list[Vector]()
         for i, parent in enumerate(self.parents):
             falls.append(ca.mtimes(turned[i].T, self.gravity() if parent is None else falls[parent]))
@@ -91,7 +66,7 @@ class Frames:
         base, turned = self.rig.base, ca.SX.eye(3)
         # only a chain has the numbers of its base among the model's
         has = self.rig.is_chain
-        for axis, k in (((1.0, 0.0, 0.0), 0), ((0.0, 1.0, 0.0), 1), ((0.0, 0.0, 1.0), 2)):
+        for k, axis in enumerate(np.eye(3).tolist()):
             # each turn is about an axis of the world, after those before it
             angle = self._p[f"base.orientation.{k}"] if has else ca.SX(base.orientation[k])
             turned = ca.mtimes(rotation(axis, angle), turned)

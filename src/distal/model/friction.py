@@ -38,11 +38,8 @@ def soft(z: Scalar, limit: Limit | Scalar) -> Scalar:
     """Return max(z − l₊, 0) + min(z + l₋, 0): the velocity left after friction of impulse l; zero means stick.
 
     It is the exact solution v of z ∈ v + l · sgn(v) with the set-valued sgn(0) = [−1, 1]; its derivative is 0 in
-    stick and 1 in slip. A stuck body does not creep, whatever the step.
-
-    Args:
-        z: velocity without friction.
-        limit: friction limit as a velocity, b · μN ≥ 0; a `Limit` where it depends on the direction.
+    stick and 1 in slip. A stuck body does not creep, whatever the step. The velocity without friction is z, the `limit` is
+    one as a velocity, b · μN ≥ 0; a `Limit` where it depends on the direction.
     """
     return slipped(*slip(z, limit), z, limit)
 
@@ -68,12 +65,8 @@ def slipped(forward: Scalar, back: Scalar, z: Scalar, limit: Limit | Scalar) -> 
 def capstan_limit(tension: Scalar, wrapped: Scalar, let_out: Scalar = 1) -> Limit:
     """Return friction of a tendon along its path, by the capstan equation T_drive = T e^{±μβ} (Euler, Eytelwein).
 
-    Drawn in, the drive pulls T e^{μβ}: friction takes T (e^{μβ} − 1); let out, T e^{−μβ}: it takes T (1 − e^{−μβ}).
-
-    Args:
-        tension: at the joint's end, T [N].
-        wrapped: coefficient of friction between tendon and guide times the sum of the angles of its bends, μβ [rad].
-        let_out: coefficient while it is let out, as a share of μ.
+    Drawn in, the drive pulls T e^{μβ}: friction takes T (e^{μβ} − 1); let out, T e^{−μβ}: it takes T (1 − e^{−μβ}). The
+    `tension` T [N] is that at the joint's end, `wrapped` is μβ [rad], and μ is `let_out` times as large as it is let out.
     """
     return Limit(tension * ca.expm1(wrapped), -tension * ca.expm1(-let_out * wrapped))
 
@@ -106,12 +99,7 @@ def load_dependent_limit(
 ) -> Scalar:
     """Return the friction limit μ r_a N_ref (N/N_ref)^e; with e = 1 it is μ r_a N, equation (12) reconstructed.
 
-    Args:
-        coefficient: μ.
-        radius: r_a [m].
-        load: N = T0 + Σ T [N], not negative.
-        reference: N_ref [N].
-        exponent: e ≥ 1.
+    The `coefficient` is μ, `radius` r_a [m], `load` N = T0 + Σ T ≥ 0 [N], `reference` N_ref [N], `exponent` e ≥ 1.
     """
     if isinstance(exponent, ca.SX) and exponent.is_one():
         return coefficient * radius * load
@@ -126,8 +114,7 @@ class SoftMoments:
         mean: E[soft(z, l)].
         slope: dE/dz, the chance to slip.
         rest: variance beyond slope² · σ².
-        forward: the chance to slip to +.
-        back: the chance to slip to −.
+        forward: the chance to slip to +, `back` that to −.
     """
 
     mean: Scalar
@@ -170,9 +157,8 @@ class ClipMoments:
 
     Args:
         mean: E[clip(z, a, b)].
-        by_low: its slope with respect to a: the chance to be held by it.
+        by_low: its slope with respect to a, `by_high` to b: the chance to be held by it.
         by_mean: with respect to the mean of z: the chance to be free.
-        by_high: with respect to b.
         rest: variance beyond by_mean² · σ².
     """
 

@@ -17,7 +17,6 @@ def interval_step(mechanism: Mechanism, count: int, rebounds: bool = True, with_
     a position loop), all per body.
 
     Args:
-        count: number of sub-steps.
         rebounds: whether bodies bounce off stops (simulation) or are pressed against them (filters).
         with_servo: whether a spring and damper to a target may act on the bodies.
     """

@@ -16,9 +16,7 @@ class Moment:
     """A motion at a moment, as `distal.rig.sensors.Motion` has it.
 
     Args:
-        mechanism: the rig's equations.
-        q: coordinates, (n_bodies,).
-        v: their rates, (n_bodies,).
+        q: coordinates, (n_bodies,); v are their rates.
         tensions: of the tendons, (n_tendons,) [N].
         efforts: torques on the joints from outside, then what the drives exert, (n_bodies,).
     """
@@ -70,9 +68,5 @@ class Moment:
         return Frames(self.mechanism.rig, self.mechanism.parameters)
 
     def read(self, sensor: Sensor, unknowns: Mapping[str, Scalar] | None = None) -> Scalar:
-        """Return what a sensor without errors reads [SI].
-
-        Args:
-            unknowns: values of the sensor's unknown numbers by name; default the rig's.
-        """
+        """Return what a sensor without errors reads [SI], its numbers being the rig's but for `unknowns` by name."""
         return measurand_of(sensor).read(sensor, self, part_of(sensor, self.mechanism.rig), unknowns or {})

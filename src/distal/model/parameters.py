@@ -72,11 +72,7 @@ class Parameters:
         return len(self.names)
 
     def __getitem__(self, name: str) -> Scalar:
-        """Return the symbol (or the constant) of a parameter.
-
-        Raises:
-            KeyError: the rig has no such parameter.
-        """
+        """Return the symbol (or the constant) of a parameter that the rig has."""
         if name in self._constants:
             return ca.SX(self._constants[name])
         return self.symbols[self._index[name]]
@@ -90,11 +86,7 @@ class Parameters:
 
 
 def number_at(rig: Rig, path: str) -> float:
-    """Return the number (a parameter's value) at a path of the description: keys and indices joined by dots.
-
-    Raises:
-        RigError: there is none.
-    """
+    """Return the number (a parameter's value) at a path of the description, which must have one: keys and indices."""
     part: object = rig
     for key in path.split("."):
         if isinstance(part, tuple):

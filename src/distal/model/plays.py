@@ -22,9 +22,6 @@ NEWTON_STEPS = 3
 SOFTEST = 1e-9
 """Stiffness that slack tendons are taken to have, so that nothing is divided by zero [N/m, N m/rad]."""
 
-CREEPS = ("creep", "slow_creep")
-"""Keys of a tendon's slow stretches."""
-
 Pull: TypeAlias = Callable[[Scalar], tuple[Scalar, Scalar]]
 """Place → what tendons pull back with there, and its slope."""
 
@@ -75,8 +72,7 @@ class Sheath:
 
     Args:
         stiffness: of the whole cable, k [N/m].
-        drawn: e^{μβ/N} as it is drawn in.
-        let_out: the same as it is let out.
+        drawn: e^{μβ/N} as it is drawn in, `let_out` the same as it is let out.
         count: number of points, N.
         stiffening: a [1/m] of the whole cable, None for a linear spring; see `stretched`.
         pretension: tension about which it stiffens [N].
@@ -158,9 +154,3 @@ def plays_of(rig: Rig) -> tuple[str, ...]:
     backlashes = [f"drives.{i}.backlash.place" for i, drive in enumerate(rig.drives) if drive.backlash is not None]
     counts = [0 if tendon.path is None else tendon.path.nodes for tendon in rig.tendons]
     return (*backlashes, *(f"tendons.{i}.path.point.{k}" for i, count in enumerate(counts) for k in range(count)))
-
-
-def strains_of(rig: Rig) -> tuple[str, ...]:
-    """Return the names of the slow stretches of a rig's tendons."""
-    creeps = [(f"tendons.{i}.{kind}", getattr(t, kind)) for i, t in enumerate(rig.tendons) for kind in CREEPS]
-    return tuple(f"{path}.strain" for path, creep in creeps if creep is not None)

@@ -28,10 +28,8 @@ def responses(
 ) -> Matrix:
     """Return what depends on the step only, (n_bodies, 4): a, b (see `free_response`), rebound, implicitness.
 
-    Args:
-        length: of the kick [s]; `drift` is that of the drift that follows.
-        added_inertia: what rides on the bodies beside their own inertia (hung weights), (n_bodies,), or none.
-        rebounds: whether bodies bounce off stops; else the third column is zero.
+    The kick has a `length`, the drift that follows is `drift` long [s]. What rides on the bodies (hung weights) has an
+    `added_inertia`, (n_bodies,). Where no body `rebounds`, the third column is zero.
     """
     inertias, dampings = mechanism.inertias(), mechanism.dampings()
     rows = []
@@ -53,12 +51,9 @@ class Kick:
     """The symbols of one kick, all SX.
 
     Args:
-        q: coordinates, (n_bodies,) [rad, m].
-        v: velocities, (n_bodies,).
-        effort: applied force or torque on each body, (n_bodies,).
+        q: coordinates, (n_bodies,) [rad, m]; v are their velocities, `effort` is the force or torque on each body.
         response: see `responses`, (n_bodies, 4).
-        length: of the kick [s].
-        drift: length of the drift that follows (or, in the last kick, went before) [s].
+        length: of the kick [s]; `drift` is that of the drift that follows (or, in the last kick, went before).
         implicit: (force F, damping D) per body, (n_bodies, 2): F − D v⁺ is taken implicitly; or none.
     """
 
@@ -184,11 +179,7 @@ def last_kick(mechanism: Mechanism, kick: Kick) -> Vector:
 
 
 def stiffest_frequency(mechanism: Mechanism) -> float:
-    """Return the largest natural frequency [rad/s] of the rig with all tendons taut, from M⁻¹K.
-
-    Raises:
-        RigError: it is not finite.
-    """
+    """Return the largest natural frequency [rad/s] of the rig with all tendons taut, from M⁻¹K; it must be finite."""
     frequencies = [_frequency(mechanism, q, range(mechanism.n_bodies)) for q in _postures(mechanism)]
     if not np.all(np.isfinite(frequencies)):
         raise RigError(
@@ -245,11 +236,7 @@ def joint_frequency(mechanism: Mechanism) -> float:
 
 
 def substeps(mechanism: Mechanism, interval: float) -> int:
-    """Return how many sub-steps an interval [s] needs: the rig's `largest_step`, or RESOLUTION/ω of its stiffest mode.
-
-    Raises:
-        RigError: more than `MOST_SUBSTEPS` would be needed.
-    """
+    """Return how many sub-steps an interval [s] needs: the rig's `largest_step`, or RESOLUTION/ω of its stiffest mode."""
     largest = mechanism.rig.stepping.largest_step or RESOLUTION / max(stiffest_frequency(mechanism), 1e-12)
     needed = interval / largest * (1 - 1e-9)
     if needed > MOST_SUBSTEPS:

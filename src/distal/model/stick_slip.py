@@ -81,8 +81,7 @@ def slipping(
     Args:
         matrix: A, symmetric positive definite, (n, n).
         load: r, (n,).
-        up: friction limits against + motion, (n,).
-        down: against − motion, (n,).
+        up: friction limits against + motion, `down` those against − motion, (n,).
         start: velocities near the solution, (n,); default those of each joint alone.
         events: how many are followed; default `EVENTS` for each joint.
     """

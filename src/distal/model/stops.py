@@ -77,10 +77,7 @@ class Stop:
     restitution when hit, and fully implicit when pressed.
 
     Args:
-        low: x_L.
-        high: x_H.
-        stiffness: k_s.
-        damping: b_s.
+        low: x_L, `high` is x_H; `stiffness` is k_s, `damping` b_s.
         rebound: coefficient of restitution e, 0 for none.
         implicitness: share α of the coming drift at which the spring is taken.
     """
@@ -101,8 +98,7 @@ class Stop:
 
         Args:
             position: x at the start of the drift, of length h = `drift` [s].
-            place: the stop that is pressed, x_L or x_H.
-            contact: whether it is pressed.
+            place: the stop, x_L or x_H; `contact` says whether it is pressed.
         """
         z, limit, b, implicit = push.z, push.limit, push.b, push.implicit
         inside = position - place
@@ -164,10 +160,7 @@ def bounce(rebound: Scalar, at_high: Scalar, place: Scalar, flight: Flight) -> t
 
 
 def velocity_in_stops(stop: Stop, push: Push, position: Scalar, drift: Scalar) -> Scalar:
-    """Return v⁺ of a kick at a `position` that no drift follows: the last half kick of an interval.
-
-    The stop's spring is taken over the `drift` h [s] that went before.
-    """
+    """Return v⁺ of the last half kick, at a `position` that no drift follows; the spring counts over the `drift` before."""
     free = push.free
     inside = ca.if_else(position > stop.high, stop.high, stop.low)
     pressed = stop.pressed(push, position, inside, drift)

@@ -10,7 +10,7 @@ import casadi as ca
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model.elasticity import stretched
 from distal.model.parameters import Parameters
-from distal.model.plays import CREEPS, Bounds, Pull, Sheath, balanced, gap, plays_of, strains_of
+from distal.model.plays import Bounds, Pull, Sheath, balanced, gap, plays_of
 from distal.rig import Meeting, Polynomial, Rig, Size
 
 
@@ -26,11 +26,9 @@ class Body:
 
 @dataclass(frozen=True)
 class Place:
-    """Where what moves inside a rig is, and what the tendons are tied to.
+    """Coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad, m], and what moves inside.
 
-    Args:
-        q: coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad, m].
-        inside: places of the far sides of drives' backlashes, then of the points in sheaths, (n_inside,) [rad, m].
+    These are places of the far sides of drives' backlashes, then of the points in sheaths, (n_inside,) [rad, m].
     """
 
     q: Vector
@@ -39,12 +37,9 @@ class Place:
 
 @dataclass(frozen=True)
 class Pulls:
-    """What tendons do.
+    """Tensions of tendons at the joint and at the drive, the same but for a sheath between, (n_tendons,) [N].
 
-    Args:
-        joint: their tensions at the joint, (n_tendons,) [N].
-        drive: their tensions at the drive, the same but for a sheath between, (n_tendons,) [N].
-        forces: on the bodies, −(∂ℓ/∂q)ᵀ T, (n_bodies,).
+    The `forces` are those on the bodies, −(∂ℓ/∂q)ᵀ T, (n_bodies,).
     """
 
     joint: Vector
@@ -66,7 +61,8 @@ class Tendons:
 
     def __init__(self, rig: Rig, inputs: Sequence[str] = (), remembers: bool = False) -> None:
         self.rig, self.remembers = rig, remembers
-        self.plays, self.strains = plays_of(rig), strains_of(rig)
+        self.plays = plays_of(rig)
+        self.strains = tuple(f"{path}.strain" for i in range(len(rig.tendons)) for path in self.creeps(i))
         self._first_point = sum(drive.backlash is not None for drive in rig.drives)  # points in sheaths come last
         self.parameters = Parameters(rig, inputs, (*self.plays, *self.strains) if remembers else ())
         self.bodies = tuple(
@@ -119,11 +115,7 @@ class Tendons:
         return jacobian(q, p)
 
     def place(self, q: Vector, settled: bool = False) -> Place:
-        """Return where what moves inside comes to rest as the bodies have come to q.
-
-        Args:
-            settled: it has come to rest already: what is remembered is where it is.
-        """
+        """Return where what moves inside comes to rest as the bodies have come to q; where `settled`, it has already."""
         remembered = [self.parameters[name] for name in self.plays] if self.remembers else None
         points = None if remembered is None else remembered[self._first_point :]
         tied, far_sides = self._tied(q, remembered, points, settled)
@@ -312,9 +304,9 @@ class Tendons:
         return elongated
 
     def creeps(self, tendon: int) -> list[str]:
-        """Return the paths of a tendon's creeps."""
+        """Return the paths of a tendon's slow stretches."""
         part = self.rig.tendons[tendon]
-        return [f"tendons.{tendon}.{name}" for name in CREEPS if getattr(part, name) is not None]
+        return [f"tendons.{tendon}.{name}" for name in ("creep", "slow_creep") if getattr(part, name) is not None]
 
     def crept(self, q: Vector, dt: Scalar) -> list[Scalar]:
         """Return all `strains` after an interval at q, [m]: c⁺ = λ c + (1 − λ) γ/(1 + γ) (T/k + c), λ = e^{−(1 + γ) dt/τ}.

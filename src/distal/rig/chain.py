@@ -20,11 +20,7 @@ Vector = tuple[float, float, float]
 
 
 def unit_vector(raw: object) -> object:
-    """Return an axis, given as "x", "y" or "z", "-x" and so on, or as three numbers, as a unit vector.
-
-    Raises:
-        UnitError: it is neither.
-    """
+    """Return an axis, given as "x", "y" or "z", "-x" and so on, or as three numbers, as a unit vector."""
     if isinstance(raw, str):
         if raw.removeprefix("-") not in AXES:
             raise UnitError(f'must be "x", "y", "z", "-x", "-y", "-z" or three numbers, {raw!r} came')

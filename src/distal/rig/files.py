@@ -21,11 +21,7 @@ def shipped_rigs() -> tuple[str, ...]:
 
 
 def rig_text(name: str | Path) -> tuple[str, str]:
-    """Return the text of a shipped rig or of the file at a path, and what to call it in messages.
-
-    Raises:
-        RigError: neither a shipped rig nor a readable file.
-    """
+    """Return the text of a shipped rig or of the file at a path, and what to call it in messages."""
     shipped = shipped_rigs()
     if str(name) in shipped:
         file = resources.files("distal.rig").joinpath("library", f"{name}.toml")
@@ -55,10 +51,7 @@ def parse_toml(text: str, source: str, error: type[DistalError]) -> dict[str, ob
 
 
 def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
-    """Load a rig by name (see `shipped_rigs`) or from a TOML file.
-
-    Args:
-        assignments: ``path=value`` each, as ``--set`` on the command line; the value is TOML.
+    """Load a rig by name (see `shipped_rigs`) or from a TOML file, with assignments ``path=value`` as by ``--set``.
 
     Raises:
         RigError: the rig is unknown, cannot be read, or its description is wrong.
@@ -81,11 +74,7 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
 
 
 def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
-    """Return the text of a rig file with some values replaced, as by `load_rig`; its comments stay.
-
-    Raises:
-        RigError: as `load_rig`.
-    """
+    """Return the text of a rig file with some values replaced, as by `load_rig`; its comments stay."""
     text, source = rig_text(name)
     raw = parse_toml(text, source, RigError)
     for assignment in assignments:
@@ -107,9 +96,5 @@ def template_text() -> str:
 
 
 def build_rig(raw: Mapping[str, object], source: str) -> Rig:
-    """Check a raw description and return the rig; `source` names it in messages.
-
-    Raises:
-        RigError: something is wrong; one line that says where, what came and what is allowed.
-    """
+    """Check a raw description and return the rig, or raise a `RigError`; `source` names it in messages."""
     return validated(Rig, raw, source, RigError)

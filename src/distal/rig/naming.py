@@ -28,10 +28,7 @@ def names_in(items: Sequence[object]) -> list[str]:
 
 
 def named(root: object, path: str) -> str:
-    """Return a path with names of parts for their indices: ``joints.pip.inertia`` for ``joints.0.inertia``.
-
-    Keys that lead nowhere stay as they are.
-    """
+    """Return a path with names of parts for their indices, where it has some: ``joints.pip`` for ``joints.0``."""
     return ".".join(key for key, _ in _steps(root, path))
 
 

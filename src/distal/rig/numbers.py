@@ -32,8 +32,6 @@ class Number:
     Args:
         path: keys and indices joined by dots, names of parts replaced by their indices.
         std: what is not known of its value; 0 where it has none.
-        quantity: its unit and bound.
-        is_parameter: whether it has a std at all.
         hold: whether its std is for fitting only.
         shared: the name of what it errs by together with others, and how much as a share of the value; None if alone.
         independent_std: what is not known of it alone.
@@ -55,11 +53,7 @@ class Number:
 
 
 def number(rig: Rig, path: str) -> Number:
-    """Return a number of a description by its path, as in ``--set``: parts by index or by name.
-
-    Raises:
-        RigError: the path leads nowhere, or not to a number.
-    """
+    """Return a number of a description by its path, as in ``--set``: parts by index or by name; others are errors."""
     part: object = rig
     owner: type[BaseModel] | None = None
     field = ""

@@ -22,11 +22,7 @@ _LOOSE_QUANTITY = re.compile(r"^[-+]?[0-9.][0-9.eE+-]*\s*[A-Za-z%°µμ][^\"'\[\
 
 
 def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
-    """Split ``path=value`` and read the value as TOML; a quantity whose quotes a shell removed is text.
-
-    Raises:
-        DistalError: (of the kind `error`) there is no ``=``, or the value is not TOML.
-    """
+    """Split ``path=value``, its value in TOML, or raise `error`; a quantity whose quotes a shell removed is text."""
     path, equals, value = text.partition("=")
     path, value = path.strip(), value.strip()
     if "\n" in value or "\r" in value:
@@ -45,13 +41,10 @@ def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
 
 
 def set_value(raw: object, path: str, value: object, error: type[DistalError]) -> None:
-    """Replace the value at `path` in `raw`, in place.
+    """Replace the value at `path` in `raw`, in place, or raise `error` where an item of the path does not exist.
 
     A bare value that replaces ``{ value, std }`` keeps the std. Items of a list are named by their name or index, crossings
     by their joint; ``*`` stands for all of them.
-
-    Raises:
-        DistalError: (of the kind `error`) an item of the path does not exist.
     """
     keys = path.split(".")
     if len(keys) > DEEPEST:

@@ -20,8 +20,6 @@ class Meeting:
         path: below the tendon's own, ``insertion`` or ``crossings.k``.
         joints: names of the joints: one, but for a polynomial.
         side: +1 pulls the joint to +θ, −1 to −θ; 1 for a polynomial.
-        shape: its kind and sizes.
-        guide: friction along the way there, or None.
     """
 
     path: str
@@ -31,11 +29,7 @@ class Meeting:
     guide: Guide | None = None
 
     def arms(self, angles: dict[str, float]) -> dict[str, float]:
-        """Return the moment arms, positive where it pulls to +θ, by joint [m].
-
-        Args:
-            angles: by joint [rad]; a pinned tendon's arm is that at zero.
-        """
+        """Return the moment arms by joint [m], positive where it pulls to +θ; a pinned tendon's are those at zero."""
         if isinstance(self.shape, Polynomial):
             return self.shape.arms(angles)
         arm = self.shape.radius.value

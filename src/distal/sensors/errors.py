@@ -21,10 +21,8 @@ class Curves:
     travel is `largest`; beyond the ends a curve keeps the value that it has there.
 
     Args:
-        low: lower ends of the travels, (n,).
-        high: upper ends, (n,); a sensor has no curve where they are not above the lower ones.
-        weights: scale · a_j/j, (n, 3).
-        phases: φ_j, (n, 3).
+        low: lower ends of the travels, (n,), `high` the upper ones; where they are not above them, there is no curve.
+        weights: scale · a_j/j, (n, 3); `phases` are φ_j.
     """
 
     low: Floats
@@ -36,7 +34,7 @@ class Curves:
     def drawn(
         cls, travels: Sequence[tuple[float, float]], largest: Sequence[float], rngs: Sequence[np.random.Generator]
     ) -> Curves:
-        """Draw a curve for each sensor."""
+        """Draw a curve for each sensor by its own generator, over its travel and of its `largest` magnitude, (n,)."""
         low, high = (np.array([ends[k] for ends in travels]) for k in (0, 1))
         orders = np.arange(1, _HARMONICS + 1)
         drawn = [(rng.normal(size=_HARMONICS) / orders, rng.uniform(0.0, 2.0 * np.pi, _HARMONICS)) for rng in rngs]
@@ -47,7 +45,7 @@ class Curves:
         return cls(low, np.where(high > low, high, low + 1.0), scales[:, None] * weights, phases)
 
     def at(self, x: Floats) -> Floats:
-        """Return the deviations at x, (k, n)."""
+        """Return the deviations at true values x, (k, n)."""
         share = np.clip((x - self.low) / (self.high - self.low), 0.0, 1.0)
         orders = np.arange(1, _HARMONICS + 1)
         deviations: Floats = np.sum(self.weights * np.sin(np.pi * orders * share[..., None] + self.phases), axis=-1)
@@ -59,12 +57,9 @@ AHEAD = 256
 
 
 class SensorErrors:
-    """The errors of some sensors in one run, however few of their samples come at a time.
+    """The errors of n sensors in one run, however few of their samples come at a time.
 
-    Args:
-        sensors: their descriptions, n of them.
-        travels: ends of the travels over which their linearities are defined.
-        rngs: draw curves and noise, one for each; the same draws are made whatever is switched off.
+    Linearities are defined over `travels`; one of `rngs` for each draws curve and noise, the same whatever is switched off.
     """
 
     def __init__(
@@ -93,10 +88,9 @@ class SensorErrors:
         return self._drawn[:count]
 
     def read(self, true: Floats) -> Floats:
-        """Return what the sensors read: gain times true value, plus linearity, bias and noise, rounded to the resolution.
+        """Return what the sensors read of the next true values in time [SI], (k, n).
 
-        Args:
-            true: what there is to measure, SI, the next samples in time, (k, n).
+        That is the gain times the true value, plus linearity, bias and noise, rounded to the resolution.
         """
         read: Floats = self._gain * true + self._bias + self._curves.at(true) + self._noise * self.draws(len(true))
         self._drawn = self._drawn[len(true) :]
@@ -107,7 +101,7 @@ class SensorErrors:
 
 
 def measure(sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.random.Generator) -> Floats:
-    """Return what a sensor reads of a whole run, see `SensorErrors`."""
+    """Return what a sensor reads of a whole run, (n,), of `true` values [SI] over a `travel`; see `SensorErrors`."""
     return SensorErrors([sensor], [travel], [rng]).read(true[:, None])[:, 0]
 
 
@@ -117,10 +111,7 @@ def variance(sensor: Sensor) -> float:
 
 
 LINEARITY_STD = 0.6
-"""Standard deviation of a linearity curve over places and curves, as a share of its largest magnitude.
-
-Measured over many curves by ``tests/sensors/test_errors.py``.
-"""
+"""Std of a linearity curve over places and curves, as a share of its largest magnitude (tests/sensors/test_errors.py)."""
 
 
 def systematic_variance(sensor: Sensor) -> float:

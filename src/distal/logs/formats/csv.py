@@ -30,11 +30,7 @@ BLOCK = 1 << 16
 
 
 def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
-    """Return a CSV's cells as text.
-
-    Args:
-        path: of a file with a header, separated by comma, semicolon or tab.
-        columns: that are needed; a text is taken apart when a column is read, so nothing follows from it.
+    """Return the cells of a CSV with a header as text, whichever `columns` are needed: each is taken apart as it is read.
 
     Raises:
         LogError: it cannot be read or is no text, the header repeats a name, a row is short, long or blank, or a quote is

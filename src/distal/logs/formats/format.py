@@ -14,13 +14,9 @@ from distal.logs.cells import Cells
 
 @dataclass(frozen=True)
 class Message:
-    """One message of a recording.
+    """One message of a recording: when it was `recorded` and the stamp in its header, if it has one [ns], and its fields.
 
-    Args:
-        recorded: when [ns].
-        stamp: of its header [ns]; None where it has none.
-        read: gives a field, None where it is not there.
-        json: whether it is JSON, whose fields may be looked for by name alone.
+    `read` gives a field, None where it is not there; those of JSON may be looked for by name alone.
     """
 
     topic: str

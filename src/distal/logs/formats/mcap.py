@@ -16,11 +16,7 @@ from distal.logs.messages import find
 
 
 def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
-    """Yield the messages of a file, as they were recorded; names of its topics are put into `topics`.
-
-    Raises:
-        LogError: a package that reads it is missing, or a chunk takes more memory than is allowed.
-    """
+    """Yield the messages of a file, as they were recorded; names of its topics are put into `topics`."""
     try:
         from mcap.reader import make_reader
     except ImportError:

@@ -12,11 +12,7 @@ from distal.logs.formats.ros_messages import field, stamp_of
 
 
 def read_rosbag(path: Path, topics: set[str]) -> Iterator[Message]:
-    """Yield the messages of a bag, or of the database in it; names of its topics are put into `topics`.
-
-    Raises:
-        LogError: the package that reads it is missing.
-    """
+    """Yield the messages of a bag, or of the database in it; names of its topics are put into `topics`."""
     path = path.parent if path.suffix.lower() == ".db3" else path
     try:
         from rosbags.highlevel import AnyReader

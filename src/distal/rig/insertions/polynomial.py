@@ -63,11 +63,7 @@ class Polynomial(Description):
         return self
 
     def arms(self, angles: dict[str, float]) -> dict[str, float]:
-        """Return the moment arms, positive where it pulls to +θ, by joint [m].
-
-        Args:
-            angles: by joint [rad]; 0 where a joint is missing, and the end of the range beyond it.
-        """
+        """Return the moment arms, positive where it pulls to +θ, by joint [m]; one without an angle is at 0."""
         at = [min(max(angles.get(name, 0.0), low), high) for name, (low, high) in zip(self.joints, self.range)]
         arms = dict.fromkeys(self.joints, 0.0)
         for term in self.terms:

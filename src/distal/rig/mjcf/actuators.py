@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from distal.errors import RigError
-from distal.rig.mjcf.bodies import named
+from distal.rig.mjcf.bodies import named, tendon_name
 from distal.rig.mjcf.loading import mujoco_module
 from distal.rig.mjcf.springs import spring_tendons
 
@@ -16,10 +16,7 @@ if TYPE_CHECKING:
 def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
     """Return names of the tendons that an actuator pulls, by index, and what is left out, in words.
 
-    In a model without actuators all tendons that are no springs are pulled.
-
-    Raises:
-        RigError: there is no such tendon, or an actuator is a muscle.
+    In a model without actuators all tendons that are no springs are pulled. None, or a muscle, is a `RigError`.
     """
     mujoco = mujoco_module()
     if not model.ntendon:
@@ -49,8 +46,3 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
     if elsewhere:
         left.append(f"actuators that pull no tendon: {', '.join(elsewhere)}")
     return driven, left
-
-
-def tendon_name(model: mujoco.MjModel, tendon: int) -> str:
-    """Return what a tendon is called in the rig."""
-    return named(model.tendon(tendon).name, f"tendon{tendon}")

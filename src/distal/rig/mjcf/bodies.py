@@ -53,6 +53,11 @@ def joint_name(model: mujoco.MjModel, joint: int) -> str:
     return named(model.joint(joint).name, f"joint{joint}")
 
 
+def tendon_name(model: mujoco.MjModel, tendon: int) -> str:
+    """Return what a tendon is called in the rig."""
+    return named(model.tendon(tendon).name, f"tendon{tendon}")
+
+
 def carried_by(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
     """Return for each body the joint that moves it last, of those that are kept, −1 where none does."""
     carrier = [-1] * model.nbody

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from distal.errors import RigError, did_you_mean
-from distal.rig.mjcf.bodies import joint_name, named
+from distal.rig.mjcf.bodies import joint_name
 from distal.rig.mjcf.couplings import Coupled
 from distal.rig.mjcf.loading import mujoco_module
 from distal.rig.mjcf.poses import CROSSED, tendon_slopes
@@ -18,15 +18,7 @@ if TYPE_CHECKING:
 
 
 def turning_joints(model: mujoco.MjModel, chain: str | None, joints: Sequence[str] | None) -> list[int]:
-    """Return the indices of the joints that turn about one axis, of those that are asked for.
-
-    Args:
-        chain: name of a body: only joints of it and of what it carries; None for all.
-        joints: names of joints; None for all.
-
-    Raises:
-        RigError: a name is not there, or nothing turns.
-    """
+    """Return the indices of the joints that turn about one axis, of those that are asked for; see `from_mujoco`."""
     mujoco = mujoco_module()
     turning = [j for j in range(model.njnt) if int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_HINGE)]
     if chain is not None:
@@ -45,7 +37,7 @@ def turning_joints(model: mujoco.MjModel, chain: str | None, joints: Sequence[st
                 raise RigError(f"no joint that turns is called '{name}'{did_you_mean(name, sorted(names))}")
         turning = sorted({names[name] for name in joints})
     if not turning:
-        others = ", ".join(named(model.joint(j).name, f"joint{j}") for j in range(model.njnt))
+        others = ", ".join(joint_name(model, j) for j in range(model.njnt))
         raise RigError(
             "no joint turns about one axis" + (f" in '{chain}'" if chain else f" ({others or 'none at all'})")
         )
@@ -55,14 +47,9 @@ def turning_joints(model: mujoco.MjModel, chain: str | None, joints: Sequence[st
 def other_joints(
     model: mujoco.MjModel, hinges: Sequence[int], driven: Mapping[int, str], turned: Mapping[int, Sequence[int]]
 ) -> list[str]:
-    """Return, in words, which joints outside the choice a driven tendon moves too.
+    """Return, in words, which joints outside the choice, `hinges`, a driven tendon moves too; they must be hinges as well.
 
-    Args:
-        hinges: indices of the joints that are asked for.
-        turned: which of these each driven tendon turns.
-
-    Raises:
-        RigError: one of these joints slides or turns every way.
+    Of those in the choice each driven tendon turns the ones in `turned`.
     """
     mujoco = mujoco_module()
     kinds = {
@@ -91,11 +78,7 @@ def other_joints(
 
 
 def check_base(model: mujoco.MjModel, first: int, chain: str | None) -> None:
-    """Refuse a chain whose base floats, below the first joint that is kept, unless it is asked for.
-
-    Raises:
-        RigError: the base floats.
-    """
+    """Raise a `RigError` where the base of a chain floats, below the first joint that is kept, unless it is asked for."""
     body, free = int(model.jnt_bodyid[first]), int(mujoco_module().mjtJoint.mjJNT_FREE)
     while body > 0 and chain is None:
         for j in range(model.njnt):

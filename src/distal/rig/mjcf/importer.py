@@ -32,12 +32,9 @@ LARGEST_ARM = 1.0
 
 @dataclass(frozen=True)
 class Imported:
-    """A rig made from a model.
+    """A rig made from a model, and the text of its file, with a comment at each number that the model does not have.
 
-    Args:
-        text: its file, with a comment at each number that the model does not have.
-        notes: what was left out, held or fitted, a line each.
-        missing: what the model does not say.
+    The `notes` say what was left out, held or fitted, a line each; `missing` is what the model does not say.
     """
 
     rig: Rig

@@ -21,12 +21,9 @@ MOST_ANGLE = 7.0
 
 @dataclass(frozen=True)
 class Disagreement:
-    """How a tendon's moment arm at a joint differs from that of a table.
+    """How a tendon's moment arm at a joint, mean over a table and positive where it pulls to +θ, differs from the table's.
 
-    Args:
-        rms: of the length's difference over the table [m].
-        arm: of the rig, mean over the table, positive where it pulls to +θ [m].
-        other: of the table, by least squares [m].
+    The `other` arm is the table's, by least squares; `rms` is that of the length's difference [m].
     """
 
     tendon: str
@@ -44,12 +41,8 @@ class Disagreement:
 def compare_lengths(rig: Rig, table: Mapping[str, ArrayLike]) -> tuple[Disagreement, ...]:
     """Return how lengths in a table differ from the rig's, by tendon and joint; how the table counts lengths is free.
 
-    Args:
-        table: angle of each joint [rad] and length of some tendons [m], by name, (k,) each. Joints without a column are
-            at zero.
-
-    Raises:
-        RigError: no tendon or no joint of the rig is in the table, or columns differ in size.
+    It has the angle of each joint [rad] and the length of some tendons [m], by name, (k,) each. Joints without a column
+    are at zero; a joint and a tendon must be there.
     """
     columns = {name: np.asarray(values, dtype=float) for name, values in table.items()}
     joints = [joint.name for joint in rig.joints if joint.name in columns]

@@ -15,11 +15,7 @@ if TYPE_CHECKING:
 
 
 def mujoco_module() -> ModuleType:
-    """Return the module `mujoco`.
-
-    Raises:
-        RigError: it is not installed.
-    """
+    """Return the module `mujoco`, or raise a `RigError` where it is not installed."""
     try:
         return importlib.import_module("mujoco")
     except ImportError:
@@ -27,11 +23,7 @@ def mujoco_module() -> ModuleType:
 
 
 def load_model(path: str | Path) -> mujoco.MjModel:
-    """Load a MuJoCo model from an XML file; meshes that are not there are left out, since they only draw it.
-
-    Raises:
-        RigError: the package is missing, or MuJoCo does not take the file.
-    """
+    """Load a MuJoCo model from an XML file; meshes that are not there are left out, since they only draw it."""
     package, path = mujoco_module(), Path(path)
     if not path.is_file():
         raise RigError(f"{path}: there is no such file")

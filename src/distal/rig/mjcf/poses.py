@@ -25,13 +25,10 @@ CROSSED = 1e-3
 
 @dataclass(frozen=True)
 class Poses:
-    """Lengths and moment arms at poses, in the units of the model.
+    """Lengths, (k, n_tendons), and moment arms ∂length/∂angle, (k, n_tendons, n_joints), at poses, in the model's units.
 
-    Args:
-        angles: of the joints, (k, n_joints).
-        lengths: of the tendons, (k, n_tendons).
-        arms: ∂length/∂angle, (k, n_tendons, n_joints).
-        wraps: points of each tendon's path, (k, n_tendons): their number changes where it touches a surface or leaves it.
+    The angles of the joints are (k, n_joints). Where a tendon touches a surface or leaves it, the number of points of its
+    path, `wraps`, (k, n_tendons), changes.
     """
 
     angles: Floats

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from distal.arrays import Floats
-from distal.rig.mjcf.bodies import Units, joint_name, named
+from distal.rig.mjcf.bodies import Units, joint_name, tendon_name
 from distal.rig.mjcf.poses import at_poses, over_ranges, range_of, turned_by
 
 if TYPE_CHECKING:
@@ -37,9 +37,7 @@ def joint_springs(
     for t, crossed in crossing.items():
         if len(crossed) > 1:
             names = ", ".join(joint_name(model, j) for j in crossed)
-            left.append(
-                f"spring '{named(model.tendon(t).name, f'tendon{t}')}' pulls at several joints ({names}): left out"
-            )
+            left.append(f"spring '{tendon_name(model, t)}' pulls at several joints ({names}): left out")
     for j in joints:
         low, high = range_of(model, j)
         angles = np.linspace(low, high, POINTS)
