@@ -69,7 +69,13 @@ class Kernel:
         return self._interpreted
 
     def scan(self, carry: Floats, xs: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """Return the carries after every sample, (n, n_carry), and the outputs, (n, n_y), of samples xs, (n, n_x)."""
+        """Return the carries after every sample, (n, n_carry), and the outputs, (n, n_y).
+
+        Args:
+            carry: before the first sample, (n_carry,).
+            xs: the samples, (n, n_x).
+            p: the parameters, (n_p,).
+        """
         xs = np.ascontiguousarray(xs, dtype=np.float64).reshape(-1, self.n_x)
         carries, ys = np.empty((len(xs), self.n_carry)), np.empty((len(xs), self.n_y))
         start = np.ascontiguousarray(carry, dtype=np.float64).reshape(self.n_carry)

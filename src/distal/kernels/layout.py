@@ -72,16 +72,16 @@ def carry_layout(states: int, **memory: int) -> Layout:
 
 
 def mean_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
-    """Return the mean, (…, n), of carries (…, size)."""
+    """Return the mean, (…, n), of a carry or several, (…, size)."""
     return carry_layout(states).view(carry, "mean")
 
 
 def covariance_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
-    """Return the covariance, (…, n, n), of carries (…, size)."""
+    """Return the covariance, (…, n, n), of a carry or several, (…, size)."""
     return carry_layout(states).view(carry, "covariance")
 
 
 def variances_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
-    """Return the variances of the states, (…, n), of carries (…, size)."""
+    """Return the variances of the states, (…, n), of a carry or several, (…, size)."""
     variances: NDArray[Number] = np.diagonal(covariance_of(carry, states), axis1=-2, axis2=-1)
     return variances

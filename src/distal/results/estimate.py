@@ -298,6 +298,9 @@ class Estimate:
 
         Where the log has dates ``stamp [ns]`` comes after the time. Angles are in the unit, "rad" or "deg"; with `every`
         all states are there with their standard deviations, instead.
+
+        Raises:
+            EstimationError: the unit is neither.
         """
         if unit not in ANGLE_UNITS:
             raise EstimationError(f"unit '{unit}': angles are written in {' or '.join(ANGLE_UNITS)}")

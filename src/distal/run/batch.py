@@ -44,6 +44,9 @@ def estimate_batch(
     Arguments that `estimate` has too mean the same there.
 
     Args:
+        logs: each as `estimate` takes it; may be a generator.
+        truth: where logs are read: the true angle's column.
+        homing: for how long the truth is used [s].
         workers: threads; default one per core.
         progress: called with the number of logs that are done.
         skip: called with source and error of a log that cannot be estimated; with None the error is raised.

@@ -175,7 +175,7 @@ def known_early(log: Log, homing: float) -> Log:
 
 
 def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
-    """Return a log, ready for an estimator.
+    """Return a log, ready for an estimator, whose truth is used during `homing` [s].
 
     Raises:
         EstimationError: the log lacks a sensor.
@@ -197,7 +197,7 @@ def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
 
 
 def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
-    """Raise an error if an estimate diverged.
+    """Raise an error if an estimate diverged: its means or variances (`spreads`), (k, n).
 
     Raises:
         EstimationError: it diverged; the message says when.
@@ -214,7 +214,13 @@ def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
 def finished(
     run: Run, means: Floats, spreads: Floats, innovations: Floats, variances: Floats, covariances: Floats | None = None
 ) -> Estimate:
-    """Return the estimate of a run from means and `spreads` (variances), (k, n), and innovations and variances, (k, m)."""
+    """Return the estimate of a run.
+
+    Args:
+        means: of the states, (k, n), with their variances `spreads`.
+        innovations: (k, m), with their `variances`.
+        covariances: (k, n, n), or None where they are not kept.
+    """
     log, runner = run.log, run.runner
     joints = tuple(joint.name for joint in runner.rig.joints)
     truths, torques, references = true_angles(log, joints), true_torques(log, joints), references_of(runner)
@@ -262,12 +268,12 @@ def priors_of(runner: Estimator) -> tuple[Floats | None, Floats | None]:
 
 
 def with_channel(log: Log, name: str, values: Floats) -> Log:
-    """Return the log with one more channel [SI], or another one in its place."""
+    """Return the log with the values [SI] of one more channel, or of one that it has."""
     return replace(log, channels={**log.channels, name: values})
 
 
 def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[np.intp]:
-    """Return the rows that are not finite, have an angle that no joint has, or a negative variance in `spreads`, (k, n)."""
+    """Return the rows whose means, (k, n), are not finite or no joint's, or whose variances (`spreads`) are negative."""
     angles = means[:, :n_joints]
     # one pass where all is well: sums are finite only if all terms are
     near = angles.max(initial=0.0) <= LARGEST_ANGLE and angles.min(initial=0.0) >= -LARGEST_ANGLE

@@ -65,7 +65,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
 
 
 def correct(means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bool, last: NDArray[np.intp]) -> None:
-    """Add the correction by the rig's discrepancy, which depends on the readings alone, to the smoothed rows `last`."""
+    """Add the rig's discrepancy, which depends on the readings alone, to the means and covariances of the rows `last`."""
     runner = AdaptiveFilter(rig, compiled)
     samples = samples_of(log, runner.channels, runner.name)
     belief = runner.initial(log.time[0], first_values(samples))
