@@ -6,9 +6,6 @@ from typing import Protocol
 
 from distal.arrays import Floats
 
-BAND = 1.959963984540054
-"""Half-width of a 95 % band in standard deviations."""
-
 
 class Curves(Protocol):
     """What is drawn of an estimate: see `distal.Estimate`."""

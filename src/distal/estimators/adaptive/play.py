@@ -34,12 +34,9 @@ def play(
 ) -> ScalarNode:
     """Let what a drive transmits follow the measured effort by its play, in place; return the effort to remember.
 
-    z⁺ = clip(z, U − b ṡ − h, U − b ṡ + h) of a normal z (`clip_moments`): where it is free, it and its uncertainty stay;
-    where it is held at a limit, it is as certain as the limit. Noise of U does not wear it down.
-
-    Args:
-        rates: mean speed of each drive over the interval, (n_drives,).
-        remembered: effort, smoothed; see `smoothed_effort`.
+    z⁺ = clip(z, U − b ṡ − h, U − b ṡ + h) of a normal z (`clip_moments`): where it is free, it and its uncertainty
+    stay; where it is held at a limit, it is as certain as the limit. Noise of U does not wear it down. The drives' mean
+    speeds over the interval are `rates`, (n_drives,); the effort `remembered` is smoothed, see `smoothed_effort`.
     """
     state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
     transmitted = states.transmitted(drive)
@@ -64,7 +61,7 @@ def reading_weight(block: Transmitted) -> float:
 
 
 def smoothed_effort(context: FilterContext, block: Transmitted, remembered: Scalar, x: Vector) -> Scalar:
-    """Return a drive's measured effort, smoothed; 0 stands for none yet."""
+    """Return a drive's effort in a sample x, smoothed with the one `remembered`, 0 for none yet."""
     effort = context.value(x, block.sensor)
     following = remembered + reading_weight(block) * (effort - remembered)
     return ca.if_else(
