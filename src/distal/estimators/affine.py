@@ -189,8 +189,7 @@ class AffineEstimator(KernelEstimator):
 def affine_function(affine: Affine, width: int) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of the estimator: its angle is the map's value, see `map_function`."""
     nj = len(affine.joints)
-    n = nj + 1
-    layout = carry_layout(n, map=memory_size(affine))
+    layout = carry_layout(nj + 1, map=memory_size(affine))
     carry, x = ca.SX.sym("carry", layout.size), ca.SX.sym("x", 1 + 2 * width)
     p, no = ca.SX.sym("p", len(numbers_of(affine))), ca.SX.zeros(nj)
     function = map_function(affine, width, [False] * width)

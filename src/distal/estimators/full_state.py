@@ -164,8 +164,7 @@ def _initial_variances(rig: Rig, channels: Channels, mechanism: Mechanism) -> Fl
         else:
             places.append(UNKNOWN_PLACE[drive.kind])
     turns = [True] * mechanism.n_joints + [drive.kind == "capstan" for drive in rig.drives]
-    speeds = [START_SPEED[turning] for turning in turns]
-    return np.array([*angles, *places, *speeds]) ** 2
+    return np.array([*angles, *places, *(START_SPEED[turning] for turning in turns)]) ** 2
 
 
 START_SPEED = {True: 0.5, False: 0.005}

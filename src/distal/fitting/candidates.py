@@ -178,8 +178,7 @@ def _run(training: Training, numbers: Numbers | None, hold: bool) -> _Run:
         of_folds = numbers_without(numbers, training.logs, training.folds)
         fold_rigs = [described_by(of_fold) for of_fold in of_folds]
         rig, rigs = described_by(numbers), [fold_rigs[fold] for fold in training.folds]
-    done = filtered(training.logs, rigs, training.options.homing, training.options.compiled)
-    return _Run(rig, rigs, hold, *done)
+    return _Run(rig, rigs, hold, *filtered(training.logs, rigs, training.options.homing, training.options.compiled))
 
 
 def line_map(training: Training) -> MapFit:
@@ -187,8 +186,7 @@ def line_map(training: Training) -> MapFit:
     data = [affine_samples(log, training.rig) for log in training.logs]
     data = [samples.part(np.asarray(np.isfinite(samples.targets).any(axis=1))) for samples in data]
     kind, homing = affine_of(training.rig), training.options.homing
-    map_fit = map_of(data, kind, training.rig, homing, training.groups, scored=False)
-    return _with_reference_error(map_fit, training)
+    return _with_reference_error(map_of(data, kind, training.rig, homing, training.groups, scored=False), training)
 
 
 def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candidate:

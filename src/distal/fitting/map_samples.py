@@ -181,8 +181,7 @@ def reference_std(rig: Rig, log: Log) -> float:
     """
     if log.truth_kind is not TruthKind.SENSOR:
         return 0.0
-    stds = [float(np.sqrt(variance(s))) for s in rig.sensors_of("angle")]
-    return max(stds, default=0.0)
+    return max((float(np.sqrt(variance(sensor))) for sensor in rig.sensors_of("angle")), default=0.0)
 
 
 def _sensors(rig: Rig) -> tuple[Sensor, ...]:

@@ -184,8 +184,7 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
         with_reference, added = added_reference(rig, logs[0].rate)
         references = (added,)
     asked, per_log, noise, homing = options.free, options.per_log, options.noise, options.homing is not None
-    several = len(logs) > 1
-    free = choose(with_reference, references, asked, per_log, noise=noise, homing=homing, several=several)
+    free = choose(with_reference, references, asked, per_log, noise=noise, homing=homing, several=len(logs) > 1)
     if not with_truth:
         of_reference = f"sensors.{len(with_reference.sensors) - 1}."
         free = tuple(part for part in free if not all(path.startswith(of_reference) for path in part.paths))

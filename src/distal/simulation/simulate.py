@@ -140,8 +140,7 @@ def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
         # stamps are rounded, so that those of several rates meet
         column[np.searchsorted(stamps, np.round(due, 9))] = measure(sensor, true, travel_of(sensor, rig), rng)
         channels[sensor.name] = column
-    truth = true_motion(motion, grid, stamps)
-    return Log(stamps, channels, truth, prepared.scenario.name or "simulation", SIMULATED)
+    return Log(stamps, channels, true_motion(motion, grid, stamps), prepared.scenario.name or "simulation", SIMULATED)
 
 
 def true_motion(motion: Motion, grid: Floats, stamps: Floats) -> dict[str, Floats]:
