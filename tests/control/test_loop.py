@@ -180,6 +180,7 @@ def test_a_scan_is_only_for_sensors_that_are_read_once_a_period(rig: Rig) -> Non
     assert described.control is not None
     for changed, period in (
         ({"sensors.u1.rate": 50.0}, 0.01),
+        ({"sensors.u1.rate": 100.0 * (1.0 + 1e-12)}, 0.01),
         ({"sensors.u1.delay": 0.003}, 0.01),
         ({}, 0.02),
     ):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from distal import Rig, load_rig
 from distal.rig import Sensor
-from distal.sensors import Curves, SensorErrors, measure, systematic_variance, variance
+from distal.sensors import Curves, SensorErrors, measure, quantised, systematic_variance, variance
 from distal.sensors.errors import LINEARITY_STD
 
 TRAVEL = (-5e-3, 15e-3)
@@ -38,6 +39,15 @@ def test_quantisation(paper_rig: Rig) -> None:
     assert np.abs(read - TRUE).max() <= step / 2 * (1 + 1e-9)
     np.testing.assert_allclose(read / step, np.round(read / step), atol=1e-9)
     assert (read - TRUE).std() == pytest.approx(np.sqrt(variance(sensor(paper_rig, resolution=step))), rel=0.01)
+
+
+def test_ties_round_up_in_numbers_and_in_symbols() -> None:
+    values, step = ca.SX.sym("values", 5), ca.SX.sym("step")
+    symbolic = ca.Function("quantised", [values, step], [quantised(values, step, ca.floor, ca.if_else)])
+    readings = np.array([-1.5, -0.5, 0.5, 1.5, 2.5])
+    for size, expected in ((1.0, [-1.0, 0.0, 1.0, 2.0, 3.0]), (0.0, readings)):
+        np.testing.assert_array_equal(quantised(readings, size), expected)
+        np.testing.assert_array_equal(np.array(symbolic(readings, size)).ravel(), expected)
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -18,7 +18,7 @@ from distal.estimators import KernelEstimator
 from distal.kernels import Feed, Kernel, Layout, advance, variances_of
 from distal.model import Mechanism
 from distal.rig import Rig
-from distal.sensors import SensorErrors
+from distal.sensors import SensorErrors, quantised
 from distal.simulation.plant import Motion, plant_function, rows_of
 from distal.simulation.readings import SENSOR, Readings, reading_function
 
@@ -29,11 +29,9 @@ class LoopShape:
 
     Args:
         rig: as filters and the controller know it.
-        count: the plant's sub-steps in an interval.
-        intervals: of the plant in a period.
+        count: the plant's sub-steps in an interval, of which a period has so many `intervals`.
         controlled: indices of the joints that are controlled.
-        filter: (carry, x, p) → (carry⁺, y), with its number of states and the sensors it reads; None for an encoder.
-        states: of the filter.
+        filter: (carry, x, p) → (carry⁺, y) with so many `states`; None for an encoder.
         read: indices of the sensors that the filter reads.
     """
 
@@ -105,8 +103,7 @@ def loop_kernel(shape: LoopShape) -> Kernel:
     read = reading_function(shape.plant)(y, numbers["sensors"], sample["draws"])
     if shape.filter is None:
         true, belief = y[:nj], before["filter"]
-        at = ca.if_else(encoder > 0, encoder, 1)
-        angles = ca.if_else(encoder > 0, ca.floor(true / at + 0.5) * at, true)
+        angles = quantised(true, encoder, ca.floor, ca.if_else)
         stds = ca.MX.ones(nj) * encoder / 12**0.5
     else:
         row = ca.vertcat(period, read[list(shape.read)], ca.MX.ones(len(shape.read)))
@@ -122,14 +119,10 @@ def loop_kernel(shape: LoopShape) -> Kernel:
 
 @dataclass(frozen=True)
 class Scanned:
-    """A closed loop from one scan; arrays have a row for each period.
+    """A closed loop from one scan; rows are periods.
 
-    Args:
-        motion: of the plant at the beginnings of the periods.
-        readings: of all sensors then [SI], (k, n_sensors).
-        estimates: what the controller was told [rad], (k, n_joints).
-        stds: standard deviations of their errors, as told [rad], (k, n_joints).
-        commands: what it asked for [N or N m], (k, n_drives).
+    There are the plant's motion at their beginnings, and all sensors' readings then [SI]. Estimates and their stds are
+    what the controller was told [rad], commands what it asked for [N or N m].
     """
 
     motion: Motion
@@ -142,9 +135,7 @@ class Scanned:
 def scan_loop(controlled: ControlledPlant, errors: SensorErrors, runner: KernelEstimator | None) -> Scanned | None:
     """Return the closed loop of a scenario's ``[control]`` by one scan; None where the angle was not always known.
 
-    Args:
-        errors: of all sensors, which are read once a period.
-        runner: the filter; None for encoders in the joints.
+    All sensors are read once a period, with `errors`; the filter is `runner`, None for encoders in the joints.
 
     Raises:
         ScenarioError: the motion left all bounds.
@@ -164,7 +155,7 @@ def scan_loop(controlled: ControlledPlant, errors: SensorErrors, runner: KernelE
     first = errors.read(Readings(plant).at(begin))[0]
     if runner is None:
         belief = np.zeros(1)
-        angles = begin[0, :nj] if encoder == 0.0 else np.floor(begin[0, :nj] / encoder + 0.5) * encoder
+        angles = quantised(begin[0, :nj], encoder)
         stds = np.full(nj, encoder / 12**0.5)
     else:
         sample = first[list(read)]

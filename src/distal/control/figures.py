@@ -21,10 +21,7 @@ MOST_LIMIT = 3.0
 def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None, joint: str | None = None) -> Figure:
     """Draw reference and true angle for each feedback, what the first estimate told and its band, and the commands.
 
-    Args:
-        runs: of one scenario with different feedbacks.
-        path: where to save; None only returns the figure.
-        joint: default the first that is controlled.
+    The `runs` are of one scenario with different feedbacks; `joint` is by default the first that is controlled.
     """
     first = runs[0]
     name = joint or next(iter(first.references))

@@ -18,6 +18,7 @@ from distal.estimators import DEFAULT, ESTIMATORS, KernelEstimator, make_estimat
 from distal.logs import Log
 from distal.rig import Rig, load_rig
 from distal.run import LiveEstimator, Monitor, Reading
+from distal.sensors import quantised
 from distal.simulation import Scenario, load_scenario
 from distal.simulation import simulate as simulate_alone
 from distal.simulation.simulate import SIMULATED, true_motion
@@ -112,12 +113,9 @@ def closed_loop(
     period: float | str | None = None,
     feedback: str | None = None,
 ) -> ClosedLoop:
-    """Run a controller on a simulated rig; see `simulate`.
+    """Run a controller on a simulated rig; see `simulate`. What is not given is that of the scenario's ``[control]``.
 
-    Args:
-        controller: default the PID of the scenario's ``[control]``.
-        period: default that of ``[control]``.
-        feedback: "encoder", "ratio" or an estimator's name; default that of ``[control]``.
+    A feedback is "encoder", "ratio" or an estimator's name, a period seconds or a text with a unit.
 
     Raises:
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
@@ -175,9 +173,7 @@ def run_controller(
 ) -> ClosedLoop:
     """Run a controller on a plant that steps, this package's or another simulator's, until that has finished.
 
-    Args:
-        feedback: "encoder", "ratio" or an estimator's name.
-        encoder_step: of the encoder in the joint, for that feedback [rad].
+    Feedback "encoder" is by an encoder in the joint with `encoder_step` [rad]; others are as for `closed_loop`.
 
     Raises:
         ControlError: the controller failed, or asked for what is not possible.
@@ -239,7 +235,7 @@ def _encoder(plant: SteppedPlant, step: float) -> Callable[[float, Floats], Read
     """Return (stamp, sample) → what encoders of the true angles say, with a step [rad]."""
 
     def tell(stamp: float, values: Floats) -> Reading:
-        angles = plant.angles if step == 0.0 else np.round(plant.angles / step) * step
+        angles = quantised(plant.angles, step)
         return Reading(stamp, tuple(angles.tolist()), (step / 12**0.5,) * len(angles), "ok")
 
     return tell

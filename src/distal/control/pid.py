@@ -51,12 +51,9 @@ class Held:
 def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: Vector) -> Vector:
     """Return drives' commands for torques on joints: T = c + (Aᵀ)⁺ τ with the joints' moment arms A, U = (∂ℓ/∂s)ᵀ T.
 
-    c is a constant tension without any torque, raised together where a slider's tendon would otherwise have to push.
-
-    Args:
-        angles: of the joints [rad], (n_joints,).
-        torques: wanted [N m], (n_joints,).
-        tension: of all tendons without a torque, as far as it makes none [N].
+    c is a constant tension without any torque, raised together where a slider's tendon would otherwise have to push:
+    that of all tendons is `tension` [N] as far as it makes none. Joints are at `angles` [rad], (n_joints,), with
+    `torques` τ [N m].
     """
     rig, nj = mechanism.rig, mechanism.n_joints
     slopes = mechanism.length_jacobian(ca.vertcat(angles, ca.SX.zeros(mechanism.n_drives)))
@@ -118,12 +115,8 @@ def gains_of(joints: Mapping[str, JointControl]) -> Floats:
 class PID:
     """A PID controller of the angles of some joints (`pid_function`); a callable for `simulate` and `closed_loop`.
 
-    Without an angle, or with one that is not known, it holds its last commands and says so in `held`.
-
-    Args:
-        joints: reference and gains of each joint by its name.
-        period: between two calls [s].
-        co_contraction: see `allocated` [N].
+    It has reference and gains of joints by their names, is called every `period` [s], and adds `co_contraction` [N],
+    see `allocated`. Without an angle, or with one that is not known, it holds its last commands and says so in `held`.
     """
 
     def __init__(self, rig: Rig, joints: Mapping[str, JointControl], period: float, co_contraction: float) -> None:

@@ -56,13 +56,10 @@ class SteppedPlant(Protocol):
 
 
 class ControlledPlant:
-    """A scenario on a rig whose drives a controller commands: `reset`, then `step` period after period.
+    """A scenario on a rig whose drives a controller commands: `reset`, then `step` period after period [s].
 
-    A command is a force of a slider [N] or a torque of a capstan [N m]; it is added to what the scenario does. It is cut at
-    the drive's `limit`, follows with its `lag`, and no slider pushes its tendons.
-
-    Args:
-        period: time between two commands [s].
+    A command is a force of a slider [N] or a torque of a capstan [N m]; it is added to what the scenario does. It is
+    cut at the drive's `limit`, follows with its `lag`, and no slider pushes its tendons.
 
     Raises:
         ControlError: the period is too short, or longer than the scenario.
@@ -77,7 +74,7 @@ class ControlledPlant:
             raise ControlError("the scenario has a [schedule] or [rezero], which are for distal drift; take them out")
         if period > prepared.scenario.duration:
             raise ControlError(f"period: {period:g} s is longer than the scenario, {prepared.scenario.duration:g} s")
-        self.prepared, self.period = prepared, period
+        self.prepared, self.rig, self.period = prepared, prepared.rig, period
         self.plant, self._drives = prepared.plant, prepared.plant.rig.drives
         self._kernel = Kernel(plant_function(prepared.plant, prepared.count))
         self.begin = at_rest(prepared.plant, prepared.inputs, prepared.start, self._kernel)
@@ -86,17 +83,12 @@ class ControlledPlant:
         self._shares, self._lowest, self._highest = drive_numbers(prepared.plant.rig, prepared.dt)
         self.reset()
 
-    @property
-    def rig(self) -> Rig:
-        """The rig as filters know it."""
-        return self.prepared.rig
-
     def errors(self, seed: int) -> SensorErrors | None:
         """Return the errors of all sensors in a run; None where they are not all read once a period, at once."""
-        sensors = self.plant.rig.sensors
-        fits = len(self._all_rows) % self._per_period == 0
-        alike = all(abs(s.rate * self.period - 1.0) < 1e-9 and s.delay == s.lag == 0.0 for s in sensors)
-        return errors_by_rate(self.plant.rig, seed)[sensors[0].rate][1] if fits and alike and sensors else None
+        fits, groups = len(self._all_rows) % self._per_period == 0, errors_by_rate(self.plant.rig, seed)
+        once = len(groups) == 1 and abs(next(iter(groups)) * self.period - 1.0) < 1e-9
+        at_once = all(sensor.delay == sensor.lag == 0.0 for sensor in self.plant.rig.sensors)
+        return next(iter(groups.values()))[1] if fits and once and at_once else None
 
     @property
     def time(self) -> float:

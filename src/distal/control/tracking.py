@@ -23,13 +23,7 @@ LONG_ENOUGH = 1.0
 
 @dataclass(frozen=True)
 class Hunting:
-    """A limit cycle: a joint that goes on moving although its reference is constant.
-
-    Args:
-        begin: of the time looked at [s].
-        end: of it [s].
-        motion: from one end to the other [rad].
-    """
+    """A limit cycle: a joint that moves so far [rad] between two times [s] although its reference is constant."""
 
     joint: str
     begin: float
@@ -87,7 +81,7 @@ def track(run: ClosedLoop) -> tuple[Tracking, ...]:
 
 
 def constant_parts(time: Floats, *references: Floats) -> list[tuple[int, int]]:
-    """Return begins and ends (indices, the end excluded) of the times in which references are constant for a second."""
+    """Return begins and ends (indices, the end excluded) of the parts of `time` in which references rest for a second."""
     moves = [np.abs(np.diff(reference)) > 1e-9 for reference in references]
     changes = np.flatnonzero(np.any(moves, axis=0)) + 1
     edges = [0, *changes.tolist(), len(time)]

@@ -46,13 +46,10 @@ Below it S is mostly what is not known of the rig's numbers, whose errors last: 
 
 @dataclass(frozen=True)
 class Channels:
-    """What the innovations of each channel are like.
+    """What the innovations of each channel are like, and what share of its samples was compared.
 
-    Args:
-        ratios: mean of ν²/S, NaN where nothing was compared.
-        correlations: of neighbouring normalised innovations.
-        since: the time from which on it disagrees to the end [s], or NaN.
-        shares: share of the samples that were compared.
+    Ratios are means of ν²/S, NaN where nothing was compared, correlations of neighbouring normalised innovations;
+    `since` is the time from which on it disagrees to the end [s], or NaN.
     """
 
     names: tuple[str, ...]

@@ -67,8 +67,7 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
         drive = drives[tendon.drive]
         mates = [mate for mate in rig.tendons if mate.drive == tendon.drive]
         lever = drive.radius.value if drive.kind == "capstan" else 1.0
-        sensors = (s for s in rig.sensors_of("force") if s.of == drive.name and s.name in log.channels)
-        sensor = next(sensors, None)
+        sensor = next((s for s in rig.sensors_of("force") if s.of == drive.name and s.name in log.channels), None)
         pull, limit = np.zeros(len(log)), 0.0
         if sensor is None:
             unknown = 2 * BAND * drive.nominal_force.total_std / lever

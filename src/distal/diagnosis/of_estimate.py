@@ -18,14 +18,13 @@ NOTHING = "not checked: no sensor is compared (this estimator has no innovations
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What a log says of the rig, the sensors and the band.
+    """What a log says of the rig, the sensors and the band, in one plain line (`text`).
 
     Args:
         channels: names of the channels with an innovation.
         ratios: mean of ν²/S per channel; 1 is expected, less where a force tells little.
         correlations: of neighbouring normalised innovations, per channel.
         since: per channel, the time from which on it disagrees to the end [s], or NaN.
-        text: one plain line.
         findings: the weightiest first.
         tested: names of the channels that could have disagreed.
     """

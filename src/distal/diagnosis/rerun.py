@@ -22,12 +22,9 @@ OUTLIER = Robustness().wild_force
 
 @dataclass(frozen=True)
 class Change:
-    """What is changed in a run.
+    """What is changed in a run: factors on channels, and on numbers of the rig that are not estimated, by their paths.
 
-    Args:
-        channels: channel → factor on its values.
-        numbers: path in the rig → factor on the number, a parameter that is not estimated.
-        shifts: state → what is added to where it begins.
+    To where states begin `shifts` are added.
     """
 
     channels: Mapping[str, float] = field(default_factory=dict)
@@ -63,10 +60,8 @@ class Outcome:
 class Rerun:
     """Runs the adaptive filter over a log, as it is and with changes; its kernel is built once.
 
-    Args:
-        log: as it was estimated; of a long one the first `MOST_RERUN` samples are used.
-        runner: see `runner_for`.
-        homing: for how long the truth is used [s], or None.
+    The log is as it was estimated, and of a long one the first `MOST_RERUN` samples are used, the filter from
+    `runner_for`; the truth is used for `homing` [s], or None.
     """
 
     def __init__(self, log: Log, runner: AdaptiveFilter, homing: float | None = None) -> None:

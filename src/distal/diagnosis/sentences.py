@@ -108,10 +108,8 @@ def looks(subject: str, like: str) -> Finding:
 def looks_geared(subject: str, ratio: float, gear: float = 1.0) -> Finding:
     """Return that a gear between motor and capstan would explain that a log disagrees with its rig.
 
-    Args:
-        subject: the angle's sensor, or the drive where its torque is geared too.
-        ratio: turns in the log for one turn that the rig expects.
-        gear: that the rig file has.
+    The subject is the angle's sensor, or the drive where its torque is geared too; `ratio` is turns in the log for one
+    turn that the rig expects, `gear` is what the rig file has.
     """
     if gear != 1.0:
         return looks(subject, f"like a gear of about {gear * ratio:.2g}, where the rig file has {gear:g}")

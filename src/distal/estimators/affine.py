@@ -63,9 +63,6 @@ def affine_of(rig: Rig) -> Kind:
 def affine_samples(log: Log, rig: Rig) -> Samples:
     """Return the samples of a log in which every sensor has had a value, missing ones held, with the joints' true angles.
 
-    Args:
-        log: with the truth of the joints, where it is known.
-
     Raises:
         EstimationError: a sensor is not in the log or has no value.
     """
@@ -93,9 +90,7 @@ def _held(values: Floats) -> Floats:
 class AffineEstimator(KernelEstimator):
     """θ = Σ b_i φ_i of what the sensors read, from `[affine]` of the rig or a homing move; see `map_function`.
 
-    Args:
-        compiled: compile its kernel where possible.
-        homing: whether a homing move will follow (`after_homing`), so that no stored map is needed.
+    Where a homing move will follow (`after_homing`), no stored map is needed.
 
     Raises:
         EstimationError: there is no map, or it is one of other sensors.
@@ -126,9 +121,7 @@ class AffineEstimator(KernelEstimator):
     def after_homing(self, log: Log, homing: float) -> AffineEstimator:
         """Return the estimator with the map that a log's homing move teaches: alone, or as a correction of the rig's.
 
-        Args:
-            log: with the truth of the joints in the window.
-            homing: length of the window from the log's first sample [s].
+        The move is the first `homing` s of the log.
 
         Raises:
             EstimationError: the window has too few samples.
@@ -196,8 +189,7 @@ class AffineEstimator(KernelEstimator):
 def affine_function(affine: Affine, width: int) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of the estimator: its angle is the map's value, see `map_function`."""
     nj = len(affine.joints)
-    n = nj + 1
-    layout = carry_layout(n, map=memory_size(affine))
+    layout = carry_layout(nj + 1, map=memory_size(affine))
     carry, x = ca.SX.sym("carry", layout.size), ca.SX.sym("x", 1 + 2 * width)
     p, no = ca.SX.sym("p", len(numbers_of(affine))), ca.SX.zeros(nj)
     function = map_function(affine, width, [False] * width)
@@ -232,10 +224,8 @@ def learned_alone(window: Samples, kind: Kind) -> LearnedMap:
 def start_of(affine: Affine, joint: int, readings: Mapping[str, tuple[Scalar, Scalar]]) -> tuple[Scalar, Scalar]:
     """Return angle and variance of a joint at the first readings, where the state of plays is unknown.
 
-    Outside the learned range its std grows; far outside, or with a missing reading, the map gives no information.
-
-    Args:
-        readings: channel → (first reading, 1 where there is one), symbolic.
+    Outside the learned range its std grows; far outside, or with a missing reading, the map gives no information. Of
+    each channel `readings` have the first one and 1 where there is one, symbolic.
     """
     learned, phi, complete, far = affine.joints[joint], dict[str, Scalar](), ca.SX(1), ca.SX(0)
     for i, name in enumerate(affine.channels):

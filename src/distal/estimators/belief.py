@@ -46,13 +46,10 @@ class Belief:
 
 @dataclass(frozen=True)
 class Innovation:
-    """What a sample told beyond the prediction.
+    """What a sample told beyond the prediction: ln p(sample | past), and one value per measured channel, NaN where missing.
 
-    Args:
-        values: measured minus predicted, one per measured channel, NaN where missing; each after the ones before it
-            have been taken into account, so that they are independent.
-        variances: their predicted variances.
-        log_likelihood: ln p(sample | past).
+    It is measured minus predicted after the ones before it have been taken into account, so that they are independent,
+    and has a predicted variance.
     """
 
     values: Floats
@@ -66,7 +63,7 @@ class Innovation:
 
 
 def innovation(values: Floats, variances: Floats) -> Innovation:
-    """Return the innovation with its log-likelihood, −½ Σ (ν²/S + ln 2πS) over the values that are there."""
+    """Return the innovation with its log-likelihood, −½ Σ (ν²/S + ln 2πS) over `values` ν that are there, `variances` S."""
     read = np.isfinite(values)
     terms = values[read] ** 2 / variances[read] + np.log(2 * np.pi * variances[read])
     return Innovation(values, variances, float(-0.5 * terms.sum()))

@@ -13,14 +13,10 @@ from distal.sensors import variance
 
 @dataclass(frozen=True)
 class Channels:
-    """The sensors of a rig by role; joints' angle sensors have one only where a reference is asked for.
+    """The sensors of a rig by role: of drives' positions, of their forces or torques, and of tendons' tensions.
 
-    Args:
-        positions: of drives.
-        forces: of drives (force or torque).
-        tensions: of tendons.
-        angles: of joints; empty but while a reference is known (homing, fitting).
-        others: of any other kind, such as the numbers of an IMU, which only `adaptive` compares.
+    Those of joints' angles are there only while a reference is known (homing, fitting). Others, such as the numbers of
+    an IMU, only `adaptive` compares.
     """
 
     positions: tuple[Sensor, ...]
@@ -51,12 +47,9 @@ class Channels:
 
 
 def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = (), others: bool = False) -> Channels:
-    """Return the sensors that estimators read.
+    """Return the sensors that estimators read; the name is the estimator's, for messages.
 
-    Args:
-        name: of the estimator, for messages.
-        references: sensors of joints' angles that are read too, while they are known.
-        others: whether it compares sensors of any kind.
+    References are sensors of joints' angles that are read too, while they are known; `others` are of any kind.
 
     Raises:
         EstimationError: no drive's position is measured, two sensors measure the same, or a sensor has zero noise.

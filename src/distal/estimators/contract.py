@@ -47,49 +47,24 @@ class Estimator(Protocol):
     state_names: tuple[str, ...]
 
     def initial(self, time: float, sample: Floats) -> Belief:
-        """Return the belief before the first sample.
-
-        Args:
-            time: of the first sample [s].
-            sample: values of `channels`, SI, NaN where missing, (n_channels,).
-        """
-        ...
+        """Return the belief before the first sample: its `time` [s] and values, see `step`."""
 
     def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
-        """Return the belief after a sample, and its innovation.
-
-        Args:
-            belief: before.
-            time: of the sample [s], after the belief's.
-            sample: values of `channels`, SI, NaN where missing, (n_channels,).
-        """
-        ...
+        """Return belief and innovation after a `sample`, (n_channels,), SI, NaN where missing, at a `time` [s]."""
 
     def scan(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return means, covariances, innovations and their variances of a whole log, the same numbers as `step`.
 
-        Args:
-            belief: before the first sample.
-            times: stamps [s], rising, (k,).
-            samples: values of `channels`, (k, n_channels).
+        The belief is that before the first sample; `times` rise [s], (k,), `samples` are (k, n_channels).
         """
-        ...
 
 
 class KernelEstimator:
-    """The common base of estimators that are a kernel (carry, x, p) → (carry⁺, y).
+    """The common base of estimators that are a kernel (carry, x, p) → (carry⁺, y), None where it comes later.
 
-    x = (dt, values of the channels, mask of the channels); y = (innovations, variances) of the measured channels.
-    A missing value (NaN) becomes a zero in the mask; long intervals are bridged, see `distal.estimators.gaps`.
-
-    Args:
-        name: of the estimator.
-        rig: the description.
-        kernel: the function, or None where `step` is the estimator's own.
-        p: its parameters.
-        channels: the sensors it reads.
-        state_names: names of the states; the joints' angles are the first.
-        measured: names of the sensors that have an innovation.
+    x = (dt, values of the channels, mask of the channels); y = (innovations, variances) of the measured channels. A
+    missing value (NaN) becomes a zero in the mask; long intervals are bridged, see `distal.estimators.gaps`. The
+    joints' angles are the first states; p are the kernel's parameters.
     """
 
     def __init__(
@@ -106,7 +81,7 @@ class KernelEstimator:
         self.name, self.rig = name, rig
         self._kernel = kernel
         self.channels, self.measured, self.state_names = channels.names, measured, state_names
-        self._p, self._interval = frozen(p), channels.interval
+        self._p, self.interval = frozen(p), channels.interval  # nominal, between samples [s]
         self._begin: Evaluation | None = None
         self.report = NOTHING_REPORTED
 
@@ -127,12 +102,7 @@ class KernelEstimator:
         return self._kernel
 
     def initial(self, time: float, sample: Floats) -> Belief:
-        """Return the belief before the first sample.
-
-        Args:
-            time: of the first sample [s].
-            sample: values of `channels`, SI, NaN where missing, (n_channels,).
-        """
+        """Return the belief before the first sample: its `time` [s] and values, as for `step`."""
         if not np.isfinite(_number(self.name, time)):
             raise EstimationError(f"{self.name}: the stamp {time} is not a finite time")
         mean, covariance, memory = self.prior(self._checked(sample), self._p)
@@ -140,18 +110,16 @@ class KernelEstimator:
         return Belief(float(time), frozen(carry), len(mean))
 
     def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return mean, covariance and remembered inputs before the first sample.
+        """Return mean, covariance and remembered inputs before the first sample, at the kernel's parameters p, (n_p,).
 
-        Args:
-            sample: the first values, which fill what has no prior, NaN where missing, (n_channels,).
-            p: the kernel's parameters, (n_p,).
+        The first values, `sample`, (n_channels,), NaN where missing, fill what has no prior.
         """
         if self._begin is None:
             with _BUILDING:  # the threads of a batch share a filter, and CasADi's symbols are not counted safely
                 if self._begin is None:
                     self._begin = Evaluation(self.prior_function())
-        there = np.isfinite(sample)
-        mean, spread, memory = self._begin(np.where(there, sample, 0.0), there, p)
+        is_finite = np.isfinite(sample)
+        mean, spread, memory = self._begin(np.where(is_finite, sample, 0.0), is_finite, p)
         n = len(mean)
         return mean, np.diag(spread) if len(spread) == n > 1 else spread.reshape(n, n), memory
 
@@ -164,12 +132,9 @@ class KernelEstimator:
         raise EstimationError(f"{self.name} cannot be exported; adaptive, ekf, ekf-2008, inextensible and elastic can")
 
     def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
-        """Return the belief after a sample, and its innovation.
+        """Return the belief after a `sample`, (n_channels,), SI, NaN where missing, at a `time` [s], and its innovation.
 
-        Args:
-            belief: before; from `initial` (at the same time as the first sample) or the last `step`.
-            time: of the sample [s].
-            sample: values of `channels`, SI, NaN where missing, (n_channels,).
+        The belief before is from `initial` (at the same time as the first sample) or the last `step`.
 
         Raises:
             EstimationError: the stamp is not after the belief's, or the sample has the wrong shape or is wild.
@@ -190,10 +155,7 @@ class KernelEstimator:
     def scan(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return means (k, n), covariances (k, n, n), innovations (k, m) and their variances (k, m) of a whole log.
 
-        Args:
-            belief: before the first sample.
-            times: stamps [s], rising, (k,).
-            samples: values of `channels`, (k, n_channels).
+        Arguments are as for `checked_rows`: `belief`, `times` and `samples`.
 
         Raises:
             EstimationError: stamps do not rise, or a value is wild: beyond `LARGEST_READING`.
@@ -205,13 +167,9 @@ class KernelEstimator:
         return means, covariances, values, variances
 
     def advanced(self, belief: Belief, times: Floats, samples: Floats, p: Floats | None = None) -> Advanced:
-        """Return the kernel's carries and outputs at each sample of a log.
+        """Return the kernel's carries and outputs at each sample of a log; with parameters p, (n_p,), default its own.
 
-        Args:
-            belief: before the first sample.
-            times: stamps [s], rising, (k,).
-            samples: values of `channels`, (k, n_channels).
-            p: the kernel's parameters, (n_p,); default its own.
+        Arguments are as for `checked_rows`: `belief`, `times` and `samples`.
 
         Raises:
             EstimationError: as `checked_rows`.
@@ -222,10 +180,8 @@ class KernelEstimator:
     def checked_rows(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Return the kernel's rows of a whole log and the index of each sample's own row.
 
-        Args:
-            belief: before the first sample.
-            times: stamps [s], rising, (k,).
-            samples: values of `channels`, (k, n_channels).
+        The belief is that before the first sample; `times` are stamps [s], rising, (k,), `samples` values of the
+        channels, (k, n_channels).
 
         Raises:
             EstimationError: stamps do not rise, or a value is wild: beyond `LARGEST_READING`.
@@ -256,9 +212,7 @@ class KernelEstimator:
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
         """Return what a user should know of an estimate, a sentence each: by default which sensors it does not read.
 
-        Args:
-            means: states over the log, (k, n).
-            samples: values of `channels`, (k, n_channels).
+        It had the states `means`, (k, n), of the `samples`, (k, n_channels).
         """
         compared = (sensor.name for sensor in self.rig.sensors if measurand_of(sensor).role is Role.COMPARED)
         ignored = ", ".join(name for name in compared if name not in self.channels)
@@ -270,11 +224,6 @@ class KernelEstimator:
         return 0
 
     @property
-    def interval(self) -> float:
-        """Nominal time between samples [s]."""
-        return self._interval
-
-    @property
     def numbers(self) -> Floats:
         """The kernel's parameters, (n_p,)."""
         return self._p
@@ -282,9 +231,7 @@ class KernelEstimator:
     def innovations_of(self, ys: Floats, samples: Floats) -> tuple[Floats, Floats]:
         """Return innovations, NaN where the value was missing, and their variances, (k, m) each, from the kernel's output.
 
-        Args:
-            ys: the kernel's output at the samples, (k, n_y).
-            samples: values of `channels`, (k, n_channels).
+        It is `ys`, (k, n_y), at the `samples`, (k, n_channels).
         """
         m = len(self.measured)
         columns = [self.channels.index(name) for name in self.measured]
@@ -318,14 +265,12 @@ class KernelEstimator:
     def rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Return the kernel's rows (dt, values, mask), bridges included, and the index of each sample's own row.
 
-        Args:
-            steps: intervals before the samples [s], (k,).
-            samples: values of `channels`, NaN where missing, (k, n_channels).
+        The `steps` are intervals before the samples [s], (k,), the `samples` NaN where missing, (k, n_channels).
 
         Raises:
             EstimationError: a gap is too long.
         """
-        return rows_of(self.name, steps, samples, self._interval, self.bridged)
+        return rows_of(self.name, steps, samples, self.interval, self.bridged)
 
 
 def _number(name: str, time: object) -> float:
@@ -336,12 +281,9 @@ def _number(name: str, time: object) -> float:
 
 
 def check_time(name: str, before: float, now: float, first: bool) -> None:
-    """Refuse a stamp that does not rise.
+    """Refuse a stamp `now` [s] that does not rise from the one `before` [s].
 
-    Args:
-        before: stamp of the belief [s].
-        now: the new stamp [s].
-        first: whether it is the first sample, which may have the belief's own stamp.
+    The first sample may have the belief's own stamp.
 
     Raises:
         EstimationError: see above.

@@ -17,13 +17,11 @@ SMALLEST = 1e-3
 
 @dataclass(frozen=True)
 class Directions:
-    """Directions of joint space at a posture.
+    """Directions of joint space at a posture, with the names of its n joints.
 
-    Args:
-        joints: names of the joints, (n,).
-        seen: sums of the angles that the sensors tell, a row each, (r, n) [m]: the moment arms of tendons, or combinations.
-        missed: orthonormal directions along which no measured tendon moves, (m, n).
-        sprung: whether springs hold all of the missed ones.
+    Those `seen` are sums of the angles that the sensors tell, (r, n) [m]: the moment arms of tendons, or combinations.
+    Those `missed` are orthonormal, (m, n): no measured tendon moves along them. They are `sprung` if springs hold all
+    of them.
     """
 
     joints: tuple[str, ...]
@@ -53,20 +51,17 @@ def _sum(row: Floats, joints: tuple[str, ...]) -> str:
     return text[2:] if text[0] == "+" else f"-{text[2:]}"
 
 
-def directions(rig: Rig, angles: Floats | None = None) -> Directions:
-    """Return which directions of joint space the sensors of a rig see at a posture.
+def directions(rig: Rig) -> Directions:
+    """Return which directions of joint space the sensors of a rig see at the joints' `initial` angles.
 
-    A tendon whose drive has a position sensor, or which is measured itself, tells ∂ℓ/∂θ · δθ. What lies across all of these
-    rows is not seen (singular values below `SMALLEST` of the largest). Coupled joints move with theirs.
-
-    Args:
-        angles: of the joints [rad], (n_joints,); default their `initial` ones.
+    A tendon whose drive has a position sensor, or which is measured itself, tells ∂ℓ/∂θ · δθ. What lies across all of
+    these rows is not seen (singular values below `SMALLEST` of the largest). Coupled joints move with theirs.
     """
     mechanism = Mechanism(rig)
     q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
     look = ca.Function("arms", [q, p.symbols], [mechanism.length_jacobian(q), mechanism.passive_springs(q)[:, 1]])
-    at = np.array([joint.initial.value for joint in rig.joints]) if angles is None else np.asarray(angles, dtype=float)
-    jacobian, springs = (np.array(part) for part in look(np.append(at, np.zeros(mechanism.n_drives)), p.values))
+    at = [*(joint.initial.value for joint in rig.joints), *np.zeros(mechanism.n_drives)]
+    jacobian, springs = (np.array(part) for part in look(at, p.values))
     placed = {sensor.of for sensor in rig.sensors_of("position")}
     measured = {sensor.of for sensor in rig.sensors_of("tension")}
     rows = [i for i, tendon in enumerate(rig.tendons) if tendon.drive in placed or tendon.name in measured]

@@ -19,10 +19,7 @@ CUT_OFF = 5.0
 def read_drives(rig: Rig, channels: Channels, places: Vector, pulls: Vector, x: Vector) -> tuple[Vector, Vector]:
     """Return places and pulls of the drives after a sample, (n_drives,) each: F⁺ = U + e^{−2π f dt} (F − U), f = `CUT_OFF`.
 
-    Args:
-        places: before, (n_drives,) [m, rad].
-        pulls: before, F, (n_drives,) [N, N m].
-        x: the sample (dt, values, mask).
+    Those before are `places` [m, rad] and `pulls` F [N, N m], the sample x = (dt, values, mask).
     """
     names, width = [drive.name for drive in rig.drives], len(channels.names)
     dt, values, mask = x[0], x[1 : 1 + width], x[1 + width :]
@@ -39,7 +36,7 @@ def read_drives(rig: Rig, channels: Channels, places: Vector, pulls: Vector, x: 
 
 
 def first_drives(rig: Rig, channels: Channels, values: Vector, mask: Vector) -> tuple[Vector, Vector]:
-    """Return places and pulls of the drives at the first sample, (n_drives,) each; 0 and the nominal pull if missing."""
+    """Return places and pulls of the drives at the first `values`, (n_drives,) each; 0 and nominal where `mask` is 0."""
     places, pulls = [ca.SX(0) for _ in rig.drives], [ca.SX(drive.nominal_force.value) for drive in rig.drives]
     for first, sensors in ((places, channels.positions), (pulls, channels.forces)):
         for i, drive in enumerate(rig.drives):
@@ -65,7 +62,7 @@ def levers_of(mechanism: Mechanism) -> list[Scalar]:
 
 
 def tension_share(mechanism: Mechanism, levers: Sequence[Scalar], tendon: int) -> Scalar:
-    """Return the tension of a tendon per unit of its drive's pull, the smallest that balances it: h_i/Σ h²."""
+    """Return the tension of a tendon per unit of its drive's pull, the smallest that balances it: h_i/Σ h², `levers` h."""
     drive = mechanism.drive_of[tendon]
     squares = (lever**2 for lever, pulled_by in zip(levers, mechanism.drive_of) if pulled_by == drive)
     return levers[tendon] / sum(squares, ca.SX(0))

@@ -25,11 +25,8 @@ from distal.sensors import systematic_variance, variance
 class Noise:
     """Variances of a full-state filter, SI.
 
-    Args:
-        inputs: of the pull on each drive, (n_drives,).
-        process: added to each state per second, (2 n_bodies,).
-        measurements: of positions, then tensions, (m,).
-        initial: covariance before the first sample, diagonal, (2 n_bodies,).
+    They are of the pull on each drive (`inputs`), of each state per second (`process`), of positions, then tensions
+    (`measurements`), and of the states before the first sample (`initial`).
     """
 
     inputs: Floats
@@ -86,7 +83,7 @@ def _update_function(mechanism: Mechanism, measured: Sequence[Sensor]) -> ca.Fun
 
 
 def expected_measurements(mechanism: Mechanism, measured: Sequence[Sensor], q: Vector, v: Vector) -> Vector:
-    """Return h(x), what position and tension sensors should read: s + bias, and T + bias."""
+    """Return h(x), what position and tension sensors should read at q and v: s + bias, and T + bias."""
     rig, expected = mechanism.rig, []
     drives, tendons = [drive.name for drive in rig.drives], [tendon.name for tendon in rig.tendons]
     for sensor in measured:
@@ -101,9 +98,6 @@ def expected_measurements(mechanism: Mechanism, measured: Sequence[Sensor], q: V
 
 class FullStateFilter(KernelEstimator):
     """An extended Kalman filter whose state is the whole mechanism's (q, v); see `full_state_function`.
-
-    Args:
-        compiled: compile its kernel where possible.
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -142,16 +136,13 @@ def state_names(rig: Rig) -> tuple[str, ...]:
     return (*angle_names(joints), *positions, *speed_names(joints), *velocities)
 
 
-def rig_noise(rig: Rig, name: str = "ekf") -> Noise:
+def rig_noise(rig: Rig) -> Noise:
     """Return the variances of `ekf`: everything from the rig's sensors.
 
-    Measured forces are inputs with their noise; a nominal one has its std. Positions have their random error and
-    their linearity, taken as if it were random from sample to sample.
-
-    Args:
-        name: of the estimator, for messages.
+    Measured forces are inputs with their noise; a nominal one has its std. Positions have their random error and their
+    linearity, taken as if it were random from sample to sample.
     """
-    channels, mechanism = channels_of(rig, name), Mechanism(rig)
+    channels, mechanism = channels_of(rig, "ekf"), Mechanism(rig)
     forces = [(drive, sensor_for(channels.forces, drive.name)) for drive in rig.drives]
     inputs = [drive.nominal_force.std**2 if sensor is None else variance(sensor) for drive, sensor in forces]
     measured = (*channels.positions, *channels.tensions)
@@ -173,26 +164,19 @@ def _initial_variances(rig: Rig, channels: Channels, mechanism: Mechanism) -> Fl
         else:
             places.append(UNKNOWN_PLACE[drive.kind])
     turns = [True] * mechanism.n_joints + [drive.kind == "capstan" for drive in rig.drives]
-    speeds = [START_SPEED[turning] for turning in turns]
-    return np.array([*angles, *places, *speeds]) ** 2
+    return np.array([*angles, *places, *(START_SPEED[turning] for turning in turns)]) ** 2
 
 
 START_SPEED = {True: 0.5, False: 0.005}
 """Standard deviation of a velocity at the first sample: of an angle [rad/s], of a slider [m/s]."""
 
 
-def paper_noise(rig: Rig, q: float = 1e-3, r: float = 1e-9, p0: float = 1.0, name: str = "ekf-2008") -> Noise:
+def paper_noise(rig: Rig, q: float = 1e-3, r: float = 1e-9, p0: float = 1.0) -> Noise:
     """Return the variances of `ekf-2008`: Q = q·I per sample, R = r·I, P0 = p0·I, all in SI.
 
     The paper prints 0.001 for Q and R without units. R = 0.001 m² would be a sensor that errs by 32 mm, three times its
     travel, so R is read in mm², 1e-9 m²; docs/results/reproduction.md compares the readings.
-
-    Args:
-        q: variance added to each state per sample.
-        r: variance of each measurement.
-        p0: variance of each state before the first sample.
-        name: of the estimator, for messages.
     """
-    channels, mechanism = channels_of(rig, name), Mechanism(rig)
+    channels, mechanism = channels_of(rig, "ekf-2008"), Mechanism(rig)
     n, m = 2 * mechanism.n_bodies, len(channels.positions) + len(channels.tensions)
     return Noise(np.zeros(mechanism.n_drives), np.full(n, q / channels.interval), np.full(m, r), np.full(n, p0))

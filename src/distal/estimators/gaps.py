@@ -32,24 +32,19 @@ def first_values(samples: Floats) -> Floats:
 
 
 def predictions(dt: float, interval: float) -> int:
-    """Return how many predictions an interval needs; twice `MOST_BRIDGES` stands for any number that is as large.
+    """Return how many predictions a time `dt` [s] needs, with samples an `interval` [s] apart.
 
-    Args:
-        dt: its length [s].
-        interval: nominal time between samples [s].
+    Twice `MOST_BRIDGES` stands for any number that is as large.
     """
     parts = dt / (SPLIT * interval) - ROUNDING
     return max(1, ceil(parts)) if parts < 2 * MOST_BRIDGES else 2 * MOST_BRIDGES  # dt may be infinite
 
 
 def fill(values: Floats, mask: Floats, sample: Floats, is_finite: Bools, rows_after: int = 0, bridged: int = 0) -> None:
-    """Write values and mask of one row, (n_channels,) each.
+    """Write `values` and `mask` of one row, (n_channels,) each, from the `sample` that ends the interval.
 
-    Args:
-        sample: the sample that ends the interval, 0 where a value is missing.
-        is_finite: where it has a value.
-        rows_after: rows that follow in the same interval; 0 for the sample's own.
-        bridged: number of channels, the first ones, that cross a gap in a straight line.
+    The sample has a value where `is_finite`, else 0. So many rows follow in the same interval, 0 after the sample's
+    own; so many of the first channels, `bridged`, cross a gap in a straight line.
     """
     if rows_after == 0:
         values[:] = sample
@@ -66,11 +61,8 @@ def rows_of(
 ) -> tuple[Floats, NDArray[np.intp]]:
     """Return a kernel's rows (dt, values, mask) for a log, and the index of each sample's own row.
 
-    Args:
-        name: of the estimator, for messages.
-        steps: intervals before the samples [s], (k,).
-        interval: nominal time between samples [s].
-        bridged: number of channels, the first ones, that cross a gap in a straight line.
+    Between the `samples` are `steps` [s], (k,), nominally an `interval` [s]. So many of the first channels, `bridged`,
+    cross a gap in a straight line; the name is the estimator's, for messages.
 
     Raises:
         EstimationError: too many predictions would be needed.

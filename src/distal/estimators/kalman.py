@@ -17,12 +17,9 @@ def symmetric(entries: Expression) -> Expression:
 class Downdate:
     """A covariance less what scalar updates have taken, P − Σ g gᵀ + Σ k kᵀ, written out once after the last of them.
 
-    With g = P hᵀ/√S an update with the optimal gain K = P hᵀ/S takes g gᵀ. A state that takes only a share κ of its gain
-    keeps k kᵀ of that, k = (1 − κ) g. Until `matrix` is asked for, P is only multiplied by the slopes of later updates: it
-    is read and written once, not once for each.
-
-    Args:
-        covariance: P before the first update, (n, n).
+    With g = P hᵀ/√S an update with the optimal gain K = P hᵀ/S takes g gᵀ. A state that takes only a share κ of its
+    gain keeps k kᵀ of that, k = (1 − κ) g. Until `matrix` is asked for, P is only multiplied by the slopes of later
+    updates: it is read and written once, not once for each.
     """
 
     def __init__(self, covariance: MatrixNode) -> None:
@@ -42,11 +39,9 @@ class Downdate:
         return ahead
 
     def take(self, gain: VectorNode, at: Sequence[int], shares: VectorNode) -> None:
-        """Take what one update tells.
+        """Take what one update tells, its `gain` g, (n,), zero for one that does not count.
 
-        Args:
-            gain: g, (n,); zero for an update that does not count.
-            at: indices of the states that do not take all of their gain.
+        The states `at` some indices take only `shares` of it.
         """
         self._gains.append(gain)
         self._remainders.append((list(at), gain[list(at)] * (1 - shares)))
@@ -71,7 +66,10 @@ def along(slope: VectorNode, values: VectorNode) -> ScalarNode:
 def predict_covariance(
     covariance: Matrix, transition: Matrix, input_map: Matrix, input_variances: Vector, process: Vector
 ) -> Matrix:
-    """Return P⁻ = Φ P Φᵀ + G diag(q_u) Gᵀ + diag(q), with Φ = ∂x⁺/∂x, (n, n), and G = ∂x⁺/∂u, (n, k)."""
+    """Return the `covariance` P⁻ = Φ P Φᵀ + G diag(q_u) Gᵀ + diag(q), with the `process` variances q.
+
+    The `transition` Φ = ∂x⁺/∂x, (n, n), `input_map` G = ∂x⁺/∂u, (n, k), and `input_variances` q_u, (k,).
+    """
     mapped = input_map * ca.repmat(input_variances.T, input_map.size1(), 1)
     added = ca.mtimes(mapped, input_map.T) + ca.diag(process)
     predicted = symmetric(ca.mtimes(ca.mtimes(transition, covariance), transition.T) + added)
@@ -79,7 +77,7 @@ def predict_covariance(
 
 
 def with_least(covariance: Matrix, least: Vector) -> Matrix:
-    """Return the matrix with no variance below what it is at least, (n,): rounding alone brings it there.
+    """Return the `covariance` with no variance below what it is at `least`, (n,): rounding alone brings it there.
 
     Where one number is known 1e16 times as well as another, terms cancel to less than their rounding.
     """
@@ -92,16 +90,12 @@ def update(
 ) -> tuple[Vector, Matrix, Vector, Vector]:
     """Return mean, covariance, innovations and their variances after a sample, one scalar at a time.
 
-    For each value: ν = z − h(x⁻) − H (x − x⁻), S = H P Hᵀ + R, K = P Hᵀ/S, x ← x + K ν,
-    P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ (Joseph), multiplied out: P − K aᵀ − a Kᵀ + K S Kᵀ with a = P Hᵀ. With the
-    linearisation kept at x⁻ this equals the update with all values at once (their errors are independent). A value that
-    is MISSING changes nothing.
+    For each value: ν = z − h(x⁻) − H (x − x⁻), S = H P Hᵀ + R, K = P Hᵀ/S, x ← x + K ν, P ← (I − K H) P (I − K H)ᵀ + K
+    R Kᵀ (Joseph), multiplied out: P − K aᵀ − a Kᵀ + K S Kᵀ with a = P Hᵀ. With the linearisation kept at x⁻ this equals
+    the update with all values at once (their errors are independent).
 
-    Args:
-        residuals: z − h(x⁻), (m,).
-        jacobian: H, (m, n).
-        variances: R, (m,).
-        mask: READ or MISSING, see `distal.kernels.mask`, (m,).
+    There are `residuals` z − h(x⁻), (m,), a `jacobian` H, (m, n), and `variances` R, (m,). The `mask` is READ or
+    MISSING, see `distal.kernels.mask`, (m,); a value that is MISSING changes nothing.
     """
     prior, innovations, spreads = mean, [], []
     for i in range(residuals.numel()):

@@ -18,13 +18,10 @@ def kinematic_function(
 ) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of a kinematic estimator.
 
-    Each tendon gives the angle at which its length, ℓ − l = e_0 + (F − F_0)/k, fits the drive's displacement; the joint's
-    angle is the mean over them (several joints: `kinematic_chain`). `inextensible` leaves the stretch (F − F_0)/k out. e_0
-    is the length at the first sample, with the joints at their `initial` angles; F is a tendon's share of its drive's pull,
-    low-passed, and F_0 that at the first sample.
-
-    Args:
-        tendons: those whose drive has a position sensor.
+    Each of the tendons, whose drives have position sensors, gives the angle at which its length, ℓ − l = e_0 + (F −
+    F_0)/k, fits the drive's displacement; the joint's angle is the mean over them (several joints: `kinematic_chain`).
+    `inextensible` leaves the stretch (F − F_0)/k out. e_0 is the length at the first sample, with the joints at their
+    `initial` angles; F is a tendon's share of its drive's pull, low-passed, and F_0 that at the first sample.
     """
     k, nd, nj = len(tendons), mechanism.n_drives, mechanism.n_joints
     n, width = nj + k, len(channels.names)
@@ -52,10 +49,6 @@ class KinematicEstimator(KernelEstimator):
     """Angle from the drives' displacements and the tendons' lengths; see `kinematic_function`.
 
     Its std knows the sensors and the initial angle only: not stretch (or, if `elastic`, not friction).
-
-    Args:
-        elastic: remove the stretch with the measured forces.
-        compiled: compile its kernel where possible.
 
     Raises:
         EstimationError: the sensors do not suffice.

@@ -32,10 +32,8 @@ CONSTRAINT = 1e3
 def stretches(mechanism: Mechanism, pulls: Vector, elastic: bool) -> list[Scalar]:
     """Return by how much each tendon is longer than at its pre-tension, (T − T_pre)/k [m]; 0 if not `elastic`.
 
-    A drive's pull F is shared so that it is balanced with the smallest changes: T = T_pre + h (F − Σ h T_pre)/Σ h².
-
-    Args:
-        pulls: of the drives, (n_drives,) [N, N m].
+    A drive's pull F is shared so that it is balanced with the smallest changes: T = T_pre + h (F − Σ h T_pre)/Σ h². All
+    `pulls` are (n_drives,) [N, N m].
     """
     p, levers, drives = mechanism.parameters, levers_of(mechanism), mechanism.drive_of
     lengths = []
@@ -58,11 +56,9 @@ def unseen_covariance(rig: Rig) -> Floats:
 def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y): the angles that fit the lengths of all tendons best, by least squares.
 
-    min_θ Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)², and with fewer tendons than joints + the springs' energy, which
-    then says which of the postures that fit it is. Zero is the rig's own: θ = 0 and s = 0 at pre-tension.
-
-    Args:
-        tendons: those whose drive has a position sensor.
+    min_θ Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)², and with fewer tendons than joints + the springs' energy,
+    which then says which of the postures that fit it is. Zero is the rig's own: θ = 0 and s = 0 at pre-tension. The
+    tendons are those whose drives have position sensors.
     """
     nd, nj, free = mechanism.n_drives, mechanism.n_joints, mechanism.free
     n, width, p = nj, len(channels.names), mechanism.parameters
@@ -109,10 +105,6 @@ class ChainKinematics(KernelEstimator):
     """Angles of several joints from the drives' displacements and the tendons' lengths; see `chain_function`.
 
     Its std knows the position sensors only: not stretch (or, if `elastic`, not friction).
-
-    Args:
-        elastic: remove the stretch with the measured forces.
-        compiled: compile its kernel where possible.
 
     Raises:
         EstimationError: the sensors do not suffice.

@@ -33,11 +33,7 @@ DEFAULT = "adaptive"
 
 
 def make_estimator(name: str, rig: Rig, compiled: bool = True) -> KernelEstimator:
-    """Return a new estimator for a rig.
-
-    Args:
-        name: one of `ESTIMATORS`.
-        compiled: compile its kernel where possible.
+    """Return a new estimator for a rig, by one of the names of `ESTIMATORS`.
 
     Raises:
         EstimationError: the name is unknown, or the rig's sensors do not suffice.

@@ -14,15 +14,10 @@ from distal.arrays import Floats
 class Report:
     """Where in a kernel's output y the reported values, gains and variances of some states stand.
 
-    A state x_i with error e_i is reported as a value v_i with the error g_i e_i + n_i, n_i of variance u_i and independent
-    of everything else. With G the diagonal of the gains, 1 where nothing is reported, the covariance P becomes G P Gᵀ +
-    diag(u), which is positive semidefinite as P is.
-
-    Args:
-        states: indices i, (r,).
-        values: of v in y, (r,).
-        gains: of g in y, (r,).
-        variances: of u in y, (r,).
+    A state x_i with error e_i is reported as a value v_i with the error g_i e_i + n_i, n_i of variance u_i and
+    independent of everything else. With G the diagonal of the gains, 1 where nothing is reported, the covariance P
+    becomes G P Gᵀ + diag(u), which is positive semidefinite as P is. There are the indices i of the states, and those
+    of v, g and u in y.
     """
 
     states: tuple[int, ...] = ()
@@ -32,10 +27,9 @@ class Report:
 
     @classmethod
     def behind(cls, start: int, groups: Sequence[Sequence[int]]) -> Report:
-        """Return the report of several maps, whose values, gains and variances follow each other in y from `start` on.
+        """Return the report of several maps, each of a group of states.
 
-        Args:
-            groups: the states of each map.
+        Values, gains and variances of one map after the other stand in y from `start` on.
         """
         states, parts = list[int](), (list[int](), list[int](), list[int]())
         for group in groups:
@@ -52,7 +46,7 @@ class Report:
         return Report(*(tuple(part[k] for k in chosen) for part in parts))
 
     def means(self, means: Floats, ys: Floats) -> Floats:
-        """Return states as they are reported, (k, n), from the filter's own and the kernel's outputs, (k, n_y)."""
+        """Return states as they are reported, (k, n), from the filter's own, `means`, and the kernel's `ys`, (k, n_y)."""
         if not self.states:
             return means
         reported = np.array(means)
@@ -60,7 +54,7 @@ class Report:
         return reported
 
     def variances_of(self, variances: Floats, ys: Floats) -> Floats:
-        """Return variances as they are reported, (k, n); see `means`."""
+        """Return `variances` as they are reported, (k, n); see `means` for `ys`."""
         if not self.states:
             return variances
         reported = np.array(variances)
@@ -69,7 +63,7 @@ class Report:
         return reported
 
     def covariances(self, covariances: Floats, ys: Floats) -> Floats:
-        """Return covariances as they are reported, (k, n, n); see `means`."""
+        """Return `covariances` as they are reported, (k, n, n); see `means` for `ys`."""
         if not self.states:
             return covariances
         gains = np.ones(covariances.shape[:2])

@@ -52,20 +52,14 @@ class SaysKinds(Protocol):
     @property
     def state_kinds(self) -> tuple[StateKind, ...]:
         """What each state is, (n,)."""
-        ...
 
     @property
     def state_parts(self) -> tuple[str, ...]:
         """The part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its path."""
-        ...
 
 
 def kinds_by_joint(names: Sequence[str], joints: Sequence[str]) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
-    """Return kinds and parts of the states of an estimator that does not say them: the joints' are known by their names.
-
-    Args:
-        names: of the states, (n,).
-    """
+    """Return kinds and parts of states that an estimator does not say them of: the joints' are known by their names."""
     every = ((StateKind.ANGLE, angle_names), (StateKind.SPEED, speed_names), (StateKind.EXTERNAL_TORQUE, torque_names))
     of_joints = {name: (kind, joint) for kind, named in every for name, joint in zip(named(joints), joints)}
     kinds_and_parts = [of_joints.get(name, (StateKind.OTHER, name)) for name in names]

@@ -57,14 +57,10 @@ def groups_among(logs: Sequence[Log], options: Options) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Training:
-    """What candidates learn from.
+    """What candidates learn from: logs with a truth, and the description as it came.
 
-    Args:
-        logs: with a truth.
-        groups: of each log, which are left out together.
-        rig: the description as it came.
-        unknown: joints whose angle is known in no log.
-        part: that the description has more than as it came.
+    Of the logs `groups` says which are left out together; the angles of joints that are `unknown` are known in none.
+    The description may have a `part` more than as it came.
     """
 
     logs: tuple[Log, ...]
@@ -95,13 +91,10 @@ class Training:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One way of describing what logs have.
+    """One way of describing what logs have: a rig with numbers, None as they came, and maps by the names of their tables.
 
     Args:
-        rig: the description with numbers and maps.
-        numbers: that are in it, None where they are as they came.
         hold: whether filters take the numbers as they are.
-        maps: learned beside the numbers, by the name of the table.
         error: RMS error of the angle on logs left out [rad]; infinite where it cannot run.
         beyond: the same in the outer part of these logs, with a map of the inner part of the others [rad].
         data: what its filter makes of the logs with numbers that have not seen them, by the index of the log.
@@ -185,8 +178,7 @@ def _run(training: Training, numbers: Numbers | None, hold: bool) -> _Run:
         of_folds = numbers_without(numbers, training.logs, training.folds)
         fold_rigs = [described_by(of_fold) for of_fold in of_folds]
         rig, rigs = described_by(numbers), [fold_rigs[fold] for fold in training.folds]
-    done = filtered(training.logs, rigs, training.options.homing, training.options.compiled)
-    return _Run(rig, rigs, hold, *done)
+    return _Run(rig, rigs, hold, *filtered(training.logs, rigs, training.options.homing, training.options.compiled))
 
 
 def line_map(training: Training) -> MapFit:
@@ -194,8 +186,7 @@ def line_map(training: Training) -> MapFit:
     data = [affine_samples(log, training.rig) for log in training.logs]
     data = [samples.part(np.asarray(np.isfinite(samples.targets).any(axis=1))) for samples in data]
     kind, homing = affine_of(training.rig), training.options.homing
-    map_fit = map_of(data, kind, training.rig, homing, training.groups, scored=False)
-    return _with_reference_error(map_fit, training)
+    return _with_reference_error(map_of(data, kind, training.rig, homing, training.groups, scored=False), training)
 
 
 def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candidate:

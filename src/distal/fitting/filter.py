@@ -24,12 +24,9 @@ FINE = 0.2
 
 @dataclass(frozen=True)
 class Data:
-    """A log, ready for the filter.
+    """A log, ready for the filter: values of its channels, (k, n_channels), references last, and the rows of its kernel.
 
-    Args:
-        samples: values of the filter's channels, (k, n_channels); references are the last.
-        rows: what the kernel takes.
-        last: index of each sample's own row.
+    The index of each sample's own row is in `last`.
     """
 
     log: Log
@@ -47,10 +44,8 @@ class Data:
 class FitFilter:
     """The filter of a fit: what is free is an input of its kernel, and several runs go through it side by side.
 
-    Args:
-        rig: the description, with its references.
-        references: the sensors of joints' angles.
-        steps: rows per sample, see `resampling`; more of them need fewer sub-steps each.
+    The rig is described with its references, the sensors of joints' angles. There are `steps` rows per sample, see
+    `resampling`; more of them need fewer sub-steps each.
     """
 
     def __init__(

@@ -28,18 +28,16 @@ SMALLEST_RELATIVE_STD = 0.002
 
 @dataclass(frozen=True)
 class FittedNumber:
-    """One free number after a fit.
+    """One free number after a fit, as it is in the description, with the `values` of all its `paths`.
 
     Args:
         name: in words.
-        paths: in the description, by indices.
         si: unit.
         start: where it started, which is the mean of its prior.
         prior_std: NaN where there was no prior.
         error: standard error, the other numbers not being known; NaN where the search did not converge.
         identified: whether the logs tell it; else it stays at its prior.
         noise: whether it is a noise.
-        values: of all `paths`.
         held_error: standard error with the numbers that are `held` taken as known; what a file's std is made of.
         held: whether the logs tell it only together with others: the file holds it, and the others carry what is not known.
         per_log: value by log, where each log has its own.
@@ -91,11 +89,9 @@ class FittedNumber:
 
 
 def assignments(numbers: Sequence[FittedNumber], start: Rig, hold: bool = False) -> dict[str, object]:
-    """Return path by names → value, with its std where it had one, of what the logs tell.
+    """Return path by names → value, with its std where it had one, of what the logs tell beside the `start` as it came.
 
-    Args:
-        start: the description as it came.
-        hold: estimators are to take the values as they are.
+    With `hold` estimators are to take the values as they are.
     """
     changed: dict[str, object] = {}
     for part in numbers:

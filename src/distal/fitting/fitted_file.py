@@ -12,14 +12,10 @@ MARK = "# Fitted by `distal fit`"
 
 
 def fitted_text(rig: Rig, start: Rig, values: Mapping[str, object], head: str, text: str | None) -> str:
-    """Return the TOML of a fitted rig.
+    """Return the TOML of a fitted rig, with the `values` by path that changed from the `start` as it came.
 
-    Args:
-        rig: the description with the fitted values.
-        start: the description as it came.
-        values: path → value of what changed.
-        head: comment that stands first; its first line begins with `MARK`.
-        text: TOML that the values are put into; None writes the description anew.
+    They are put into a `text`, None for the description written anew; first stands a comment `head`, which begins with
+    `MARK`.
 
     Raises:
         RigError: the text is not the rig that was fitted.

@@ -21,7 +21,7 @@ damping goes by, and pushes the ends of the gap (`python -m benchmarks.parts`)."
 
 @dataclass(frozen=True)
 class Free:
-    """A number that is varied, or several that are varied by a common factor.
+    """A number that is varied, or several that are varied by a common factor; scale, bounds and unit are the first's.
 
     Its coordinate z is ln(value/start) where it is `logarithmic`, else (value − start)/scale.
 
@@ -29,11 +29,10 @@ class Free:
         name: for tables.
         paths: of the numbers in the description.
         starts: their values where the fit starts, which is the mean of the prior.
-        std: of the prior, in the unit of the first one, as scale and bounds are; NaN where there is none.
+        std: of the prior; NaN where there is none.
         scale: of the coordinate.
-        low: lower bound of the first one.
+        low: lower bound.
         high: upper bound.
-        si: unit of the first one.
         logarithmic: whether the coordinate is a logarithm; the prior is then on it, with std ln(1 + std/start).
         per_log: whether each log has its own.
         noise: whether it is a noise, no parameter.

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -201,28 +202,17 @@ class InverseProblem(Problem):
     The `motions` are the logs as the equations take them, which do not vary `noises`.
     """
 
+    asks_equations: ClassVar[bool] = True
+    most: ClassVar[int] = MOST_ITERATIONS
+    enough: ClassVar[float] = ENOUGH
+
     equations: Equations
     motions: tuple[KnownMotion, ...]
-
-    @property
-    def asks_equations(self) -> bool:
-        """Whether the rig's equations are asked, and not its filter."""
-        return True
 
     @property
     def of_filter(self) -> Problem:
         """The filter's problem at the same coordinates."""
         return Problem(self.filter, self.free, self.data, workers=self.workers)
-
-    @property
-    def most(self) -> int:
-        """So many iterations a search takes at most."""
-        return MOST_ITERATIONS
-
-    @property
-    def enough(self) -> float:
-        """A search ends where two steps after each other gain less than this of −ln p."""
-        return ENOUGH
 
     @property
     def measured(self) -> tuple[str, ...]:

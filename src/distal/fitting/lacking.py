@@ -73,11 +73,9 @@ def parts_of(rig: Rig) -> Iterator[Part]:
 
 @dataclass(frozen=True)
 class Tried:
-    """What came of the parts that were tried.
+    """What came of the parts that were tried, with the numbers of the rig with each.
 
-    Args:
-        named: those with which the equations lack least, with their numbers, and the first together with another.
-        numbers: those with each part, named or not.
+    Named are those with which the equations lack least, and the first together with another.
     """
 
     named: tuple[tuple[Part, Numbers], ...] = ()

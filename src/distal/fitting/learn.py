@@ -33,11 +33,9 @@ from distal.rig import Rig
 
 @dataclass(frozen=True)
 class Learned:
-    """All that is learned from logs.
+    """All that is learned from logs: the description with all results, and the rig's numbers as the logs tell them.
 
     Args:
-        rig: the description with all results.
-        numbers: the rig's numbers as the logs tell them.
         kept: whether these are in the description; else it has them as they came.
         hold: whether filters take the numbers as they are.
         curves: path → value of the position sensors' systematic errors.
@@ -79,10 +77,8 @@ def learn(
     """Return all that is learned from logs: the candidate that errs least on logs left out, and what goes with it.
 
     All choices that depend on logs are made here, starting from the original rig, whose values and stds are the priors.
-
-    Args:
-        parts: that are tried beside the rig's own physics; None for what the residuals name.
-        early: called with the straight line as soon as nothing speaks against a fit.
+    The parts are tried beside the rig's own physics, None for what the residuals name; `early` is called with the
+    straight line as soon as nothing speaks against a fit.
 
     Raises:
         FitError: the logs cannot be fitted.

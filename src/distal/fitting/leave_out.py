@@ -24,13 +24,9 @@ class Score:
 
 @dataclass(frozen=True)
 class Compared:
-    """One log that was left out.
+    """One log that was left out: scores of `adaptive` and `affine` learned from the other logs, and of the rig `before`.
 
-    Args:
-        log: its name.
-        fitted: `adaptive`, learned from the other logs.
-        before: `adaptive` with the original rig; None where it cannot run.
-        affine: `affine`, learned from the other logs; None where it has no map.
+    A score is None where the estimator cannot run, or has no map.
     """
 
     log: str
@@ -58,9 +54,7 @@ def leave_out(
     """Return what is learned from all logs except those of one fold, and its scores on these, for each fold in turn.
 
     There are fewer folds where the user stopped it. The reference is used for `homing` [s], None for never.
-
-    Args:
-        learned_from: `learn` of some logs; it gets these and the number of the fold, from 1.
+    `learned_from` is `learn` of some logs; it gets these and the number of the fold, from 1.
     """
     done = list[Fold]()
     for count, (out, remaining) in enumerate(splits(folds), 1):

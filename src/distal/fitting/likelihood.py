@@ -66,11 +66,7 @@ class Weighing:
 class Slopes:
     """Weighted innovations r = f ν, f² = w/(c S), of a log at a point, and their slopes J.
 
-    Args:
-        compared: which were compared, (k, m), N in all.
-        factor: f, (N,).
-        values: r, (N,).
-        slopes: J, (n, N).
+    They are the N values that were `compared`, (k, m): factors f and values r, (N,), and slopes J, (n, N).
     """
 
     compared: Bools
@@ -79,12 +75,9 @@ class Slopes:
     slopes: Floats
 
     def bend(self, moved: Innovations, step: Floats, share: float) -> Floats:
-        """Return Jᵀ r'', how slopes change along a step d, (n,): r'' = 2/h ((r(z + h d) − r(z))/h − J d).
+        """Return Jᵀ r'', how slopes change along a `step` d, (n,): r'' = 2/h ((r(z + h d) − r(z))/h − J d).
 
-        Args:
-            moved: at z + h d.
-            step: d, (n,).
-            share: h.
+        The run `moved` is at z + h d, with the `share` h.
         """
         if not moved.bounded:
             return np.zeros(len(step))
@@ -95,11 +88,9 @@ class Slopes:
 
 @dataclass(frozen=True)
 class Derivatives:
-    """−ln p and its derivatives at a point.
+    """−ln p, less constants, and its derivatives at a point.
 
     Args:
-        cost: −ln p, less constants.
-        gradient: of it, (n,).
         information: Fisher information of the logs, (n, n).
         meat: long-run covariance of the scores, (n, n): equal to the information where the model is right.
         spans: how many spans of time it is the sum of.
@@ -177,13 +168,10 @@ def derivatives_of(
 ) -> Derivatives:
     """Return −ln p of a log and its derivatives, from runs at a point and at both ends of a step of each coordinate.
 
-    The score of a sample is ν ν'/S + ½ (ln S)' (1 − ν²/S), for an outlier ν'/ν; Fisher's information is
-    Σ ν' ν'ᵀ/S + ½ (ln S)' (ln S)'ᵀ (Gupta and Mehra, IEEE TAC 19, 1974), here with c S in place of S.
-
-    Args:
-        ends: run at the upper and at the lower end of each coordinate's step, (n,).
-        widths: upper less lower end, (n,); 0 for a coordinate that is not varied.
-        weighing: of the channels; where −ln p is least in c, it is that of its slope too.
+    The score of a sample is ν ν'/S + ½ (ln S)' (1 − ν²/S), for an outlier ν'/ν; Fisher's information is Σ ν' ν'ᵀ/S + ½
+    (ln S)' (ln S)'ᵀ (Gupta and Mehra, IEEE TAC 19, 1974), here with c S in place of S. Where −ln p is least in c, the
+    weighing is that of its slope too. The steps have an upper and a lower end and `widths` from one to the other, (n,);
+    0 for a coordinate that is not varied.
     """
     compared, shape = np.isfinite(base.values), base.values.shape
     nu, spread = base.values[compared], (base.variances * weighing.scale)[compared]

@@ -52,10 +52,8 @@ def filtered(
 ) -> tuple[dict[int, Samples], list[str]]:
     """Return what the filter makes of logs with truth, by the index of the log, and why of some it makes nothing.
 
-    Args:
-        rigs: the description for each, without a discrepancy; the first says what the encoders' offsets may be.
-        homing: length of the homing move [s], or None.
-        usable: of each log, which samples the homing move may use; default all.
+    Each log has a rig without a discrepancy; the first says what the encoders' offsets may be. A homing move lasts
+    `homing` s, None for none, and may use the samples that are `usable`, (k,) for each log, None for all.
     """
     data, refused, runners = dict[int, Samples](), list[str](), dict[tuple[int, frozenset[str]], AdaptiveFilter]()
     for i, (log, rig) in enumerate(zip(logs, rigs)):
@@ -183,8 +181,7 @@ def reference_std(rig: Rig, log: Log) -> float:
     """
     if log.truth_kind is not TruthKind.SENSOR:
         return 0.0
-    stds = [float(np.sqrt(variance(s))) for s in rig.sensors_of("angle")]
-    return max(stds, default=0.0)
+    return max((float(np.sqrt(variance(sensor))) for sensor in rig.sensors_of("angle")), default=0.0)
 
 
 def _sensors(rig: Rig) -> tuple[Sensor, ...]:

@@ -14,7 +14,7 @@ from distal.fitting.fitted_file import fitted_text, plain
 from distal.fitting.map_samples import contact_of, discrepancy_of, filtered, has_torque, partly_homed, torques_of
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, shown, true_angles, write_whole
-from distal.regression import NORMAL, Kind, Samples, Terms, errors_of, folds_of, learn_map, splits
+from distal.regression import BAND, Kind, Samples, Terms, errors_of, folds_of, learn_map, splits
 from distal.regression.learn import ENOUGH_LOGS
 from distal.rig import LearnedMap, Rig, load_rig
 from distal.threads import one_blas_thread
@@ -27,10 +27,8 @@ FOR_SCORES = 3
 class LeftOut:
     """How a map did on a log that it had not seen; after the homing window where there is one.
 
-    Args:
-        rms: error, in the unit of what is mapped.
-        inside: share of samples inside the 95 % band.
-        half: mean half-width of that band.
+    Error and mean half-width of the 95 % band are in the unit of what is mapped; `inside` is the share of samples in
+    it.
     """
 
     log: str
@@ -41,12 +39,11 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class MapFit:
-    """A learned map, and how it did on logs left out.
+    """A learned map of a rig file's `table`, and how it did on logs left out.
 
     Args:
         rig: the description with the map in it.
         start: the description as it came.
-        table: name of the map's table in the rig file.
         logs: names of the logs.
         homing: for how long a reference was used on the logs left out [s], or None.
         left_out: one for each log; empty with fewer than three groups.
@@ -97,8 +94,7 @@ class MapFit:
     def save(self, path: str | Path, text: str | None = None) -> None:
         """Write the rig file with the map; what stood there survives a failure.
 
-        Args:
-            text: TOML of the rig that the map is put into, so that its comments stay; default it is written anew.
+        The map is put into a `text`, TOML of the rig, so that its comments stay; by default it is written anew.
 
         Raises:
             OutputError: it cannot be written.
@@ -273,5 +269,5 @@ def _score(learned: LearnedMap, out: Samples, kind: Kind, homing: float | None) 
     parts = errors_of(learned, out, kind, homing)
     error = np.concatenate([part[0] for part in parts])
     std = np.sqrt(np.concatenate([part[1] + part[2] for part in parts]))
-    inside = float(np.mean(np.abs(error) <= NORMAL * std))
-    return LeftOut(shown(out.source), float(np.sqrt(np.mean(error**2))), inside, float(NORMAL * std.mean()))
+    inside = float(np.mean(np.abs(error) <= BAND * std))
+    return LeftOut(shown(out.source), float(np.sqrt(np.mean(error**2))), inside, float(BAND * std.mean()))

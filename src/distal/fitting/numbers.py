@@ -42,16 +42,11 @@ HAUSMAN = 4.0
 
 @dataclass(frozen=True)
 class Numbers:
-    """The numbers of a rig as logs tell them.
+    """The numbers of a rig as logs tell them, from the `problem` that was minimised, and the `optimum` where that ended.
 
-    Args:
-        problem: that was minimised.
-        optimum: where its search ended, with the uncertainty there.
-        left: which coordinates stay at their prior, (n,).
-        held: which of them filters are to take as they are, (n,).
-        doubts: what speaks against them.
-        nis: mean ν²/S per channel at the start, and at the end.
-        begun: −ln p where the search began.
+    Of the coordinates some are `left` at their prior, and filters are to take those that are `held` as they are, (n,)
+    each. There are `doubts`, mean ν²/S per channel at the start and at the end (`nis`), and −ln p where the search had
+    `begun`.
     """
 
     problem: Problem
@@ -189,8 +184,7 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
         with_reference, added = added_reference(rig, logs[0].rate)
         references = (added,)
     asked, per_log, noise, homing = options.free, options.per_log, options.noise, options.homing is not None
-    several = len(logs) > 1
-    free = choose(with_reference, references, asked, per_log, noise=noise, homing=homing, several=several)
+    free = choose(with_reference, references, asked, per_log, noise=noise, homing=homing, several=len(logs) > 1)
     if not with_truth:
         of_reference = f"sensors.{len(with_reference.sensors) - 1}."
         free = tuple(part for part in free if not all(path.startswith(of_reference) for path in part.paths))
@@ -241,9 +235,7 @@ def fitted_numbers(
 ) -> list[FittedNumber]:
     """Return what a search found of every free number, in its own unit; without convergence it has no standard error.
 
-    Args:
-        left: which coordinates stay at their prior, (n,).
-        held: which of them filters are to take as they are, (n,).
+    Of the coordinates some are `left` at their prior, (n,), and filters are to take what is `held` as it is, (n,).
     """
     logs = [data.log.source for data in problem.data]
     coordinates = [problem.columns(j) for j in range(len(logs))]

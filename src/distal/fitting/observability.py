@@ -35,14 +35,13 @@ OBSERVED_WINDOW = 0.5
 
 @dataclass(frozen=True)
 class Observability:
-    """How well the sensors find a joint's angle that was lost, along a log.
+    """How well the sensors find a joint's angle that was lost, along a log, and the `estimate` that it was computed along.
 
     Args:
         time: stamps [s], (k,).
         found: std of the angle, `LOST` at the start of its window, as the window's sensors find it again [rad], (k,).
         std: std of the angle along the whole log [rad], (k,).
         window: length of the windows [s].
-        estimate: that it was computed along.
         directions: of joint space that the sensors see, and those that they miss.
     """
 
@@ -71,11 +70,7 @@ class Observability:
         return lines
 
     def plot(self, path: str | Path | None = None) -> Figure:
-        """Draw the angle with its band, and how soon it is found again where it is lost.
-
-        Args:
-            path: where to save (PNG, SVG or PDF by its suffix); None only returns the figure.
-        """
+        """Draw the angle with its band, and how soon it is found again where it is lost; save it to a path, if any."""
         with figure(2, 1, (6.5, 4.8), sharex=True) as (drawing, (angle, spread)):
             since = from_start(self.time)
             theta, half = np.rad2deg(self.estimate.angles[:, self.joint]), np.rad2deg(BAND * self.std)
@@ -99,14 +94,11 @@ def observability(
 ) -> Observability:
     """Return how well the angle of a joint, by default the first, is seen along a log.
 
-    At the start of each window its variance is set to `LOST`², uncorrelated with everything else, and the filter's own
-    covariance recursion goes on: 1/P − 1/LOST² at the window's end is the angle's entry in the window's observability
-    Gramian, with process noise and what else is unknown taken into account (Krener and Ide, CDC 2009). Where nothing is
-    found again, friction, slack or stops hide the joint, and only the model's memory holds the angle.
-
-    Args:
-        window: length of the windows [s].
-        homing: as for `estimate`.
+    At the start of each window of so many s its variance is set to `LOST`², uncorrelated with everything else, and the
+    filter's own covariance recursion goes on: 1/P − 1/LOST² at the window's end is the angle's entry in the window's
+    observability Gramian, with process noise and what else is unknown taken into account (Krener and Ide, CDC 2009).
+    Where nothing is found again, friction, slack or stops hide the joint, and only the model's memory holds the angle.
+    For `homing` see `estimate`.
 
     Raises:
         FitError: the window does not fit the log, or it is not clear which joint is meant.

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,11 +31,9 @@ PROBED = 0.3
 
 @dataclass(frozen=True)
 class Worth:
-    """What the values of each channel are worth, as found at a point.
+    """What the values of each channel are worth, as found at a point: how much one counts (`shares_of`), (m,).
 
-    Args:
-        share: how much a value counts, see `shares_of`, (m,).
-        counts: how many values of each channel are compared, of each log, (m,) each.
+    The counts are how many values of each channel are compared, of each log, (m,) each.
     """
 
     share: Floats
@@ -59,6 +58,11 @@ class Problem:
         worth: of the channels' values; None before they are assessed: every value counts in full.
         noises: that are free and not varied.
     """
+
+    asks_equations: ClassVar[bool] = False
+    """Whether the rig's equations are asked, and not its filter."""
+    most: ClassVar[int] = MOST_ITERATIONS
+    enough: ClassVar[float] = ENOUGH
 
     filter: FitFilter
     free: tuple[Free, ...]
@@ -90,24 +94,9 @@ class Problem:
         return replace(self, worth=Worth(shares_of(runs, [self._times(j) for j in range(len(self.data))]), counts))
 
     @property
-    def asks_equations(self) -> bool:
-        """Whether the rig's equations are asked, and not its filter."""
-        return False
-
-    @property
     def of_filter(self) -> Problem:
         """The filter's problem at the same coordinates."""
         return self
-
-    @property
-    def most(self) -> int:
-        """So many iterations a search takes at most."""
-        return MOST_ITERATIONS
-
-    @property
-    def enough(self) -> float:
-        """A search ends where two steps after each other gain less than this of −ln p."""
-        return ENOUGH
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -153,10 +142,9 @@ class Problem:
         return [places[id(part), log if part.per_log else None] for part in self.free]
 
     def run(self, tasks: Sequence[tuple[int, Floats]]) -> list[Innovations]:
-        """Return the innovations of some runs, side by side in vector lanes, on all workers.
+        """Return the innovations of some runs, of a log's index and its coordinates, one for each free number.
 
-        Args:
-            tasks: of each run the log's index and that log's coordinates, one for each free number.
+        They go side by side in vector lanes, on all workers.
         """
         size = self._kernel.side_by_side
         # runs of one length go together, since those that end early leave their lanes idle
@@ -257,8 +245,7 @@ class Problem:
     def of_logs(self, z: Floats, widths: Floats) -> list[Derivatives]:
         """Return what each log tells at a point z, by one-sided differences of ν and ln S, without the prior.
 
-        Args:
-            widths: over how much slopes are taken, away from a bound, 0 for a coordinate that is not varied, (size,).
+        Slopes are taken over `widths`, (size,), away from a bound, 0 for a coordinate that is not varied.
         """
         low, high = self.bounds.T
         ends = np.where(z + widths <= high, z + widths, np.maximum(z - widths, low))

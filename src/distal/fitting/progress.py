@@ -14,12 +14,9 @@ BEFORE_SEARCH, AFTER_SEARCH = 0.05, 0.35
 
 @dataclass(frozen=True)
 class Doing:
-    """What a fit is doing now.
+    """What a fit is doing now: a search in its `iteration`, else 0, of which a share of this part is done, about.
 
-    Args:
-        within: share of this part that is done, about.
-        iteration: of a search, else 0.
-        part: 0 for the fit to all logs, then a fold after the other.
+    Part 0 is the fit to all logs, then comes a fold after the other.
     """
 
     stage: str

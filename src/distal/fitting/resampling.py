@@ -28,13 +28,9 @@ def steps_per_sample(places: Floats, noise: Floats) -> int:
 def refined(times: Floats, samples: Floats, places: int, steps: int) -> tuple[Floats, Floats, NDArray[np.intp]]:
     """Return stamps, samples and the original samples' rows, with displacements interpolated between them.
 
-    Each interval is cut in `steps`; displacements follow the cubic through the four samples about it (Catmull and Rom,
-    1974), a straight line where one of them is missing or the stamps have a gap. All other channels are missing there.
-
-    Args:
-        times: stamps [s], (k,).
-        samples: (k, n_channels), NaN where missing; displacements come first.
-        places: number of displacements.
+    Each interval of `times` [s], (k,), is cut in `steps`; displacements, the first `places` of the `samples`, (k,
+    n_channels), NaN where missing, follow the cubic through the four samples about it (Catmull and Rom, 1974), a
+    straight line where one of them is missing or the stamps have a gap. All other channels are missing there.
     """
     k = len(times)
     if steps == 1 or k < 4:

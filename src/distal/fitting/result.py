@@ -98,13 +98,7 @@ class Fit:
         folds: tuple[Fold, ...],
         asked: int = 0,
     ) -> Fit:
-        """Return one result: what was learned from logs, and its scores on those left out.
-
-        Args:
-            start: the description as it came.
-            folds: each log left out once.
-            asked: how many folds there were to be.
-        """
+        """Return one result: what was learned from logs, and its scores in the folds; so many were asked."""
         numbers, optimum, n_sensors = learned.numbers, learned.numbers.optimum, len(start.sensors)
 
         def of_rig(part: FittedNumber) -> bool:
@@ -213,8 +207,7 @@ class Fit:
     def save(self, path: str | Path, text: str | None = None) -> None:
         """Write the fitted rig file; if that fails, the old file is kept.
 
-        Args:
-            text: TOML into which the values are written, so that its comments stay; default: a new file.
+        The values are written into a `text`, TOML, so that its comments stay; default is a new file.
 
         Raises:
             OutputError: it cannot be written.

@@ -59,14 +59,9 @@ Progress = Callable[[int, float], None]
 
 @dataclass(frozen=True)
 class Optimum:
-    """Where a search ended.
+    """Where a search ended: coordinates z, (n,), and −ln p there less constants, after so many iterations.
 
-    Args:
-        z: coordinates, (n,).
-        cost: −ln p there, less constants.
-        iterations: accepted and refused ones.
-        converged: whether it ended by itself.
-        interrupted: whether the user stopped it.
+    It converged where it ended by itself, and was interrupted where the user stopped it.
     """
 
     z: Floats

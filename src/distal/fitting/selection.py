@@ -37,15 +37,13 @@ def choose(
     homing: bool,
     several: bool = False,
 ) -> tuple[Free, ...]:
-    """Return what a fit varies.
+    """Return what a fit varies, of a rig with `references`, sensors of joints' angles.
 
     Without a wish it is every parameter with a std that has an effect on the joint, tendons that err together by one
     factor (as the filter has them), and the noise of the sensors that are compared, of the unmodelled torque and of the
     hysteresis.
 
     Args:
-        rig: the description; must hold the references.
-        references: the sensors of joints' angles.
         asked: paths, ``*`` for all parts of a kind; empty for every parameter with a std.
         per_log: paths of which each log has its own.
         homing: whether the fit is to what is predicted after homing: then sensors' own noise is left as it is.

@@ -26,10 +26,8 @@ ASTRAY = 1.5
 def plain_samples(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats) -> Samples:
     """Return the readings of a filter over a log, its own angles, and true minus own angles.
 
-    Args:
-        start: the belief before the first sample.
-        samples: values of its channels, (k, n_channels).
-        truths: true angles [rad], NaN where not known, (k, n_joints).
+    It begins with the belief before the first sample and reads `samples`, (k, n_channels); `truths` are the true angles
+    [rad], NaN where not known, (k, n_joints).
     """
     carries = runner.advanced(start, log.time, samples).carries
     nj, n = truths.shape[1], start.size
@@ -103,11 +101,7 @@ def calibrated(
     """Return filter, first belief and samples of a run after its homing move, and how surprising the move was.
 
     The run itself reads no reference: the discrepancy learns the errors of its angle over the window of `homing` s.
-
-    Args:
-        runner: a filter with a discrepancy, the reference among its channels.
-        samples: values of its channels, the reference known within the window only, (k, n_channels).
-        truths: true angles [rad], NaN where not known, (k, n_joints).
+    The `truths` are as for `home`.
     """
     assert runner.discrepancy is not None
     begun = numbers_homed(Window.of(runner, start, log, samples, truths, homing))
@@ -122,9 +116,7 @@ def calibrated(
 def calibrate_contact(runner: AdaptiveFilter, log: Log, samples: Floats, homing: float) -> AdaptiveFilter:
     """Return a filter with its contact map adapted to this run by the torque in the window, if the log has it.
 
-    Args:
-        samples: values of its channels, (k, n_channels).
-        homing: length of the window [s].
+    It reads `samples`, (k, n_channels); the window is the first `homing` s.
     """
     learned = runner.contact
     assert learned is not None
@@ -140,9 +132,7 @@ def calibrate_contact(runner: AdaptiveFilter, log: Log, samples: Floats, homing:
 def torque_samples(log: Log, rig: Rig, channels: Mapping[str, Floats], torques: Floats) -> Samples:
     """Return the inputs of a contact map over a log: readings less known offsets, missing ones held; and true torques.
 
-    Args:
-        channels: name → readings, in the order of the map, (k,).
-        torques: true ones [N m], NaN where not known, (k, n_joints).
+    The channels, (k,) each, are in the order of the map; `torques` are [N m], NaN where not known, (k, n_joints).
     """
     readings = [held(values) - offset for values, offset in zip(channels.values(), place_offsets(rig, list(channels)))]
     interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0

@@ -24,9 +24,7 @@ ASTRAY_NOTE = (
 class Homed:
     """A run after its homing move: the filter with the maps of this run, its first belief, and values of its channels.
 
-    Args:
-        samples: (k, n_channels).
-        notes: on how the move was used.
+    The notes say how the move was used.
     """
 
     runner: AdaptiveFilter
@@ -39,12 +37,9 @@ class Homed:
 def home(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float) -> Homed:
     """Return filter, first belief and samples of a run, adapted by its homing move of `homing` s.
 
-    With a discrepancy the move corrects it. Else the filter reads the reference; where least squares does clearly better
-    within the move, that is reported.
-
-    Args:
-        samples: values of its channels, the reference known within the window, (k, n_channels).
-        truths: true angles [rad], NaN where not known, (k, n_joints).
+    With a discrepancy the move corrects it. Else the filter reads the reference; where least squares does clearly
+    better within the move, that is reported. The filter's `samples`, (k, n_channels), have the reference within the
+    window; `truths` are the true angles [rad], NaN where not known, (k, n_joints).
     """
     notes = tuple[str, ...]()
     if runner.discrepancy is not None:

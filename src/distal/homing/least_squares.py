@@ -39,13 +39,9 @@ def led_astray(
 ) -> Floats | None:
     """Return the RMS error of the filter on the second half of a homing move [rad], (n_joints,), if it was led astray.
 
-    It was if for some joint its error is outside its band and clearly larger than that of least squares, and for no joint
-    least squares is clearly worse. NaN stands for a joint that is not known there, infinity for a filter that diverged.
-
-    Args:
-        samples: values of the filter's channels, the reference known within the window, (k, n_channels).
-        truths: true angles [rad], NaN where not known, (k, n_joints).
-        homing: length of the window [s].
+    It was if for some joint its error is outside its band and clearly larger than that of least squares, and for no
+    joint least squares is clearly worse. NaN stands for a joint that is not known there, infinity for a filter that
+    diverged. The arguments `samples`, `truths` and `homing` are as for `home`.
     """
     since = log.time - log.time[0]
     until = int(np.searchsorted(since, homing))
@@ -76,10 +72,8 @@ def led_astray(
 def line_is_better(sizes: Floats, of_line: Floats, surprise: Floats) -> bool:
     """Return whether least squares is clearly better for a joint whose filter is outside its band, and worse for none.
 
-    Args:
-        sizes: RMS errors of the filter [rad], NaN for a joint that is not known, (n_joints,).
-        of_line: those of least squares [rad], (n_joints,).
-        surprise: mean e²/P of the filter, (n_joints,).
+    Of each joint, (n_joints,): RMS errors of the filter, `sizes`, NaN where not known, and `of_line` of least squares
+    [rad], and `surprise`, mean e²/P of the filter.
     """
     astray = (sizes > CLEARLY * of_line) & (surprise > ASTRAY)
     return bool(astray.any() and not np.any(of_line > CLEARLY * sizes))
@@ -90,9 +84,7 @@ def with_straight_line(
 ) -> tuple[AdaptiveFilter, Belief]:
     """Return a filter that reports the angle by least squares on a homing move of `homing` s, and its first belief.
 
-    Args:
-        begun: the belief after the move was used.
-        samples: values of the filter's channels, (k, n_channels).
+    It begins as after the move, with the values `samples` of its channels, (k, n_channels).
     """
     line = _line(runner.rig, log, homing)
     offsets = place_offsets(runner.rig, line.channels)  # which the filter takes off

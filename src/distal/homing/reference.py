@@ -73,15 +73,10 @@ def at_known_angle(
 ) -> tuple[Log, Rig]:
     """Return a log and a rig with which a filter homes where the joint is known to be: at a mark, or against a hard stop.
 
-    The rig gets a sensor ``home`` of the joint's angle (``home_JOINT`` where there are several), with an offset of ``std``,
-    and the log's truth is `angle` over the window. Afterwards it is what it was, NaN where there was none. For several
-    joints it is called once for each that stands somewhere known; the truth of the others is not used.
-
-    Args:
-        homing: for how long the joint is there [s].
-        angle: where [rad].
-        std: standard deviation of the constant offset from there [rad].
-        joint: its name; default the only one.
+    The rig gets a sensor ``home`` of the joint's angle (``home_JOINT`` where there are several), with an offset of
+    `std` [rad], and the log's truth is `angle` [rad] for the first `homing` s. Afterwards it is what it was, NaN where
+    there was none. For several joints it is called once for each that stands somewhere known; the truth of the others
+    is not used.
 
     Raises:
         EstimationError: it is not clear which joint is meant, or a number is out of bounds.
@@ -120,12 +115,10 @@ def _with_home(rig: Rig, joint: str, std: float, rate: float) -> tuple[Rig, Sens
 def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> AdaptiveFilter:
     """Return an `adaptive` that homes while it runs: its samples also say where joints are known to stand.
 
-    Behind its other channels it has one more for each joint, ``home`` or ``home_JOINT``: the angle [rad] while the joint
-    is known to stand there, at a mark or against a stop, and NaN at all other times. That may be at the beginning, as in
-    `estimate` with `homing`, and again at any time later.
-
-    Args:
-        std: standard deviation of the constant offset between that angle and the joint's own [rad].
+    Behind its other channels it has one more for each joint, ``home`` or ``home_JOINT``: the angle [rad] while the
+    joint is known to stand there, at a mark or against a stop, and NaN at all other times. That may be at the
+    beginning, as in `estimate` with `homing`, and again at any time later. Between that angle and the joint's own is a
+    constant offset of standard deviation `std` [rad].
 
     Raises:
         EstimationError: the std is out of bounds, the rig has a discrepancy, or the filter cannot run on it.
@@ -168,9 +161,7 @@ def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:
 def homed(angles: Floats, truths: Floats, early: Bools) -> Floats:
     """Return `angles` [rad], (k, n_joints), shifted so that their mean errors over the first moments are zero.
 
-    Args:
-        truths: the reference's angles, NaN where it has none, (k, n_joints).
-        early: when it is used, (k,).
+    The reference's angles are `truths`, NaN where it has none, (k, n_joints); it is used where it is `early`, (k,).
     """
     shifted = angles.copy()
     for j in range(angles.shape[1]):

@@ -18,14 +18,10 @@ START_STD = float(np.deg2rad(0.2))
 
 @dataclass(frozen=True)
 class Window:
-    """The first seconds of a log, in which a reference is known.
+    """The first seconds of a log, in which a reference is known, and the filter's belief before the first sample.
 
-    Args:
-        runner: the filter, with the reference among its channels.
-        start: its belief before the first sample.
-        time: of the samples [s], (k,).
-        samples: values of the channels, the reference's too, (k, n_channels).
-        truths: true angles [rad], NaN where not known, (k, n_joints).
+    Among the channels of the filter, `runner`, is the reference. At the times [s], (k,), there are samples of the
+    channels, (k, n_channels), and true angles [rad], NaN where not known, (k, n_joints).
     """
 
     runner: AdaptiveFilter

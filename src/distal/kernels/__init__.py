@@ -8,7 +8,7 @@ from distal.kernels.in_order import in_order
 from distal.kernels.kernel import Evaluation, Kernel
 from distal.kernels.lanes import LaneKernel, lanes_here
 from distal.kernels.layout import Layout, carry_layout, covariance_of, mean_of, variances_of
-from distal.kernels.places import Indices, placed, taken
+from distal.kernels.places import Indices, PlacedKernel, side_by_side
 from distal.kernels.probe import probe
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "Kernel",
     "LaneKernel",
     "Layout",
+    "PlacedKernel",
     "advance",
     "advance_all",
     "at_samples",
@@ -30,8 +31,7 @@ __all__ = [
     "in_order",
     "lanes_here",
     "mean_of",
-    "placed",
     "probe",
-    "taken",
+    "side_by_side",
     "variances_of",
 ]

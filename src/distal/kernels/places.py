@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -25,3 +26,29 @@ def placed(parts: Sequence[MatrixNode], places: Sequence[Indices], size: int) ->
     sources[order] = np.arange(len(order))
     joined: VectorNode = ca.vertcat(*parts, 0.0)
     return joined[sources.tolist()]
+
+
+@dataclass(frozen=True)
+class PlacedKernel:
+    """A part's function (carry, x, p) → (carry⁺, y), and where the numbers of each stand in those of the whole."""
+
+    function: ca.Function
+    carry: Indices
+    x: Indices
+    p: Indices
+    y: Indices
+
+
+def side_by_side(name: str, parts: Sequence[PlacedKernel], sizes: tuple[int, int, int, int]) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y), of such `sizes`, of parts that do not touch each other.
+
+    What stands between parts in the carry stays as it is; in y it is zero.
+    """
+    carry, x, p = (ca.MX.sym(symbol, size) for symbol, size in zip(("carry", "x", "p"), sizes))
+    following, outputs = ca.MX(carry), list[VectorNode]()
+    for part in parts:
+        after, y = part.function(taken(carry, part.carry), taken(x, part.x), taken(p, part.p))
+        following[part.carry.tolist()] = after
+        outputs.append(y)
+    y = placed(outputs, [part.y for part in parts], sizes[3])
+    return ca.Function(name, [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])

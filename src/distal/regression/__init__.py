@@ -1,7 +1,7 @@
 """Least squares over several logs: features, random effects, the size of a band, a homing window, the kernel."""
 
 from distal.regression.affine import affine_kind, as_discrepancy
-from distal.regression.band import NORMAL, Errors, conformal_factor, inflate_band, rms_beyond_noise, student
+from distal.regression.band import BAND, Errors, conformal_factor, inflate_band, rms_beyond_noise, student
 from distal.regression.beyond import Learner, errors_beyond
 from distal.regression.contact import contact_kind
 from distal.regression.discrepancy import discrepancy_kind
@@ -13,8 +13,8 @@ from distal.regression.random_effects import correlated_samples, independent, li
 from distal.regression.window import EXPECTED, calibrate_window, seen
 
 __all__ = [
+    "BAND",
     "EXPECTED",
-    "NORMAL",
     "Errors",
     "Kind",
     "Learner",

@@ -44,12 +44,9 @@ def affine_kind(channels: Sequence[str], positions: Sequence[str], joints: Seque
 def as_discrepancy(affine: LearnedMap, frame: LearnedMap, follows: bool = False) -> Discrepancy:
     """Return the discrepancy δ = φᵀ b − θ with which a filter reports the angle of `affine`, within the learned range.
 
-    Within the learned range the map replaces the filter's own angle and its error. Beyond it the terms stay constant, and
-    the reported angle follows the filter's motion; or the straight line goes on.
-
-    Args:
-        frame: a discrepancy of the same logs, for the range of the filter's own angles.
-        follows: whether the line goes on beyond the range.
+    Within the learned range the map replaces the filter's own angle and its error. Beyond it the terms stay constant,
+    and the reported angle follows the filter's motion; or the straight line goes on (`follows`). The range of the
+    filter's own angles is that of `frame`, a discrepancy of the same logs.
     """
     m, n, nj = len(affine.channels), len(affine.terms), len(affine.joints)
     joints = []

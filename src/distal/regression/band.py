@@ -10,8 +10,8 @@ from distal.arrays import Floats
 from distal.regression.random_effects import rows_of
 from distal.rig import LearnedMap
 
-NORMAL = 1.959963984540054
-"""The 97.5 % quantile of the normal distribution."""
+BAND = 1.959963984540054
+"""Half-width of a 95 % band in standard deviations: the 97.5 % quantile of the normal distribution."""
 
 COVERED = 0.95
 """Share of the errors that a band is to hold."""
@@ -36,7 +36,7 @@ def student(freedom: float) -> float:
     """Return by what a 95 % band is wider that knows its std from so many degrees of freedom: t_{0.975}/1.96."""
     from scipy.special import stdtrit  # loaded late: it takes as long as all of distal
 
-    return float(stdtrit(max(freedom, 1.0), 0.975)) / NORMAL
+    return float(stdtrit(max(freedom, 1.0), 0.975)) / BAND
 
 
 def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> float:
@@ -44,7 +44,7 @@ def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> fl
     needed, weights = [], []
     for error, scaled, fixed in logs:
         if len(error):
-            excess = np.maximum(error**2 / NORMAL**2 - fixed, 0.0)
+            excess = np.maximum(error**2 / BAND**2 - fixed, 0.0)
             needed.append(np.sqrt(excess / np.maximum(scaled, 1e-30)))
             weights.append(np.full(len(error), 1.0 / len(error)))
     if not needed:
@@ -59,8 +59,7 @@ def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> fl
 def rms_beyond_noise(errors: Sequence[Sequence[Errors]], noise: float = 0.0) -> float:
     """Return the mean of RMS errors, of each log and joint alone, less the reference's own noise; NaN where there are none.
 
-    Args:
-        noise: std of the reference's random error, which no map can explain: its variance is taken off.
+    The `noise`, a std, is of the reference's random error, which no map can explain: its variance is taken off.
     """
     squares = [float(np.mean(error**2)) for log in errors for error, _, _ in log if len(error)]
     rms = [np.sqrt(max(square - noise**2, (BELOW_NOISE * noise) ** 2)) for square in squares]
@@ -89,7 +88,7 @@ def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool)
 def share_of_few(errors: Sequence[Sequence[Errors]]) -> float:
     """Return the share of the filter's own std that the worst log and joint of few left out needs, at most 1."""
     ratios = [np.abs(e) / np.sqrt(np.maximum(v, 1e-30)) for log in errors for e, _, v in log if len(e)]
-    return float(min(1.0, max((np.quantile(ratio, 0.95) for ratio in ratios), default=NORMAL) / NORMAL))
+    return float(min(1.0, max((np.quantile(ratio, 0.95) for ratio in ratios), default=BAND) / BAND))
 
 
 def inflate_band(learned: LearnedMap, factors: Sequence[float]) -> LearnedMap:

@@ -18,9 +18,7 @@ TERMS_HELP = 0.97
 def contact_kind(channels: Sequence[str], positions: Sequence[str], joints: Sequence[str], noise: Floats) -> Kind:
     """Return the kind of map of the external torque; friction of the whole chain follows a drive's last direction.
 
-    Args:
-        positions: channels of drives' places; the others are efforts.
-        noise: as in `Kind`.
+    Positions are channels of drives' places, the others efforts; `noise` is as in `Kind`.
     """
     efforts = [name for name in channels if name not in positions]
     linear = (CONSTANT, *efforts)

@@ -20,10 +20,8 @@ def discrepancy_kind(
 ) -> Kind:
     """Return the kind of map of a filter's angle errors, from readings and from the filter's own angles.
 
-    Args:
-        moving: channels with independent information.
-        efforts: those of them that are forces, torques or tensions.
-        noise: as in `Kind`.
+    Channels that are `moving` have independent information, some of them are efforts: forces, torques or tensions;
+    `noise` is as in `Kind`.
     """
     theta = tuple(f"angle({joint})" for joint in joints)
     linear = (CONSTANT, *moving)

@@ -15,15 +15,10 @@ from distal.rig import LearnedMap
 def extrapolation(
     partly: Mapping[int, Samples], fit: Callable[[int], LearnedMap | None], joints: int, homing: float, by_motion: bool
 ) -> tuple[float, ...]:
-    """Return κ of each joint, by logs left out whose homing move covers half of their range.
+    """Return κ of each of the joints, by logs left out whose homing move of `homing` s covers half of their range.
 
-    Each run has a κ of its own; what is returned is the 95 % quantile over the logs, 0 where nothing lies beyond.
-
-    Args:
-        partly: the logs, by their index.
-        fit: returns the map without a log, None where there is none.
-        joints: number of joints.
-        homing: length of the homing window [s].
+    Each run has a κ of its own; what is returned is the 95 % quantile over the logs, 0 where nothing lies beyond. `fit`
+    gives the map without a log by its index, None where there is none.
     """
     costs: list[list[float]] = [[] for _ in range(joints)]
     for i, out in partly.items():

@@ -108,13 +108,10 @@ def variables(
     widths: Sequence[Scalar],
     magnitude: Callable[[Value], Value] = np.abs,
 ) -> dict[str, Value]:
-    """Return name → value of what terms are products of: numbers, symbols or arrays.
+    """Return name → value of what terms are products of: numbers, symbols or arrays, of which `magnitude` is |·|.
 
-    Args:
-        scaled: readings, then angles by the filter.
-        plays: index of a channel → its scaled reading after its play.
-        widths: half-widths of the plays, (m,).
-        magnitude: the function |·| for what they are.
+    They are made of `scaled` readings, then angles by the filter, and of `plays`, by the index of the channel whose
+    scaled reading has gone through it, with half-widths `widths`, (m,).
     """
     m, values = len(learned.channels), dict[str, Value]()
     for i, name in enumerate(learned.channels):
@@ -141,13 +138,10 @@ def _play() -> Kernel:
 
 
 def played(values: Floats, half: float) -> Floats:
-    """Return readings after a play of a half-width: z⁺ = min(max(z, x − w), x + w) (Visintin, 1994, ch. III).
+    """Return readings `values` x, (k,), after a play of a half-width w: z⁺ = min(max(z, x − w), x + w).
 
-    Noise below w does not change it, a rest keeps it, and it does not depend on the rate.
-
-    Args:
-        values: x, (k,).
-        half: w.
+    Noise below w = `half` does not change it, a rest keeps it, and it does not depend on the rate (Visintin, 1994, ch.
+    III).
     """
     after: Floats = advance(_play(), Feed(values[:1], values[:, None], np.array([half]))).ys[:, 0]
     return after
@@ -222,13 +216,7 @@ def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
 
 @dataclass(frozen=True)
 class Predicted:
-    """The values of a map over a log.
-
-    Args:
-        values: of what is mapped, (k,).
-        variances: of the map, (k,).
-        filter_variances: the part of the filter's own variances that counts, (k,).
-    """
+    """The values of a map over a log and their variances, and the part of the filter's own that counts, (k,) each."""
 
     values: Floats
     variances: Floats

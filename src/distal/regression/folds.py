@@ -28,12 +28,10 @@ def splits(folds: Sequence[int]) -> Iterator[tuple[list[int], list[int]]]:
 def groups_of(names: Sequence[str], pattern: str | None, least: int = 2) -> list[str]:
     """Return the group of each log: its own name, or what a regular expression finds in it.
 
-    Args:
-        pattern: regular expression whose first parenthesis names the group, e.g. ``run_(.)``; None for one log each.
-        least: so many groups there must be.
+    The first parenthesis of the pattern names the group, e.g. ``run_(.)``; None is one log each.
 
     Raises:
-        FitError: it is no such expression, does not match a name, or leaves fewer groups.
+        FitError: it is no such expression, does not match a name, or leaves less than the least number of groups.
     """
     groups = list(names)
     if pattern is not None:

@@ -43,13 +43,11 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
 
     A value is φᵀ b. An error e of the filter's own angle becomes gain · e with gain = own (1 + ∂value/∂θ); what the map
     itself does not know has the variance c² (φᵀ C φ + s²) + d² (s² + spread²), d being how far readings are outside the
-    learned range, and for each reading that is missing since a time a the square of ∂value/∂reading times
-    min(rate · a, its whole range). Each radian beyond what a homing move covered adds κ², see `beyond_homing`.
+    learned range, and for each reading that is missing since a time a the square of ∂value/∂reading times min(rate · a,
+    its whole range). Each radian beyond what a homing move covered adds κ², see `beyond_homing`.
 
-    Args:
-        learned: its coefficients and ranges are parameters (`numbers_of`).
-        width: number of the estimator's channels, those of the map first.
-        placed: for each channel of the map, whether its drive's place is estimated instead of read.
+    The map's coefficients and ranges are parameters (`numbers_of`). Of the estimator's channels, `width` of them, those
+    of the map are the first; of each of these `placed` says whether its drive's place is estimated instead of read.
     """
     nj, m, k, n = len(learned.joints), len(learned.channels), len(learned.played), len(learned.centre)
     memory, x = ca.SX.sym("memory", memory_size(learned)), ca.SX.sym("x", 1 + 2 * width)
@@ -108,9 +106,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
 def first_memory(learned: LearnedMap, values: Vector, mask: Vector) -> Vector:
     """Return the memory before the first sample: the readings of that sample, or usual ones.
 
-    Args:
-        values: of the channels, those of the map first.
-        mask: 1 where there is a value.
+    The `values` are of the channels, those of the map first; `mask` is 1 where there is one.
     """
     m, (low, high) = len(learned.channels), limits(learned)
     held = [ca.if_else(is_read(mask[i]), values[i], learned.centre[i]) for i in range(m)]

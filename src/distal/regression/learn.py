@@ -9,7 +9,7 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.errors import FitError
-from distal.regression.band import NORMAL, Errors, rms_beyond_noise, sized, student, widened_between
+from distal.regression.band import BAND, Errors, rms_beyond_noise, sized, student, widened_between
 from distal.regression.extrapolation import extrapolation
 from distal.regression.features import Samples, design, predict
 from distal.regression.folds import splits
@@ -32,10 +32,9 @@ SPEED_OVER = 0.1
 
 @dataclass(frozen=True)
 class Terms:
-    """A set of terms that may be tried.
+    """A set of terms that may be tried, see `LearnedMap`.
 
     Args:
-        terms: see `LearnedMap`.
         width: half-width of the plays, in standard deviations of each reading.
         of_noise: the width is in standard deviations of each sensor's random error instead.
         corrects: whether anything is mapped; else only the band is sized.
@@ -149,7 +148,7 @@ def _honest(logs: Sequence[Samples]) -> bool:
     errors = np.concatenate([log.targets.ravel() for log in logs])
     stds = np.sqrt(np.concatenate([log.variances.ravel() for log in logs]))
     finite = np.isfinite(errors)
-    return float(np.mean(np.abs(errors[finite]) <= NORMAL * stds[finite])) >= HELD
+    return float(np.mean(np.abs(errors[finite]) <= BAND * stds[finite])) >= HELD
 
 
 def _halves(logs: Sequence[Samples]) -> list[Samples]:
@@ -252,9 +251,7 @@ def errors_of(
 ) -> list[Errors]:
     """Return errors on a left-out log, the variances of the map without its band's factor, and the filter's, per joint.
 
-    Args:
-        homing: length of the homing window [s], after which errors count, or None.
-        among: which samples count besides, (k,); None for all.
+    They count after a window of `homing` [s], if any, and where samples are `among` some, (k,), None for all.
     """
     late = np.ones(len(out.time), dtype=bool) if among is None else among
     if homing is not None:

@@ -38,13 +38,9 @@ def correlated_samples(residuals: Floats) -> float:
 
 @dataclass(frozen=True)
 class Line:
-    """Coefficients of one log by least squares.
+    """Coefficients b = (XᵀX)⁻¹Xᵀy of one log by least squares, (n,), and their covariance s² N (XᵀX)⁻¹.
 
-    Args:
-        coefficients: b = (XᵀX)⁻¹Xᵀy, (n,).
-        covariance: s² N (XᵀX)⁻¹, N samples counting as one, (n, n).
-        std: s, with the degrees of freedom that are left: s² = RSS/(k − n N).
-        correlated: N.
+    N samples count as one (`correlated`); the std s has the degrees of freedom that are left, s² = RSS/(k − n N).
     """
 
     coefficients: Floats
@@ -112,9 +108,7 @@ def surprise(mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spr
 def independent(values: Floats, noise: Floats) -> Bools:
     """Return which columns have information of their own: the part that earlier ones leave is more than the noise.
 
-    Args:
-        values: centred readings, (k, m).
-        noise: standard deviation of each sensor's random error, in the units of `values`, (m,).
+    The `values` are centred readings, (k, m), `noise` the std of each sensor's random error in their units, (m,).
     """
     chosen = np.zeros(values.shape[1], dtype=bool)
     for i in range(values.shape[1]):
@@ -215,11 +209,8 @@ def _shrunk(spread: Floats, logs: int) -> Floats:
 def filled(joint: JointMap, columns: Sequence[int], mean: Floats, covariance: Floats, std: float) -> JointMap:
     """Return a joint's map with some of its coefficients; the others are zero for certain.
 
-    Args:
-        columns: indices of these n coefficients.
-        mean: theirs [rad], (n,).
-        covariance: theirs [rad²], (n, n).
-        std: of the residual [rad].
+    The `columns` are indices of these n coefficients, which have a mean and covariance [rad, rad²]; `std` is of the
+    residual.
     """
     size = len(joint.coefficients)
     coefficients, square = np.zeros(size), np.zeros((size, size))

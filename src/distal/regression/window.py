@@ -21,12 +21,9 @@ def calibrate_window(
 ) -> tuple[LearnedMap, float]:
     """Return a map after a window in which its target was known, and how surprising that was in standard deviations.
 
-    Mean and covariance are the prior of this run's coefficients, the window gives their likelihood. Residuals are
-    correlated, so several samples count as one. A window that is far off widens the prior.
-
-    Args:
-        window: where its targets may be used, (k,).
-        by_motion: take residuals as correlated for as long as the motion: errors that depend on the place repeat with it.
+    Mean and covariance are the prior of this run's coefficients, the window, (k,), gives their likelihood. Residuals
+    are correlated, so several samples count as one: with `by_motion` for as long as the motion, since errors that
+    depend on the place repeat with it. A window that is far off widens the prior.
     """
     phi, joints, worst = design(learned, samples), [], 0.0
     for j, joint in enumerate(learned.joints):

@@ -1,6 +1,6 @@
 """What an estimator made of a log: angles, bands, innovations, what they say of the rig, and plots."""
 
-from distal.results.curves import BAND
+from distal.regression import BAND
 from distal.results.estimate import ANGLE_UNITS, Estimate
 from distal.results.panels import HEALTH_COLOURS
 from distal.results.plots import PANELS, check_panels, draw_estimate, from_start, plot_estimates, time_label

@@ -5,10 +5,6 @@ from __future__ import annotations
 from typing import Protocol
 
 from distal.arrays import Floats
-from distal.regression import NORMAL
-
-BAND = NORMAL
-"""Half-width of a 95 % band in standard deviations."""
 
 
 class Curves(Protocol):

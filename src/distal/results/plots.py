@@ -11,7 +11,8 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import OutputError, did_you_mean
 from distal.logs import Log
-from distal.results.curves import BAND, Curves
+from distal.regression import BAND
+from distal.results.curves import Curves
 from distal.results.panels import draw_forces, draw_health, draw_innovations
 from distal.results.style import (
     BAND_ALPHA,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -95,9 +96,16 @@ class SensorErrors:
         read: Floats = self._gain * true + self._bias + self._curves.at(true) + self._noise * self.draws(len(true))
         self._drawn = self._drawn[len(true) :]
         if self._rounds:
-            step = np.where(self._step > 0.0, self._step, 1.0)
-            read = np.where(self._step > 0.0, np.round(read / step) * step, read)
+            read = quantised(read, self._step)
         return read
+
+
+def quantised(
+    values: Any, step: Any, floor: Callable[..., Any] = np.floor, choose: Callable[..., Any] = np.where
+) -> Any:
+    """Return `values` as multiples of a `step`, ties up, as they are where it is 0; of symbols with CasADi's functions."""
+    size = choose(step > 0, step, 1)
+    return choose(step > 0, floor(values / size + 0.5) * size, values)
 
 
 def measure(sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.random.Generator) -> Floats:

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
-from distal.expressions import VectorNode
-from distal.kernels import Indices, placed, taken
+from distal.kernels import PlacedKernel, side_by_side
 from distal.model import Mechanism
 from distal.rig import Part, independent_parts
 
@@ -22,32 +21,20 @@ def parts_of_plant(mechanism: Mechanism) -> tuple[Part, ...]:
 def plants_apart(
     mechanism: Mechanism, parts: tuple[Part, ...], plant: Callable[[Mechanism], ca.Function], rubbing: list[int]
 ) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of a plant, see `plant_function`, by the functions of its parts.
+    """Return the function of a plant, see `plant_function`, by those that `plant` gives of its parts' equations.
 
-    Args:
-        plant: equations of a part → its function.
-        rubbing: drives with friction inside their transmission.
+    Drives that are `rubbing` have friction inside their transmission.
     """
     n, nt, nj = mechanism.n_bodies, mechanism.n_tendons, mechanism.n_joints
-    names = mechanism.parameters.names
-    carry, x = ca.MX.sym("carry", 2 * n + len(rubbing)), ca.MX.sym("x", 5 * n + 1)
-    p = ca.MX.sym("p", len(names))
-    carries, outputs = list[VectorNode](), list[VectorNode]()
-    to_carry, to_y = list[Indices](), list[Indices]()
+    names, kernels = mechanism.parameters.names, []
     for part in parts:
         equations = Mechanism(part.rig, part.own_paths(mechanism.parameters.inputs), remembers=True)
-        drives = np.array(part.indices["drives"], dtype=np.intp)
+        drives, tendons = (np.array(part.indices[kind], dtype=np.intp) for kind in ("drives", "tendons"))
         bodies = np.concatenate([part.indices["joints"], nj + drives]).astype(np.intp)
         frictions = np.array([rubbing.index(d) for d in drives if d in rubbing], dtype=np.intp)
-        numbers = np.array([names.index(part.whole_path(name)) for name in equations.parameters.names], dtype=np.intp)
-        at = np.concatenate([bodies, n + bodies, 2 * n + frictions])
-        inputs = np.concatenate([*(k * n + bodies for k in range(5)), [5 * n]])
-        after, y = plant(equations)(taken(carry, at), taken(x, inputs), taken(p, numbers))
-        carries.append(after)
-        outputs.append(y)
-        to_carry.append(at)
-        tendons = np.array(part.indices["tendons"], dtype=np.intp)
-        to_y.append(np.concatenate([bodies, n + bodies, 2 * n + tendons, 2 * n + nt + bodies]))
-    following = placed(carries, to_carry, carry.numel())
-    y = placed(outputs, to_y, 3 * n + nt)
-    return ca.Function("plant", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+        carry = np.concatenate([bodies, n + bodies, 2 * n + frictions])
+        x = np.concatenate([*(k * n + bodies for k in range(5)), [5 * n]])
+        p = np.array([names.index(part.whole_path(name)) for name in equations.parameters.names], dtype=np.intp)
+        y = np.concatenate([bodies, n + bodies, 2 * n + tendons, 2 * n + nt + bodies])
+        kernels.append(PlacedKernel(plant(equations), carry, x, p, y))
+    return side_by_side("plant", kernels, (2 * n + len(rubbing), 5 * n + 1, len(names), 3 * n + nt))

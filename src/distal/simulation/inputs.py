@@ -18,10 +18,8 @@ from distal.units import to_si
 class BodyInputs:
     """What acts on the bodies in each interval of a grid.
 
-    Args:
-        effort: force or torque, hung weights included, (n, n_bodies).
-        added_inertia: mass of the hung weights, (n, n_bodies).
-        servo: stiffness, target and damping of a spring to a target, (n, n_bodies, 3).
+    The effort is force or torque, hung weights included, and the added inertia the mass of these, (n, n_bodies) each; a
+    servo is stiffness, target and damping of a spring to a target, (n, n_bodies, 3).
     """
 
     effort: Floats
@@ -30,7 +28,7 @@ class BodyInputs:
 
 
 def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyInputs:
-    """Return the scenario's signals at the start of each interval [s], (n,).
+    """Return the scenario's signals at each `time` [s], (n,), the starts of intervals.
 
     Raises:
         ScenarioError: the scenario names a joint or drive that the rig does not have, or pulls one in a way it cannot be.
@@ -41,19 +39,16 @@ def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyI
     n, bodies = len(time), mechanism.n_bodies
     inputs = BodyInputs(np.zeros((n, bodies)), np.zeros((n, bodies)), np.zeros((n, bodies, 3)))
     for i, joint in enumerate(rig.joints):
-        _joint(inputs, i, scenario.joints.get(joint.name, JointInput()), time)
+        load = scenario.joints.get(joint.name, JointInput())
+        if load.torque is not None:
+            inputs.effort[:, i] += load.torque.at(time)
+        if load.hand is not None:
+            _spring(inputs, i, load.hand, load.hand.angle.at(time))
     for i, drive in enumerate(rig.drives):
         pull = scenario.drives.get(drive.name, DriveInput())
         _check_pull(pull, drive.kind, f"drives.{drive.name}")
         _drive(inputs, mechanism.n_joints + i, pull, time)
     return inputs
-
-
-def _joint(inputs: BodyInputs, body: int, load: JointInput, time: Floats) -> None:
-    if load.torque is not None:
-        inputs.effort[:, body] += load.torque.at(time)
-    if load.hand is not None:
-        _spring(inputs, body, load.hand, load.hand.angle.at(time))
 
 
 def _drive(inputs: BodyInputs, body: int, pull: DriveInput, time: Floats) -> None:

@@ -32,11 +32,9 @@ LEAST = 0.05
 
 @dataclass(frozen=True)
 class Piece:
-    """A part of a long log.
+    """A part of a long log, whose time goes on from the piece before.
 
-    Args:
-        log: what the sensors read, with the truth beside it; its time goes on from the piece before.
-        known: angles of the joints where a rezero tells them, NaN elsewhere [rad], (k, n_joints).
+    The joints' angles are `known` where a rezero tells them, NaN elsewhere [rad], (k, n_joints).
     """
 
     log: Log
@@ -47,10 +45,8 @@ def simulate_pieces(rig: Rig | str | Path, scenario: Scenario | str | Path, seed
     """Simulate hours of a scenario and yield what the sensors read, minute after minute.
 
     A number of the plant on the scenario's ``[schedule]`` is p(t) = p (1 + rate t + w(t)), w a random walk; it changes
-    from one piece to the next. While the scenario's ``[rezero]`` lasts, its drives' pulls replace the usual ones.
-
-    Args:
-        seed: of the sensors' errors and the random walks.
+    from one piece to the next. While the scenario's ``[rezero]`` lasts, its drives' pulls replace the usual ones. The
+    seed is of the sensors' errors and the random walks.
 
     Raises:
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.

@@ -38,8 +38,8 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     p = ca.vertcat(numbers[: numbers.numel() - nx], inside) if nx else numbers
     before, dt = carry[n : 2 * n], x[5 * n]
     effort, added, servo = x[:n], x[n : 2 * n], ca.reshape(x[2 * n : 5 * n], n, 3)
-    friction = internal_friction(mechanism, rubbing)
-    acting = effort + friction.force(carry[:n], frictions, p) if rubbing else effort
+    force, follow = internal_friction(mechanism, rubbing)
+    acting = effort + force(carry[:n], frictions, p) if rubbing else effort
     q_next, v_next = step(carry[:n], before, acting, added, servo, dt, p)
     acceleration = (v_next - before) / dt
     pull = effort - added * acceleration + servo[:, 0] * (servo[:, 1] - q_next) - servo[:, 2] * v_next
@@ -47,7 +47,7 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
         inside = settled_function(mechanism)(q_next, dt, p)
         p = ca.vertcat(numbers[: numbers.numel() - nx], inside)
     y = ca.vertcat(q_next, v_next, tensions(q_next, v_next, p), pull)
-    frictions = friction.follow(carry[:n], q_next, v_next, frictions, p) if rubbing else frictions
+    frictions = follow(carry[:n], q_next, v_next, frictions, p) if rubbing else frictions
     following = ca.vertcat(q_next, v_next, frictions, inside)
     return ca.Function("plant", [carry, x, numbers], [following, y], ["carry", "x", "p"], ["next", "y"])
 
@@ -104,22 +104,10 @@ def longest_interval(mechanism: Mechanism) -> float:
     return longest
 
 
-@dataclass(frozen=True)
-class InternalFriction:
-    """Friction inside the transmissions, as functions.
-
-    Args:
-        force: (q, f, p) → what it does to the bodies, −(∂σ/∂q)ᵀ f.
-        follow: (q, q⁺, v⁺, f, p) → f⁺ = clip(f + k_s (σ⁺ − σ), −h, h).
-    """
-
-    force: ca.Function
-    follow: ca.Function
-
-
-def internal_friction(mechanism: Mechanism, drives: list[int]) -> InternalFriction:
+def internal_friction(mechanism: Mechanism, drives: list[int]) -> tuple[ca.Function, ca.Function]:
     """Return friction beside the tendons' springs: a stop operator of the stretch σ (Prandtl, 1928).
 
+    First (q, f, p) → what it does to the bodies, −(∂σ/∂q)ᵀ f, then (q, q⁺, v⁺, f, p) → f⁺ = clip(f + k_s (σ⁺ − σ), −h, h).
     With it, what the springs feel follows the drive's effort by the play operator that `Hysteresis` describes; the
     friction is reached within a stretch of h/k_s, a twentieth of that at which the springs alone would carry it.
     """
@@ -135,16 +123,12 @@ def internal_friction(mechanism: Mechanism, drives: list[int]) -> InternalFricti
         frictions.append(ca.fmin(ca.fmax(f[k] + presliding_stiffness(mechanism, i) * moved, -limit), limit))
     force = ca.Function("internal_force", [q, f, p.symbols], [ca.densify(forces)])
     follow = ca.Function("internal_friction", [q, after, v, f, p.symbols], [ca.vertcat(*frictions)])
-    return InternalFriction(force, follow)
+    return force, follow
 
 
 @dataclass(frozen=True)
 class Motion:
-    """The plant's motion at the start and after every interval.
-
-    Args:
-        y: what the kernel puts out, (k, n_y); see `plant_function`.
-    """
+    """The plant's motion at the start and after every interval: its kernel's y, (k, n_y), see `plant_function`."""
 
     plant: Mechanism
     y: Floats
@@ -171,11 +155,7 @@ class Motion:
         return self.y[:, 2 * self.plant.n_bodies + self.plant.n_tendons :]
 
     def check(self) -> None:
-        """Refuse a motion that left all bounds.
-
-        Raises:
-            ScenarioError: it did.
-        """
+        """Raise a ScenarioError where the motion left all bounds."""
         if not np.all(np.isfinite(self.y)) or np.abs(self.q).max() > 1e3:
             raise ScenarioError(
                 "the simulated motion left all bounds: a force without a stop or tendon that holds it, "
@@ -193,13 +173,10 @@ def rows_of(inputs: BodyInputs, dt: float) -> Floats:
 def at_rest(
     mechanism: Mechanism, inputs: BodyInputs, start: Floats, kernel: Kernel, numbers: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Return the carry of a plant at rest, and what its kernel would put out there, (1, n_y).
+    """Return the carry of a plant at rest, and what its kernel (of `plant_function`) would put out there, (1, n_y).
 
-    Args:
-        inputs: what acts; the first interval counts.
-        start: coordinates, (n_bodies,).
-        kernel: of `plant_function`.
-        numbers: the plant's parameters, (n_p,); default those of the mechanism.
+    Of the inputs the first interval counts; coordinates are `start`, (n_bodies,), the plant's parameters `numbers`,
+    (n_p,), default those of the mechanism.
     """
     n, p = mechanism.n_bodies, mechanism.parameters.values if numbers is None else numbers
     inside = np.array(inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])).ravel()
@@ -213,7 +190,7 @@ def at_rest(
 
 
 def run_plant(mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float, count: int) -> Motion:
-    """Return the plant's motion at the start and after every interval; see `run_plants`.
+    """Return the plant's motion at the start and after every interval of length `dt` [s]; see `run_plants`.
 
     Raises:
         ScenarioError: the motion left all bounds.
@@ -230,10 +207,8 @@ def run_plants(
 ) -> list[Motion]:
     """Return the motions of several runs of one plant, side by side where there are lanes for that.
 
-    Args:
-        runs: what acts, and coordinates at rest, of each.
-        kernel: of `plant_function`.
-        numbers: the parameters of each run's plant, (n_p,) each; default those of the mechanism.
+    Of each run there are what acts, in intervals `dt` [s], coordinates at rest, and the `numbers` of its plant, (n_p,),
+    default those of the mechanism; the kernel is of `plant_function`.
 
     Raises:
         ScenarioError: a motion left all bounds.
@@ -259,14 +234,10 @@ def resting_force(mechanism: Mechanism) -> ca.Function:
 
 
 def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs, force: ca.Function | None = None) -> Floats:
-    """Return the coordinates at which every drive is in equilibrium with the joints held at `angles`.
+    """Return where every drive is in equilibrium with the joints held at `angles` [rad], (n_joints,): all coordinates.
 
     A slack tendon counts as if it could push, so that a drive without a pull stands where its tendon is just straight.
-
-    Args:
-        angles: joint angles [rad], (n_joints,).
-        inputs: what acts; the first interval counts.
-        force: `resting_force` of a plant of the same structure, where there is one.
+    Of the inputs the first interval counts; the force is the `resting_force` of a plant of the same structure.
 
     Raises:
         ScenarioError: a drive has no equilibrium.

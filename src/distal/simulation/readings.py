@@ -13,7 +13,7 @@ from distal.expressions import Vector
 from distal.kernels import Layout
 from distal.model import Mechanism, Moment
 from distal.rig import Rig, Sensor, travel_of
-from distal.sensors import SensorErrors
+from distal.sensors import SensorErrors, quantised
 
 
 def moment_of(plant: Mechanism, y: Vector) -> Moment:
@@ -23,11 +23,7 @@ def moment_of(plant: Mechanism, y: Vector) -> Moment:
 
 
 class Readings:
-    """What some sensors of a plant read without errors.
-
-    Args:
-        sensors: default all of its rig's.
-    """
+    """What some sensors of a plant, by default all of its rig's, read without errors."""
 
     def __init__(self, plant: Mechanism, sensors: Sequence[Sensor] | None = None) -> None:
         y, p = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons), plant.parameters
@@ -79,7 +75,6 @@ def reading_function(plant: Mechanism) -> ca.Function:
         weights, phases = part["weights"], part["phases"]
         curve = sum((weights[i] * ca.sin(np.pi * (i + 1) * share + phases[i]) for i in range(3)), ca.SX(0))
         reading = part["gain"] * true + part["bias"] + curve + part["noise"] * draws[k]
-        step = ca.if_else(part["step"] > 0, part["step"], 1)
-        readings.append(ca.if_else(part["step"] > 0, ca.floor(reading / step + 0.5) * step, reading))
+        readings.append(quantised(reading, part["step"], ca.floor, ca.if_else))
     read = ca.substitute(ca.vertcat(*readings), plant.parameters.symbols, ca.DM(plant.parameters.values))
     return ca.Function("reading", [y, numbers, draws], [ca.densify(read)])

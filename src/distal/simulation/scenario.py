@@ -177,11 +177,7 @@ def scenario_text(name: str | Path) -> tuple[str, Path | None]:
 
 
 def load_scenario(name: str | Path, assignments: Sequence[str] = ()) -> Scenario:
-    """Load a scenario by name or from a TOML file.
-
-    Args:
-        name: a shipped scenario's name (see `shipped_scenarios`) or a path.
-        assignments: ``path=value`` each; the value is TOML.
+    """Load a scenario by its name (`shipped_scenarios`) or TOML file, with ``path=value`` assignments, values in TOML.
 
     Raises:
         ScenarioError: it is unknown, cannot be read, or its description is wrong.
@@ -214,8 +210,7 @@ def build_scenario(raw: Mapping[str, object], source: str = "scenario") -> Scena
 def scenario_rig(scenario: Scenario, assignments: Sequence[str] = ()) -> Rig:
     """Return the rig that a scenario names, with the scenario's ``[set]`` values: what filters know.
 
-    Args:
-        assignments: ``path=value`` each, as with `load_rig`; they win over ``[set]``.
+    Assignments are ``path=value`` each, as with `load_rig`; they win over ``[set]``.
 
     Raises:
         RigError: the rig is unknown or wrong.

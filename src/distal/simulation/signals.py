@@ -22,13 +22,8 @@ Interpolation = Literal["hold", "linear"]
 class Signal:
     """A value over time: points that are held or joined by lines, plus a sine that starts at t = 0.
 
-    Args:
-        times: of the points [s], rising (equal ones make a jump), (n,).
-        values: SI, (n,).
-        interpolation: ``"hold"`` or ``"linear"``; the first value holds before, the last after.
-        amplitude: of the sine.
-        frequency: of the sine [Hz].
-        phase: of the sine [rad].
+    The points are at rising `times` [s], (n,), where equal ones make a jump, with `values` [SI], (n,); the first value
+    holds before, the last after. The sine has an amplitude [SI], a frequency [Hz] and a phase [rad].
     """
 
     times: tuple[float, ...]

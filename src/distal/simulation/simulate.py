@@ -62,15 +62,10 @@ def check_open(scenario: Scenario) -> None:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A scenario on a rig, before the plant runs.
+    """A scenario on a rig as filters know it, before the plant runs, which has the ``[plant]`` values too.
 
-    Args:
-        rig: as filters know it.
-        plant: the rig with the scenario's ``[plant]`` values.
-        inputs: what acts in each interval.
-        start: coordinates at rest, (n_bodies,).
-        dt: length of an interval [s].
-        count: sub-steps per interval.
+    The inputs act in intervals of length `dt` [s], of `count` sub-steps each; `start` are coordinates at rest,
+    (n_bodies,).
     """
 
     rig: Rig
@@ -85,10 +80,7 @@ class Prepared:
 def prepare(
     rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0, period: float | None = None
 ) -> Prepared:
-    """Return a scenario on a rig, ready to run; see `simulate`. The seed is only checked.
-
-    Args:
-        period: time that whole intervals must fill [s]; default that between two samples of the fastest sensor.
+    """Return a scenario on a rig, ready to run; see `simulate`. The seed is only checked; `period` as for `timing` [s].
 
     Raises:
         ScenarioError: the scenario does not fit the rig.
@@ -109,8 +101,7 @@ def prepare(
 def timing(plant: Mechanism, scenario: Scenario, period: float | None = None) -> tuple[float, int, int]:
     """Return the length of an interval [s], the number of intervals, and the sub-steps of each.
 
-    Args:
-        period: time that whole intervals must fill [s]; default that between two samples of the fastest sensor.
+    Whole intervals fill a `period` [s], by default that between two samples of the fastest sensor.
 
     Raises:
         ScenarioError: the scenario is too short or too long.
@@ -129,7 +120,7 @@ def timing(plant: Mechanism, scenario: Scenario, period: float | None = None) ->
 
 
 def intervals_of(plant: Mechanism, filled: float) -> tuple[float, int]:
-    """Return the length of an interval [s], so that whole ones fill a time [s], and the sub-steps of each."""
+    """Return the length of an interval [s], so that whole ones fill the time `filled` [s], and the sub-steps of each."""
     dt = filled / ceil(filled / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
     return dt, max(2, 2 * substeps(plant, dt))
 
@@ -149,16 +140,13 @@ def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
         # stamps are rounded, so that those of several rates meet
         column[np.searchsorted(stamps, np.round(due, 9))] = measure(sensor, true, travel_of(sensor, rig), rng)
         channels[sensor.name] = column
-    truth = true_motion(motion, grid, stamps)
-    return Log(stamps, channels, truth, prepared.scenario.name or "simulation", SIMULATED)
+    return Log(stamps, channels, true_motion(motion, grid, stamps), prepared.scenario.name or "simulation", SIMULATED)
 
 
 def true_motion(motion: Motion, grid: Floats, stamps: Floats) -> dict[str, Floats]:
     """Return the truth of a log: angles, torques on the joints, places and forces of drives, tensions, (k,) each.
 
-    Args:
-        grid: its stamps [s].
-        stamps: of the log [s], (k,).
+    The motion is at the times `grid`, the log at the `stamps`, (k,) [s].
     """
     rig, nj = motion.plant.rig, motion.plant.n_joints
     joints = [joint.name for joint in rig.joints]
@@ -170,7 +158,7 @@ def true_motion(motion: Motion, grid: Floats, stamps: Floats) -> dict[str, Float
 
 
 def stamps_of(rig: Rig, duration: float) -> Floats:
-    """Return the stamps at which any of a rig's sensors is sampled [s], (k,)."""
+    """Return the stamps at which any of a rig's sensors is sampled in a `duration` [s], (k,)."""
     rates = {sensor.rate for sensor in rig.sensors} or {100.0}
     stamps = [np.round(np.arange(0.0, duration - 1e-9, 1.0 / rate), 9) for rate in rates]
     return np.unique(np.concatenate(stamps))

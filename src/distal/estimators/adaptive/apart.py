@@ -6,7 +6,7 @@ The covariance between parts is zero and stays so; what one part costs, and what
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -16,8 +16,7 @@ import numpy as np
 from distal.estimators.adaptive.drive_tracking import MEMORY
 from distal.estimators.adaptive.states.vector import StateVector
 from distal.estimators.channels import Channels
-from distal.expressions import VectorNode
-from distal.kernels import Indices, Layout, placed, taken
+from distal.kernels import Indices, Layout, PlacedKernel, side_by_side
 from distal.model import Mechanism
 from distal.rig import Part, independent_parts
 
@@ -105,45 +104,25 @@ def _channels(part: Part, channels: Channels) -> Channels:
     return _PartOfChannels(positions, forces, tensions, angles, others, channels.interval)
 
 
-def side_by_side(
-    parts: Sequence[Apart],
-    filters: Sequence[ca.Function],
-    layouts: Callable[[int, int], Layout],
-    sizes: tuple[int, int, int, int],
-    numbers: int,
-    trace: bool,
+def filter_by_parts(
+    states: StateVector, filters: Sequence[tuple[Apart, ca.Function]], layout: Layout, trace: bool
 ) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of a rig, whose parts' filters are given.
+    """Return (carry, x, p) → (carry⁺, y) of a rig from the filters of its parts.
 
-    Args:
-        filters: of the parts, (carry, x, p) → (carry⁺, y) each.
-        layouts: (states, drives) → layout of a carry.
-        sizes: number of states, drives, inputs and innovations of the rig.
-        numbers: number of the model's parameters.
-        trace: whether the predicted mean, its covariance and the transition stand behind y.
+    With `trace` the predicted mean, its covariance and the transition stand behind y.
     """
-    n, nd, width, m = sizes
-    layout = layouts(n, nd)
-    carry, x, p = ca.MX.sym("carry", layout.size), ca.MX.sym("x", width), ca.MX.sym("p", numbers)
+    context, n = states.context, len(states)
+    m, kernels = len(context.channels.compared), []
     first = {name: layout[name].start for name in ("mean", "covariance", "drives", "forces")}
-    carries, outputs = list[VectorNode](), list[VectorNode]()
-    to_carry, to_y = list[Indices](), list[Indices]()
-    for part, part_filter in zip(parts, filters):
+    for part, part_filter in filters:
         # matrices stand column by column
         square = (part.at[None, :] * n + part.at[:, None]).ravel(order="F")
         memory = (MEMORY * part.drives[:, None] + np.arange(MEMORY)).ravel()
         stretches = {"mean": part.at, "covariance": square, "drives": memory, "forces": part.drives}
-        to_carry.append(np.concatenate([first[name] + at for name, at in stretches.items()]))
-        after, y = part_filter(taken(carry, to_carry[-1]), taken(x, part.inputs), taken(p, part.numbers))
-        carries.append(after)
-        outputs.append(y)
-        places = [part.compared, m + part.compared]
+        carry = np.concatenate([first[name] + at for name, at in stretches.items()])
+        y = [part.compared, m + part.compared]
         if trace:
-            places += [2 * m + part.at, 2 * m + n + square, 2 * m + n + n * n + square]
-        to_y.append(np.concatenate(places))
-    # what stands between parts is zero and stays as it is
-    following = ca.MX(carry)
-    for after, at in zip(carries, to_carry):
-        following[at.tolist()] = after
-    y = placed(outputs, to_y, 2 * m + (n + 2 * n * n if trace else 0))
-    return ca.Function("adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+            y += [2 * m + part.at, 2 * m + n + square, 2 * m + n + n * n + square]
+        kernels.append(PlacedKernel(part_filter, carry, part.inputs, part.numbers, np.concatenate(y)))
+    outputs = 2 * m + (n + 2 * n * n if trace else 0)
+    return side_by_side("adaptive", kernels, (layout.size, context.width, len(context.mechanism.parameters), outputs))

@@ -73,9 +73,8 @@ class FilterContext:
     def substeps(self, resolution: float | None) -> int:
         """Return the sub-steps of the joints in one interval.
 
-        Args:
-            resolution: largest product of sub-step and a joint's own frequency; None for `RESOLUTION`, of a chain
-                `CHAIN_RESOLUTION`.
+        A `resolution` is the largest product of sub-step and a joint's own frequency; None for `RESOLUTION`, of a chain
+        `CHAIN_RESOLUTION`.
         """
         mechanism = self.mechanism
         if resolution is None:
@@ -108,7 +107,7 @@ class FilterContext:
         return x[1 + width + k] * self.credible(sensor, x[1 + k])
 
     def credible(self, sensor: Sensor, reading: Scalar) -> Scalar:
-        """Return 1 where a drive could be where its sensor says, 0 where it is a wild value.
+        """Return 1 where a drive could be where its sensor says, 0 where the `reading` is wild.
 
         Geometry is not defined at a place `MOST_TRAVELS` times the travel away, so that no later guard would stop it.
         What measures no position is always credible.

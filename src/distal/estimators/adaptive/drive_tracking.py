@@ -69,11 +69,7 @@ class Drive:
 
 
 class Tracks(Generic[Expression]):
-    """All drives' numbers as one vector: what is remembered of each, drive by drive, then bends, then variances.
-
-    Args:
-        vector: (n_tracks,).
-    """
+    """All drives' numbers as one vector: what is remembered of each, drive by drive, then bends, then variances."""
 
     def __init__(self, vector: Expression, n_drives: int) -> None:
         self.vector, self._n = vector, n_drives
@@ -135,9 +131,8 @@ class ForceEvidence:
 class Silence:
     """What it means that a drive's reading is missing for long, all scalars.
 
-    Args:
-        dead: the time after which it may not come back [s].
-        wandering: how fast the place then becomes unknown, its std [m/s, rad/s].
+    It may not come back after a time `dead` [s]; then the place becomes unknown, its std as fast as `wandering` [m/s,
+    rad/s].
     """
 
     dead: Scalar
@@ -205,9 +200,7 @@ def _readings(states: StateVector) -> ca.Function:
 def _track(robustness: Robustness, judged: bool, follows: bool) -> ca.Function:
     """Return (memory, `READING`, dt) → what is known of one drive after a reading, `TRACKED`; the same for all alike.
 
-    Args:
-        judged: whether its force says if a jump is real.
-        follows: whether the joints follow the drives.
+    Its force may be able to say if a jump is real (`judged`), and the joints may follow the drives.
     """
     memory, readings, dt = ca.SX.sym("memory", MEMORY), ca.SX.sym("readings", len(READING)), ca.SX.sym("dt")
     reading, mask, noise, dead, wandering, missing, force_mask, stiffness, variance = ca.vertsplit(readings)

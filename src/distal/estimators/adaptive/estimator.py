@@ -206,11 +206,7 @@ class AdaptiveFilter(KernelEstimator):
         return next((learned for learned in self._maps if isinstance(learned, Contact)), None)
 
     def with_map(self, learned: LearnedMap) -> AdaptiveFilter:
-        """Return the same filter, kernel included, with other coefficients of the same terms of one of its maps.
-
-        Args:
-            learned: with the terms of the filter's own map of its kind.
-        """
+        """Return the same filter, kernel included, with other coefficients of the same terms of one of its maps."""
         changed = copy(self)
         changed._maps = tuple(learned if type(before) is type(learned) else before for before in self._maps)
         assert [after.terms for after in changed._maps] == [before.terms for before in self._maps]
@@ -224,9 +220,6 @@ class AdaptiveFilter(KernelEstimator):
 
         What the kernel has as constants stays that of the first rig: random walks, lowest values, limits of guards, and
         a sensor's noise where it is no input.
-
-        Args:
-            rig: one that differs in its numbers only.
         """
         context, guards = self._states.context, self._states.context.robustness
         references, inputs = context.channels.angles, context.mechanism.parameters.inputs

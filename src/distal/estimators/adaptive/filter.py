@@ -10,7 +10,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from distal.estimators.adaptive.apart import parts_of, side_by_side
+from distal.estimators.adaptive.apart import filter_by_parts, parts_of
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, tracking
 from distal.estimators.adaptive.following import follow
 from distal.estimators.adaptive.interval import Interval, Prediction
@@ -25,12 +25,7 @@ from distal.kernels import Layout, carry_layout
 
 
 def adaptive_layout(states: int, drives: int) -> Layout:
-    """Return the layout of the carry: mean, covariance, what is remembered of each drive's motion and of its force.
-
-    Args:
-        states: number of states.
-        drives: number of drives.
-    """
+    """Return the layout of the carry: mean, covariance, what is remembered of each drive's motion and of its force."""
     return carry_layout(states, drives=MEMORY * drives, forces=drives)
 
 
@@ -38,18 +33,13 @@ def adaptive_layout(states: int, drives: int) -> Layout:
 def adaptive_function(states: StateVector, resolution: float | None = None, trace: bool = False) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of the displacement-driven filter; y = (innovations, variances).
 
-    Args:
-        resolution: of the joints' motion; see `FilterContext.substeps`.
-        trace: append the predicted mean, its covariance and the transition to y, for smoothing.
+    The `resolution` is of the joints' motion; see `FilterContext.substeps`. With `trace` the predicted mean, its
+    covariance and the transition stand behind y, for smoothing.
     """
-    n, nd, context = len(states), states.context.n_drives, states.context
-    parts = parts_of(states)
-    if parts:
-        filters = [adaptive_function(part.states, resolution, trace) for part in parts]
-        sizes = n, nd, context.width, len(context.channels.compared)
-        numbers = len(context.mechanism.parameters)
-        return side_by_side(parts, filters, adaptive_layout, sizes, numbers, trace)
-    layout = adaptive_layout(n, nd)
+    nd, context, layout = states.context.n_drives, states.context, adaptive_layout(len(states), states.context.n_drives)
+    filters = [(part, adaptive_function(part.states, resolution, trace)) for part in parts_of(states)]
+    if filters:
+        return filter_by_parts(states, filters, layout, trace)
     carry, x = ca.MX.sym("carry", layout.size), ca.MX.sym("x", context.width)
     p = ca.MX.sym("p", len(context.mechanism.parameters))
     mean, covariance, memory, forces = (layout.part(carry, name) for name in ("mean", "covariance", "drives", "forces"))

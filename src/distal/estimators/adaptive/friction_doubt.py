@@ -30,10 +30,9 @@ def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
 
 
 def friction_stds(states: StateVector, q: Vector, v: Vector, mean: Vector, covariance: Matrix) -> dict[int, Scalar]:
-    """Return joint → standard deviation of its friction limit by what is not known of its friction [N m].
+    """Return joint → std of its friction limit by what is not known of it [N m], at q and v.
 
-    Args:
-        mean: of the state, symbols, (n,).
+    It is at a symbolic `mean`, (n,), with a `covariance`, (n, n).
     """
     mechanism, doubted = states.context.mechanism, doubted_frictions(states)
     if not doubted:

@@ -9,13 +9,9 @@ from distal.expressions import MatrixNode, VectorNode
 
 @dataclass(frozen=True)
 class Interval:
-    """An interval that ends with a sample, symbolic.
+    """An interval that ends with a sample x = (dt, values, mask), symbolic, with the model's parameters p.
 
-    Args:
-        tracks: of the drives at its end, see `Tracks`.
-        memory: what is remembered of the drives' motion, from its start.
-        x: the sample (dt, values, mask).
-        p: the model's parameters.
+    There are the tracks of the drives at its end, see `Tracks`, and the memory of their motion from its start.
     """
 
     tracks: VectorNode
@@ -28,10 +24,8 @@ class Interval:
 class Prediction:
     """What is predicted for the end of an interval, symbolic; the steps change it in place.
 
-    Args:
-        state: its mean, (n,).
-        covariance: of its error, (n, n).
-        transition: Φ, from the start of the interval, (n, n).
+    It is the mean of the state, (n,), the covariance of its error, (n, n), and Φ, the transition from the start, (n,
+    n).
     """
 
     state: VectorNode

@@ -88,8 +88,8 @@ def _joint_by_joint(
     speed = ca.vertcat(*speeds)
     by_response = ca.horzcat(*(ca.jacobian(speed, kick.response[:nj, k]) for k in range(2)))
     by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
-    place, own, parameter, torque = (ca.jacobian(speed, each) for each in by)
-    return Moving(q, v, place, own, parameter, torque, by_response, ca.vertcat(*rest))
+    by_place, by_speed, by_parameter, by_torque = (ca.jacobian(speed, argument) for argument in by)
+    return Moving(q, v, by_place, by_speed, by_parameter, by_torque, by_response, ca.vertcat(*rest))
 
 
 def _all_at_once(
@@ -102,10 +102,7 @@ def _all_at_once(
     mechanism, nj = context.mechanism, context.n_joints
     kicked = kicked_chain(mechanism, kick, rebounds=False, settles=context.joints_settle)
     count, length, free = len(mechanism.free), kick.length, mechanism.free
-    weight, forward, back = (
-        ca.vertsplit(kicked.slip.moving),
-        *(ca.vertsplit(x) for x in (kicked.slip.forward, kicked.slip.back)),
-    )
+    weight, forward, back = (ca.vertsplit(getattr(kicked.slip, part)) for part in ("moving", "forward", "back"))
     after, rest = kicked.v[free], [ca.SX(0)] * nj
     matrix, load = ca.SX(kicked.matrix), kicked.load
     stiffness, damping = ca.SX(kicked.contacts.stiffness), ca.SX(kicked.contacts.damping)
@@ -130,13 +127,13 @@ def _all_at_once(
     q, v = kick.q[:nj], ca.SX.zeros(nj) if context.joints_settle else kick.v[:nj]
     equation = residual(mechanism, q, v, symbols["after"], loads, slip=slip, contacts=contacts, h=length)
     by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
-    found = [after, ca.vertcat(*forward), ca.vertcat(*back)]
-    found += [stiffness, damping, kicked.contacts.place]
-    found = [ca.densify(each) for each in found]
-    slopes = ca.substitute([ca.jacobian(equation, each) for each in by], list(symbols.values()), found)
+    solution = [after, ca.vertcat(*forward), ca.vertcat(*back), stiffness, damping, kicked.contacts.place]
+    slopes = [ca.jacobian(equation, argument) for argument in by]
+    slopes = ca.substitute(slopes, list(symbols.values()), [ca.densify(part) for part in solution])
     solve = solver(matrix, ca.vertcat(*weight))
     inverse = ca.horzcat(*(solve(column) for column in ca.horzsplit(ca.SX.eye(count))))
-    place, own, parameter, torque = (ca.mtimes([mechanism.spread, -inverse, ca.sparsify(slope)]) for slope in slopes)
+    slopes = [ca.mtimes([mechanism.spread, -inverse, ca.sparsify(slope)]) for slope in slopes]
+    by_place, by_speed, by_parameter, by_torque = slopes
     q = ca.vertcat(kicked.q, kick.q[nj:] + kick.drift * kick.v[nj:])
     v = ca.vertcat(kicked.v, kick.v[nj:])
-    return Moving(q, v, place, own, parameter, torque, ca.SX(nj, 2 * nj), ca.vertcat(*rest))
+    return Moving(q, v, by_place, by_speed, by_parameter, by_torque, ca.SX(nj, 2 * nj), ca.vertcat(*rest))

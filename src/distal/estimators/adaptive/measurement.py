@@ -112,7 +112,7 @@ def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Ve
 
 
 def away_from_stops(context: FilterContext, drive: int, place: Scalar) -> Scalar:
-    """Return 1 where a drive is certainly not at a stop: there the contact force is unknown, (17)."""
+    """Return 1 where the `place` of a drive is certainly not at a stop: there the contact force is unknown, (17)."""
     part, sensor = context.mechanism.rig.drives[drive], context.position_sensor(drive)
     if part.stops is None or sensor is None:
         return ca.SX(1)
@@ -142,11 +142,7 @@ class RowAt:
 
 @dataclass(frozen=True)
 class Rows:
-    """What is compared, as one function.
-
-    Args:
-        function: (state, tracks, rates, x, p) → `ROW` and `Slopes` of each row.
-    """
+    """What is compared, as one function (state, tracks, rates, x, p) → `ROW` and `Slopes` of each row."""
 
     rows: Sequence[Row]
     function: ca.Function

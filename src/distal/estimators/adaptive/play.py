@@ -34,13 +34,9 @@ def play(
 ) -> ScalarNode:
     """Let what a drive transmits follow the measured effort by its play, in place; return the effort to remember.
 
-    x_z⁺ = mean of clip(x_z, U − B_d ṡ − H, U − B_d ṡ + H) of a normal x_z (`clip_moments`): where it is
-    free, it and its uncertainty stay; where it is held at a limit, it is as certain as the
-    limit. Noise of U does not wear it down.
-
-    Args:
-        rates: mean speed of each drive over the interval, (n_drives,).
-        remembered: effort, smoothed; see `smoothed_effort`.
+    x_z⁺ = mean of clip(x_z, U − B_d ṡ − H, U − B_d ṡ + H) of a normal x_z (`clip_moments`): where it is free, it and its
+    uncertainty stay; where it is held at a limit, it is as certain as the limit. Noise of U does not wear it down. The
+    drives' mean speeds over the interval are `rates`, (n_drives,); `remembered` is their smoothed effort.
     """
     state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
     transmitted = states.transmitted(drive)
@@ -65,7 +61,7 @@ def reading_weight(block: Transmitted) -> float:
 
 
 def smoothed_effort(context: FilterContext, block: Transmitted, remembered: Scalar, x: Vector) -> Scalar:
-    """Return a drive's measured effort, smoothed; 0 stands for none yet."""
+    """Return a drive's effort in a sample x, smoothed with the one `remembered`, 0 for none yet."""
     effort = context.value(x, block.sensor)
     following = remembered + reading_weight(block) * (effort - remembered)
     return ca.if_else(

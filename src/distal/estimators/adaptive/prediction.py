@@ -74,7 +74,7 @@ def _corner(context: FilterContext) -> ca.Function:
 
 
 def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory: Vector) -> Scalar:
-    """Return the variance of θ that comes from drives whose place is not known: the joint follows them at its arm.
+    """Return the variance of θ by `tracks` of drives, and `memory`, whose place is not known: the joint follows at its arm.
 
     What an unknown place does within one interval is small, but it stays wrong until it is measured again: the longer
     it is missing, the more the joint has followed it. One missing sample does no harm. Equation (12).

@@ -145,10 +145,8 @@ STILL_LOST = 3
 def is_far(robustness: Robustness, away: Scalar, motion: Scalar, noise: Scalar) -> Scalar:
     """Return 1 where a displacement is farther from where it should be than the recent motion can have led: (1).
 
-    Args:
-        away: reading less the place that the mean speed leads to [m, rad].
-        motion: mean square of the recent motion, and what is unknown of the place [m², rad²].
-        noise: variance of the sensor's random error.
+    It is `away` [m, rad] from where the mean speed leads; `motion` is the mean square of the recent motion and what is
+    unknown of the place [m², rad²], `noise` the variance of the sensor's random error.
     """
     if not robustness.guards_displacements:
         return ca.SX(0)
@@ -177,12 +175,9 @@ def jump_evidence(change: Scalar, expected: Scalar, variance: Scalar, least: flo
 
 
 def chance_of_jump(robustness: Robustness, doubt: Scalar, evidence: Scalar, judged: Scalar) -> Scalar:
-    """Return the chance that a reading that is far away is a real jump: (2).
+    """Return the chance that a reading that is far away is a real jump, after it has been there for `doubt` s: (2).
 
-    Args:
-        doubt: for how long readings have been far away [s].
-        evidence: of the force, see `jump_evidence`.
-        judged: 1 where there is such evidence.
+    The `evidence` is of the force, see `jump_evidence`; `judged` is 1 where there is any.
     """
     time = ca.if_else(judged, robustness.persistence, robustness.persistence_alone)
     odds = ca.fmin(log(robustness.real_jump / (1 - robustness.real_jump)) + log(100.0) * doubt / time, MOST_EVIDENCE)
@@ -198,17 +193,14 @@ def extra_variance(robustness: Robustness, lost: Scalar, unknown: Scalar) -> Sca
     """Return the variance to add to a place that is long lost, so that its force does not speak of the joint: (16).
 
     The joint went where the drive went: its error and the place's are one, and cancel in the tension. The filter, to
-    which they are independent, would otherwise share the residual between them.
-
-    Args:
-        lost: for how long [s].
-        unknown: variance of the place [m², rad²].
+    which they are independent, would otherwise share the residual between them. The place is `lost` for so long [s],
+    with the variance `unknown` [m², rad²].
     """
     return robustness.followed_variance * followed_share(robustness, lost) * unknown
 
 
 def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar) -> Scalar:
-    """Return S' = S max(1, ν²/(c S)), c = `wild_force`: a wild force counts less the farther it is, (22)."""
+    """Return the `variance` S' = S max(1, ν²/(c S)), c = `wild_force`: a wild `innovation` ν counts less, (22)."""
     if not isfinite(robustness.wild_force):
         return variance
     return variance * ca.fmax(1, innovation**2 / (robustness.wild_force * variance))

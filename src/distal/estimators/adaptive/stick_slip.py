@@ -108,10 +108,8 @@ class Motion:
 def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> Motion:
     """Return how a drive moves: mean motion over `MOTION_SPAN` against what its sensor's noise alone would show.
 
-    Args:
-        noise: variance of its position sensor.
-        dt: length of the interval [s].
-        slow: `SLOW_DECLARED` or `SLOW_UNKNOWN`.
+    The `noise` is the variance of its position sensor, `dt` the interval [s], `slow` is `SLOW_DECLARED` or
+    `SLOW_UNKNOWN`.
     """
     mean, square = MOTION_SPAN * drive.speed, MOTION_SPAN**2 * drive.square
     still = slow**2 * noise
@@ -123,11 +121,7 @@ def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> Motion:
 
 
 def compared(context: FilterContext, index: int, drive: Drive, residual: Residual, dt: Scalar) -> Comparison:
-    """Return how a drive's force is compared.
-
-    Args:
-        dt: length of the interval [s].
-    """
+    """Return how a drive's force is compared after an interval `dt` [s]."""
     sensor = context.position_sensor(index)
     if sensor is None:
         # nobody knows how it moves: any friction up to its limit

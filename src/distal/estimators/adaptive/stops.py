@@ -14,9 +14,7 @@ UNSURE = 2.0
 def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dict[int, ScalarNode]:
     """Return joint → how deep its angle is in its stop, negative before it [rad]; joints without stops are left out.
 
-    Args:
-        mean: (n,).
-        p: the kernel's parameters.
+    It is at a `mean`, (n,), with the kernel's parameters p.
     """
     mechanism = states.context.mechanism
     names, depths = mechanism.parameters.names, dict[int, ScalarNode]()
@@ -30,10 +28,7 @@ def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dic
 def sure_of_stops(states: StateVector, mean: VectorNode, covariance: MatrixNode, p: VectorNode) -> list[ScalarNode]:
     """Return of each drive 0 where it is not known whether a stop holds a joint that it moves, else 1; with one joint 1.
 
-    Args:
-        mean: (n,).
-        covariance: (n, n).
-        p: the kernel's parameters.
+    It is at a `mean`, (n,), and `covariance`, (n, n), with the kernel's parameters p.
     """
     rig = states.context.mechanism.rig
     sure = [ca.MX(1.0) for _ in rig.joints]

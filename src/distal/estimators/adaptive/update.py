@@ -29,11 +29,7 @@ SMALLEST_VARIANCE = 1e-30
 
 
 def updated(
-    states: StateVector,
-    prediction: Prediction,
-    rates: VectorNode,
-    memory: Sequence[ScalarNode],
-    interval: Interval,
+    states: StateVector, prediction: Prediction, rates: VectorNode, memory: Sequence[ScalarNode], interval: Interval
 ) -> tuple[VectorNode, MatrixNode, list[ScalarNode], VectorNode]:
     """Return mean, covariance, what is remembered of each drive's force, and (innovations, variances) after a sample.
 
@@ -61,8 +57,8 @@ def updated(
             memory=ca.MX(0) if row.drive is None else kept[row.drive],
         )
         followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
-        found = comparison_function(states, row)(values=at.values, since=since, track=followed, dt=x[0], p=p)
-        comparison = Comparison(**{part.name: found[part.name] for part in fields(Comparison)})
+        parts = comparison_function(states, row)(values=at.values, since=since, track=followed, dt=x[0], p=p)
+        comparison = Comparison(**{part.name: parts[part.name] for part in fields(Comparison)})
         across = -by_residual
         across = across + comparison.by_limit * by_limit if slopes.limit.nnz() else across
         across = across + comparison.by_asymmetry * by_asymmetry if slopes.asymmetry.nnz() else across
@@ -105,7 +101,7 @@ def comparison_function(states: StateVector, row: Row) -> ca.Function:
     if row.drive is None:
         comparison = Comparison(residual, prior["variance"], change["memory"])
     else:
-        whole = Residual(
+        frictionless = Residual(
             value=residual,
             limit=ca.fmax(limit, 0),
             asymmetry=asymmetry,
@@ -115,7 +111,7 @@ def comparison_function(states: StateVector, row: Row) -> ca.Function:
             memory=change["memory"],
             mask=prior["mask"],
         )
-        comparison = compared(context, row.drive, Drive(*ca.vertsplit(track)), whole, dt)
+        comparison = compared(context, row.drive, Drive(*ca.vertsplit(track)), frictionless, dt)
     parts = {part.name: ca.densify(ca.SX(getattr(comparison, part.name))) for part in fields(Comparison)}
     arguments = [values, since, track, dt, context.mechanism.parameters.symbols]
     names = ["values", "since", "track", "dt", "p"]
@@ -128,8 +124,8 @@ def weights(robustness: Robustness, trusted: bool) -> ca.Function:
     What is not compared (its drive at a stop) has no innovation to show.
     """
     spread, innovation, mask, counts = (ca.SX.sym(name) for name in ("S", "nu", "mask", "counts"))
-    known = ca.fmax(spread, SMALLEST_VARIANCE)
-    robust = known if trusted else robust_variance(robustness, known, innovation)
+    positive = ca.fmax(spread, SMALLEST_VARIANCE)
+    robust = positive if trusted else robust_variance(robustness, positive, innovation)
     weight = share_used(mask) / robust
     shown = ca.if_else(ca.logic_and(is_there(mask), counts), innovation, np.nan)
     return ca.Function("weights", [spread, innovation, mask, counts], [weight, ca.sqrt(weight), shown])

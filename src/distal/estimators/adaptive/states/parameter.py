@@ -37,13 +37,9 @@ class UncertainParameter(State):
     """One parameter, or what several err by together: value times factor, plus deviation.
 
     A stiffness or damping of a tendon is a factor even where it is alone; the factor is a state "… factor", and the
-    deviation, where there is both, one "… deviation".
-
-    Args:
-        name: of the state, in words.
-        path: of the parameter by names of parts, with ".factor" or ".deviation" behind it where the state is that.
-        indices: of the parameters in the model's vector.
-        acts: how it enters them.
+    deviation, where there is both, one "… deviation". The path is by names of parts, with ".factor" or ".deviation"
+    behind it where the state is that; the indices are those of the parameters in the model's vector, which it enters as
+    `acts` says.
     """
 
     kind: ClassVar[StateKind] = StateKind.PARAMETER
@@ -168,7 +164,7 @@ def _without_effect(context: FilterContext, name: str, std: float) -> bool:
 
 
 def cut_normal(mean: float, std: float) -> tuple[float, float]:
-    """Return mean and standard deviation of a normal distribution cut at zero, whose own are given."""
+    """Return mean and std of a normal distribution cut at zero, whose own are `mean` and `std`."""
     lower = -mean / std
     if lower < -4.0:
         return mean, std

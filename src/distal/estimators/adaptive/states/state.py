@@ -58,10 +58,8 @@ class Fading:
 class Begin:
     """What is read at a log's first sample.
 
-    Args:
-        places: of the drives, 0 where nothing is read, (n_drives,) [m, rad].
-        efforts: forces or torques of the drives, (n_drives,); None where no sensor is.
-        tensions: of the tendons, (n_tendons,) [N]; None where no sensor is.
+    It is the places of the drives [m, rad], 0 where nothing is read, their efforts [N, N m], and the tensions of the
+    tendons [N]; None where no sensor is.
     """
 
     places: Sequence[Scalar]
@@ -71,6 +69,15 @@ class Begin:
 
 class State(ABC):
     """A block of the state vector; `numbers` are those of the block, symbolic, (k,)."""
+
+    considered: ClassVar[bool] = False
+    """Whether its uncertainty counts but it is never estimated (Schmidt, 1966)."""
+    lasting: ClassVar[bool] = False
+    """Whether it is a number of the rig or of a sensor; others are meant to move."""
+    learning: ClassVar[Learning] = Learning.AT_ONCE
+    """How much of the gain it takes."""
+    smoothed: ClassVar[bool] = True
+    """Whether a smoother may change it by what came later; a guard's state stays as the filter had it."""
 
     @property
     @abstractmethod
@@ -122,29 +129,9 @@ class State(ABC):
         return -np.inf
 
     @property
-    def considered(self) -> bool:
-        """Whether its uncertainty counts but it is never estimated (Schmidt, 1966)."""
-        return False
-
-    @property
-    def lasting(self) -> bool:
-        """Whether it is a number of the rig or of a sensor; others are meant to move."""
-        return False
-
-    @property
-    def learning(self) -> Learning:
-        """How much of the gain it takes."""
-        return Learning.AT_ONCE
-
-    @property
     def untold(self) -> bool:
         """Whether forces and displacements do not tell it: only a joint's own angle teaches it."""
         return False
-
-    @property
-    def smoothed(self) -> bool:
-        """Whether a smoother may change it by what came later; a guard's state stays as the filter had it."""
-        return True
 
     def first(self, begin: Begin) -> tuple[Scalar, Scalar] | None:
         """Return mean and standard deviation at the first sample, where its readings tell them; None where they do not."""
@@ -155,31 +142,27 @@ class State(ABC):
         return None
 
     def parameters(self, numbers: Vector, p: Vector) -> Vector:
-        """Return the model's parameters with what this block says of them; it must be linear in the block.
-
-        Args:
-            p: the parameters so far, (n_p,).
-        """
+        """Return the model's parameters, `p` so far, (n_p,), with what this block's `numbers` say, linearly."""
         return p
 
     def torque(self, joint: int, numbers: Vector) -> Scalar:
-        """Return what it adds to the torque on a joint [N m]."""
+        """Return what its `numbers` add to the torque on a joint [N m]."""
         return 0
 
     def place(self, drive: int, numbers: Vector) -> Scalar | None:
-        """Return the place of a drive that nothing measures [m, rad], None where it does not say."""
+        """Return the place of a drive that nothing measures by its `numbers` [m, rad], None where it does not say."""
         return None
 
     def place_error(self, drive: int, reading: Scalar, numbers: Vector) -> Scalar:
-        """Return what it adds to the reading of a drive's position sensor [m, rad]."""
+        """Return what its `numbers` add to the `reading` of a drive's position sensor [m, rad]."""
         return 0
 
     def friction(self, drive: int, numbers: Vector) -> Scalar:
-        """Return what it adds to the friction limit of a drive [N, N m]."""
+        """Return what its `numbers` add to the friction limit of a drive [N, N m]."""
         return 0
 
     def force(self, drive: int, numbers: Vector) -> Scalar:
-        """Return what it adds to the force that is expected at a drive [N, N m]."""
+        """Return what its `numbers` add to the force that is expected at a drive [N, N m]."""
         return 0
 
     def unknowns(self, numbers: Vector) -> dict[str, Scalar]:
@@ -187,7 +170,7 @@ class State(ABC):
         return {}
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, numbers: Vector) -> Scalar:
-        """Return what it adds to the reading of a sensor of force, tension or angle."""
+        """Return what its `numbers` add to the `reading` of a sensor of force, tension or angle."""
         return 0
 
 

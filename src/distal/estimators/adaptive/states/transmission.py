@@ -77,8 +77,7 @@ class TransmissionError(OfDrive, ZeroMean):
 
     def fading(self, dt: Scalar) -> Fading:
         """Return e^{−dt/T} with T = ``hysteresis.error_time``, and the std [N, N m]."""
-        path = f"drives.{self.drive}.hysteresis"
-        time = self.context.number(f"{path}.error_time", self.hysteresis.error_time)
+        time = self.context.number(f"drives.{self.drive}.hysteresis.error_time", self.hysteresis.error_time)
         return Fading(ca.exp(-dt / time), self._error)
 
     def force(self, drive: int, numbers: Vector) -> Scalar:

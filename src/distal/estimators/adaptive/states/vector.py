@@ -19,8 +19,7 @@ from distal.rig import Sensor
 class StateVector:
     """All blocks of a rig; the layout of the state, (n,), follows from their order.
 
-    Args:
-        kinds: what blocks there may be beside the joints' motion; default all.
+    Beside the joints' motion they are of some `kinds`, default all.
     """
 
     def __init__(self, context: FilterContext, kinds: Sequence[Kind] = KINDS) -> None:
@@ -59,9 +58,8 @@ class StateVector:
     def gain_shares(self, drive: int | None, reference: bool) -> dict[int, float]:
         """Return index → share of the gain of the states that do not take all of it (24).
 
-        Args:
-            drive: index of the drive whose force is compared, or None.
-            reference: whether it is a joint's own angle, which tells of parameters what forces do not.
+        What is compared is the force of a drive, or none's; or a reference, a joint's own angle, which tells of
+        parameters what forces do not.
         """
         guards = self.context.robustness
         declared = drive is None or self.context.declares_friction(drive)
@@ -114,11 +112,7 @@ class StateVector:
         )
 
     def place(self, drive: int, reading: Scalar, state: Vector) -> Scalar:
-        """Return the place of a drive [m, rad]: its reading less what its sensor errs by, or the state that stands for it.
-
-        Args:
-            reading: what its sensor reads, if it has one.
-        """
+        """Return the place of a drive [m, rad]: its `reading` less what its sensor errs by, or the state for it."""
         for block, numbers in self._numbers(state):
             place = block.place(drive, numbers)
             if place is not None:
@@ -127,15 +121,15 @@ class StateVector:
         return reading - sum(errors, ca.SX(0))
 
     def friction(self, drive: int, state: Vector) -> Scalar:
-        """Return what is added to the friction limit of a drive [N, N m]."""
+        """Return what a `state` adds to the friction limit of a drive [N, N m]."""
         return sum((block.friction(drive, numbers) for block, numbers in self._numbers(state)), ca.SX(0))
 
     def force(self, drive: int, state: Vector) -> Scalar:
-        """Return what is added to the force that is expected at a drive [N, N m]."""
+        """Return what a `state` adds to the force that is expected at a drive [N, N m]."""
         return sum((block.force(drive, numbers) for block, numbers in self._numbers(state)), ca.SX(0))
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, state: Vector) -> Scalar:
-        """Return what is added to the reading of a sensor of force, tension or angle."""
+        """Return what a `state` adds to the `reading` of a sensor of force, tension or angle."""
         errors = (block.sensor_error(sensor, reading, numbers) for block, numbers in self._numbers(state))
         return sum(errors, ca.SX(0))
 
