@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from distal import Rig, load_rig
 from distal.rig import Sensor
-from distal.sensors import Curves, SensorErrors, measure, quantised, systematic_variance, variance
+from distal.sensors import Curves, SensorErrors, measure, quantised, quantised_symbol, systematic_variance, variance
 from distal.sensors.errors import LINEARITY_STD
 
 TRAVEL = (-5e-3, 15e-3)
@@ -43,7 +43,7 @@ def test_quantisation(paper_rig: Rig) -> None:
 
 def test_ties_round_up_in_numbers_and_in_symbols() -> None:
     values, step = ca.SX.sym("values", 5), ca.SX.sym("step")
-    symbolic = ca.Function("quantised", [values, step], [quantised(values, step, ca.floor, ca.if_else)])
+    symbolic = ca.Function("quantised", [values, step], [quantised_symbol(values, step)])
     readings = np.array([-1.5, -0.5, 0.5, 1.5, 2.5])
     for size, expected in ((1.0, [-1.0, 0.0, 1.0, 2.0, 3.0]), (0.0, readings)):
         np.testing.assert_array_equal(quantised(readings, size), expected)

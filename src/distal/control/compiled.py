@@ -18,7 +18,7 @@ from distal.estimators import KernelEstimator
 from distal.kernels import Feed, Kernel, Layout, advance, variances_of
 from distal.model import Mechanism
 from distal.rig import Rig
-from distal.sensors import SensorErrors, quantised
+from distal.sensors import SensorErrors, quantised, quantised_symbol
 from distal.simulation.plant import Motion, plant_function, rows_of
 from distal.simulation.readings import SENSOR, Readings, reading_function
 
@@ -103,7 +103,7 @@ def loop_kernel(shape: LoopShape) -> Kernel:
     read = reading_function(shape.plant)(y, numbers["sensors"], sample["draws"])
     if shape.filter is None:
         true, belief = y[:nj], before["filter"]
-        angles = quantised(true, encoder, ca.floor, ca.if_else)
+        angles = quantised_symbol(true, encoder)
         stds = ca.MX.ones(nj) * encoder / 12**0.5
     else:
         row = ca.vertcat(period, read[list(shape.read)], ca.MX.ones(len(shape.read)))

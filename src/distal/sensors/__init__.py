@@ -1,5 +1,23 @@
 """Sensor models: what a real sensor makes of a true value."""
 
-from distal.sensors.errors import Curves, SensorErrors, measure, place_offsets, quantised, systematic_variance, variance
+from distal.sensors.errors import (
+    Curves,
+    SensorErrors,
+    measure,
+    place_offsets,
+    quantised,
+    quantised_symbol,
+    systematic_variance,
+    variance,
+)
 
-__all__ = ["Curves", "SensorErrors", "measure", "place_offsets", "quantised", "systematic_variance", "variance"]
+__all__ = [
+    "Curves",
+    "SensorErrors",
+    "measure",
+    "place_offsets",
+    "quantised",
+    "quantised_symbol",
+    "systematic_variance",
+    "variance",
+]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
+from distal.expressions import Expression
 from distal.rig import Rig, Sensor, gain_of, step_of
 
 _HARMONICS = 3
@@ -100,12 +101,16 @@ class SensorErrors:
         return read
 
 
-def quantised(
-    values: Any, step: Any, floor: Callable[..., Any] = np.floor, choose: Callable[..., Any] = np.where
-) -> Any:
-    """Return `values` as multiples of a `step`, ties up, as they are where it is 0; of symbols with CasADi's functions."""
-    size = choose(step > 0, step, 1)
-    return choose(step > 0, floor(values / size + 0.5) * size, values)
+def quantised(values: Floats, step: Floats | float) -> Floats:
+    """Return `values` as multiples of a `step` [the same unit], ties up; as they are where it is 0."""
+    size = np.where(np.asarray(step) > 0, step, 1.0)
+    return np.where(np.asarray(step) > 0, np.floor(values / size + 0.5) * size, values)
+
+
+def quantised_symbol(value: Expression, step: Expression) -> Expression:
+    """Return the same of an expression: a `value` as a multiple of a `step` [the same unit]."""
+    size = ca.if_else(step > 0, step, 1)
+    return ca.if_else(step > 0, ca.floor(value / size + 0.5) * size, value)
 
 
 def measure(sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.random.Generator) -> Floats:

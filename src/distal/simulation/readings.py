@@ -13,7 +13,7 @@ from distal.expressions import Vector
 from distal.kernels import Layout
 from distal.model import Mechanism, Moment
 from distal.rig import Rig, Sensor, travel_of
-from distal.sensors import SensorErrors, quantised
+from distal.sensors import SensorErrors, quantised_symbol
 
 
 def moment_of(plant: Mechanism, y: Vector) -> Moment:
@@ -75,6 +75,6 @@ def reading_function(plant: Mechanism) -> ca.Function:
         weights, phases = part["weights"], part["phases"]
         curve = sum((weights[i] * ca.sin(np.pi * (i + 1) * share + phases[i]) for i in range(3)), ca.SX(0))
         reading = part["gain"] * true + part["bias"] + curve + part["noise"] * draws[k]
-        readings.append(quantised(reading, part["step"], ca.floor, ca.if_else))
+        readings.append(quantised_symbol(reading, part["step"]))
     read = ca.substitute(ca.vertcat(*readings), plant.parameters.symbols, ca.DM(plant.parameters.values))
     return ca.Function("reading", [y, numbers, draws], [ca.densify(read)])
