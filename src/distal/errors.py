@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from difflib import get_close_matches
-
 
 class DistalError(ValueError):
     """Base of every error that a user can cause and mend; its message is one line that a terminal shows as it is."""
@@ -77,12 +74,3 @@ def one_line(text: str, longest: int = LONGEST_LINE) -> str:
 def printable(text: str) -> str:
     """Return a text without control characters: white space becomes a space, others are written out."""
     return "".join(c if c.isprintable() else " " if c in "\n\t\r" else repr(c)[1:-1] for c in text)
-
-
-def did_you_mean(word: str, allowed: Iterable[str]) -> str:
-    """Return a hint that names the nearest allowed word and lists all, e.g. ``; did you mean 'mass'? (known: …)``."""
-    names = sorted(name if len(name) <= 40 else name[:39] + "…" for name in allowed)
-    near = get_close_matches(word, names, n=1, cutoff=0.5)
-    hint = f"; did you mean '{near[0]}'?" if near else ""
-    more = f" and {len(names) - 20} more" if len(names) > 20 else ""
-    return f"{hint} (known: {', '.join(names[:20])}{more})" if names else hint

@@ -12,7 +12,7 @@ import pytest
 from distal import Log, Rig, load_scenario, log_health, scenario_rig, simulate
 from distal.export import c_filter
 from distal.run import samples_of
-from distal.run.watch import HEALTH
+from distal.run.health import HEALTH
 from tests.export.helpers import spoiled
 from tests.export.test_export import CC, STRICT, needs_compiler
 

@@ -15,7 +15,8 @@ import typer
 
 from distal.cli.console import failure, progress_bar, say, table, warn
 from distal.cli.outputs import to_folder
-from distal.errors import DistalError, DistalWarning, EstimationError, OutputError, did_you_mean
+from distal.errors import DistalError, DistalWarning, EstimationError, OutputError
+from distal.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from distal.logs import Output

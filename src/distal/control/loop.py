@@ -13,7 +13,7 @@ from distal.arrays import Floats
 from distal.control.compiled import scan_loop
 from distal.control.pid import PID, Held
 from distal.control.plant import ControlledPlant, SteppedPlant
-from distal.errors import ControlError, did_you_mean
+from distal.errors import ControlError
 from distal.estimators import DEFAULT, ESTIMATORS, KernelEstimator, make_estimator
 from distal.logs import Log
 from distal.rig import Rig, load_rig
@@ -22,6 +22,7 @@ from distal.sensors import quantised
 from distal.simulation import Scenario, load_scenario
 from distal.simulation import simulate as simulate_alone
 from distal.simulation.simulate import SIMULATED, true_motion
+from distal.suggestions import did_you_mean
 from distal.units import to_si
 
 Controller: TypeAlias = Callable[[float, Mapping[str, float], Reading], Mapping[str, float]]

@@ -11,7 +11,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.control.pid import UNBOUNDED
-from distal.errors import ControlError, ScenarioError, did_you_mean
+from distal.errors import ControlError, ScenarioError
 from distal.kernels import Feed, Kernel, advance
 from distal.logs import Log
 from distal.model import Mechanism
@@ -21,6 +21,7 @@ from distal.simulation import Scenario
 from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
 from distal.simulation.readings import Readings, errors_by_rate
 from distal.simulation.simulate import SIMULATED, prepare, stamps_of, true_motion
+from distal.suggestions import did_you_mean
 
 SHORTEST_PERIOD = 1e-4
 """No controller of a tendon is called more often [s]."""

@@ -88,6 +88,15 @@ def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = (), others: 
     return channels
 
 
+DEAD, DEAD_INTERVALS = 0.5, 5.0
+"""A sensor without a value for so long, at least [s] and in intervals of its own, is dead: it may not come back."""
+
+
+def dead_after(sensor: Sensor) -> float:
+    """Return after which time without a value a sensor is dead [s]."""
+    return max(DEAD, DEAD_INTERVALS / sensor.rate)
+
+
 def sensor_for(sensors: tuple[Sensor, ...], part: str) -> Sensor | None:
     """Return the sensor of the drive or tendon called `part`, or None."""
     return next((sensor for sensor in sensors if sensor.of == part), None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from distal.errors import EstimationError, did_you_mean
+from distal.errors import EstimationError
 from distal.estimators.adaptive import AdaptiveFilter
 from distal.estimators.affine import AffineEstimator
 from distal.estimators.contract import KernelEstimator
@@ -12,6 +12,7 @@ from distal.estimators.full_state import FullStateFilter, paper_noise, rig_noise
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.kinematic_chain import ChainKinematics
 from distal.rig import Rig
+from distal.suggestions import did_you_mean
 
 
 def _kinematic(name: str, rig: Rig, elastic: bool, compiled: bool) -> KernelEstimator:

@@ -23,7 +23,7 @@ from distal.export.source import Exported, c_filter
 from distal.kernels import find_compiler
 from distal.logs import LARGEST_READING, write_whole
 from distal.rig import Rig, std_name
-from distal.run.watch import HEALTH
+from distal.run.health import HEALTH
 from distal.units import base_powers
 from distal.version import __version__
 

@@ -1,4 +1,4 @@
-"""The health of a stream in C: the function of `distal.run.watch` behind the exported filter's second pair of functions."""
+"""The health of a stream in C: the function of `distal.run.health`, behind a pair of functions of the exported filter."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import KernelEstimator
 from distal.export.fields import angle_fields, filled
-from distal.run.watch import HEALTH, Health, begun, watch_of
+from distal.run.health import HEALTH, Health, begun, watch_of
 
 
 def spoken() -> list[Health]:

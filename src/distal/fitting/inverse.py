@@ -46,12 +46,6 @@ MEMORY = 0.01
 FEWEST = 100
 """Equations are asked where so many samples of every log have all angles and places."""
 
-MOST_ITERATIONS = 50
-"""A search takes so many iterations at most: each is a hundredth of one with the filter."""
-
-ENOUGH = 0.02
-"""It ends where two steps after each other gain less than this of −ln p."""
-
 LEAST_VARIANCE = 1e-18
 """Least effective variance of a row, so that nothing is divided by zero [SI²]."""
 
@@ -203,8 +197,6 @@ class InverseProblem(Problem):
     """
 
     asks_equations: ClassVar[bool] = True
-    most: ClassVar[int] = MOST_ITERATIONS
-    enough: ClassVar[float] = ENOUGH
 
     equations: Equations
     motions: tuple[KnownMotion, ...]

@@ -19,12 +19,6 @@ from distal.fitting.likelihood import Derivatives, Innovations, Weighing, cost_o
 from distal.kernels import Feed, Kernel, advance, advance_all, covariance_of, mean_of
 from distal.kernels.mask import COMPARED_ONLY
 
-MOST_ITERATIONS = 30
-"""A search takes so many iterations at most: each filters all logs once for every number."""
-
-ENOUGH = 0.3
-"""It ends where two steps after each other gain less than this of −ln p: a filter's has kinks of this size."""
-
 PROBED = 0.3
 """How a step bends is found at this share of it."""
 
@@ -61,8 +55,6 @@ class Problem:
 
     asks_equations: ClassVar[bool] = False
     """Whether the rig's equations are asked, and not its filter."""
-    most: ClassVar[int] = MOST_ITERATIONS
-    enough: ClassVar[float] = ENOUGH
 
     filter: FitFilter
     free: tuple[Free, ...]

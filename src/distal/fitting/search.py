@@ -14,6 +14,12 @@ from distal.fitting.problem import Problem
 SETTLED = 5e-3
 """The search ends where the next step is predicted to gain less than this of −ln p: a tenth of a standard error."""
 
+ENOUGH, ENOUGH_OF_EQUATIONS = 0.3, 0.02
+"""It ends too where two steps after each other gain less than this: a filter's −ln p has kinks of this size."""
+
+MOST_ITERATIONS, MOST_OF_EQUATIONS = 30, 50
+"""So many iterations at most: one with a filter takes as long as a hundred with a rig's equations."""
+
 WIDER = 4.0
 """Where a step gains too little, the next goes by slopes over so many times the distance."""
 
@@ -141,7 +147,9 @@ def search(
         # what logs are worth may be told apart from others there: the cost is this problem's own
         cost = derivatives.cost if at_start is None else float(problem.costs([z])[0])
         optimum = Optimum(z, cost, derivatives)
-        last = problem.most if most is None else most
+        equations = problem.asks_equations
+        last = (MOST_OF_EQUATIONS if equations else MOST_ITERATIONS) if most is None else most
+        enough = ENOUGH_OF_EQUATIONS if equations else ENOUGH
         for iteration in range(1, last + 1):
             dampings = [0.0, *(damping * times for times in DAMPINGS)]
             steps = [damped_step(problem, optimum.z, derivatives, free, share) for share in dampings]
@@ -159,9 +167,9 @@ def search(
                 progress(iteration, min(float(costs[best]), optimum.cost))
             if gained > 0.0:
                 optimum = replace(optimum, z=points[best], cost=float(costs[best]))
-            if gained < problem.enough and wider > 1.0:
+            if gained < enough and wider > 1.0:
                 return replace(optimum, converged=True)
-            wider = WIDER if gained < problem.enough else 1.0
+            wider = WIDER if gained < enough else 1.0
             bent = predicted > gained + STRAIGHT
             following = max(tried[best][0], damping * DAMPINGS[0]) if gained > 0.0 else damping * DAMPINGS[-1]
             damping = min(max(following, LEAST_DAMPING), MOST_DAMPING)

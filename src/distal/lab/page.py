@@ -23,7 +23,7 @@ from distal.reports.moving import chain_script, chain_shape, tension_scale
 from distal.reports.page import page, script_with
 from distal.results import COLOURS
 from distal.rig import Rig, angle_names, log_factor, std_name
-from distal.run.watch import HEALTH
+from distal.run.health import HEALTH
 from distal.simulation.inputs import BodyInputs
 from distal.simulation.plant import equilibrium
 from distal.units import unit_factor

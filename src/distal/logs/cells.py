@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.errors import LogError, did_you_mean
+from distal.errors import LogError
+from distal.suggestions import did_you_mean
 
 Column = NDArray[Any] | list[str]
 """Numbers, dates (``datetime64``), or text."""

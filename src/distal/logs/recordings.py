@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.errors import DistalWarning, LogError, did_you_mean
+from distal.errors import DistalWarning, LogError
 from distal.logs.formats import Message, format_of
 from distal.logs.messages import number_of
 from distal.logs.stamps import LATEST
+from distal.suggestions import did_you_mean
 
 NEAR = 0.1
 """Messages whose stamps differ by less than this share of the busiest topic's interval are one row."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from distal.paper.claims import potentiometer_errors, rms
 from distal.paper.series import PLANTS, SERIES_2, Run
-from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, DASHES, SOFT, draw_estimate, figure
+from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, DASHES, SOFT, TRUTH, draw_estimate, figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,7 +75,7 @@ def draw_summary(runs: Sequence[Run]) -> Figure:
     with figure(2, 3, (7.2, 4.3), sharex=True, sharey="row", height_ratios=[1.5, 1]) as (drawing, axes):
         for column, run in enumerate(shown):
             top, bottom = axes[column], axes[3 + column]
-            top.plot(run.log.time, np.rad2deg(run.log.truth["theta"]), color=BLACK, linewidth=1.6, label="truth")
+            top.plot(run.log.time, np.rad2deg(run.log.truth["theta"]), label="truth", **TRUTH)
             for row, (name, index) in enumerate(SHOWN.items()):
                 estimate = run.estimates[name]
                 draw_estimate(top, estimate, index, band=False, label=NAMES.get(name, name))
@@ -108,7 +108,7 @@ def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
             top, bottom = axes[column], axes[2 + column]
             readings, truth = np.rad2deg(run.log.channels["encoder"]), np.rad2deg(run.log.truth["theta"])
             top.plot(run.log.time, readings, color=SOFT, linewidth=2.2, drawstyle="steps-post", label="encoder (1°)")
-            top.plot(run.log.time, truth, color=BLACK, linewidth=1.0, label="truth")
+            top.plot(run.log.time, truth, label="truth", **TRUTH)
             (_potentiometers if name == "figure-2" else _filters)(top, bottom, run)
             top.set_title(f"plant {run.plant}", fontsize=9, loc="left")
             bottom.axhline(0.0, color=BLACK, linewidth=0.6)

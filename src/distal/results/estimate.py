@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.errors import EstimationError, did_you_mean
+from distal.errors import EstimationError
 from distal.estimators import UNITS_OF_JOINTS, StateKind, kinds_by_joint, states_of
 from distal.logs import header, pandas_frame, polars_frame
 from distal.regression import BAND
 from distal.results.plots import PlotOptions, plot_estimates
 from distal.results.summary import SummaryRow, html_rows
 from distal.rig import std_name
+from distal.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     import pandas

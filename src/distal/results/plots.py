@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypedDict
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import OutputError, did_you_mean
+from distal.errors import OutputError
 from distal.logs import Log
 from distal.regression import BAND
 from distal.results.curves import Curves
@@ -17,6 +17,7 @@ from distal.results.panels import draw_forces, draw_health, draw_innovations
 from distal.results.style import (
     BAND_ALPHA,
     BLACK,
+    TRUTH,
     colour,
     curve_style,
     figure,
@@ -26,6 +27,7 @@ from distal.results.style import (
     title_above,
 )
 from distal.rig import Rig
+from distal.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -166,7 +168,7 @@ def _draw_joint(
     top, truth = axes[0], _truth_of(estimates[0], joint)
     entries: list[tuple[Artist, str]] = []
     if truth is not None:
-        (line,) = top.plot(from_start(estimates[0].time), np.rad2deg(truth), color=BLACK, linewidth=1.6)
+        (line,) = top.plot(from_start(estimates[0].time), np.rad2deg(truth), **TRUTH)
         entries.append((line, "truth"))
     for i, estimate in enumerate(estimates):
         handle = draw_estimate(top, estimate, i, bands, joint=joint)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -43,6 +43,10 @@ STYLE = {
     "svg.hashsalt": "distal",
     "figure.constrained_layout.use": True,
 }
+
+
+TRUTH: Mapping[str, object] = {"color": BLACK, "linestyle": "-", "linewidth": 1.6}
+"""How the truth is drawn in every figure."""
 
 
 def styled() -> AbstractContextManager[None]:

@@ -8,10 +8,11 @@ from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 
-from distal.errors import DistalError, DistalWarning, RigError, did_you_mean
+from distal.errors import DistalError, DistalWarning, RigError
 from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.rig import Rig
 from distal.rig.validation import validated
+from distal.suggestions import did_you_mean
 
 
 def shipped_rigs() -> tuple[str, ...]:

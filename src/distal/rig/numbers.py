@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 from pydantic import BaseModel
 
-from distal.errors import RigError, did_you_mean
+from distal.errors import RigError
 from distal.rig.naming import index_of, names_in
 from distal.rig.quantities import In, Parameter
 from distal.rig.rig import Rig
+from distal.suggestions import did_you_mean
 
 ROUGH, ROUGH_ARM = 0.5, 0.2
 """A positive number, or a moment arm, whose std is above this share of it is known to a factor only."""

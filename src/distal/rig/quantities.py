@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
-from distal.errors import UnitError, did_you_mean
+from distal.errors import UnitError
+from distal.suggestions import did_you_mean
 from distal.units import to_si
 
 SMALLEST, LARGEST = 1e-20, 1e12

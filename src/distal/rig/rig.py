@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from distal.errors import RigError, did_you_mean
+from distal.errors import RigError
 from distal.rig.chain import BASE, Base
 from distal.rig.drives import Drive
 from distal.rig.joints import Joint
@@ -18,6 +18,7 @@ from distal.rig.quantities import Description, In, Parameter
 from distal.rig.sensors import MEASURED, Sensor, checked_parts, log_factor
 from distal.rig.tendons import Tendon
 from distal.rig.validation import validated
+from distal.suggestions import did_you_mean
 from distal.units import unit_factor
 
 Learned = Affine | Discrepancy | Contact | None

@@ -32,11 +32,7 @@ class Meeting:
         """Return the moment arms by joint [m], positive where it pulls to +θ; a pinned tendon's are those at zero."""
         if isinstance(self.shape, Polynomial):
             return self.shape.arms(angles)
-        arm = self.shape.radius.value
-        if isinstance(self.shape, Linkage):
-            u = angles.get(self.joints[0], 0.0) - self.shape.centre.value
-            arm *= 1 + u * (self.shape.slope.value + u * self.shape.curvature.value)
-        return {self.joints[0]: self.side * arm}
+        return {self.joints[0]: self.side * self.shape.arm(angles.get(self.joints[0], 0.0))}
 
 
 MOST_NODES = 4

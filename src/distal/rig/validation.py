@@ -11,10 +11,11 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from distal.errors import DistalError, did_you_mean
+from distal.errors import DistalError
 from distal.rig.insertions import KINDS as INSERTIONS
 from distal.rig.naming import named
 from distal.rig.sensors import UNITS, one_number_each
+from distal.suggestions import did_you_mean
 
 Checked = TypeVar("Checked", bound=BaseModel)
 

@@ -1,14 +1,14 @@
 """Run an estimator over a log, over many logs or over a stream; smoothing, and the health of a stream."""
 
 from distal.run.batch import estimate_batch
-from distal.run.health import log_health
+from distal.run.health import HEALTH
 from distal.run.hours import Hour, by_hour, plot_hours
 from distal.run.live import LiveEstimator
+from distal.run.log_health import log_health
 from distal.run.monitor import Monitor, Reading
 from distal.run.offline import estimate, samples_of, with_channel
 from distal.run.pieces import PieceEstimate, estimate_pieces
 from distal.run.smoothing import smooth
-from distal.run.watch import HEALTH
 
 __all__ = [
     "HEALTH",

@@ -1,28 +1,193 @@
-"""The health words of a log, as `distal stream` would report them."""
+"""The health of a stream as one function, which Python, C, the lab and FMUs share: what is wrong with a sample.
+
+Ages and means are remembered from sample to sample; every limit is here.
+"""
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Literal
 
+import casadi as ca
 import numpy as np
 
-from distal.estimators import DEFAULT
-from distal.logs import Log
-from distal.rig import Rig
-from distal.run.live import LiveEstimator
-from distal.run.monitor import Monitor
+from distal.arrays import Floats
+from distal.estimators import KernelEstimator
+from distal.estimators.channels import dead_after
+from distal.expressions import Scalar, Vector
+from distal.kernels import Layout
+from distal.results import LARGE_PRIOR, SMALL
+from distal.rig import Role, measurand_of, step_of
+from distal.run.offline import priors_of
+from distal.run.places import FAR, place_range
+
+Health = Literal["ok", "untested", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"]
+
+HEALTH: dict[Health, str] = {
+    "ok": "all sensors were read, and those that are compared agree",
+    "untested": "all sensors were read, and none can disagree: no force is compared, or its innovations are far too small",
+    "missing": "a sensor has no value for longer than its own interval; it is bridged",
+    "gap": "samples are missing before this one; they are bridged",
+    "disagrees": "a sensor is not where it can be, its innovations are too large, or a number of the rig left its prior: "
+    "do not trust the band",
+    "dead": "a sensor has had no value, or always the same one, for half a second or more",
+    "restarted": "the clock jumped, or the filter left all bounds: it begins anew with this sample",
+    "late": "the stamp is older than the last one's; skipped, no estimate",
+    "duplicate": "the stamp is the last one's; skipped, no estimate",
+    "bad": "this is no sample; skipped, no estimate",
+}
+"""Each word and its meaning. Where several apply, the last one in this order is reported."""
+
+LONGEST_GAP = 0.5
+"""After a longer gap the filter begins anew [s]."""
+
+LARGE = 2.5
+"""Mean of ν²/S of a sensor beyond which it disagrees."""
+
+MEMORY = 1.0
+"""Time over which that mean, and the share of time beyond the stops, is taken [s]."""
+
+UNKNOWN = 1.0
+"""Standard deviation of the angle beyond which it is not known [rad]."""
+
+HURRIED = 0.2
+"""If intervals are below this share of the rig's nominal interval, the unit of time is probably wrong."""
+
+WAITING = 1.5
+"""After so many nominal intervals without a sample there is a gap."""
+
+OVERDUE = 2.5
+"""A sensor without a value for longer than this times its own interval is missing."""
+
+CAPPED = 25.0
+"""Upper limit of one ν²/S: a single wild value alone does not make a sensor disagree."""
+
+ROUNDING = 1e-9
+"""Ages are sums of intervals, so that they may be off by this [s]."""
+
+NEVER = 1e30
+"""An age that no sensor reaches, since C has no infinity without a header [s]."""
 
 
-def log_health(log: Log, rig: Rig | str | Path, estimator: str = DEFAULT, compiled: bool = True) -> tuple[str, ...]:
-    """Return the health word that `distal stream` would give to each sample of a log: see `HEALTH`.
+@dataclass(frozen=True)
+class Watch:
+    """What is watched of an estimator.
 
     Args:
-        log: sensors over time; a sensor that is not in the log counts as missing.
-
-    Raises:
-        EstimationError: the estimator cannot run on this rig.
+        memory: what is remembered: of each channel its last value, its age and for how long it has been the same; of each
+            drive's place the share of time beyond its range; of each compared sensor the mean ν²/S; the pace of the stamps.
+        sample: what comes: whether it is the first, dt, values and mask of the channels, stds of the angles, innovations,
+            their mask and their variances, the watched states and their variances.
+        findings: the code of the worst word, then 1 where it holds: gap, hurried, nothing read, untested, unknown; of each
+            channel dead, stuck, missing; of each place wrong; of each compared sensor large; of each watched state left.
+        placed: channels that are places of drives.
+        watched: states that are numbers of the rig.
+        function: (memory, sample) → (memory⁺, findings).
     """
-    monitor = Monitor(LiveEstimator(rig, estimator, compiled))
-    absent = np.full(len(log), np.nan)
-    samples = np.column_stack([log.channels.get(name, absent) for name in monitor.channels])
-    return tuple(monitor.take(float(time), sample).health for time, sample in zip(log.time, samples))
+
+    memory: Layout
+    sample: Layout
+    findings: Layout
+    placed: tuple[int, ...]
+    watched: tuple[int, ...]
+    function: ca.Function
+
+
+def begun(watch: Watch) -> Floats:
+    """Return the memory before the first sample: ν²/S and the pace are one, all else is zero."""
+    memory = np.zeros(watch.memory.size)
+    memory[watch.memory["ratio"]] = memory[watch.memory["pace"]] = 1.0
+    return memory
+
+
+def word_code(word: Health) -> int:
+    """Return the place of a word in the order of `HEALTH`."""
+    return list(HEALTH).index(word)
+
+
+def watch_of(runner: KernelEstimator) -> Watch:
+    """Return what is watched of an estimator."""
+    sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
+    chosen, interval = [sensors[name] for name in runner.channels], runner.interval
+    no_prior = np.full(len(runner.state_names), np.nan)
+    means, stds = (no_prior if prior is None else prior for prior in priors_of(runner))
+    watched = tuple(np.flatnonzero(np.isfinite(means) & (stds > 0.0)).tolist())
+    roles = [measurand_of(sensor).role for sensor in chosen]
+    placed = tuple(i for i, role in enumerate(roles) if role is Role.PLACE)
+    n, m, j, k, p = len(chosen), len(runner.measured), len(runner.rig.joints), len(watched), len(placed)
+    memory = Layout(last=n, age=n, same=n, outside=p, ratio=m, pace=1)
+    sample = Layout(
+        first=1, dt=1, values=n, mask=n, stds=j, innovations=m, compared=m, variances=m, numbers=k, number_variances=k
+    )
+    findings = Layout(
+        code=1, gap=1, hurried=1, nothing=1, untested=1, unknown=1, dead=n, stuck=n, missing=n, wrong=p, large=m, left=k
+    )
+    before, current = ca.SX.sym("memory", memory.size), ca.SX.sym("sample", sample.size)
+    was, came = memory.parts(before), sample.parts(current)
+    first, dt, mask = came["first"], came["dt"], came["mask"]
+    since = ca.if_else(ca.logic_and(dt > 0, dt < LONGEST_GAP), dt, interval)
+    share = ca.fmin(since / MEMORY, 1)
+    # a sensor without a first value is missing from the beginning; a known angle, which homes, never is
+    overdue = _column([NEVER if role is Role.REFERENCE else OVERDUE / s.rate for s, role in zip(chosen, roles)])
+    silence = _column([NEVER if role is Role.REFERENCE else dead_after(s) for s, role in zip(chosen, roles)])
+    age = ca.if_else(mask, 0, ca.if_else(first, 1.01 * overdue, was["age"] + dt))
+    moved = ca.logic_or(first, ca.logic_and(mask, came["values"] != was["last"]))
+    same = ca.if_else(moved, 0, was["same"] + dt)
+    # a sensor with noise does not say the same twice for long
+    noisy = _column([s.noise > step_of(s) and role is not Role.REFERENCE for s, role in zip(chosen, roles)])
+    dead = age >= silence - ROUNDING
+    stuck = noisy * mask * (same >= silence - ROUNDING)
+    missing = ca.logic_and(age > overdue, ca.logic_not(dead))
+    low, high = (_column([place_range(runner.rig, chosen[i])[end] for i in placed]) for end in (0, 1))
+    place, read = came["values"][list(placed)], mask[list(placed)]
+    outside = was["outside"] + share * (read * ca.logic_or(place < low, place > high) - was["outside"])
+    far = read * (ca.fabs(place - (low + high) / 2) > FAR * (high - low))
+    wrong = ca.logic_or(outside > 0.5, far)
+    square = ca.fmin(came["innovations"] ** 2 / came["variances"], CAPPED)
+    ratio = was["ratio"] + ca.if_else(came["compared"], share * (square - was["ratio"]), 0)
+    prior, allowed = _column(means[list(watched)]), LARGE_PRIOR * _column(stds[list(watched)])
+    left = ca.fabs(came["numbers"] - prior) - ca.sqrt(ca.fmax(came["number_variances"], 0)) > allowed
+    weight = min(interval / MEMORY, 1.0)
+    pace = was["pace"] + ca.if_else(first, 0, weight * (ca.fmin(dt / interval, 2) - was["pace"]))
+    flags: dict[str, Vector] = {
+        "gap": ca.logic_and(ca.logic_not(first), dt > WAITING * interval),
+        "hurried": ca.logic_and(ca.logic_not(first), pace < HURRIED),
+        "nothing": ca.logic_not(_any(mask)),
+        "untested": ca.logic_not(_any(ratio >= SMALL)),
+        "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > UNKNOWN)),
+    }
+    flags |= {"dead": dead, "stuck": stuck, "missing": missing, "wrong": wrong, "large": ratio > LARGE, "left": left}
+    code = reduce(ca.fmax, (word_code(word) * _any(flags[name]) for name, word in WORDS.items()))
+    remembered = memory.joined(
+        last=ca.if_else(mask, came["values"], was["last"]), age=age, same=same, outside=outside, ratio=ratio, pace=pace
+    )
+    outputs = [remembered, findings.joined(code=code, **flags)]
+    function = ca.Function("judged", [before, current], ca.cse(outputs), ["memory", "sample"], ["next", "findings"])
+    return Watch(memory, sample, findings, placed, watched, function)
+
+
+WORDS: dict[str, Health] = {
+    "untested": "untested",
+    "missing": "missing",
+    "nothing": "missing",
+    "gap": "gap",
+    "hurried": "disagrees",
+    "wrong": "disagrees",
+    "large": "disagrees",
+    "left": "disagrees",
+    "unknown": "disagrees",
+    "stuck": "dead",
+    "dead": "dead",
+}
+"""The word of each finding."""
+
+
+def _column(numbers: Sequence[float] | Floats) -> Vector:
+    return ca.DM(np.asarray(numbers, dtype=np.float64).reshape(-1, 1))
+
+
+def _any(flags: Vector) -> Scalar:
+    """Return 1 where a flag is set; no flags, none is."""
+    return reduce(ca.fmax, ca.vertsplit(flags), ca.SX(0)) if flags.numel() else ca.SX(0)

@@ -14,8 +14,8 @@ from distal.estimators import LARGEST_ANGLE, SHORTEST, sample_problem
 from distal.kernels import Evaluation
 from distal.logs import LARGEST_READING
 from distal.rig import Rig
+from distal.run.health import LONGEST_GAP, WORDS, Health, begun, watch_of, word_code
 from distal.run.live import LATEST, LiveEstimator
-from distal.run.watch import LONGEST_GAP, WORDS, Health, begun, watch_of, word_code
 
 REWOUND = 3
 """After this many late samples in a row, each newer than the one before, the clock counts as set back."""

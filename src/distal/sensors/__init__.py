@@ -1,6 +1,7 @@
 """Sensor models: what a real sensor makes of a true value."""
 
 from distal.sensors.errors import (
+    LINEARITY_STD,
     Curves,
     SensorErrors,
     measure,
@@ -12,6 +13,7 @@ from distal.sensors.errors import (
 )
 
 __all__ = [
+    "LINEARITY_STD",
     "Curves",
     "SensorErrors",
     "measure",

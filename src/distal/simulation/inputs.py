@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import ScenarioError, did_you_mean
+from distal.errors import ScenarioError
 from distal.model import GRAVITY, Mechanism
 from distal.simulation.scenario import CapstanServo, DriveInput, Hand, JointInput, Scenario, SliderServo
+from distal.suggestions import did_you_mean
 from distal.units import to_si
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import ScenarioError, did_you_mean
+from distal.errors import ScenarioError
 from distal.kernels import Feed, Kernel, advance
 from distal.logs import Log
 from distal.model import Mechanism
@@ -21,6 +21,7 @@ from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
 from distal.simulation.readings import ErrorsByRate, Readings, errors_by_rate
 from distal.simulation.scenario import Rezero, Scenario, load_scenario
 from distal.simulation.simulate import SIMULATED, prepare, true_motion
+from distal.suggestions import did_you_mean
 
 PIECE = 60.0
 """Length of a piece, within which the plant's numbers stay [s]."""

@@ -10,9 +10,10 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from distal.errors import RigError, ScenarioError, did_you_mean
+from distal.errors import RigError, ScenarioError
 from distal.rig import Description, In, Rig, load_rig, parse_assignment, parse_toml, read_text, set_value, validated
 from distal.simulation.signals import Signal, SignalIn
+from distal.suggestions import did_you_mean
 
 
 class SliderServo(Description):

@@ -12,10 +12,11 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from distal.errors import StudyError, did_you_mean
+from distal.errors import StudyError
 from distal.estimators import DEFAULT, ESTIMATORS
 from distal.rig import Description, In, Rig, load_rig, parse_toml, read_text, validated
 from distal.simulation import Scenario, load_scenario
+from distal.suggestions import did_you_mean
 
 MOST_DESIGNS = 1_000_000
 

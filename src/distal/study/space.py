@@ -12,10 +12,11 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.control import ENCODER, RATIO
-from distal.errors import DistalError, StudyError, did_you_mean
+from distal.errors import DistalError, StudyError
 from distal.estimators import ESTIMATORS
 from distal.rig import ALL, Rig, number
 from distal.study.description import Plan
+from distal.suggestions import did_you_mean
 from distal.units import to_si
 
 Value = float | str | bool

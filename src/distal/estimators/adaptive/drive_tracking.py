@@ -14,7 +14,7 @@ from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.robustness import Robustness, chance_of_jump, is_far, jump_evidence
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.channels import UNKNOWN_PLACE
+from distal.estimators.channels import UNKNOWN_PLACE, dead_after
 from distal.expressions import Expression, Scalar, Vector
 from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
 
@@ -26,9 +26,6 @@ REMEMBERED = ("place", "doubt", "speed", "square", "unknown", "lost")
 
 PULL_STD = 0.1
 """Share of a drive's pull that is not known where a jump is judged by it: stiffness and angle [1]."""
-
-DEAD = 0.5, 5.0
-"""A reading that is missing for so long, at least [s] and in intervals of its sensor, may not come back."""
 
 WANDERING = 1.0
 """Where no reading comes back, a drive's place becomes unknown by a usual one (`UNKNOWN_PLACE`) in this time [s]."""
@@ -182,7 +179,7 @@ def _readings(states: StateVector) -> ca.Function:
         if sensor.lag > 0.0:  # a command, held over the interval, that a servo of first order follows
             place = memory[remembered_place(i, "place")]
             reading = place + (reading - place) * (1 - ca.exp(-x[0] / sensor.lag))
-        dead = max(DEAD[0], DEAD[1] / sensor.rate)
+        dead = dead_after(sensor)
         wandering = UNKNOWN_PLACE[context.mechanism.rig.drives[i].kind] / WANDERING
         table[:5, i] = ca.vertcat(reading, context.mask(x, sensor), context.noise(sensor), dead, wandering)
         if force is not None and _judged(context, i):

@@ -64,10 +64,9 @@ def _sizes(rig: Rig, joint: Joint) -> list[str]:
         if isinstance(shape, Polynomial):
             kinds.setdefault(("arms by polynomial", ""), [])
             continue
-        name = {"pulley": "pulley r", "pinned": "pin at r", "linkage": "cam r"}[shape.kind]
         shifted = isinstance(shape, Linkage) and shape.centre.value != 0.0
         behind = f" at {written(shape.centre.value, 'rad')}" if shifted else ""  # type: ignore[union-attr]
-        kinds.setdefault((name, behind), []).append(shape.radius.value)
+        kinds.setdefault((shape.DRAWN, behind), []).append(shape.radius.value)
     texts = []
     for (name, behind), radii in kinds.items():
         sizes = dict.fromkeys(rounded(1e3 * radius) for radius in sorted(radii, reverse=True))

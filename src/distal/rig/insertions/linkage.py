@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import casadi as ca
 from pydantic import Field
@@ -18,11 +18,19 @@ NEWTON_STEPS = 12
 """Iterations of the inverse of the excursion: it is nearly a straight line."""
 
 
+def growth(u: Scalar, slope: Scalar, curvature: Scalar) -> Scalar:
+    """Return the moment arm at u [rad] as a share of that at the centre: 1 + s u + c u²."""
+    return 1 + u * (slope + u * curvature)
+
+
 class Linkage(Description):
     """A linkage, or a pulley that is not round: its moment arm is r (1 + s u + c u²) with u = θ − θ_c.
 
     ℓ = l + x ∓ r [u + s u²/2 + c u³/3], less the same at θ = 0: the transmission ratio varies with the angle.
     """
+
+    DRAWN: ClassVar[str] = "cam r"
+    """What a drawing writes before its radius."""
 
     kind: Literal["linkage"]
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="moment arm at the centre, r")
@@ -31,6 +39,11 @@ class Linkage(Description):
     )
     slope: Annotated[Parameter, In("1/rad")] = Field(ZERO, description="s, change of the arm per radian")
     curvature: Annotated[Parameter, In("1/rad^2")] = Field(ZERO, description="c, its second order")
+
+    def arm(self, angle: float) -> float:
+        """Return the moment arm [m] at an angle [rad]: r (1 + s u + c u²)."""
+        u = angle - self.centre.value
+        return self.radius.value * float(growth(u, self.slope.value, self.curvature.value))
 
     def excursion(self, size: Size, angle: Scalar) -> Scalar:
         """Return how far it draws its tendon from 0 to an angle θ: r [u + s u²/2 + c u³/3], u = θ − θ_c, less that at 0."""
@@ -53,7 +66,7 @@ class Linkage(Description):
         for _ in range(NEWTON_STEPS):
             u = angle - centre
             # the arm is kept away from zero, where no angle fits
-            arm = radius * ca.fmax(1 + u * (slope + u * curvature), 0.2)
+            arm = radius * ca.fmax(growth(u, slope, curvature), 0.2)
             angle = angle + (wanted - self.excursion(size, angle)) / arm
         return angle
 

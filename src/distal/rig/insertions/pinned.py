@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import casadi as ca
 from pydantic import Field
@@ -18,9 +18,16 @@ if TYPE_CHECKING:
 class Pinned(Description):
     """The tendon ends at a pin on the link: ℓ = sqrt(r²(1 − cos θ)² + (l + x ∓ r sin θ)²), equations (4) and (5)."""
 
+    DRAWN: ClassVar[str] = "pin at r"
+    """What a drawing writes before its radius."""
+
     kind: Literal["pinned"]
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="axis to insertion, r")
     free_length: Annotated[Parameter, In("m", "positive")] = Field(description="free length of the tendon, l")
+
+    def arm(self, angle: float) -> float:
+        """Return the moment arm [m] at an angle of 0, whatever the angle: a pin is described by its radius."""
+        return self.radius.value
 
     def elongation(self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar) -> Scalar:
         """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's displacement add; see `Size`.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -17,8 +17,15 @@ if TYPE_CHECKING:
 class Pulley(Description):
     """The tendon wraps round a pulley at the joint: ℓ = l + x ∓ r θ."""
 
+    DRAWN: ClassVar[str] = "pulley r"
+    """What a drawing writes before its radius."""
+
     kind: Literal["pulley"]
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the pulley, r")
+
+    def arm(self, angle: float) -> float:
+        """Return the moment arm at any angle [m]."""
+        return self.radius.value
 
     def elongation(self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar) -> Scalar:
         """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's displacement add; see `Size`."""

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.errors import RigError, did_you_mean
+from distal.errors import RigError
 from distal.rig.mjcf.bodies import joint_name
 from distal.rig.mjcf.couplings import Coupled
 from distal.rig.mjcf.loading import mujoco_module
 from distal.rig.mjcf.poses import CROSSED, tendon_slopes
+from distal.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     import mujoco

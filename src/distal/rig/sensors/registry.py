@@ -7,7 +7,6 @@ from typing import Annotated
 
 from pydantic import Field
 
-from distal.errors import did_you_mean
 from distal.rig.sensors.angle import Angle
 from distal.rig.sensors.by_unit import AngleSensor, ForceSensor, LengthSensor, TorqueSensor
 from distal.rig.sensors.force import Force
@@ -16,6 +15,7 @@ from distal.rig.sensors.measurand import Measurand, Part, Parts, Role
 from distal.rig.sensors.position import Position
 from distal.rig.sensors.tension import Tension
 from distal.rig.sensors.torque import Torque
+from distal.suggestions import did_you_mean
 
 MEASURANDS: dict[str, Measurand] = {
     kind.name: kind for kind in (Position(), Force(), Tension(), Angle(), Torque(), Imu())

@@ -15,15 +15,13 @@ from distal.estimators.adaptive.states.state import Learning, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor, drive_travel
+from distal.sensors import LINEARITY_STD
 
 BASIS = 6
 """Basis functions of a sensor's linearity over its travel: more changed no error on the logs of `make accuracy`."""
 
 SMOOTHNESS = 3.0
 """Order at which the prior of the basis falls off: half waves over the travel, as `distal.sensors` draws its curves."""
-
-LINEARITY_PRIOR = 0.6
-"""Standard deviation of a curve, as a share of its largest magnitude (tests/sensors/test_errors.py measures it)."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class Linearity(State):
             return np.array([bias]) if bias > 0.0 else np.zeros(0)
         shape = np.exp(-0.5 * (np.arange(BASIS) / SMOOTHNESS) ** 2)
         shape /= np.sqrt(shape[0] ** 2 + 0.5 * np.sum(shape[1:] ** 2))
-        stds: Floats = LINEARITY_PRIOR * sensor.linearity * shape
+        stds: Floats = LINEARITY_STD * sensor.linearity * shape
         stds[0] = np.hypot(stds[0], bias)
         return stds
 
