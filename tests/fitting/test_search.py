@@ -16,13 +16,20 @@ from distal.fitting.search import Optimum, first_widths, hessian, search, widths
 Floats = NDArray[np.float64]
 
 
+@pytest.fixture(autouse=True)
+def _exact(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let searches go on to the answer: these functions have no kinks."""
+    monkeypatch.setattr("distal.fitting.search.ENOUGH_OF_EQUATIONS", 1e-3)
+    monkeypatch.setattr("distal.fitting.search.MOST_OF_EQUATIONS", 60)
+
+
 class Curve:
     """−ln p = ½ |r(z)|² + prior, with exact slopes: what a `Problem` gives, of a function that is known."""
 
     def __init__(
         self, residuals: Callable[[Floats], Floats], size: int, std: float = 1e3, low: float = -np.inf
     ) -> None:
-        self._residuals, self.size, self.calls, self.most, self.enough = residuals, size, 0, 60, 1e-3
+        self._residuals, self.size, self.calls, self.asks_equations = residuals, size, 0, True
         free = Free("x", ("x",), (1.0,), std, 1.0, low, np.inf)
         self.parts = tuple((free, None) for _ in range(size))
         self.prior_stds = np.full(size, std)
@@ -156,3 +163,15 @@ def test_slopes_are_taken_over_a_share_of_the_value() -> None:
     assert [positive.unit(z) for z in (0.0, 1.0, -1.99)] == pytest.approx([2.0, 3.0, 0.1])
     assert Free("a", ("a",), (4.0,), 1.0, 2.0, -np.inf, np.inf).unit(1.0) == 1.0
     assert replace(log, logarithmic=True).unit(1.0) == 1.0
+
+
+def test_a_filters_search_ends_where_its_kinks_begin() -> None:
+    """Of −ln p that only falls, e^{−2z}: with a filter a gain of 0.3 is not followed, with equations one of 1e-3 is."""
+    ends = []
+    for equations in (False, True):
+        curve = Curve(lambda z: 3.0 * np.exp(-z), 1, std=1e9)
+        curve.asks_equations = equations
+        ends.append(search(curve, np.array([-3.0])))  # type: ignore[arg-type]
+    assert ends[0].converged
+    assert ends[1].iterations > ends[0].iterations
+    assert ends[1].cost < ends[0].cost

@@ -19,7 +19,7 @@ NEWTON_STEPS = 12
 
 
 def growth(u: Scalar, slope: Scalar, curvature: Scalar) -> Scalar:
-    """Return the moment arm at u [rad] as a share of that at the centre: 1 + s u + c u²."""
+    """Return the arm at u [rad] over that at the centre: 1 + s u + c u², with `slope` s and `curvature` c."""
     return 1 + u * (slope + u * curvature)
 
 
