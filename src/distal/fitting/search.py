@@ -131,7 +131,7 @@ def search(
     Args:
         start: coordinates, (n,).
         progress: called with the iteration and −ln p after each step.
-        most: iterations; None for the problem's own.
+        most: iterations; default those of a filter's search, or of equations'.
         fixed: coordinates that stay as they are, (n,).
         near: derivatives near the start, by which the widths of the slopes are chosen.
         at_start: derivatives at the start, where they are known already.
