@@ -5,12 +5,13 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 STAMP := $(VENV)/.installed-dev
 
-.PHONY: help demo test test-fast lint docs lab bench accuracy results strangers reliability clean
+.PHONY: help demo test test-fast coverage lint docs lab bench accuracy results strangers reliability clean
 
 help:
 	@echo "make demo       reproduce the paper: figures, results and a page in out/reproduce"
 	@echo "make test       every test, ruff, the type check and the layer check"
 	@echo "make test-fast  the tests that finish within a minute"
+	@echo "make coverage   which share of each package's statements the fast tests run"
 	@echo "make docs       a site with all pages and the reference of public names in out/site"
 	@echo "make lab        the paper's rig in the browser, docs/lab.html, which the site and the demo show"
 	@echo "make bench      accuracy and speed of stepping, filters, batches, processes; the filter on a microcontroller"
@@ -42,6 +43,10 @@ test: lint
 
 test-fast: $(STAMP)
 	$(BIN)/python -m pytest -n 2 -m "not slow"
+
+coverage: $(STAMP)
+	$(BIN)/python -m pytest -n 2 -m "not slow" -q --cov=distal --cov-report=json:out/coverage.json
+	$(BIN)/python -m tools.coverage out/coverage.json
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

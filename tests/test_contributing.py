@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+from tools.coverage import by_package
 
 from distal import estimate, load_rig, simulate
 from distal.simulation import build_scenario
@@ -55,3 +56,14 @@ def test_each_benchmark_is_run_by_make_or_used_by_another() -> None:
         imported = re.compile(rf"benchmarks(\.{path.stem}| import .*\b{path.stem})\b")
         used = any(imported.search(text) for other, text in code.items() if other != path)
         assert used or f"benchmarks.{path.stem}" in commands or path.stem == "__init__", path.name
+
+
+def test_coverage_is_counted_by_package() -> None:
+    """The package with the smallest share comes first; a module without statements counts nothing."""
+    files = {
+        "src/distal/rig/rig.py": {"summary": {"covered_lines": 9, "num_statements": 10}},
+        "/other/src/distal/rig/parts.py": {"summary": {"covered_lines": 0, "num_statements": 10}},
+        "src/distal/units.py": {"summary": {"covered_lines": 5, "num_statements": 5}},
+        "src/distal/paper/__init__.py": {"summary": {"covered_lines": 0, "num_statements": 0}},
+    }
+    assert by_package({"files": files}) == [("rig", 9, 20), ("units.py", 5, 5)]
