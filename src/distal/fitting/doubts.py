@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from distal.arrays import Floats
+from distal.estimators import Robustness
 from distal.fitting.fitted import FittedNumber
 from distal.fitting.likelihood import Innovations
 from distal.fitting.problem import Problem
@@ -126,5 +127,5 @@ def contradictions(problem: Problem, optimum: Optimum) -> list[str]:
 
 def _sizes(run: Innovations) -> Floats:
     """Return the RMS innovation per channel, outliers limited."""
-    limited = np.minimum(run.values**2, 9.0 * run.variances)
+    limited = np.minimum(run.values**2, Robustness().wild_force * run.variances)
     return np.array([np.sqrt(np.nanmean(c)) if np.isfinite(c).any() else np.nan for c in limited.T])

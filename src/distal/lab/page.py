@@ -15,6 +15,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators import external_torques_of, make_estimator
+from distal.estimators.channels import DEAD
 from distal.export.fields import filled, torque_fields
 from distal.export.plant import ExportedPlant, resting_pull
 from distal.lab.module import LabModule, lab_module
@@ -53,7 +54,7 @@ EXPERIMENTS = {
     "it for friction or for something else.",
     "Wrong moment arms": "Arms 10 % larger than in the file: no sensor at the motors can tell. Where the file says that "
     "they are known better, the band is too narrow. Then a reference is needed once, to fit.",
-    "Unplug a sensor": "The first sensor is dead. After half a second the health says so, and the band grows: what the "
+    "Unplug a sensor": f"The first sensor is dead. After {DEAD:g} s the health says so, and the band grows: what the "
     "sensor told is not known any more.",
 }
 """What to look at in an experiment."""

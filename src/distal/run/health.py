@@ -1,6 +1,6 @@
 """The health of a stream as one function, which Python, C, the lab and FMUs share: what is wrong with a sample.
 
-Ages and means are remembered from sample to sample; every limit is here.
+Ages and means are remembered from sample to sample. Limits are here, but for what a filter goes by too (`dead_after`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators import KernelEstimator
-from distal.estimators.channels import dead_after
+from distal.estimators.channels import DEAD, dead_after
 from distal.expressions import Scalar, Vector
 from distal.kernels import Layout
 from distal.results import LARGE_PRIOR, SMALL
@@ -32,7 +32,7 @@ HEALTH: dict[Health, str] = {
     "gap": "samples are missing before this one; they are bridged",
     "disagrees": "a sensor is not where it can be, its innovations are too large, or a number of the rig left its prior: "
     "do not trust the band",
-    "dead": "a sensor has had no value, or always the same one, for half a second or more",
+    "dead": f"a sensor has had no value, or always the same one, for {DEAD:g} s or more",
     "restarted": "the clock jumped, or the filter left all bounds: it begins anew with this sample",
     "late": "the stamp is older than the last one's; skipped, no estimate",
     "duplicate": "the stamp is the last one's; skipped, no estimate",

@@ -1,7 +1,7 @@
 """Sensors: what is measured, with which errors, and where a log holds it; a kind of sensor is a file."""
 
-from distal.rig.sensors.base import COUNTS
 from distal.rig.sensors.conversion import gain_of, log_factor, log_unit, step_of
+from distal.rig.sensors.counts import COUNTS
 from distal.rig.sensors.measurand import Measurand, Motion, Role
 from distal.rig.sensors.position import drive_travel
 from distal.rig.sensors.registry import (

@@ -9,7 +9,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from distal.rig.quantities import In, Parameter
-from distal.rig.sensors.base import COUNTS, SensorBase
+from distal.rig.sensors.base import SensorBase
+from distal.rig.sensors.counts import COUNTS
 from distal.units import to_si
 
 Gear = Annotated[float, In("", "positive")]
