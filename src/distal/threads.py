@@ -2,20 +2,28 @@
 
 NumPy's BLAS uses all cores for each product. For matrices of some dozen columns that gains nothing, and beside other busy
 processes its threads wait for each other, spinning: a product takes a thousand times as long
-(`python -m benchmarks.busy`).
+(`python -m benchmarks.newcomers --busy 8`).
 """
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController, threadpool_limits
 
 _changing = threading.Lock()
 _within = 0
 _limits: threadpool_limits | None = None
+
+
+@lru_cache(maxsize=1)
+def _libraries(modules: int) -> ThreadpoolController:
+    """Return the libraries that threadpoolctl finds, in a millisecond; `modules` are loaded, and more may bring others."""
+    return ThreadpoolController()
 
 
 @contextmanager
@@ -28,7 +36,7 @@ def one_blas_thread() -> Iterator[None]:
     global _within, _limits
     with _changing:
         if _within == 0:
-            _limits = threadpool_limits(limits=1, user_api="blas")
+            _limits = _libraries(len(sys.modules)).limit(limits=1, user_api="blas")
         _within += 1
     try:
         yield
