@@ -17,7 +17,7 @@ ERRORS = ("noise", "linearity", "resolution", "bias")
 def errors_in_si(
     raw: Mapping[str, object], counting: Callable[[Mapping[str, object]], tuple[str, float] | None]
 ) -> object:
-    """Return a raw sensor with its errors in SI, as far as they are written in what its log counts."""
+    """Return a raw sensor with its errors in SI, as far as they are written in what its log counts (`counting`)."""
     try:
         scale = counting(raw)
         gear = to_si(raw.get("gear", 1.0), "") if scale is not None and scale[0] == "count" else 1.0
